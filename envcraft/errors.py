@@ -1,0 +1,34 @@
+"""Errors that a person reads: one sentence with the value and the next step. The command line prints them without a traceback."""
+
+from __future__ import annotations
+
+from enum import IntEnum
+
+
+class ExitCode(IntEnum):
+    """Exit status of the commands that judge environments."""
+
+    PASS = 0  #: every subject passes
+    FAIL = 1  #: at least one subject fails
+    USAGE = 2  #: wrong use (Click's own)
+    ERROR = 3  #: something could not be judged; never counted as a bad environment
+
+
+class EnvCraftError(Exception):
+    """Base of the errors that EnvCraft raises on purpose."""
+
+    exit_code = ExitCode.ERROR
+
+
+class UsageError(EnvCraftError):
+    """What the user asked for does not exist or does not go together."""
+
+    exit_code = ExitCode.USAGE
+
+
+class SandboxUnavailable(EnvCraftError):
+    """No sandbox of the wanted kind works on this machine."""
+
+
+class WorkerLost(EnvCraftError):
+    """The worker itself, not the code that it ran, stopped answering."""

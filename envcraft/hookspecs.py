@@ -1,0 +1,47 @@
+"""Every hook of EnvCraft, in the order in which a run comes to them.
+
+A plugin is a module or object with functions marked ``@envcraft.plugins.hookimpl``; a package offers one through the
+entry-point group ``envcraft``. Each hook gives a list of objects, and each object is run guarded, so that a plugin that
+breaks is named and the others go on.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import pluggy
+
+if TYPE_CHECKING:
+    import click
+
+    from envcraft.check import Check
+    from envcraft.contract import Contract
+    from envcraft.reports import Reporter
+    from envcraft.sandbox import Driver
+
+hookspec = pluggy.HookspecMarker("envcraft")
+
+
+@hookspec
+def envcraft_commands() -> list[click.Command]:
+    """Commands for the command line. Called for every run of ``envcraft``: import heavy libraries inside the command."""
+
+
+@hookspec
+def envcraft_contracts() -> list[Contract]:
+    """Contracts that ``--contract`` can name."""
+
+
+@hookspec
+def envcraft_sandbox_drivers() -> list[Driver]:
+    """Ways to isolate workers. Making a driver must not start anything."""
+
+
+@hookspec
+def envcraft_checks() -> list[Check]:
+    """Rules that judge a subject. They run in the order of registration."""
+
+
+@hookspec
+def envcraft_reporters() -> list[type[Reporter]]:
+    """Formats that ``--format`` can name."""

@@ -1,0 +1,114 @@
+"""The plugin manager: built-in plugins by name, installed ones by entry point, each loaded and called guarded."""
+
+from __future__ import annotations
+
+import importlib
+import importlib.metadata
+from dataclasses import dataclass, field
+from functools import cache
+from typing import Any
+
+import pluggy
+
+GROUP = "envcraft"
+
+#: The built-in plugins, named as strings: the framework imports none of them.
+DEFAULT_PLUGINS = (
+    "envcraft.commands",
+    "envcraft.contract",
+    "envcraft.reports.console",
+    "envcraft.reports.json",
+    "envcraft_sandbox.plugin",
+    "envcraft_checks.source",
+    "envcraft_checks.api",
+    "envcraft_checks.determinism",
+    "envcraft_checks.reward",
+    "envcraft_checks.observation",
+    "envcraft_checks.termination",
+    "envcraft_checks.instawin",
+    "envcraft_checks.instadeath",
+    "envcraft_checks.difficulty",
+    "envcraft_checks.sandbox",
+)
+
+hookimpl = pluggy.HookimplMarker(GROUP)
+
+
+@dataclass
+class Broken:
+    """A plugin that could not be loaded or called, with the error that it raised."""
+
+    plugin: str
+    error: str
+
+
+@dataclass
+class Plugin:
+    """A registered plugin, for ``envcraft plugins``."""
+
+    name: str
+    distribution: str
+    hooks: list[str]
+
+
+@dataclass
+class Plugins:
+    """All plugins of this process, and those that broke."""
+
+    manager: pluggy.PluginManager
+    broken: list[Broken] = field(default_factory=list)
+    _distributions: dict[str, str] = field(default_factory=dict)
+
+    def collect(self, hook: str) -> list[Any]:
+        """Call one hook of each plugin in turn and join the lists that they give; a plugin that raises is noted."""
+        found: list[Any] = []
+        for implementation in getattr(self.manager.hook, hook).get_hookimpls():
+            try:
+                found.extend(implementation.function())
+            except Exception as error:
+                self.note(implementation.plugin_name, error)
+        return found
+
+    def note(self, plugin: str, error: Exception) -> None:
+        """Remember that a plugin broke."""
+        self.broken.append(Broken(plugin, f"{type(error).__name__}: {error}"))
+
+    def register(self, name: str, distribution: str, load: Any) -> None:
+        """Load and register one plugin; a failure, or a hook that no specification knows, is noted."""
+        try:
+            plugin = load()
+            self.manager.register(plugin, name)
+            # pluggy keeps quiet about a hook that no specification knows: most likely it is misspelt.
+            unknown = [hook.name for hook in self.manager.get_hookcallers(plugin) or [] if not hook.has_spec()]
+            if unknown:
+                self.manager.unregister(plugin)
+                raise LookupError(f"no hook is called {', '.join(unknown)}")
+        except Exception as error:
+            self.note(name, error)
+        else:
+            self._distributions[name] = distribution
+
+    def list(self) -> list[Plugin]:
+        """Every registered plugin with its distribution and the hooks that it fills."""
+        listed = []
+        for name, plugin in self.manager.list_name_plugin():
+            if plugin is not None:
+                hooks = [caller.name for caller in self.manager.get_hookcallers(plugin) or []]
+                listed.append(Plugin(name, self._distributions.get(name, ""), sorted(hooks)))
+        return listed
+
+
+@cache
+def plugins() -> Plugins:
+    """Load the built-in plugins, then those of installed packages."""
+    from envcraft import hookspecs
+
+    manager = pluggy.PluginManager(GROUP)
+    manager.add_hookspecs(hookspecs)
+    loaded = Plugins(manager)
+    for name in DEFAULT_PLUGINS:
+        loaded.register(name, "envcraft-rl", lambda name=name: importlib.import_module(name))
+    for point in importlib.metadata.entry_points(group=GROUP):
+        distribution = point.dist.name if point.dist else ""
+        loaded.register(point.name, distribution, point.load)
+    return loaded

@@ -1,0 +1,98 @@
+"""A request for one episode: seed, actions, and the conditions under which the process runs it.
+
+A rollout runs in a process of its own, so its trace depends on nothing but the source and the request: it can be memoised,
+run in parallel, and run again from a report.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from typing import Any
+
+import msgspec
+
+Action = Any
+
+
+class Episode(msgspec.Struct, frozen=True, omit_defaults=True):
+    """An episode that is played but not recorded."""
+
+    seed: int
+    actions: list[Action]
+
+
+class ClockShift(msgspec.Struct, frozen=True):
+    """`offset` in seconds; `rate` is the clock's speed, and 0 the logical clock (one millisecond a reading)."""
+
+    offset: float
+    rate: float
+
+
+class Conditions(msgspec.Struct, frozen=True, omit_defaults=True):
+    """What differs from an ordinary process. The defaults differ in nothing.
+
+    Attributes:
+        fresh: a worker of its own (a fresh container or namespace), not a fork of the usual one.
+        hash_seed: PYTHONHASHSEED of the worker.
+        global_seed: initial state of the global ``random`` and ``numpy.random``.
+        perturb: reseed both global generators from this before each call.
+        clock: another clock.
+        again: play the episode twice in one process, each time on a new instance, and record both.
+        before: episodes played before, on the same instance.
+        companion: a second instance, stepped in turn with the first through these actions.
+        render: call ``render()`` after each reset and step, and send the frame.
+        reread: after each step send the previous observation and the action again, as they are then.
+        after_end: steps to take past the episode's end.
+        options: pass ``options={}`` to reset.
+    """
+
+    fresh: bool = False
+    hash_seed: int = 0
+    global_seed: int = 0
+    perturb: int | None = None
+    clock: ClockShift | None = None
+    again: bool = False
+    before: list[Episode] = []
+    companion: Episode | None = None
+    render: bool = False
+    reread: bool = False
+    after_end: int = 0
+    options: bool = False
+
+    def to_json(self) -> dict[str, Any]:
+        """Give the conditions that differ from the defaults."""
+        result: dict[str, Any] = msgspec.to_builtins(self)
+        return result
+
+    @classmethod
+    def from_json(cls, value: dict[str, Any]) -> Conditions:
+        """Read what :meth:`to_json` wrote. Raises msgspec.ValidationError."""
+        return msgspec.convert(value, cls)
+
+
+class Rollout(msgspec.Struct, frozen=True):
+    """One episode to run.
+
+    `player` names the action source in messages; `policy` asks for the privileged policy in place of `actions`, for
+    `max_steps`; `keep` holds on to the frames of the first so many observations.
+    """
+
+    seed: int
+    actions: list[Action]
+    conditions: Conditions = Conditions()
+    player: str = "scripted"
+    policy: bool = False
+    max_steps: int = 0
+    keep: int = 0
+
+    def key(self) -> bytes:
+        """What the trace depends on; the player's name is not part of it."""
+        parts = (self.seed, self.actions, self.conditions, self.policy, self.max_steps, self.keep)
+        return hashlib.blake2b(msgspec.json.encode(parts), digest_size=16).digest()
+
+    def cut(self, steps: int) -> Rollout:
+        """The same episode, no longer than `steps`."""
+        return msgspec.structs.replace(self, actions=self.actions[:steps])
+
+    def under(self, conditions: Conditions) -> Rollout:
+        return msgspec.structs.replace(self, conditions=conditions)

@@ -1,0 +1,177 @@
+"""What a sandbox driver promises. Drivers are plugins; :mod:`envcraft` itself runs no untrusted code.
+
+A :class:`Driver` says whether it works on this machine and launches workers. A :class:`Worker` runs jobs: one job, one
+process that dies with it. A job's messages go to a :class:`Recorder` as they arrive, already checked against the protocol.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from enum import StrEnum
+from typing import Any, Protocol
+
+import msgspec
+
+from envcraft.errors import SandboxUnavailable
+
+
+class Isolation(StrEnum):
+    """How far a driver separates a worker from the machine, as reports state it; strongest first."""
+
+    CONTAINER = "container"
+    NAMESPACE = "namespace"
+    PROCESS = "process"
+
+
+class Limits(msgspec.Struct, frozen=True):
+    """What one job may use. Times are wall-clock seconds, sizes bytes.
+
+    `call` bounds the time between two signs of life, so any one call; `loading` does so while the file is imported;
+    `job` bounds the whole.
+    """
+
+    call: float = 5.0
+    loading: float = 10.0
+    job: float = 300.0
+    memory: int = 2 * 1024**3
+    cpu: int = 600
+    file: int = 16 * 1024**2
+    descriptors: int = 256
+    processes: int = 64
+    output: int = 64 * 1024
+    output_total: int = 16 * 1024**2
+
+
+class Availability(msgspec.Struct, frozen=True):
+    """Whether a driver works here; when not, why, and what to do. `layers` are the protections in force."""
+
+    works: bool
+    reason: str = ""
+    fix: str = ""
+    layers: list[str] = []
+
+
+class How(StrEnum):
+    """How a job ended."""
+
+    DONE = "done"  #: it said so itself
+    TIMEOUT = "timeout"  #: no sign of life within the deadline
+    DIED = "died"  #: the process ended without saying so
+    FORGED = "forged"  #: its messages break the protocol
+    FLOOD = "flood"  #: it printed more than the limit
+    STOPPED = "stopped"  #: the recorder wanted no more
+
+
+class JobEnd(msgspec.Struct, frozen=True):
+    """The end of a job. `signal` or `exit_code` is set when it died; `output` is the head of what it printed."""
+
+    how: How
+    phase: str
+    seconds: float
+    signal: int | None = None
+    exit_code: int | None = None
+    detail: str = ""
+    output: str = ""
+    output_bytes: int = 0
+
+
+class Stop(Exception):
+    """Raised by a recorder to end its job."""
+
+
+class Recorder(Protocol):
+    """Receives a job's messages in order. `layout` and `data` are as :mod:`envcraft.values` reads them."""
+
+    def phase(self, name: str) -> None: ...
+    def loaded(self, description: dict[str, Any]) -> None: ...
+    def layout(self, description: dict[str, Any]) -> None: ...
+    def reset(self, step: Step) -> None: ...
+    def action(self, action: Any) -> None: ...
+    def step(self, step: Step) -> None: ...
+    def after(self, step: Step) -> None: ...
+    def render(self, layout: int, data: memoryview) -> None: ...
+    def reread(self, layout: int, data: memoryview) -> None: ...
+    def acted(self, action: Any) -> None: ...
+    def fault(self, report: dict[str, Any]) -> None: ...
+    def result(self, outcome: dict[str, Any]) -> None: ...
+
+
+class Step(msgspec.Struct, frozen=True):
+    """What one call of reset or step returned. Types are the worker's words (``float``, ``numpy floating``, ``None`` …).
+
+    `data` is the observation's bytes under `layout` and is only valid during the call; `info` is JSON, empty for ``{}``.
+    """
+
+    terminated: bool
+    truncated: bool
+    terminated_type: str
+    truncated_type: str
+    reward_type: str
+    reward: float
+    micros: int
+    layout: int
+    data: memoryview
+    info: bytes
+
+
+class Worker(ABC):
+    """A running worker."""
+
+    #: What the worker says of itself: versions, and the layers that its jobs run under.
+    about: dict[str, Any]
+
+    @abstractmethod
+    def preload(self, modules: list[str]) -> list[str]:
+        """Import installed modules before any job is forked; give those that could be. Raises WorkerLost."""
+
+    @abstractmethod
+    def find(self, modules: list[str]) -> tuple[list[str], list[str]]:
+        """Give the modules that are not installed, and if there are any, all that are. Raises WorkerLost."""
+
+    @abstractmethod
+    def run(self, job: dict[str, Any], recorder: Recorder, limits: Limits) -> JobEnd:
+        """Run a job to its end, whatever that is. Raises WorkerLost when the worker itself is gone."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """End the worker and everything in it. May be called twice."""
+
+
+class Driver(ABC):
+    """A way to isolate workers."""
+
+    name: str
+    isolation: Isolation
+    #: ``auto`` takes the available driver with the highest rank.
+    rank: int
+
+    @abstractmethod
+    def probe(self) -> Availability:
+        """Say whether workers can be launched here, by launching nothing that lasts."""
+
+    @abstractmethod
+    def launch(self, *, hash_seed: int, limits: Limits) -> Worker:
+        """Start a worker whose PYTHONHASHSEED is `hash_seed`. Raises SandboxUnavailable."""
+
+    def close(self) -> None:
+        """End whatever the driver itself still holds."""
+
+
+def choose(drivers: list[Driver], name: str) -> Driver:
+    """Pick the driver called `name`, or for ``auto`` the strongest that works here.
+
+    Raises SandboxUnavailable with the reason and the next step.
+    """
+    ranked = sorted(drivers, key=lambda driver: -driver.rank)
+    if name == "auto":
+        for driver in ranked:
+            if driver.probe().works:
+                return driver
+        raise SandboxUnavailable("no sandbox works on this machine; `envcraft doctor` tells what each one needs")
+    for driver in ranked:
+        if driver.name == name:
+            available = driver.probe()
+            if available.works:
+                return driver
+            raise SandboxUnavailable(f"the {name} sandbox does not work here: {available.reason}; {available.fix}")
+    raise SandboxUnavailable(f"no sandbox is called {name}; there are {', '.join(d.name for d in ranked)}")

@@ -1,0 +1,127 @@
+"""Values from the worker: a layout (JSON, parsed with bounds) and the raw bytes that fill it."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from typing import Any
+
+import numpy as np
+
+MAX_BYTES = 8 * 1024 * 1024
+_MAX_DEPTH = 9
+_MAX_ITEMS = 4096
+_KINDS = "biufcSU"
+
+
+class MalformedValue(ValueError):
+    """A layout or its bytes are not what the protocol allows."""
+
+
+class Layout:
+    """The shape of one value. `size` is the number of its bytes; `tag` tells layouts apart in digests."""
+
+    __slots__ = ("dtype", "items", "kind", "name", "shape", "size", "tag")
+
+    def __init__(self, spec: Any, depth: int = 0) -> None:
+        if not isinstance(spec, dict) or depth > _MAX_DEPTH:
+            raise MalformedValue("a layout is no object, or nested too deeply")
+        self.kind: str = str(spec.get("k"))
+        self.dtype: np.dtype[Any] | None = None
+        self.shape: tuple[int, ...] = ()
+        self.items: list[tuple[str, Layout]] = []
+        self.name = ""
+        if self.kind in ("array", "scalar"):
+            self.dtype = _dtype(spec.get("dtype"))
+            self.shape = _shape(spec.get("shape", []))
+            self.size = self.dtype.itemsize * math.prod(self.shape)
+        elif self.kind in ("int", "float"):
+            self.size = 8
+        elif self.kind == "bool":
+            self.size = 1
+        elif self.kind == "str":
+            self.size = _count(spec.get("n"))
+        elif self.kind in ("dict", "tuple", "list"):
+            for index, item in enumerate(_items(spec.get("items"))):
+                if self.kind == "dict":
+                    if not (isinstance(item, list) and len(item) == 2 and isinstance(item[0], str)):
+                        raise MalformedValue("a dict layout without keys")
+                    self.items.append((item[0], Layout(item[1], depth + 1)))
+                else:
+                    self.items.append((str(index), Layout(item, depth + 1)))
+            self.size = sum(item.size for _, item in self.items)
+        elif self.kind == "other":
+            self.size = 0
+            self.name = str(spec.get("type"))[:200]
+        else:
+            raise MalformedValue(f"layout kind {self.kind[:40]!r}")
+        if self.size > MAX_BYTES:
+            raise MalformedValue(f"a value of {self.size} bytes")
+        identity = (self.kind, str(self.dtype), self.shape, self.name, [(name, item.tag) for name, item in self.items])
+        self.tag = hashlib.blake2b(repr(identity).encode(), digest_size=16).digest()
+
+    def decode(self, data: bytes | memoryview) -> Any:
+        """Build the value. Raises MalformedValue when the number of bytes is not :attr:`size`."""
+        if len(data) != self.size:
+            raise MalformedValue(f"{len(data)} bytes for a value of {self.size}")
+        if self.kind == "array":
+            return np.frombuffer(data, self.dtype).reshape(self.shape)
+        if self.kind == "scalar":
+            return np.frombuffer(data, self.dtype)[0]
+        if self.kind == "int":
+            return int.from_bytes(data, "little", signed=True)
+        if self.kind == "float":
+            return float(np.frombuffer(data, "<f8")[0])
+        if self.kind == "bool":
+            return bool(data[0])
+        if self.kind == "str":
+            return bytes(data).decode("utf-8", "replace")
+        if self.kind == "other":
+            return None
+        parts, offset = [], 0
+        for name, item in self.items:
+            parts.append((name, item.decode(data[offset : offset + item.size])))
+            offset += item.size
+        if self.kind == "dict":
+            return dict(parts)
+        values = [value for _, value in parts]
+        return tuple(values) if self.kind == "tuple" else values
+
+    def __str__(self) -> str:
+        if self.kind == "array":
+            return f"a {self.dtype} array of shape {self.shape}"
+        if self.kind == "scalar":
+            return f"a NumPy {self.dtype}"
+        if self.kind == "other":
+            return self.name
+        if self.kind in ("dict", "tuple", "list"):
+            return f"a {self.kind} of {len(self.items)}"
+        return f"a Python {self.kind}"
+
+
+def _dtype(name: Any) -> np.dtype[Any]:
+    try:
+        dtype = np.dtype(str(name))
+    except (TypeError, ValueError):
+        raise MalformedValue(f"dtype {str(name)[:40]!r}") from None
+    if dtype.kind not in _KINDS or dtype.hasobject or dtype.fields or dtype.subdtype:
+        raise MalformedValue(f"dtype {dtype}")
+    return dtype
+
+
+def _shape(value: Any) -> tuple[int, ...]:
+    if not isinstance(value, list) or len(value) > 32:
+        raise MalformedValue("a shape is no short list")
+    return tuple(_count(length) for length in value)
+
+
+def _count(value: Any) -> int:
+    if not isinstance(value, int) or isinstance(value, bool) or not 0 <= value <= MAX_BYTES:
+        raise MalformedValue(f"a length of {str(value)[:40]}")
+    return value
+
+
+def _items(value: Any) -> list[Any]:
+    if not isinstance(value, list) or len(value) > _MAX_ITEMS:
+        raise MalformedValue("items are no list, or too many")
+    return value

@@ -1,0 +1,86 @@
+"""The ``bubblewrap`` driver: own user, mount, process, network, IPC and host-name namespaces, without an engine."""
+
+from __future__ import annotations
+
+import functools
+import os
+import shutil
+import subprocess
+import sys
+import sysconfig
+from pathlib import Path
+
+from envcraft.sandbox import Availability, Driver, Isolation, Limits, Worker
+
+from . import launch
+
+_LAYERS = [
+    "user, mount, pid, network, ipc and uts namespaces",
+    "no capabilities",
+    "read-only root",
+    "sized tmpfs",
+    "scrubbed environment",
+    "rlimits",
+    "no new privileges",
+]
+_SYSTEM = ("/usr", "/lib", "/lib64", "/lib32", "/bin", "/etc/ld.so.cache", "/etc/localtime")
+_TMPFS_BYTES = 64 * 1024**2
+
+
+class BubblewrapDriver(Driver):
+    name = "bubblewrap"
+    isolation = Isolation.NAMESPACE
+    rank = 20
+
+    def probe(self) -> Availability:
+        return _probe()
+
+    def launch(self, *, hash_seed: int, limits: Limits) -> Worker:
+        variables = launch.environment(hash_seed)
+        variables["PYTHONPATH"] = os.pathsep.join(launch.module_paths())
+        argv = [*isolate(), *(word for name in variables for word in ("--setenv", name, variables[name]))]
+        return launch.start([*argv, "--", *launch.command()], {}, limits, self.name)
+
+
+@functools.cache
+def _probe() -> Availability:
+    if shutil.which("bwrap") is None:
+        return Availability(False, "bwrap is not installed", "install the package bubblewrap")
+    try:
+        tried = subprocess.run(  # noqa: S603
+            [*isolate(), "--", sys.executable, "-S", "-c", "pass"], capture_output=True, timeout=20, check=False
+        )
+    except (OSError, subprocess.TimeoutExpired) as error:
+        return Availability(False, f"bwrap does not run: {error}", "allow unprivileged user namespaces")
+    if tried.returncode:
+        words = tried.stderr.decode(errors="replace").strip().splitlines()
+        return Availability(False, words[-1] if words else "bwrap failed", "allow unprivileged user namespaces")
+    return Availability(True, layers=_LAYERS)
+
+
+def isolate() -> list[str]:
+    """The bwrap command line up to the program: what the worker sees is the system, the interpreter and the libraries."""
+    argv = [shutil.which("bwrap") or "bwrap", "--unshare-all", "--die-with-parent", "--new-session", "--as-pid-1"]
+    argv += ["--cap-drop", "ALL", "--clearenv", "--hostname", "sandbox", "--uid", "65534", "--gid", "65534"]
+    for path in _SYSTEM:
+        if os.path.islink(path):
+            argv += ["--symlink", os.readlink(path), path]
+        else:
+            argv += ["--ro-bind-try", path, path]
+    for path in _python_paths():
+        argv += ["--ro-bind", path, path]
+    argv += ["--proc", "/proc", "--dev", "/dev"]
+    argv += ["--size", str(_TMPFS_BYTES), "--tmpfs", "/tmp", "--remount-ro", "/", "--chdir", "/tmp"]  # noqa: S108
+    return argv
+
+
+def _python_paths() -> list[str]:
+    """Folders of the interpreter and its libraries that the system folders do not hold already."""
+    wanted = [sys.prefix, sys.base_prefix, sys.exec_prefix, str(Path(sys.executable).resolve().parent)]
+    wanted += [sysconfig.get_path("stdlib"), sysconfig.get_path("platstdlib"), *launch.module_paths()]
+    found: list[str] = []
+    for path in sorted({os.path.abspath(path) for path in wanted}, key=len):
+        if path == "/" or any(Path(path).is_relative_to(parent) for parent in [*_SYSTEM, *found]):
+            continue
+        found.append(path)
+    return found

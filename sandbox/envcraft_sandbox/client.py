@@ -1,0 +1,220 @@
+"""The host's end of a fork server: hand it jobs, watch their deadlines, and end what does not end."""
+
+from __future__ import annotations
+
+import json
+import os
+import select
+import signal
+import socket
+import time
+from typing import Any
+
+import msgspec
+
+from envcraft.errors import WorkerLost
+from envcraft.sandbox import How, JobEnd, Limits, Recorder, Stop, Worker
+
+from .reader import Forged, Reader
+from .wire import HEADER
+
+_CHUNK = 1 << 20
+_SERVER_SECONDS = 60.0
+_LOADING = ("start", "import", "construct", "policy")
+
+
+class ForkServerWorker(Worker):
+    """A worker reached over a connected stream socket. Drivers add how it is started and ended."""
+
+    def __init__(self, control: socket.socket, limits: Limits) -> None:
+        """Wait for the fork server on `control` to say that it is ready. Raises WorkerLost."""
+        self._control = control
+        self._received = b""
+        self._jobs = 0
+        self._limits = limits
+        self.about = self._reply("ready")["ready"]
+
+    def preload(self, modules: list[str]) -> list[str]:
+        self._send({"op": "preload", "modules": modules})
+        loaded: list[str] = self._reply("preloaded")["preloaded"]
+        return loaded
+
+    def find(self, modules: list[str]) -> tuple[list[str], list[str]]:
+        self._send({"op": "find", "modules": modules})
+        answer = self._reply("missing")
+        return answer["missing"], answer["known"]
+
+    def run(self, job: dict[str, Any], recorder: Recorder, limits: Limits) -> JobEnd:
+        self._jobs += 1
+        number = self._jobs
+        ours, theirs = socket.socketpair()
+        output, output_end = os.pipe()
+        try:
+            for option in (socket.SO_SNDBUF, socket.SO_RCVBUF):
+                ours.setsockopt(socket.SOL_SOCKET, option, _CHUNK)
+                theirs.setsockopt(socket.SOL_SOCKET, option, _CHUNK)
+            message = {"op": "job", "id": number, "limits": msgspec.to_builtins(limits)}
+            self._send(message, [theirs.fileno(), output_end])
+            theirs.close()
+            os.close(output_end)
+            output_end = -1
+            ours.settimeout(limits.loading)
+            payload = json.dumps(job).encode()
+            try:
+                ours.sendall(HEADER.pack(0, len(payload)) + payload)
+            except OSError:
+                # The child died before it read the job; how, the exit status will tell.
+                pass
+            ours.setblocking(False)
+            return _Watch(self, number, ours, output, recorder, limits).run()
+        finally:
+            ours.close()
+            theirs.close()
+            os.close(output)
+            if output_end >= 0:
+                os.close(output_end)
+
+    def close(self) -> None:
+        self._control.close()
+
+    def kill(self, number: int) -> None:
+        """Ask for the end of a job's processes."""
+        self._send({"op": "kill", "id": number})
+
+    def exit_status(self, number: int) -> int:
+        """Wait for the wait status of a job that has ended or been killed. Raises WorkerLost."""
+        while True:
+            answer = self._reply("exit")
+            if answer["exit"] == number:
+                return int(answer["status"])
+
+    def _send(self, message: dict[str, Any], descriptors: list[int] | None = None) -> None:
+        data = json.dumps(message).encode() + b"\n"
+        try:
+            if descriptors:
+                sent = socket.send_fds(self._control, [data], descriptors)
+                data = data[sent:]
+            self._control.sendall(data)
+        except OSError as error:
+            raise WorkerLost(f"the worker is gone ({error.strerror}); run again, or see `envcraft doctor`") from None
+
+    def _reply(self, key: str) -> dict[str, Any]:
+        deadline = time.monotonic() + _SERVER_SECONDS
+        while True:
+            line, found, rest = self._received.partition(b"\n")
+            if found:
+                self._received = rest
+                answer: dict[str, Any] = json.loads(line)
+                if key in answer:
+                    return answer
+                continue
+            remaining = deadline - time.monotonic()
+            ready = select.select([self._control], [], [], max(remaining, 0))[0] if remaining > 0 else []
+            data = b""
+            if ready:
+                try:
+                    data = self._control.recv(1 << 16)
+                except OSError:
+                    data = b""
+            if not data:
+                why = "hung up" if ready else f"was silent for {_SERVER_SECONDS:.0f} s"
+                raise WorkerLost(f"the worker {why}; run again, or see `envcraft doctor`")
+            self._received += data
+
+
+class _Watch:
+    """One job under way."""
+
+    def __init__(
+        self, worker: ForkServerWorker, number: int, data: socket.socket, output: int, recorder: Recorder, limits: Limits
+    ) -> None:
+        self._worker = worker
+        self._number = number
+        self._data = data
+        self._output = output
+        self._limits = limits
+        self._reader = Reader(recorder)
+        self._head = bytearray()
+        self._printed = 0
+
+    def run(self) -> JobEnd:
+        started = time.monotonic()
+        how, detail = self._listen(started)
+        if how is not How.DONE:
+            self._worker.kill(self._number)
+        status = self._worker.exit_status(self._number)
+        self._drain()
+        died = how is How.DIED
+        return JobEnd(
+            how=how,
+            phase=self._reader.phase,
+            seconds=time.monotonic() - started,
+            signal=os.WTERMSIG(status) if died and os.WIFSIGNALED(status) else None,
+            exit_code=os.WEXITSTATUS(status) if died and os.WIFEXITED(status) else None,
+            detail=detail or (_signal_name(status) if died else ""),
+            output=self._head.decode("utf-8", "replace"),
+            output_bytes=self._printed,
+        )
+
+    def _listen(self, started: float) -> tuple[How, str]:
+        poll = select.poll()
+        poll.register(self._data, select.POLLIN)
+        poll.register(self._output, select.POLLIN)
+        chunk = bytearray(_CHUNK)
+        view = memoryview(chunk)
+        heard = time.monotonic()
+        while True:
+            now = time.monotonic()
+            patience = self._limits.loading if self._reader.phase in _LOADING else self._limits.call
+            left = min(heard + patience, started + self._limits.job) - now
+            if left <= 0:
+                whole = now - started >= self._limits.job
+                limit = self._limits.job if whole else patience
+                return How.TIMEOUT, f"{'the whole job' if whole else 'no answer'} within {limit:g} s"
+            for descriptor, _ in poll.poll(min(left, 1.0) * 1000):
+                if descriptor == self._output:
+                    if not self._take_output():
+                        poll.unregister(self._output)
+                    if self._printed > self._limits.output_total:
+                        return How.FLOOD, f"more than {self._limits.output_total} bytes of output"
+                    continue
+                try:
+                    size = self._data.recv_into(chunk)
+                except BlockingIOError:
+                    continue
+                except OSError:
+                    size = 0
+                if not size:
+                    return How.DIED, ""
+                heard = time.monotonic()
+                try:
+                    self._reader.feed(view[:size])
+                except Forged as error:
+                    return How.FORGED, str(error)
+                except Stop:
+                    return How.STOPPED, ""
+                if self._reader.ended:
+                    return How.DONE, ""
+
+    def _take_output(self) -> bool:
+        data = os.read(self._output, 1 << 16)
+        self._printed += len(data)
+        room = self._limits.output - len(self._head)
+        if room > 0:
+            self._head += data[:room]
+        return bool(data)
+
+    def _drain(self) -> None:
+        """Take what the dead job had printed; a process that outlives it may hold the pipe open, so never wait."""
+        os.set_blocking(self._output, False)
+        try:
+            while self._printed <= self._limits.output_total and self._take_output():
+                pass
+        except BlockingIOError:
+            pass
+
+
+def _signal_name(status: int) -> str:
+    if os.WIFSIGNALED(status):
+        return signal.Signals(os.WTERMSIG(status)).name
+    return f"exit status {os.WEXITSTATUS(status)}"

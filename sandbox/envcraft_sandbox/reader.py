@@ -1,0 +1,114 @@
+"""Read a job's messages on the host: known kinds, bounded lengths, fixed layouts, and nothing believed beyond them."""
+
+from __future__ import annotations
+
+import json
+import struct
+from typing import Any
+
+from envcraft.sandbox import Recorder, Step
+from envcraft.values import MalformedValue
+
+from .wire import HEADER, MAX_INFO, MAX_MESSAGE, STEP, VALUE, Kind, Type
+
+_TYPES = [kind.words for kind in Type]
+_KINDS = {int(kind): kind for kind in Kind}
+
+
+class Forged(ValueError):
+    """Bytes that the worker would not have sent."""
+
+
+class Reader:
+    """Cuts a byte stream into messages and hands them to a recorder. `ended` is set by the END message."""
+
+    def __init__(self, recorder: Recorder) -> None:
+        self.ended = False
+        self.phase = "start"
+        self._recorder = recorder
+        self._buffer = bytearray()
+
+    def feed(self, data: bytes | memoryview) -> None:
+        """Take more bytes. Raises Forged; whatever the recorder raises (Stop) passes through."""
+        buffer = self._buffer
+        buffer += data
+        offset, size = 0, len(buffer)
+        try:
+            with memoryview(buffer) as view:
+                while size - offset >= HEADER.size:
+                    kind, length = HEADER.unpack_from(view, offset)
+                    if length > MAX_MESSAGE:
+                        raise Forged(f"a message of {length} bytes")
+                    start = offset + HEADER.size
+                    if size - start < length:
+                        break
+                    with view[start : start + length] as payload:
+                        self._message(kind, payload)
+                    offset = start + length
+        except (MalformedValue, struct.error, UnicodeDecodeError, RecursionError) as error:
+            raise Forged(str(error)) from None
+        del buffer[:offset]
+
+    def _message(self, number: int, payload: memoryview) -> None:
+        kind = _KINDS.get(number)
+        if kind is None:
+            raise Forged(f"message kind {number}")
+        if self.ended:
+            raise Forged("a message after the end")
+        recorder = self._recorder
+        if kind is Kind.STEP:
+            recorder.step(_step(payload))
+        elif kind is Kind.RESET:
+            recorder.reset(_step(payload))
+        elif kind is Kind.AFTER:
+            recorder.after(_step(payload))
+        elif kind in (Kind.RENDER, Kind.REREAD):
+            (layout,) = VALUE.unpack_from(payload)
+            (recorder.render if kind is Kind.RENDER else recorder.reread)(layout, payload[VALUE.size :])
+        elif kind is Kind.PHASE:
+            self.phase = str(_json(payload))[:40]
+            recorder.phase(self.phase)
+        elif kind is Kind.ACTION:
+            recorder.action(_json(payload))
+        elif kind is Kind.ACTED:
+            recorder.acted(_json(payload))
+        elif kind is Kind.END:
+            self.ended = True
+        elif kind is not Kind.TICK:
+            value = _json(payload)
+            if not isinstance(value, dict):
+                raise Forged(f"{kind.name} is no object")
+            {
+                Kind.LAYOUT: recorder.layout,
+                Kind.LOADED: recorder.loaded,
+                Kind.FAULT: recorder.fault,
+                Kind.RESULT: recorder.result,
+            }[kind](value)
+
+
+def _step(payload: memoryview) -> Step:
+    flags, ended_type, cut_type, reward_type, reward, micros, layout, size, info_size = STEP.unpack_from(payload)
+    start = STEP.size
+    if len(payload) != start + size + info_size or info_size > MAX_INFO or flags > 3:
+        raise Forged("a step whose lengths do not add up")
+    if max(ended_type, cut_type, reward_type) >= len(_TYPES):
+        raise Forged("a step with an unknown type")
+    return Step(
+        terminated=bool(flags & 1),
+        truncated=bool(flags & 2),
+        terminated_type=_TYPES[ended_type],
+        truncated_type=_TYPES[cut_type],
+        reward_type=_TYPES[reward_type],
+        reward=reward,
+        micros=micros,
+        layout=layout,
+        data=payload[start : start + size],
+        info=bytes(payload[start + size :]),
+    )
+
+
+def _json(payload: memoryview) -> Any:
+    try:
+        return json.loads(bytes(payload))
+    except ValueError as error:
+        raise Forged(f"broken JSON: {error}") from None

@@ -1,0 +1,72 @@
+"""The bytes that cross the trust boundary, as both sides must read them.
+
+A *job* runs in one forked child of the worker. The host hands the child one end of a fresh socket pair; down goes one JSON
+job, up comes a stream of messages. Every message is ``<u8 kind><u32 length><payload>``; lengths are bounded, kinds are
+known, and nothing is ever unpickled or evaluated.
+
+Observations travel as raw bytes beside a *layout*: a JSON description of the value (dtype, shape, keys) that is sent once
+and then referred to by number, so that a step of a picture game is one fixed header and exactly the frame.
+
+This module is the standard library only: the worker imports it inside the sandbox.
+"""
+
+from __future__ import annotations
+
+import struct
+from enum import IntEnum
+
+HEADER = struct.Struct("<BI")
+
+#: Fixed part of a RESET, STEP or AFTER message: flags (bit 0 terminated, bit 1 truncated), the three value types,
+#: the reward, microseconds spent in the call, layout number, observation bytes, info bytes.
+STEP = struct.Struct("<BBBBdIHII")
+
+#: Fixed part of a RENDER or REREAD message: layout number. The rest is the value.
+VALUE = struct.Struct("<H")
+
+MAX_MESSAGE = 16 * 1024 * 1024
+MAX_OBSERVATION = 8 * 1024 * 1024
+MAX_INFO = 64 * 1024
+MAX_LAYOUTS = 4096
+MAX_DEPTH = 8
+
+
+class Kind(IntEnum):
+    """What a message from a job is about."""
+
+    PHASE = 1  #: JSON string: the call that is about to run (import, construct, reset, step, render, close, search)
+    LOADED = 2  #: JSON object: what the file defines
+    LAYOUT = 3  #: JSON object: the next observation layout
+    RESET = 4  #: STEP struct, observation, info
+    ACTION = 5  #: JSON: the action a policy inside the worker chose
+    STEP = 6  #: STEP struct, observation, info
+    AFTER = 7  #: like STEP, for a step taken after the episode's end
+    RENDER = 8  #: VALUE struct, frame
+    REREAD = 9  #: VALUE struct, the previous observation's bytes as they are now
+    ACTED = 10  #: JSON: the action as step() left it
+    FAULT = 11  #: JSON object: an exception, or a return value of the wrong form
+    TICK = 12  #: empty: alive
+    RESULT = 13  #: JSON object: what a search found
+    END = 14  #: JSON object: the job is complete
+
+
+class Type(IntEnum):
+    """The Python type of a reward or a flag, as the worker saw it."""
+
+    BOOL = 0
+    NUMPY_BOOL = 1
+    INT = 2
+    NUMPY_INT = 3
+    FLOAT = 4
+    NUMPY_FLOAT = 5
+    NONE = 6
+    STR = 7
+    ARRAY = 8
+    OTHER = 9
+
+    @property
+    def words(self) -> str:
+        return {
+            0: "bool", 1: "numpy.bool", 2: "int", 3: "numpy integer", 4: "float",
+            5: "numpy floating", 6: "None", 7: "str", 8: "numpy.ndarray", 9: "another type",
+        }[int(self)]  # fmt: skip

@@ -1,0 +1,212 @@
+"""A job's end of the data socket: batches messages up, and encodes values as layout and bytes."""
+
+from __future__ import annotations
+
+import json
+import math
+import socket
+import time
+from typing import Any
+
+import numpy as np
+
+from ..wire import HEADER, MAX_DEPTH, MAX_INFO, MAX_LAYOUTS, MAX_OBSERVATION, STEP, VALUE, Kind, Type
+
+_BATCH = 256 * 1024
+_FLUSH_SECONDS = 0.05
+# Bound before any untrusted module can replace them.
+_monotonic = time.monotonic
+_dumps = json.dumps
+
+
+class Channel:
+    """Writes messages for the host. `every_step` flushes after each one, to tell exactly how far a job came."""
+
+    def __init__(self, sock: socket.socket, every_step: bool = False) -> None:
+        self._sock = sock
+        self._buffer = bytearray()
+        self._flushed = _monotonic()
+        self._every_step = every_step
+        self._layouts: dict[Any, int] = {}
+
+    def send(self, kind: Kind, payload: bytes = b"", flush: bool = False) -> None:
+        self._buffer += HEADER.pack(kind, len(payload))
+        self._buffer += payload
+        if flush or self._every_step or len(self._buffer) >= _BATCH or _monotonic() - self._flushed > _FLUSH_SECONDS:
+            self.flush()
+
+    def send_json(self, kind: Kind, value: Any, flush: bool = False) -> None:
+        self.send(kind, _dumps(value).encode(), flush)
+
+    def phase(self, name: str) -> None:
+        self.send_json(Kind.PHASE, name, flush=True)
+
+    def tick(self) -> None:
+        """Say that the job is alive, at most twenty times a second."""
+        if _monotonic() - self._flushed > _FLUSH_SECONDS:
+            self.send(Kind.TICK, flush=True)
+
+    def flush(self) -> None:
+        if self._buffer:
+            self._sock.sendall(self._buffer)
+            self._buffer.clear()
+        self._flushed = _monotonic()
+
+    def value(self, kind: Kind, value: Any) -> None:
+        number, data = self.encode(value)
+        self.send(kind, VALUE.pack(number) + data)
+
+    def step(
+        self, kind: Kind, observation: Any, reward: Any, terminated: Any, truncated: Any, info: Any, seconds: float
+    ) -> None:
+        layout, data = self.encode(observation)
+        reward_type, number = _number(reward)
+        ended_type, ended = _flag(terminated)
+        cut_type, cut = _flag(truncated)
+        text = encode_info(info)
+        micros = min(int(seconds * 1e6), 0xFFFFFFFF)
+        head = STEP.pack(
+            ended | cut << 1, ended_type, cut_type, reward_type, number, micros, layout, len(data), len(text)
+        )
+        self.send(kind, b"".join((head, data, text)))
+
+    def encode(self, value: Any) -> tuple[int, bytes]:
+        """Give the value's layout number, announcing a new layout first, and its bytes."""
+        if type(value) is np.ndarray:
+            key: Any = (value.dtype.str, value.shape)
+            number = self._layouts.get(key)
+            if number is not None:
+                return number, value.tobytes()
+            layout, data = encode_value(value)
+        else:
+            layout, data = encode_value(value)
+            key = _dumps(layout)
+            number = self._layouts.get(key)
+            if number is not None:
+                return number, data
+        if len(self._layouts) >= MAX_LAYOUTS:
+            raise ValueError(f"observations of more than {MAX_LAYOUTS} different shapes")
+        number = self._layouts[key] = len(self._layouts)
+        self.send_json(Kind.LAYOUT, layout)
+        return number, data
+
+
+def encode_value(value: Any, depth: int = 0) -> tuple[dict[str, Any], bytes]:
+    """Describe a value as a layout and its bytes; what cannot be described travels as its type's name."""
+    if depth > MAX_DEPTH:
+        return {"k": "other", "type": "nested too deeply"}, b""
+    if isinstance(value, np.ndarray):
+        if value.dtype.hasobject or value.dtype.kind not in "biufcSU":
+            return {"k": "other", "type": f"ndarray of {value.dtype}"}, b""
+        if value.nbytes > MAX_OBSERVATION:
+            return {"k": "other", "type": f"ndarray {value.shape} of {value.nbytes} bytes"}, b""
+        return (
+            {"k": "array", "dtype": value.dtype.str, "shape": list(value.shape)},
+            np.ndarray.tobytes(value),
+        )
+    if isinstance(value, np.generic):
+        return {"k": "scalar", "dtype": value.dtype.str}, value.tobytes()
+    if isinstance(value, bool):
+        return {"k": "bool"}, bytes([value])
+    if isinstance(value, int) and -(2**63) <= value < 2**63:
+        return {"k": "int"}, int(value).to_bytes(8, "little", signed=True)
+    if isinstance(value, float):
+        return {"k": "float"}, np.float64(value).tobytes()
+    if isinstance(value, str) and len(value) <= MAX_INFO:
+        data = value.encode("utf-8", "backslashreplace")
+        return {"k": "str", "n": len(data)}, data
+    if isinstance(value, dict):
+        layouts, parts = [], []
+        for key in value:
+            layout, data = encode_value(value[key], depth + 1)
+            layouts.append([str(key), layout])
+            parts.append(data)
+        return {"k": "dict", "items": layouts}, b"".join(parts)
+    if isinstance(value, list | tuple):
+        pairs = [encode_value(item, depth + 1) for item in value[:MAX_LAYOUTS]]
+        kind = "tuple" if isinstance(value, tuple) else "list"
+        return {"k": kind, "items": [layout for layout, _ in pairs]}, b"".join(data for _, data in pairs)
+    return {"k": "other", "type": type_name(value)}, b""
+
+
+def encode_info(info: Any) -> bytes:
+    """Info as JSON of bounded size and depth. NaN and infinities are written as Python's json does."""
+    if not info:
+        return b""
+    try:
+        text = _dumps(jsonable(info)).encode()
+    except (ValueError, TypeError, RecursionError) as error:
+        text = _dumps({"envcraft: not encodable": type_name(error)}).encode()
+    if len(text) > MAX_INFO:
+        text = _dumps({"envcraft: too large": len(text)}).encode()
+    return text
+
+
+def jsonable(value: Any, depth: int = 0) -> Any:
+    """A JSON image of any value: small arrays as lists, anything else by its type's name."""
+    if value is None or isinstance(value, bool | str):
+        return value
+    if isinstance(value, int):
+        return int(value) if -(2**63) <= value < 2**63 else str(value)
+    if isinstance(value, float):
+        return float(value) if math.isfinite(value) else repr(float(value))
+    if depth >= MAX_DEPTH:
+        return {"envcraft: nested": type_name(value)}
+    if isinstance(value, np.generic):
+        return jsonable(value.item(), depth + 1)
+    if isinstance(value, np.ndarray):
+        if value.size <= 64 and not value.dtype.hasobject:
+            return jsonable(value.tolist(), depth + 1)
+        import hashlib
+
+        digest = "" if value.dtype.hasobject else hashlib.sha256(value.tobytes()).hexdigest()[:16]
+        return {"array": [str(value.dtype), list(value.shape), digest]}
+    if isinstance(value, dict):
+        return {str(key): jsonable(item, depth + 1) for key, item in list(value.items())[:1000]}
+    if isinstance(value, list | tuple):
+        return [jsonable(item, depth + 1) for item in value[:1000]]
+    if isinstance(value, set | frozenset):
+        return {"set": sorted((_dumps(jsonable(item, depth + 1)) for item in list(value)[:1000]))}
+    return {"type": type_name(value)}
+
+
+def type_name(value: Any) -> str:
+    kind = type(value)
+    return kind.__qualname__ if kind.__module__ == "builtins" else f"{kind.__module__}.{kind.__qualname__}"
+
+
+def _number(value: Any) -> tuple[Type, float]:
+    kind = _type(value)
+    if kind <= Type.NUMPY_FLOAT:
+        try:
+            return kind, float(value)
+        except OverflowError:
+            return kind, math.inf
+    return kind, 0.0
+
+
+def _flag(value: Any) -> tuple[Type, int]:
+    kind = _type(value)
+    return kind, int(bool(value)) if kind <= Type.STR else 0
+
+
+def _type(value: Any) -> Type:
+    if isinstance(value, bool):
+        return Type.BOOL
+    if isinstance(value, float) and not isinstance(value, np.generic):
+        return Type.FLOAT
+    if isinstance(value, int):
+        return Type.INT
+    if isinstance(value, np.bool_):
+        return Type.NUMPY_BOOL
+    if isinstance(value, np.integer):
+        return Type.NUMPY_INT
+    if isinstance(value, np.floating):
+        return Type.NUMPY_FLOAT
+    if value is None:
+        return Type.NONE
+    if isinstance(value, str):
+        return Type.STR
+    if isinstance(value, np.ndarray):
+        return Type.ARRAY
+    return Type.OTHER

@@ -1,0 +1,88 @@
+"""One job in one forked child: give up what it does not need, read the job, run it, leave.
+
+Whatever the untrusted code does from here on, the child can only write to its data socket and its output pipe.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import random
+import resource
+import socket
+import sys
+import traceback
+from typing import Any, NoReturn
+
+import numpy as np
+
+from ..wire import HEADER, MAX_MESSAGE, Kind
+from . import confine, rollout, search
+from .channel import Channel
+from .clock import Clock
+from .subject import Fault, Subject
+
+available_layers = confine.available_layers
+
+
+def main(data_fd: int, output_fd: int, limits: dict[str, Any]) -> NoReturn:
+    """Run the job that waits on `data_fd`; never returns, and never unwinds into the server's stack."""
+    code = 0
+    try:
+        os.setsid()
+        _keep_only(data_fd, output_fd)
+        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+        sock = socket.socket(fileno=3)
+        job = _receive(sock)
+        confine.enter(limits)
+        channel = Channel(sock, every_step=bool(job.get("every_step")))
+        _run(job, channel)
+        channel.flush()
+    except BaseException:
+        # Outside the job's own guard: the host sees a death and the traceback among the captured output.
+        traceback.print_exc()
+        code = 70
+    finally:
+        os._exit(code)
+
+
+def _keep_only(data_fd: int, output_fd: int) -> None:
+    """Leave descriptors 0 (empty), 1 and 2 (the output pipe) and 3 (the data socket), and no other."""
+    data, output = os.dup(data_fd), os.dup(output_fd)
+    while data <= 3 or output <= 3:
+        data, output = os.dup(data), os.dup(output)
+    null = os.open(os.devnull, os.O_RDONLY)
+    os.dup2(null, 0)
+    os.dup2(output, 1)
+    os.dup2(output, 2)
+    os.dup2(data, 3, inheritable=False)
+    os.closerange(4, max(data, output, null, 256) + 1)
+    sys.stdout = open(1, "w", buffering=1, errors="backslashreplace", closefd=False)
+    sys.stderr = open(2, "w", buffering=1, errors="backslashreplace", closefd=False)
+
+
+def _receive(sock: socket.socket) -> dict[str, Any]:
+    with sock.makefile("rb") as stream:
+        _, length = HEADER.unpack(stream.read(HEADER.size))
+        if length > MAX_MESSAGE:
+            raise ValueError(f"a job of {length} bytes")
+        job: dict[str, Any] = json.loads(stream.read(length))
+        return job
+
+
+def _run(job: dict[str, Any], channel: Channel) -> None:
+    conditions = job.get("conditions", {})
+    random.seed(conditions.get("global_seed", 0))
+    np.random.seed(conditions.get("global_seed", 0))
+    Clock.install(conditions.get("clock"))
+    subject = Subject(job, channel)
+    try:
+        if job["kind"] == "describe":
+            subject.describe()
+        elif job["kind"] == "rollout":
+            rollout.run(subject, job)
+        else:
+            search.run(subject, job)
+    except Fault as fault:
+        channel.send_json(Kind.FAULT, fault.report)
+    channel.send_json(Kind.END, {}, flush=True)

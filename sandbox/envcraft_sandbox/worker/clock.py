@@ -1,0 +1,70 @@
+"""Another clock for the code under test: logical, or shifted and running at another rate.
+
+Python's own readings are replaced (``time``, ``datetime``); what C code reads for itself is not.
+"""
+
+from __future__ import annotations
+
+import datetime
+import time
+from collections.abc import Callable
+from typing import Any
+
+_NAMES = ("time", "monotonic", "perf_counter", "process_time", "thread_time")
+_REAL: dict[str, Callable[[], float]] = {name: getattr(time, name) for name in _NAMES}
+_EPOCH = 1_800_000_000.0
+_TICK = 0.001
+
+
+class Clock:
+    """Readings of the clocks of module :mod:`time` under one condition.
+
+    Rate 0 is the logical clock: it starts at a fixed moment, moves on by one millisecond at each reading, and is therefore
+    the same in every run that reads it equally often.
+    """
+
+    def __init__(self, offset: float, rate: float) -> None:
+        self._offset = offset
+        self._rate = rate
+        self._start = {name: read() for name, read in _REAL.items()}
+        self._readings = 0
+
+    def read(self, name: str) -> float:
+        if self._rate == 0:
+            self._readings += 1
+            return _EPOCH + self._offset + self._readings * _TICK
+        start = self._start[name]
+        return start + self._offset + (_REAL[name]() - start) * self._rate
+
+    @classmethod
+    def install(cls, condition: dict[str, Any] | None) -> None:
+        """Replace the readings. `condition`: ``None``, or ``{"offset": seconds, "rate": factor}``."""
+        if condition is None:
+            return
+        clock = cls(float(condition["offset"]), float(condition["rate"]))
+        for name in _NAMES:
+            setattr(time, name, lambda name=name: clock.read(name))
+            setattr(time, f"{name}_ns", lambda name=name: int(clock.read(name) * 1e9))
+        if clock._rate == 0:
+            time.sleep = lambda seconds: None
+
+        class Date(datetime.date):
+            @classmethod
+            def today(cls) -> Date:
+                return cls.fromtimestamp(clock.read("time"))
+
+        class DateTime(datetime.datetime):
+            @classmethod
+            def now(cls, tz: datetime.tzinfo | None = None) -> DateTime:
+                return cls.fromtimestamp(clock.read("time"), tz)
+
+            @classmethod
+            def utcnow(cls) -> DateTime:
+                return cls.fromtimestamp(clock.read("time"), datetime.timezone.utc).replace(tzinfo=None)
+
+            @classmethod
+            def today(cls) -> DateTime:
+                return cls.fromtimestamp(clock.read("time"))
+
+        for name, replacement in {"date": Date, "datetime": DateTime}.items():
+            setattr(datetime, name, replacement)

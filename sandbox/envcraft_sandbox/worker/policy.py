@@ -1,0 +1,81 @@
+"""A privileged policy beside the environment: a class with ``act(state)``, or a function ``policy(env)``."""
+
+from __future__ import annotations
+
+import inspect
+from typing import Any
+
+import numpy as np
+
+from .channel import jsonable, type_name
+from .subject import Fault, Subject
+
+
+class State:
+    """The environment's own attributes, to read: ``state.player_x`` or ``state["player_x"]``. Setting one is refused.
+
+    Objects behind the attributes are the environment's own; the host finds out whether a policy changed one by stepping
+    the policy's actions again without it.
+    """
+
+    __slots__ = ("_env",)
+
+    def __init__(self, env: Any) -> None:
+        object.__setattr__(self, "_env", env)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(object.__getattribute__(self, "_env"), name)
+
+    def __getitem__(self, name: str) -> Any:
+        try:
+            return getattr(self, name)
+        except AttributeError:
+            raise KeyError(name) from None
+
+    def get(self, name: str, default: Any = None) -> Any:
+        return getattr(self, name, default)
+
+    def keys(self) -> list[str]:
+        return list(vars(object.__getattribute__(self, "_env")))
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        raise AttributeError(f"the state is read-only: {name} cannot be set")
+
+    __delattr__ = __getattr__
+
+
+class Policy:
+    """The policy of a file, ready to choose actions for `env`."""
+
+    def __init__(self, subject: Subject, policy: dict[str, Any], env: Any) -> None:
+        module = subject.load_policy(policy)
+        self._subject = subject
+        players = [
+            value
+            for value in vars(module).values()
+            if inspect.isclass(value) and value.__module__ == module.__name__ and callable(getattr(value, "act", None))
+        ]
+        function = getattr(module, "policy", None)
+        if players:
+            player = subject.call("policy", players[-1])
+            self._function, self._argument = player.act, State(env.unwrapped)
+        elif inspect.isfunction(function):
+            self._function, self._argument = function, env.unwrapped
+        else:
+            raise Fault(
+                {
+                    "phase": "policy",
+                    "type": "LookupError",
+                    "message": "no class with act(state) and no function policy(env)",
+                    "line": None,
+                }
+            )
+
+    def choose(self) -> Any:
+        """Give the policy's action as JSON."""
+        value = self._subject.call("policy", self._function, self._argument)
+        if not isinstance(value, int | np.integer | np.ndarray | list | tuple):
+            raise Fault(
+                {"phase": "policy", "type": "TypeError", "message": f"act returned {type_name(value)}", "line": None}
+            )
+        return jsonable(np.asarray(value).tolist())

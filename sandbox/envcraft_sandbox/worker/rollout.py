@@ -1,0 +1,188 @@
+"""Step one episode through a list of actions, or a policy, under the conditions that the host asked for."""
+
+from __future__ import annotations
+
+import random
+import time
+from typing import Any
+
+import numpy as np
+
+from ..wire import Kind
+from .channel import jsonable, type_name
+from .policy import Policy
+from .subject import Fault, Subject
+
+_perf_counter = time.perf_counter
+
+
+class Perturb:
+    """Put the global ``random`` and ``numpy.random`` states somewhere else before each call, as other code would."""
+
+    def __init__(self, seed: int | None) -> None:
+        self._own = None if seed is None else random.Random(seed)
+
+    def __call__(self) -> None:
+        if self._own is not None:
+            random.seed(self._own.getrandbits(32))
+            np.random.seed(self._own.getrandbits(32))
+
+
+class Companion:
+    """A second instance of the class, stepped in turn with the first."""
+
+    def __init__(self, subject: Subject, plan: dict[str, Any]) -> None:
+        self._subject = subject
+        self._env = subject.construct(announce=False)
+        self._seed: int = plan["seed"]
+        self._actions: list[Any] = plan["actions"]
+        self._position = 0
+        self._reset()
+
+    def _reset(self) -> None:
+        self._subject.call("companion", self._env.reset, seed=self._seed)
+        self._seed += 1
+
+    def step(self) -> None:
+        """Step it with the global generators left as they were: sharing those is another condition."""
+        state = _global_state()
+        self._step()
+        _restore(state)
+
+    def _step(self) -> None:
+        action = self._subject.action(self._actions[self._position % len(self._actions)], self._env)
+        self._position += 1
+        result = self._subject.call("companion", self._env.step, action)
+        if isinstance(result, tuple) and len(result) == 5 and (_true(result[2]) or _true(result[3])):
+            self._reset()
+
+
+def run(subject: Subject, job: dict[str, Any]) -> None:
+    """Run the job's episode and stream it; twice under the condition ``again``."""
+    conditions: dict[str, Any] = job.get("conditions", {})
+    state = _global_state()
+    _episode(subject, job, conditions)
+    if conditions.get("again"):
+        _restore(state)
+        _episode(subject, job, conditions)
+
+
+def _episode(subject: Subject, job: dict[str, Any], conditions: dict[str, Any]) -> None:
+    channel = subject.channel
+    env = subject.construct()
+    state = _global_state()
+    companion = Companion(subject, conditions["companion"]) if "companion" in conditions else None
+    for earlier in conditions.get("before", ()):
+        _play_through(subject, env, earlier)
+    # Only the condition that was asked for may differ: the global generators start as without it.
+    _restore(state)
+    perturb = Perturb(conditions.get("perturb"))
+    policy = Policy(subject, job["policy"], env) if "policy" in job else None
+
+    channel.phase("reset")
+    perturb()
+    keywords = {"seed": job["seed"], **({"options": job["options"]} if "options" in job else {})}
+    started = _perf_counter()
+    result = subject.call("reset", env.reset, **keywords)
+    seconds = _perf_counter() - started
+    if not (isinstance(result, tuple) and len(result) == 2):
+        raise Fault({"phase": "reset", "malformed": _shape_of(result), "line": None})
+    observation, info = result
+    channel.step(Kind.RESET, observation, 0.0, False, False, _info(info), seconds)
+    _note_info(channel, info)
+    _render(subject, env, conditions)
+    channel.phase("step")
+
+    actions: list[Any] = job["actions"]
+    reread = bool(conditions.get("reread"))
+    for number in range(job["max_steps"] if policy else len(actions)):
+        if policy:
+            chosen = policy.choose()
+            channel.send_json(Kind.ACTION, chosen)
+        else:
+            chosen = actions[number]
+        action = subject.action(chosen, env)
+        if companion:
+            companion.step()
+        perturb()
+        started = _perf_counter()
+        result = subject.call("step", env.step, action)
+        seconds = _perf_counter() - started
+        if not (isinstance(result, tuple) and len(result) == 5):
+            raise Fault({"phase": "step", "malformed": _shape_of(result), "line": None})
+        if reread:
+            channel.send_json(Kind.ACTED, jsonable(action))
+            channel.value(Kind.REREAD, observation)
+        observation, reward, terminated, truncated, info = result
+        channel.step(Kind.STEP, observation, reward, terminated, truncated, _info(info), seconds)
+        _note_info(channel, info)
+        _render(subject, env, conditions)
+        if _true(terminated) or _true(truncated):
+            _step_on(subject, env, actions, int(conditions.get("after_end", 0)))
+            break
+    channel.phase("close")
+    for _ in range(2):
+        subject.call("close", env.close)
+
+
+def _global_state() -> tuple[Any, Any]:
+    return random.getstate(), np.random.get_state()
+
+
+def _restore(state: tuple[Any, Any]) -> None:
+    random.setstate(state[0])
+    np.random.set_state(state[1])
+
+
+def _play_through(subject: Subject, env: Any, episode: dict[str, Any]) -> None:
+    """An earlier episode on the same instance; what it returns is not looked at."""
+    subject.channel.phase("before")
+    subject.call("before", env.reset, seed=episode["seed"])
+    for value in episode["actions"]:
+        result = subject.call("before", env.step, subject.action(value, env))
+        subject.channel.tick()
+        if isinstance(result, tuple) and len(result) == 5 and (_true(result[2]) or _true(result[3])):
+            return
+
+
+def _step_on(subject: Subject, env: Any, actions: list[Any], count: int) -> None:
+    """Steps past the end are undefined: an exception is an answer, a report that the episode goes on is sent."""
+    if count:
+        subject.channel.phase("after")
+    for value in (actions * 2)[:count]:
+        try:
+            result = subject.call("after", env.step, subject.action(value, env))
+        except Fault:
+            return
+        if not (isinstance(result, tuple) and len(result) == 5):
+            return
+        observation, reward, terminated, truncated, info = result
+        subject.channel.step(Kind.AFTER, observation, reward, terminated, truncated, _info(info), 0.0)
+
+
+def _render(subject: Subject, env: Any, conditions: dict[str, Any]) -> None:
+    if conditions.get("render"):
+        frame = subject.call("render", env.render)
+        subject.channel.value(Kind.RENDER, frame)
+
+
+def _info(info: Any) -> dict[Any, Any]:
+    return info if isinstance(info, dict) else {}
+
+
+def _note_info(channel: Any, info: Any) -> None:
+    if not isinstance(info, dict):
+        channel.send_json(Kind.FAULT, {"phase": "info", "note": True, "type": type_name(info), "line": None})
+    elif any(not isinstance(key, str) for key in info):
+        odd = next(key for key in info if not isinstance(key, str))
+        channel.send_json(Kind.FAULT, {"phase": "info", "note": True, "key": type_name(odd), "line": None})
+
+
+def _shape_of(result: Any) -> str:
+    if isinstance(result, tuple | list):
+        return f"a {type_name(result)} of {len(result)}"
+    return "None" if result is None else f"a value of type {type_name(result)}"
+
+
+def _true(flag: Any) -> bool:
+    return isinstance(flag, bool | np.bool_ | int | np.integer) and bool(flag)

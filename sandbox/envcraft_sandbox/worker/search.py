@@ -1,0 +1,339 @@
+"""Searches that need the environment's state: for crashes, for wins, for the end of the reachable states.
+
+What they find is advice: the host steps every action list that comes back from here in an ordinary rollout and believes
+only that trace. Each search takes a budget in environment steps, so that it gives the same answer on any machine.
+"""
+
+from __future__ import annotations
+
+import copy
+import hashlib
+import json
+import random
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from ..wire import Kind
+from .channel import encode_value, jsonable
+from .subject import Fault, Subject
+
+_Random = random.Random
+
+
+@dataclass(slots=True)
+class Path:
+    """Actions as a linked list: branches share what led to them."""
+
+    parent: Path | None
+    action: Any
+    length: int
+
+    def then(self, action: Any) -> Path:
+        return Path(self, action, self.length + 1)
+
+    def actions(self) -> list[Any]:
+        found, node = [], self
+        while node.parent is not None:
+            found.append(node.action)
+            node = node.parent
+        return found[::-1]
+
+
+@dataclass(slots=True)
+class Node:
+    """A state: a copy of the environment, or the way to replay to it where it cannot be copied."""
+
+    env: Any
+    path: Path
+    total: float
+    visits: int = 0
+    ended: bool = False
+
+
+@dataclass(slots=True)
+class Outcome:
+    """What a search knows by now."""
+
+    steps: int = 0
+    copies: bool = True
+    crash: list[Any] | None = None
+    win: list[Any] | None = None
+    win_return: float = 0.0
+    best: list[Any] = field(default_factory=list)
+    best_return: float = float("-inf")
+    states: int = 0
+    late_states: int = 0
+    exhausted: bool = False
+    stochastic: bool = False
+
+    def json(self) -> dict[str, Any]:
+        lists = ("crash", "win", "best")
+        values = {name: getattr(self, name) for name in self.__slots__}
+        return {name: value if name in lists else jsonable(value) for name, value in values.items()}
+
+
+class Tree:
+    """Branches of one seeded episode."""
+
+    def __init__(self, subject: Subject, job: dict[str, Any]) -> None:
+        self.subject = subject
+        self.seed: int = job["seed"]
+        self.actions: list[Any] = job["actions"]
+        self.path: list[Any] = job.get("path", [])
+        self.budget: int = job["max_steps"]
+        self.out = Outcome()
+        self.random = _Random(job["seed"])
+        self._limit: int = job["limit"]
+
+    def root(self) -> Node:
+        env = self.subject.construct(announce=False)
+        observation, _ = self.subject.call("reset", env.reset, seed=self.seed)
+        self.frame = observation
+        node = Node(env, Path(None, None, 0), 0.0)
+        try:
+            copy.deepcopy(env)
+        except BaseException:
+            self.out.copies = False
+        return node
+
+    def branch(self, node: Node) -> Node:
+        """A state like `node` that can be stepped without changing it."""
+        if self.out.copies:
+            return Node(copy.deepcopy(node.env), node.path, node.total)
+        env = self.subject.construct(announce=False)
+        self.subject.call("reset", env.reset, seed=self.seed)
+        for action in node.path.actions():
+            self.subject.call("step", env.step, self.subject.action(action, env))
+            self.out.steps += 1
+        return Node(env, node.path, node.total)
+
+    def step(self, node: Node, action: Any) -> bool:
+        """Step `node` in place; False once its episode is over or broken."""
+        self.out.steps += 1
+        path = node.path.then(action)
+        try:
+            result = self.subject.call("step", node.env.step, self.subject.action(action, node.env))
+            observation, reward, terminated, truncated, info = result
+            reward = float(reward)
+        except (Fault, TypeError, ValueError):
+            if self.out.crash is None or path.length < len(self.out.crash):
+                self.out.crash = path.actions()
+            return False
+        self.subject.channel.tick()
+        self.frame = observation
+        node.path = path
+        node.total += reward
+        node.ended = bool(terminated) or bool(truncated) or path.length >= self._limit
+        self._judge(node, info)
+        return not node.ended
+
+    def spent(self) -> bool:
+        return self.out.steps >= self.budget
+
+    def _judge(self, node: Node, info: Any) -> None:
+        success = info.get("is_success") if isinstance(info, dict) else None
+        won = bool(success) if success is not None else node.ended and node.total > 0
+        if won and (self.out.win is None or node.path.length < len(self.out.win)):
+            self.out.win, self.out.win_return = node.path.actions(), node.total
+        if node.total > self.out.best_return:
+            self.out.best, self.out.best_return = node.path.actions(), node.total
+
+
+def run(subject: Subject, job: dict[str, Any]) -> None:
+    """Run the search that ``job["search"]`` names and send its outcome."""
+    subject.load()
+    subject.channel.phase("search")
+    tree = Tree(subject, job)
+    _SEARCHES[job["search"]](tree)
+    subject.channel.send_json(Kind.RESULT, tree.out.json(), flush=True)
+
+
+def explore(tree: Tree) -> None:
+    """Return to a promising state and act on from it, at random with held actions.
+
+    After Go-Explore (Ecoffet et al., 2021, doi:10.1038/s41586-020-03157-9): an archive of states under a coarse picture
+    key, chosen by how seldom they were left and how much they have earned. Stops at the budget, or at half of it once
+    a win is known.
+    """
+    root = tree.root()
+    archive: dict[bytes, Node] = {_cell(tree.frame): root}
+    seen: set[bytes] = {_digest(tree.frame)}
+    while not tree.spent() and not (tree.out.win is not None and 2 * tree.out.steps >= tree.budget):
+        start = _choose(tree.random, archive)
+        start.visits += 1
+        node = tree.branch(start)
+        action, hold = None, 0
+        for _ in range(tree.random.randint(4, 24)):
+            if hold == 0:
+                action, hold = tree.random.choice(tree.actions), tree.random.choice((1, 1, 2, 3, 5, 8, 13))
+            hold -= 1
+            alive = tree.step(node, action)
+            digest = _digest(tree.frame)
+            if digest not in seen:
+                seen.add(digest)
+                tree.out.late_states += 2 * tree.out.steps > tree.budget
+            if not alive or tree.spent():
+                break
+            _remember(tree, archive, _cell(tree.frame), node)
+    tree.out.states = len(seen)
+
+
+def _remember(tree: Tree, archive: dict[bytes, Node], cell: bytes, node: Node) -> None:
+    known = archive.get(cell)
+    if known is not None and (node.total, -node.path.length) <= (known.total, -known.path.length):
+        return
+    if known is None and len(archive) >= 4096:
+        return
+    if tree.out.copies:
+        kept = Node(copy.deepcopy(node.env), node.path, node.total)
+    else:
+        kept = Node(None, node.path, node.total)
+    kept.visits = known.visits // 2 if known else 0
+    archive[cell] = kept
+
+
+def _choose(rng: random.Random, archive: dict[bytes, Node]) -> Node:
+    nodes = list(archive.values())
+    sample = [nodes[rng.randrange(len(nodes))] for _ in range(min(8, len(nodes)))]
+    low = min(node.total for node in sample)
+    span = max(node.total for node in sample) - low
+    return max(sample, key=lambda node: (1 + (node.total - low) / span if span else 1) / (1 + node.visits) ** 0.5)
+
+
+def exhaust(tree: Tree) -> None:
+    """Breadth first through every state that can be reached; `exhausted` when none is left within the budget.
+
+    Two states are the same when frame and attributes are, apart from random generators and from counters that grow by
+    the step. An environment that draws random numbers while it steps is `stochastic`, and never exhausted.
+    """
+    root = tree.root()
+    if not tree.out.copies:
+        return
+    generators = _generators(root.env)
+    counters = _counters(tree, root)
+
+    def key(node: Node) -> bytes:
+        state = {name: value for name, value in _attributes(node.env).items() if name not in counters}
+        return _digest(tree.frame) + hashlib.blake2b(json.dumps(state).encode(), digest_size=16).digest()
+
+    root = tree.root()
+    seen = {key(root)}
+    frontier = [root]
+    while frontier:
+        grown: list[Node] = []
+        for node in frontier:
+            for action in tree.actions:
+                if tree.spent() or tree.out.win is not None or tree.out.stochastic:
+                    tree.out.states = len(seen)
+                    return
+                child = tree.branch(node)
+                alive = tree.step(child, action)
+                tree.out.stochastic = _generators(child.env) != generators
+                if alive and (state := key(child)) not in seen:
+                    seen.add(state)
+                    grown.append(child)
+        frontier = grown
+    tree.out.states = len(seen)
+    tree.out.exhausted = tree.out.crash is None and not tree.out.stochastic
+
+
+def _counters(tree: Tree, root: Node) -> set[str]:
+    """Attributes that grow by the same amount at each of two steps: time, which must not make two states differ."""
+    probe = tree.branch(root)
+    readings = [_attributes(probe.env)]
+    for _ in range(2):
+        if not probe.ended:
+            tree.step(probe, tree.actions[0])
+        readings.append(_attributes(probe.env))
+    first, second, third = readings
+    return {name for name in first if _grows(first[name], second.get(name), third.get(name))}
+
+
+def greedy(tree: Tree) -> None:
+    """Five moves, each the one with the highest immediate reward (the first such in the list)."""
+    node = tree.root()
+    for _ in range(5):
+        best: tuple[float, Node] | None = None
+        for action in tree.actions:
+            child = tree.branch(node)
+            tree.step(child, action)
+            if child.path.length > node.path.length and (best is None or child.total > best[0]):
+                best = (child.total, child)
+        if best is None:
+            return
+        node = best[1]
+        if node.ended:
+            break
+    tree.out.best, tree.out.best_return = node.path.actions(), node.total
+
+
+def sweep(tree: Tree) -> None:
+    """Follow a path and, on copies of its states, try the actions one after another: what crashes after one rare action.
+
+    The budget is spread over the path, so that every step of it is tried with some action.
+    """
+    node = tree.root()
+    share = max(tree.budget // max(len(tree.path), 1), 1)
+    position = 0
+    for action in tree.path:
+        for _ in range(min(share, len(tree.actions))):
+            tree.step(tree.branch(node), tree.actions[position % len(tree.actions)])
+            position += 1
+            if tree.out.crash is not None or tree.spent():
+                return
+        if not tree.step(node, action):
+            return
+
+
+def _cell(frame: Any) -> bytes:
+    """A coarse picture: every seventh pixel's brightness in eight levels; other observations by their exact bytes."""
+    if isinstance(frame, np.ndarray) and frame.ndim == 3 and frame.dtype == np.uint8:
+        rows, columns = max(frame.shape[0] // 14, 1), max(frame.shape[1] // 14, 1)
+        height, width = frame.shape[0] // rows * rows, frame.shape[1] // columns * columns
+        blocks = frame[:height, :width].reshape(height // rows, rows, width // columns, -1)
+        return (blocks.mean(axis=(1, 3)).astype(np.uint8) >> 5).tobytes()
+    return _digest(frame)
+
+
+def _digest(frame: Any) -> bytes:
+    data = np.ndarray.tobytes(frame) if isinstance(frame, np.ndarray) else encode_value(frame)[1]
+    return hashlib.blake2b(data, digest_size=16).digest()
+
+
+def _attributes(env: Any) -> dict[str, Any]:
+    return {
+        name: jsonable(value)
+        for name, value in vars(env.unwrapped).items()
+        if not isinstance(value, np.random.Generator | np.random.RandomState | random.Random)
+    }
+
+
+def _generators(env: Any) -> list[str]:
+    """The states of the random generators that the environment holds."""
+    states = []
+    for value in vars(env.unwrapped).values():
+        if isinstance(value, np.random.Generator):
+            states.append(repr(value.bit_generator.state))
+        elif isinstance(value, np.random.RandomState):
+            states.append(repr(value.get_state()))
+        elif isinstance(value, random.Random):
+            states.append(repr(value.getstate()))
+    return states
+
+
+def _grows(first: Any, second: Any, third: Any) -> bool:
+    numbers = (first, second, third)
+    if any(isinstance(value, bool) or not isinstance(value, int | float) for value in numbers):
+        return False
+    return bool(second - first == third - second != 0)
+
+
+_SEARCHES: dict[str, Callable[[Tree], None]] = {
+    "explore": explore,
+    "exhaust": exhaust,
+    "greedy": greedy,
+    "sweep": sweep,
+}
