@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+import queue
+import threading
 import time
-from collections.abc import Iterator, Sequence
+import weakref
+from collections.abc import Generator, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 
 import msgspec
 
 from envcraft.budget import Budget
 from envcraft.check import Check, Skip
 from envcraft.contract import Contract
-from envcraft.errors import EnvCraftError
-from envcraft.sandbox import Driver, Limits
+from envcraft.errors import EnvCraftError, WorkerLost
+from envcraft.events import CheckFinished, CheckStarted, Event, Finished, SubjectFinished, SubjectStarted
+from envcraft.sandbox import Availability, Driver, Limits, Worker
 from envcraft.subject import PolicyFile, Subject, Target, elapsed
 from envcraft.verdict import CheckReport, Finding, Report, Severity, SubjectReport, Verdict, overall
 
@@ -29,47 +34,100 @@ class Plan(msgspec.Struct, frozen=True):
     limits: Limits = Limits()
 
 
-class SubjectStarted(msgspec.Struct, frozen=True):
-    """A subject's turn: `number` of `total`."""
+def validate(plan: Plan, workers: int = 1) -> Generator[Event, None, None]:
+    """Judge every target, up to `workers` side by side. A sandbox that fails or a check that breaks is an ``error``.
 
-    path: str
-    number: int
-    total: int
-
-
-class CheckStarted(msgspec.Struct, frozen=True):
-    path: str
-    check: str
-
-
-class CheckFinished(msgspec.Struct, frozen=True):
-    path: str
-    report: CheckReport
-
-
-class SubjectFinished(msgspec.Struct, frozen=True):
-    report: SubjectReport
-
-
-class Finished(msgspec.Struct, frozen=True):
-    """The last event."""
-
-    report: Report
-
-
-Event = SubjectStarted | CheckStarted | CheckFinished | SubjectFinished | Finished
-
-
-def validate(plan: Plan) -> Iterator[Event]:
-    """Judge every target in turn. A sandbox that fails or a check that breaks is an ``error``, and the rest go on."""
-    reports = []
-    for number, target in enumerate(plan.targets, 1):
-        yield SubjectStarted(target.path, number, len(plan.targets))
-        for event in judge(plan, target):
+    Closing the iterator, or an exception such as KeyboardInterrupt, ends every worker that is still running.
+    """
+    reports: dict[int, SubjectReport] = {}
+    with Leash(plan.driver) as leash:
+        plan = msgspec.structs.replace(plan, driver=leash)
+        for number, event in _in_turn(plan) if workers <= 1 else _side_by_side(plan, workers, leash):
             if isinstance(event, SubjectFinished):
-                reports.append(event.report)
+                reports[number] = event.report
             yield event
-    yield Finished(Report(plan.contract.name, plan.seed, reports, budget=plan.budget.name))
+    ordered = [reports[number] for number in sorted(reports)]
+    yield Finished(Report(plan.contract.name, plan.seed, ordered, budget=plan.budget.name))
+
+
+def _in_turn(plan: Plan) -> Iterator[tuple[int, Event]]:
+    for number, target in enumerate(plan.targets, 1):
+        yield number, SubjectStarted(target.path, number, len(plan.targets))
+        for event in judge(plan, target):
+            yield number, event
+
+
+def _side_by_side(plan: Plan, workers: int, leash: Leash) -> Iterator[tuple[int, Event]]:
+    events: queue.SimpleQueue[tuple[int, Event] | BaseException | None] = queue.SimpleQueue()
+
+    def run(number: int, target: Target) -> None:
+        try:
+            if not leash.ended:
+                events.put((number, SubjectStarted(target.path, number, len(plan.targets))))
+                for event in judge(plan, target):
+                    events.put((number, event))
+                    if leash.ended:
+                        break
+        except BaseException as error:
+            events.put(error)
+        finally:
+            events.put(None)
+
+    with ThreadPoolExecutor(workers, "envcraft-judge") as pool:
+        try:
+            for number, target in enumerate(plan.targets, 1):
+                pool.submit(run, number, target)
+            running = len(plan.targets)
+            while running:
+                event = events.get()
+                if event is None:
+                    running -= 1
+                elif isinstance(event, BaseException):
+                    raise event
+                else:
+                    yield event
+        finally:
+            # Leaving the pool waits for its threads: without workers they have nothing left to do.
+            leash.end()
+
+
+class Leash(Driver):
+    """A driver that remembers its workers, so that one call ends them all, whichever thread they serve."""
+
+    def __init__(self, driver: Driver) -> None:
+        self.name, self.isolation, self.rank = driver.name, driver.isolation, driver.rank
+        self.ended = False
+        self._driver = driver
+        self._workers: weakref.WeakSet[Worker] = weakref.WeakSet()
+        self._lock = threading.Lock()
+
+    def __enter__(self) -> Leash:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.end()
+
+    def probe(self) -> Availability:
+        return self._driver.probe()
+
+    def launch(self, *, hash_seed: int, limits: Limits) -> Worker:
+        if self.ended:
+            raise WorkerLost("the validation was ended")
+        worker = self._driver.launch(hash_seed=hash_seed, limits=limits)
+        with self._lock:
+            self._workers.add(worker)
+        if self.ended:
+            worker.close()
+            raise WorkerLost("the validation was ended")
+        return worker
+
+    def end(self) -> None:
+        """Close every worker and launch no more."""
+        self.ended = True
+        with self._lock:
+            workers = list(self._workers)
+        for worker in workers:
+            worker.close()
 
 
 def judge(plan: Plan, target: Target) -> Iterator[Event]:

@@ -13,6 +13,9 @@ from numpy.random import Generator
 
 Space = dict[str, Any]
 
+#: The types that this module understands.
+KNOWN = ("Box", "Discrete", "MultiDiscrete", "MultiBinary", "Text", "Dict", "Tuple")
+
 
 def describe(space: Space) -> str:
     """Write a space the way that Gymnasium prints it."""

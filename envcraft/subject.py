@@ -80,6 +80,7 @@ class Subject:
         self.steps = 0
         self._workers: dict[int, Worker] = {}
         self._traces: dict[bytes, Trace] = {}
+        self._searches: dict[tuple[str, int, int], dict[str, Any]] = {}
         self._loaded: Loaded | None = None
 
     def __enter__(self) -> Subject:
@@ -164,7 +165,9 @@ class Subject:
     def random(self, number: int, length: int | None = None) -> Trace:
         """Random play on the episode seed `number`."""
         seed, length = self.episode_seed(number), length or self.length
-        return self.rollout(Rollout(seed, actions.random_actions(self.action_space, seed, length), player="random play"))
+        return self.rollout(
+            Rollout(seed, actions.random_actions(self.action_space, seed, length), player="random play")
+        )
 
     def sticky(self, number: int) -> Trace:
         """Random play with held actions."""
@@ -218,6 +221,15 @@ class Subject:
         """Search from the episode seed `number` for crashes and wins (see the worker's ``explore``)."""
         return self._search("explore", number, self.budget.explore[0])
 
+    def explored(self) -> list[Trace]:
+        """The wins, or else the best episodes, that exploration found, stepped for real: some things only show there."""
+        found = []
+        for number in range(self.budget.explore[1]):
+            told = self.explore(number)
+            if chosen := told.get("win") or told.get("best"):
+                found.append(self.scripted(number, chosen, "exploration"))
+        return found
+
     def exhaust(self, number: int = 0) -> dict[str, Any]:
         """Search through all states that can be reached."""
         return self._search("exhaust", number, self.budget.exhaust)
@@ -235,24 +247,16 @@ class Subject:
         return self.rollout(Rollout(self.episode_seed(number), list(chosen), player=player))
 
     def _search(self, kind: str, number: int, budget: int, path: list[Action] | None = None) -> dict[str, Any]:
-        seed = self.episode_seed(number)
-        rollout = Rollout(seed, [kind, budget, path], player=f"the search {kind}")
-        key = rollout.key()
-        if key not in self._traces:
-            job = {
-                "search": kind,
-                "seed": seed,
-                "actions": self.choices,
-                "path": path or [],
-                "max_steps": budget,
-                "limit": self.length,
-            }
-            recording = Recording(rollout, None, None)
-            end = self._run(self._worker(0), self._job("search", **job), recording)
-            recording.trace.end = end
-            self._traces[key] = recording.trace
-            self.steps += int((recording.trace.result or {}).get("steps", 0))
-        return self._traces[key].result or {}
+        key = (kind, number, hash(str(path)))
+        if key not in self._searches:
+            seed = self.episode_seed(number)
+            job = self._job("search", search=kind, seed=seed, actions=self.choices)
+            job |= {"path": path or [], "max_steps": budget, "limit": self.length}
+            recording = Recording(Rollout(seed, []), None, None)
+            self._run(self._worker(0), job, recording)
+            self._searches[key] = recording.trace.result or {}
+            self.steps += int(self._searches[key].get("steps", 0))
+        return self._searches[key]
 
     def _own_space(self, name: str) -> spaces.Space:
         space = self.load().description.get(name)

@@ -119,7 +119,12 @@ def plain(value: Any) -> Any:
         return str(value)
     if isinstance(value, StrEnum):
         return value.value
-    if value is None or isinstance(value, str | int | float):
+    if isinstance(value, str):
+        # Lone surrogates (a file name that is no UTF-8, say) have no encoding.
+        return value.encode("utf-8", "backslashreplace").decode()
+    if isinstance(value, int) and not isinstance(value, bool) and not -(2**63) <= value < 2**64:
+        return str(value)
+    if value is None or isinstance(value, int | float):
         return value
     if hasattr(value, "item"):
         return plain(value.item())

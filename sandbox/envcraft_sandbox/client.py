@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import select
@@ -16,10 +17,11 @@ from envcraft.errors import WorkerLost
 from envcraft.sandbox import How, JobEnd, Limits, Recorder, Stop, Worker
 
 from .reader import Forged, Reader
-from .wire import HEADER
+from .wire import HEADER, MAX_MESSAGE
 
 _CHUNK = 1 << 20
 _SERVER_SECONDS = 60.0
+_GOODBYE_SECONDS = 1.0
 _LOADING = ("start", "import", "construct", "policy")
 
 
@@ -75,16 +77,22 @@ class ForkServerWorker(Worker):
                 os.close(output_end)
 
     def close(self) -> None:
+        # Whoever inherited a copy of the socket must not keep the fork server alive.
+        with contextlib.suppress(OSError):
+            self._control.shutdown(socket.SHUT_RDWR)
         self._control.close()
 
     def kill(self, number: int) -> None:
         """Ask for the end of a job's processes."""
         self._send({"op": "kill", "id": number})
 
-    def exit_status(self, number: int) -> int:
-        """Wait for the wait status of a job that has ended or been killed. Raises WorkerLost."""
+    def exit_status(self, number: int, patience: float = _SERVER_SECONDS) -> int | None:
+        """Wait for the wait status of a job: None when it still runs after `patience` seconds. Raises WorkerLost."""
+        deadline = time.monotonic() + patience
         while True:
-            answer = self._reply("exit")
+            answer = self._answer("exit", deadline)
+            if answer is None:
+                return None
             if answer["exit"] == number:
                 return int(answer["status"])
 
@@ -99,27 +107,41 @@ class ForkServerWorker(Worker):
             raise WorkerLost(f"the worker is gone ({error.strerror}); run again, or see `envcraft doctor`") from None
 
     def _reply(self, key: str) -> dict[str, Any]:
-        deadline = time.monotonic() + _SERVER_SECONDS
+        answer = self._answer(key, time.monotonic() + _SERVER_SECONDS)
+        if answer is None:
+            raise WorkerLost(f"the worker was silent for {_SERVER_SECONDS:.0f} s; run again, or see `envcraft doctor`")
+        return answer
+
+    def _answer(self, key: str, deadline: float) -> dict[str, Any] | None:
+        """The next answer that has `key`; None when there is none by the deadline. Raises WorkerLost."""
         while True:
             line, found, rest = self._received.partition(b"\n")
             if found:
                 self._received = rest
-                answer: dict[str, Any] = json.loads(line)
+                answer = _decode(line)
                 if key in answer:
                     return answer
                 continue
-            remaining = deadline - time.monotonic()
-            ready = select.select([self._control], [], [], max(remaining, 0))[0] if remaining > 0 else []
-            data = b""
-            if ready:
-                try:
-                    data = self._control.recv(1 << 16)
-                except OSError:
-                    data = b""
-            if not data:
-                why = "hung up" if ready else f"was silent for {_SERVER_SECONDS:.0f} s"
-                raise WorkerLost(f"the worker {why}; run again, or see `envcraft doctor`")
+            remaining = max(deadline - time.monotonic(), 0)
+            if not select.select([self._control], [], [], remaining)[0]:
+                return None
+            try:
+                data = self._control.recv(1 << 16)
+            except OSError:
+                data = b""
+            if not data or len(self._received) > MAX_MESSAGE:
+                raise WorkerLost("the worker hung up; run again, or see `envcraft doctor`")
             self._received += data
+
+
+def _decode(line: bytes) -> dict[str, Any]:
+    try:
+        answer = json.loads(line)
+    except ValueError:
+        answer = None
+    if not isinstance(answer, dict):
+        raise WorkerLost("the worker broke its protocol; run again, or see `envcraft doctor`")
+    return answer
 
 
 class _Watch:
@@ -139,12 +161,23 @@ class _Watch:
 
     def run(self) -> JobEnd:
         started = time.monotonic()
-        how, detail = self._listen(started)
-        if how is not How.DONE:
+        try:
+            how, detail = self._listen(started)
+        except BaseException:
             self._worker.kill(self._number)
-        status = self._worker.exit_status(self._number)
-        self._drain()
+            raise
         died = how is How.DIED
+        # A job that said goodbye, or closed its channel, may still run.
+        patience = _GOODBYE_SECONDS if how in (How.DONE, How.DIED) else 0
+        status = self._worker.exit_status(self._number, patience)
+        if status is None:
+            self._worker.kill(self._number)
+            status = self._worker.exit_status(self._number)
+            if died:
+                died, detail = False, "it closed its channel and went on"
+        if status is None:
+            raise WorkerLost("the worker does not end its job; run again, or see `envcraft doctor`")
+        self._drain()
         return JobEnd(
             how=how,
             phase=self._reader.phase,

@@ -55,11 +55,7 @@ class ChildWorker(ForkServerWorker):
 
     def __init__(self, process: subprocess.Popen[bytes], control: socket.socket, limits: Limits) -> None:
         self._process = process
-        try:
-            super().__init__(control, limits)
-        except WorkerLost:
-            self.close()
-            raise
+        super().__init__(control, limits)
 
     def close(self) -> None:
         super().close()
@@ -69,6 +65,8 @@ class ChildWorker(ForkServerWorker):
             except subprocess.TimeoutExpired:
                 self._process.kill()
                 self._process.wait()
+        if self._process.stderr:
+            self._process.stderr.close()
 
 
 def start(argv: list[str], variables: dict[str, str], limits: Limits, name: str) -> ChildWorker:
@@ -93,6 +91,16 @@ def start(argv: list[str], variables: dict[str, str], limits: Limits, name: str)
     try:
         return ChildWorker(process, ours, limits)
     except WorkerLost as error:
-        said = process.stderr.read().decode(errors="replace").strip().splitlines() if process.stderr else []
-        words = said[-1] if said else str(error)
-        raise SandboxUnavailable(f"the {name} sandbox did not start: {words}") from None
+        ours.close()
+        raise SandboxUnavailable(f"the {name} sandbox did not start: {last_words(process) or error}") from None
+
+
+def last_words(process: subprocess.Popen[bytes]) -> str:
+    """End a process that should have ended by itself, and give the last line that it wrote on its standard error."""
+    try:
+        _, said = process.communicate(timeout=2)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        _, said = process.communicate()
+    lines = said.decode(errors="replace").strip().splitlines()
+    return lines[-1] if lines else ""

@@ -5,6 +5,7 @@ Whatever the untrusted code does from here on, the child can only write to its d
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import random
@@ -85,4 +86,7 @@ def _run(job: dict[str, Any], channel: Channel) -> None:
             search.run(subject, job)
     except Fault as fault:
         channel.send_json(Kind.FAULT, fault.report)
+    with contextlib.suppress(Exception):
+        sys.stdout.flush()
+        sys.stderr.flush()
     channel.send_json(Kind.END, {}, flush=True)

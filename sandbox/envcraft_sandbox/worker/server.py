@@ -8,7 +8,8 @@ The host speaks JSON lines on the control socket::
     {"op": "kill", "id": 7}
                                              -> {"exit": 7, "status": <wait status>}
 
-A child is a session of its own, so that everything it started dies with it.
+When a job ends, everything that it started is killed, whatever session it made for itself, before the host hears of the
+end: the next job starts alone.
 """
 
 from __future__ import annotations
@@ -25,9 +26,11 @@ import select
 import signal
 import socket
 import sys
+from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
-from . import child
+from . import child, confine
 
 
 def serve(control: socket.socket) -> None:
@@ -40,7 +43,9 @@ def serve(control: socket.socket) -> None:
     signal.set_wakeup_fd(waker, warn_on_full_buffer=False)
     signal.signal(signal.SIGCHLD, lambda *_: None)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    _set_dumpable(False)
+    # Jobs must not trace or read the memory of the process that runs the next one.
+    confine.set_dumpable(False)
+    confine.adopt_orphans()
     gc.collect()
     gc.freeze()
 
@@ -68,7 +73,9 @@ def serve(control: socket.socket) -> None:
             for pid, status in _reap():
                 job = children.pop(pid, None)
                 if job is not None:
-                    _kill_session(pid)
+                    _kill(os.killpg, pid)
+                    if not children:
+                        _kill_leftovers()
                     send({"exit": job, "status": status})
         if control not in readable:
             continue
@@ -76,6 +83,7 @@ def serve(control: socket.socket) -> None:
         if not data:
             for pid in children:
                 _kill_session(pid)
+            _kill_leftovers()
             return
         descriptors += fds
         received += data
@@ -119,9 +127,37 @@ def _reap() -> list[tuple[int, int]]:
 
 
 def _kill_session(pid: int) -> None:
+    # The group does not exist before the child's setsid().
     for kill in (os.killpg, os.kill):
-        with contextlib.suppress(ProcessLookupError, PermissionError):
-            kill(pid, signal.SIGKILL)
+        _kill(kill, pid)
+
+
+def _kill_leftovers() -> None:
+    """Kill and reap every process that outlived its job; orphans have become this process's children."""
+    while True:
+        try:
+            pid, _ = os.waitpid(-1, os.WNOHANG)
+            if pid:
+                continue
+            if os.getpid() == 1:
+                # Everything else in the container at once: faster than any of it can fork.
+                _kill(os.kill, -1)
+            else:
+                for orphan in _children():
+                    _kill(os.kill, orphan)
+            os.waitpid(-1, 0)
+        except OSError:
+            return
+
+
+def _children() -> list[int]:
+    """Raises OSError where the kernel does not list them."""
+    return [int(pid) for pid in Path(f"/proc/self/task/{os.getpid()}/children").read_text().split()]
+
+
+def _kill(kill: Callable[[int, int], None], target: int) -> None:
+    with contextlib.suppress(ProcessLookupError, PermissionError):
+        kill(target, signal.SIGKILL)
 
 
 def _preload(modules: list[str]) -> list[str]:
@@ -148,11 +184,3 @@ def _importable(name: str) -> bool:
         return importlib.util.find_spec(name) is not None
     except (ImportError, ValueError, AttributeError):
         return False
-
-
-def _set_dumpable(value: bool) -> None:
-    """Keep jobs from tracing or reading the memory of the process that judges them next (prctl(2), PR_SET_DUMPABLE)."""
-    if sys.platform == "linux":
-        import ctypes
-
-        ctypes.CDLL(None).prctl(4, int(value), 0, 0, 0)

@@ -1,0 +1,52 @@
+# make demo   install EnvCraft and validate the examples
+# make test   install everything and run linters, type checker and tests
+# make bench  the figures that the README quotes
+# Each target sets up what it needs in .venv and needs only Python 3.11 or later, with its venv module.
+
+PYTHON ?= python3
+BIN := .venv/bin
+PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet --constraint constraints.txt
+
+.PHONY: demo test lint types bench picture docs clean
+
+demo: .venv/core.stamp
+	$(BIN)/python -m benchmarks.demo
+
+test: lint types
+	$(BIN)/pytest $(PYTEST_FLAGS)
+
+lint: .venv/dev.stamp
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+
+types: .venv/dev.stamp
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+bench: .venv/dev.stamp
+	$(BIN)/python -m benchmarks.detection
+
+picture: .venv/core.stamp
+	$(BIN)/python -m benchmarks.picture
+
+docs: .venv/core.stamp
+	$(BIN)/python -m docs.generate
+
+clean:
+	rm -rf .venv build dist
+
+.venv/pip.stamp:
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
+		{ echo "EnvCraft needs Python 3.11 or later: make PYTHON=python3.11 $(MAKECMDGOALS)" >&2; exit 1; }
+	@$(PYTHON) -c 'import venv, ensurepip' 2>/dev/null || \
+		{ echo "$(PYTHON) has no venv module; on Debian or Ubuntu: apt-get install python3-venv" >&2; exit 1; }
+	$(PYTHON) -m venv .venv
+	@touch $@
+
+.venv/core.stamp: .venv/pip.stamp pyproject.toml constraints.txt
+	$(PIP) --editable .
+	@touch $@
+
+.venv/dev.stamp: .venv/pip.stamp pyproject.toml constraints.txt
+	$(PIP) --editable '.[dev]'
+	@touch $@ .venv/core.stamp

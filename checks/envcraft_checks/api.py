@@ -1,0 +1,209 @@
+"""# api
+
+## What it does
+Holds every value of every episode against the contract: both spaces, what `reset` takes and returns, the five parts of
+`step`, type, dtype, shape and range of each observation, `info`, `render()`, `close()` twice, a second reset. Looks whether a
+returned observation changes later, and whether `step` writes into the action.
+
+Exceptions are searched for: random play, held buttons, every action at every step in rotation, rare actions on copies of
+the states of the longest episode, and an exploration that returns to states seldom left.
+
+## Why is this bad?
+Agents batch, store and replay what an environment returns. One frame of another shape at the end of an episode, or a buffer
+that is overwritten later, corrupts a replay memory without any error; one rare exception ends a training run after days.
+
+## Example
+```python
+def step(self, action):
+    self.canvas[:] = 0          # EC110: the observation returned last time changes too
+    ...
+    return self.canvas, reward, terminated, truncated, {}
+```
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+from envcraft.check import Check, Rule
+from envcraft.plugins import hookimpl
+from envcraft.rollout import Conditions, Rollout
+from envcraft.shrink import repro, shrink
+from envcraft.verdict import Finding
+
+if TYPE_CHECKING:
+    from envcraft.subject import Subject
+    from envcraft.trace import Fault, Trace
+
+_INSPECT = Conditions(reread=True, options=True)
+_RENDER = Conditions(render=True)
+_INSPECTED = 200
+
+
+class Api(Check):
+    name = "api"
+    rules = (
+        Rule("EC101", "observation-space", "The observation space is not the contract's.", "Declare the contract's space."),
+        Rule("EC102", "action-space", "The action space is not the contract's.", "Declare the contract's space."),
+        Rule(
+            "EC103",
+            "reset-parameters",
+            "reset() does not take seed= and options=.",
+            "Write `def reset(self, *, seed=None, options=None)`.",
+        ),
+        Rule("EC104", "reset-raises", "reset() raises.", "Mend the line that is named."),
+        Rule("EC105", "reset-result", "reset() does not return (observation, info).", "Return both."),
+        Rule("EC106", "step-result", "step() does not return five values.", "Return observation, reward, two flags, info."),
+        Rule("EC107", "step-raises", "step() raises.", "Mend the line that is named; the reproduction reaches it."),
+        Rule(
+            "EC108", "observation-type", "An observation has the wrong type, dtype or shape.", "Convert before returning it."
+        ),
+        Rule("EC109", "observation-range", "An observation lies outside its space.", "Clip it, or widen the space."),
+        Rule(
+            "EC110",
+            "observation-aliased",
+            "An observation changes after it was returned.",
+            "Return `frame.copy()`, or draw each frame into a new array.",
+        ),
+        Rule("EC111", "action-modified", "step() writes into the action array.", "Work on a copy of the action."),
+        Rule("EC112", "render", "render() raises or gives no frame.", "Return the frame for render_mode rgb_array."),
+        Rule("EC113", "close-raises", "close() raises, the first or the second time.", "Let close() do nothing twice."),
+        Rule("EC114", "info", "info is no dict with str keys.", "Return a dict, empty if need be."),
+    )
+
+    def judge(self, subject: Subject) -> Iterator[Finding]:
+        yield from self._judge_spaces(subject)
+        seen: set[str] = set()
+        for trace in self._traces(subject):
+            for finding in self.find(subject, trace):
+                if finding.code not in seen:
+                    seen.add(finding.code)
+                    yield self._smallest(subject, trace, finding)
+            if seen & {"EC104", "EC105"}:
+                return
+        if "EC107" not in seen and (crash := self._search_crash(subject)) is not None:
+            yield self._smallest(subject, crash, next(self.find(subject, crash)))
+
+    def confirm(self, subject: Subject, finding: Finding) -> Finding | None:
+        if finding.code in ("EC101", "EC102", "EC103"):
+            found = self._judge_spaces(subject)
+        else:
+            conditions = Conditions.from_json(finding.repro.conditions)
+            found = self.find(subject, subject.rollout(Rollout(finding.repro.seed, finding.repro.actions, conditions)))
+        return next((again for again in found if again.code == finding.code), None)
+
+    def _judge_spaces(self, subject: Subject) -> Iterator[Finding]:
+        from envcraft import spaces
+
+        told = subject.load().description
+        for code, name, promised in (
+            ("EC101", "observation_space", subject.contract.observation),
+            ("EC102", "action_space", subject.contract.action),
+        ):
+            given = told.get(name)
+            if not isinstance(given, dict) or "type" not in given:
+                continue
+            if promised is None and given["type"] not in spaces.KNOWN:
+                yield self.finding(code, f"{name} is {given['type']}, no space of Gymnasium", line=subject.line_of("__init__"))
+            elif promised is not None and not spaces.same(promised, given):
+                words = f"{name} is {spaces.describe(given)}, not {spaces.describe(promised)}"
+                yield self.finding(code, words, line=subject.line_of("__init__"), given=given)
+        if "reset" in told and set(told["reset"]) != {"seed", "options"}:
+            lacking = " and ".join(name + "=" for name in ("seed", "options") if name not in told["reset"])
+            yield self.finding("EC103", f"reset() does not take {lacking}", line=subject.line_of("reset"))
+
+    def _traces(self, subject: Subject) -> Iterator[Trace]:
+        """What every kind of play gives, the cheapest first, so that a plain defect is found at once."""
+        from envcraft.rollout import Episode
+
+        first = subject.random(0)
+        yield first
+        told = subject.load().description
+        base = Rollout(first.rollout.seed, first.rollout.actions[:_INSPECTED], player="random play")
+        options = "options" in told.get("reset", ("options",))
+        yield subject.rollout(base.under(_INSPECT if options else Conditions(reread=True)))
+        if subject.contract.render or "rgb_array" in told.get("render_modes", ()):
+            yield subject.rollout(base.under(_RENDER))
+        again = Conditions(before=[Episode(first.rollout.seed, first.rollout.actions[:_INSPECTED])])
+        yield subject.rollout(base.cut(5).under(again))
+        yield from subject.played()
+        for offset in range(subject.budget.rotations):
+            yield subject.rotation(offset)
+
+    def _search_crash(self, subject: Subject) -> Trace | None:
+        """A trace that ends in an exception, found by search and confirmed by a rollout."""
+        for number in range(subject.budget.explore[1]):
+            if actions := subject.explore(number).get("crash"):
+                trace = subject.scripted(number, actions, "exploration")
+                if trace.fault is not None:
+                    return trace
+        if subject.budget.sweep:
+            longest = max((trace for trace in subject.traces if trace.usable), key=lambda trace: trace.steps, default=None)
+            if longest is not None and not longest.rollout.conditions.to_json():
+                found = subject.sweep(longest.actions, longest.rollout.seed).get("crash")
+                if found:
+                    trace = subject.rollout(Rollout(longest.rollout.seed, list(found), player="a rare action"))
+                    if trace.fault is not None:
+                        return trace
+        return None
+
+    def find(self, subject: Subject, trace: Trace) -> Iterator[Finding]:
+        """What is wrong with the values of one trace."""
+        who = trace.rollout.player
+        if trace.fault is not None and not trace.fault.memory:
+            finding = self._judge_fault(subject, trace, trace.fault)
+            if finding is not None:
+                yield finding
+        for problem in trace.problems[:1]:
+            code = "EC108" if problem.kind == "type" else "EC109"
+            yield self.finding(code, f"{problem.words} ({_at(problem.step)}, under {who})", step=problem.step)
+        if trace.overwritten:
+            step = trace.overwritten[0]
+            words = f"the observation of {_at(step - 1)} had changed after step {step}"
+            yield self.finding("EC110", words, line=subject.line_of("step"), step=step)
+        if trace.acted:
+            step, now = trace.acted[0]
+            words = f"step {step} changed its action to {now}"
+            yield self.finding("EC111", words, line=subject.line_of("step"), step=step)
+        for problem in trace.render_problems:
+            if problem.kind == "type":
+                yield self.finding("EC112", problem.words, line=subject.line_of("render"), step=problem.step)
+                break
+        for step, note in trace.info_notes[:1]:
+            what = f"is a {note['type']}" if "type" in note else f"has a key of type {note.get('key')}"
+            yield self.finding("EC114", f"info {what} ({_at(step)}, under {who})", step=step)
+
+    def _judge_fault(self, subject: Subject, trace: Trace, fault: Fault) -> Finding | None:
+        line = fault.line or subject.line_of(fault.phase)
+        if fault.malformed:
+            code = "EC105" if fault.phase == "reset" else "EC106"
+            words = f"{fault.phase}() returned {fault.malformed} ({_at(fault.step)})"
+            return self.finding(code, words, line=line, step=fault.step)
+        code = {"reset": "EC104", "before": "EC104", "step": "EC107", "render": "EC112", "close": "EC113"}.get(fault.phase)
+        if code is None:
+            return None
+        where = f"step {fault.step}" if fault.phase == "step" else f"{fault.phase}()"
+        if fault.phase == "before":
+            where = "an earlier episode, or a second reset,"
+        words = f"{where} raises {fault} (under {trace.rollout.player})"
+        return self.finding(code, words, line=line, step=fault.step, type=fault.type, traceback=fault.traceback)
+
+    def _smallest(self, subject: Subject, trace: Trace, finding: Finding) -> Finding:
+        """The finding with a reproduction that is as short and as idle as a few tries make it."""
+        import msgspec
+
+        def shows(rollout: Rollout) -> bool:
+            return any(found.code == finding.code for found in self.find(subject, subject.rollout(rollout)))
+
+        small = shrink(trace.rollout, finding.evidence.get("step", trace.steps), shows, subject.contract.noop)
+        return msgspec.structs.replace(finding, repro=repro(small))
+
+
+def _at(step: int) -> str:
+    return "the reset" if step == 0 else f"step {step}"
+
+
+@hookimpl
+def envcraft_checks() -> list[Check]:
+    return [Api()]

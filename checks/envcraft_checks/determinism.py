@@ -1,0 +1,248 @@
+"""# determinism
+
+## What it does
+Plays the same seed and actions again and compares whole traces bit by bit: frames, rewards, flags and info. First once more
+in another process, and once with everything else different at the same time: a fresh worker with another PYTHONHASHSEED,
+perturbed global random generators, a shifted and faster clock, other episodes before on the same instance, a second instance
+stepped alongside, `render()` in between. When that differs, each condition is tried alone, and the finding names the
+condition, the first step and the field.
+
+Different seeds must give different traces; one fixed level for every seed is a legitimate design and only a warning. An
+info value that follows nothing but the clock is telemetry, and only a warning.
+
+## Why is this bad?
+An experiment that cannot be repeated cannot be debugged, compared or replayed from a seed. Agents that share a process with
+other environments, or draw their own random numbers, change what such an environment does.
+
+## Example
+```python
+def reset(self, *, seed=None, options=None):
+    super().reset(seed=seed)
+    self.food = random.randrange(64)   # EC204: use self.np_random.integers(64)
+```
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+import msgspec
+
+from envcraft.check import Check, Rule, Skip
+from envcraft.plugins import hookimpl
+from envcraft.rollout import ClockShift, Conditions, Episode, Rollout
+from envcraft.shrink import repro
+from envcraft.verdict import Finding, Severity
+
+if TYPE_CHECKING:
+    from envcraft.subject import Subject
+    from envcraft.trace import Divergence, Trace
+
+_SHIFTED = ClockShift(offset=12_345_678.912_3, rate=7.3)
+_LOGICAL = ClockShift(offset=0.0, rate=0.0)
+_OTHER_HASHES = 20_241
+_OTHER_STATE = 1_000_003
+_BEFORE_STEPS = 200
+
+
+class Determinism(Check):
+    name = "determinism"
+    rules = (
+        Rule("EC201", "run-again", "The same seed gives another trace when run again.", "Draw from self.np_random only."),
+        Rule(
+            "EC202",
+            "fresh-process",
+            "The trace depends on the process.",
+            "Depend on no id(), process id, or order of a set of objects.",
+        ),
+        Rule("EC203", "hash-seed", "The trace depends on PYTHONHASHSEED.", "Sort sets of strings before iterating over them."),
+        Rule(
+            "EC204",
+            "global-random",
+            "The trace depends on the global random or numpy.random state.",
+            "Draw from self.np_random, seeded by super().reset(seed=seed).",
+        ),
+        Rule("EC205", "clock", "The trace depends on the clock.", "Count steps instead of reading the time."),
+        Rule(
+            "EC206",
+            "earlier-episodes",
+            "The trace depends on the episodes before it.",
+            "Let reset() set every attribute that step() changes.",
+        ),
+        Rule(
+            "EC207",
+            "second-instance",
+            "The trace depends on another instance.",
+            "Keep state in self, not in the class or the module.",
+        ),
+        Rule("EC208", "render-between", "The trace depends on calls of render().", "Draw in render(), and change nothing."),
+        Rule(
+            "EC209",
+            "seed-ignored",
+            "Different seeds give the same trace.",
+            "Fine for one fixed level; else draw the level from self.np_random.",
+            Severity.WARNING,
+        ),
+        Rule(
+            "EC210",
+            "clock-in-info",
+            "info follows the clock.",
+            "Fine for telemetry; agents must not read it.",
+            Severity.WARNING,
+        ),
+    )
+
+    def judge(self, subject: Subject) -> Iterator[Finding]:
+        seeds, length = subject.budget.probes
+        told: set[str] = set()
+        for number in range(seeds):
+            play = subject.random(number) if number % 2 == 0 else subject.sticky(number)
+            if not play.observations:
+                raise Skip("reset() gives no observation")
+            rollout = play.rollout.cut(min(length, max(play.steps, 1)))
+            for finding in self._probe(subject, rollout):
+                if finding.code not in told:
+                    told.add(finding.code)
+                    yield finding
+            if told & {"EC201", "EC202", "EC205"}:
+                return
+        yield from self._judge_seeds(subject)
+
+    def confirm(self, subject: Subject, finding: Finding) -> Finding | None:
+        if finding.code == "EC209":
+            return next(self._judge_seeds(subject), None)
+        conditions = Conditions.from_json(finding.repro.conditions)
+        rollout = Rollout(finding.repro.seed, finding.repro.actions)
+        for _ in range(3):
+            if conditions.again:
+                trace = subject.rerun(rollout.under(conditions))
+                found = _diverge(trace.earlier, trace) if trace.earlier else None
+            else:
+                found = _diverge(subject.rerun(rollout), subject.rerun(rollout.under(conditions)))
+            if found is not None:
+                return self._found(subject, finding.code, rollout, conditions, found)
+        return None
+
+    def _probe(self, subject: Subject, rollout: Rollout) -> Iterator[Finding]:
+        base = subject.rollout(rollout)
+        if (found := _diverge(base, subject.rerun(rollout))) is not None:
+            yield self._attribute_repeat(subject, rollout, found)
+            return
+        alone = self._conditions(subject, rollout)
+        together = msgspec.structs.replace(
+            Conditions(fresh=True, hash_seed=_OTHER_HASHES, render=True),
+            **{name: getattr(conditions, name) for _, conditions, name in alone if name not in ("hash_seed", "render")},
+        )
+        everything = subject.rollout(rollout.under(together))
+        found = _diverge(base, everything)
+        if found is None and not _interrupted(everything):
+            return
+        reported = False
+        for _ in range(2):
+            fresh = Conditions(fresh=True)
+            if (again := _diverge(base, subject.rerun(rollout.under(fresh)))) is not None:
+                yield self._found(subject, "EC202", rollout, fresh, again)
+                return
+        for code, conditions, _ in alone:
+            if (again := _diverge(base, subject.rollout(rollout.under(conditions)))) is not None:
+                reported = True
+                if code == "EC205" and again.field == "info":
+                    code = "EC210"
+                yield self._found(subject, code, rollout, conditions, again)
+        if found is not None and not reported:
+            yield self._found(subject, "EC206", rollout, together, found)
+
+    def _conditions(self, subject: Subject, rollout: Rollout) -> list[tuple[str, Conditions, str]]:
+        """Each condition alone: the code that it would give, the condition, and its field."""
+        from envcraft import actions
+
+        def episode(number: int, sticky: bool = False) -> Episode:
+            make = actions.sticky_actions if sticky else actions.random_actions
+            seed = rollout.seed + 7_919 + number
+            return Episode(seed, make(subject.action_space, seed, _BEFORE_STEPS))
+
+        before = [episode(0), episode(1, sticky=True), episode(2)]
+        return [
+            ("EC203", Conditions(hash_seed=_OTHER_HASHES), "hash_seed"),
+            ("EC204", Conditions(global_seed=_OTHER_STATE, perturb=_OTHER_STATE), "perturb"),
+            ("EC205", Conditions(clock=_SHIFTED), "clock"),
+            ("EC206", Conditions(before=before), "before"),
+            ("EC207", Conditions(companion=episode(3)), "companion"),
+            ("EC208", Conditions(render=True), "render"),
+        ]
+
+    def _attribute_repeat(self, subject: Subject, rollout: Rollout, found: Divergence) -> Finding:
+        """The plain repetition differs: is it the clock, the process, or the run itself?"""
+        logical = rollout.under(Conditions(clock=_LOGICAL))
+        if _diverge(subject.rerun(logical), subject.rerun(logical)) is None:
+            code = "EC210" if found.field == "info" else "EC205"
+            return self._found(subject, code, rollout, Conditions(clock=_SHIFTED), found)
+        again = Conditions(again=True)
+        twice = subject.rerun(rollout.under(again))
+        within = _diverge(twice.earlier, twice) if twice.earlier is not None else found
+        if within is None:
+            return self._found(subject, "EC202", rollout, Conditions(fresh=True), found)
+        return self._found(subject, "EC201", rollout, again, within)
+
+    def _found(
+        self, subject: Subject, code: str, rollout: Rollout, conditions: Conditions, divergence: Divergence
+    ) -> Finding:
+        how = {
+            "EC201": "run again in the same process",
+            "EC202": "in a fresh process",
+            "EC203": "under another PYTHONHASHSEED",
+            "EC204": "with the global random generators in another state",
+            "EC205": "under another clock",
+            "EC206": "after other episodes on the same instance",
+            "EC207": "with a second instance stepped alongside",
+            "EC208": "with render() called in between",
+            "EC210": "under another clock",
+        }[code]
+        line = subject.line_of("step" if divergence.step else "reset")
+        return self.finding(
+            code,
+            f"seed {rollout.seed} gives another trace {how}: {divergence}",
+            line=line,
+            repro=repro(rollout.cut(divergence.step).under(conditions)),
+            step=divergence.step,
+            field=divergence.field,
+            first=divergence.first,
+            second=divergence.second,
+        )
+
+    def _judge_seeds(self, subject: Subject) -> Iterator[Finding]:
+        length = subject.budget.probes[1]
+        plays = [subject.random(number).rollout.cut(length) for number in range(3)]
+        same = [msgspec.structs.replace(play, actions=plays[0].actions) for play in plays]
+        traces = [subject.rollout(rollout) for rollout in same]
+        if all(_alike(traces[0], trace) for trace in traces[1:]):
+            seeds = [rollout.seed for rollout in same]
+            yield self.finding(
+                "EC209",
+                f"the seeds {seeds} give the same frames, rewards and flags: fine for one fixed level",
+                line=subject.line_of("reset"),
+                repro=repro(same[0].cut(20)),
+                seeds=seeds,
+            )
+
+
+def _alike(first: Trace, second: Trace) -> bool:
+    found = _diverge(first, second)
+    return found is None or found.field == "info"
+
+
+def _diverge(first: Trace, second: Trace) -> Divergence | None:
+    from envcraft.trace import diverge
+
+    return None if _interrupted(first) or _interrupted(second) else diverge(first, second)
+
+
+def _interrupted(trace: Trace) -> bool:
+    """Whether an exception came from an episode that is only a condition: that is the check api's to report."""
+    return trace.fault is not None and trace.fault.phase in ("before", "companion")
+
+
+@hookimpl
+def envcraft_checks() -> list[Check]:
+    return [Determinism()]

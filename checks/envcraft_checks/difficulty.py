@@ -1,0 +1,192 @@
+"""# difficulty
+
+## What it does
+Asks whether the game can be won, and whether it takes anything to win it.
+
+With `--policy FILE` a privileged policy plays in the worker: a class with `act(state)`, whose state gives the environment's
+attributes to read, or a function `policy(env)`. Its actions are then stepped again without it: where the trace
+differs, the policy changed the environment. Without a policy, or where it does not win, a built-in player searches on
+copies of the environment's state, or by replaying actions where it cannot be copied. What it finds is stepped for real.
+
+Unsolvable is only said of a game whose reachable states were searched through to the last without a positive outcome. Trivial is
+a game that one held action, or the best-looking first moves, win on nearly every seed. Where the budget settles neither
+the check is skipped, with the reason.
+
+## Why is this bad?
+A game that cannot be won, or that any agent wins, tells nothing about an agent.
+
+## Example
+```python
+self.keys_needed = 3      # EC801: the level has two keys
+```
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
+
+import msgspec
+
+from envcraft.check import Check, Rule, Skip
+from envcraft.plugins import hookimpl
+from envcraft.rollout import Rollout
+from envcraft.shrink import repro
+from envcraft.stats import Proportion, settle
+from envcraft.verdict import Finding
+
+if TYPE_CHECKING:
+    from envcraft.subject import Subject
+    from envcraft.trace import Trace
+
+_GREEDY_MOVES = 5
+
+
+class Difficulty(Check):
+    name = "difficulty"
+    rules = (
+        Rule("EC801", "unsolvable", "No positive outcome can be reached.", "Make the goal reachable, and pay for it."),
+        Rule("EC802", "fixed-action-wins", "One action, held, wins nearly always.", "Make winning take a decision."),
+        Rule("EC803", "first-choice-wins", "The first greedy moves win nearly always.", "Put the goal further away."),
+        Rule("EC804", "policy-writes", "The privileged policy changes the environment.", "Read the state, change nothing."),
+        Rule("EC805", "policy-fails", "The privileged policy raises or chooses no valid action.", "Mend the policy."),
+    )
+
+    def judge(self, subject: Subject) -> Iterator[Finding]:
+        if not any(trace.usable and trace.steps for trace in subject.played()):
+            raise Skip("no episode could be stepped")
+        policy_wins = False
+        if subject.policy is not None:
+            wrong = self._judge_policy(subject)
+            if wrong is not None:
+                yield wrong
+            else:
+                verdict, rate = settle(lambda number: subject.act(number).positive, 0.0, subject.budget.looks[:2])
+                policy_wins = verdict is True or rate.hits > 0
+        unsettled = "" if policy_wins else self._unsolved(subject)
+        if unsettled == _UNSOLVABLE:
+            yield self._unsolvable(subject)
+            return
+        trivial = self._judge_held(subject) or self._judge_greedy(subject)
+        if trivial is not None:
+            yield trivial
+        elif unsettled:
+            raise Skip(unsettled)
+
+    def confirm(self, subject: Subject, finding: Finding) -> Finding | None:
+        if finding.code in ("EC804", "EC805"):
+            return self._judge_policy(subject)
+        return super().confirm(subject, finding)
+
+    def _judge_policy(self, subject: Subject) -> Finding | None:
+        for number in range(3):
+            trace = subject.act(number)
+            if trace.refused:
+                return self.finding("EC805", f"the policy's move {len(trace.chosen)} is refused: {trace.refused}")
+            if trace.fault is not None and trace.fault.phase == "policy":
+                words = f"the policy raises {trace.fault} at step {trace.steps + 1}"
+                return self.finding("EC805", words, line=trace.fault.line, traceback=trace.fault.traceback)
+            plain = Rollout(trace.rollout.seed, trace.actions, player="the policy's actions without it")
+            if (found := _diverge(trace, subject.rollout(plain))) is not None:
+                return self.finding(
+                    "EC804",
+                    f"without the policy its actions give another trace: {found}",
+                    repro=repro(plain.cut(found.step)),
+                    step=found.step,
+                    field=found.field,
+                )
+        return None
+
+    def _unsolved(self, subject: Subject) -> str:
+        """Nothing when some seed has a positive outcome; _UNSOLVABLE; or why neither is settled."""
+        if any(trace.positive for trace in subject.traces) or any(trace.positive for trace in subject.explored()):
+            return ""
+        if any(subject.explore(number).get("crash") for number in range(subject.budget.explore[1])):
+            return "exploration ends in a crash, so what can be reached is not known"
+        told: dict[str, Any] = {}
+        for number in range(subject.budget.explore[1]):
+            told = subject.exhaust(number)
+            if told.get("win") and subject.scripted(number, told["win"], "search through all states").positive:
+                return ""
+            if not told.get("exhausted"):
+                why = "the game draws random numbers while it is stepped" if told.get("stochastic") else "more remain"
+                explored = sum(int(subject.explore(seed).get("states") or 0) for seed in range(subject.budget.explore[1]))
+                return (
+                    f"no positive outcome in {len(subject.traces)} episodes and {explored} explored states, "
+                    f"but not all states were reached ({why}): a larger --budget or a --policy may settle it"
+                )
+        return _UNSOLVABLE
+
+    def _unsolvable(self, subject: Subject) -> Finding:
+        seeds = subject.budget.explore[1]
+        states = sum(int(subject.exhaust(number).get("states") or 0) for number in range(seeds))
+        best = max((trace for trace in subject.traces if trace.usable), key=lambda trace: trace.total)
+        return self.finding(
+            "EC801",
+            f"all {states} reachable states of {seeds} seeds were searched and {len(subject.traces)} episodes played: "
+            f"no positive outcome (highest return {best.total:g})",
+            line=subject.line_of("step"),
+            repro=repro(best.rollout.cut(best.steps)),
+            states=states,
+            seeds=seeds,
+            rate=Proportion(0, len(subject.traces)).evidence(),
+        )
+
+    def _judge_held(self, subject: Subject) -> Finding | None:
+        for trace in subject.held():
+            if not trace.success:
+                continue
+            action = trace.rollout.actions[0]
+
+            def won(number: int, action: Any = action) -> bool:
+                return bool(subject.hold(action, number).success)
+
+            verdict, rate = settle(won, subject.contract.consistently, subject.budget.looks)
+            if verdict is True and not self._beaten(subject, trace):
+                return self.finding(
+                    "EC802",
+                    f"holding {action} wins {rate}",
+                    line=subject.line_of("step"),
+                    repro=repro(trace.rollout.cut(trace.steps)),
+                    rate=rate.evidence(),
+                )
+        return None
+
+    def _beaten(self, subject: Subject, trace: Trace) -> bool:
+        """Whether other play clearly earns more, where a positive return is all that winning means."""
+        if "is_success" in trace.info():
+            return False
+        best = max(other.total for other in [*subject.played(), *subject.explored()])
+        return best > 1.25 * trace.total
+
+    def _judge_greedy(self, subject: Subject) -> Finding | None:
+        def won(number: int) -> bool:
+            chosen = subject.greedy(number).get("best") or []
+            return bool(chosen) and bool(subject.scripted(number, chosen, "the greedy player").success)
+
+        verdict, rate = settle(won, subject.contract.consistently, subject.budget.looks)
+        if verdict is not True:
+            return None
+        first = next(number for number in range(rate.n) if won(number))
+        trace = subject.scripted(first, subject.greedy(first)["best"], "the greedy player")
+        return self.finding(
+            "EC803",
+            f"the moves with the best immediate reward win {rate} within {_GREEDY_MOVES} steps",
+            line=subject.line_of("step"),
+            repro=repro(msgspec.structs.replace(trace.rollout, actions=trace.actions)),
+            rate=rate.evidence(),
+        )
+
+
+_UNSOLVABLE = "unsolvable"
+
+
+def _diverge(first: Trace, second: Trace) -> Any:
+    from envcraft.trace import diverge
+
+    return diverge(first, second)
+
+
+@hookimpl
+def envcraft_checks() -> list[Check]:
+    return [Difficulty()]

@@ -1,0 +1,99 @@
+"""# instawin
+
+## What it does
+Plays at random until it is settled whether random play consistently wins (more than 80% of episodes): by `is_success` where
+info gives it; else by a positive return at a terminated end that no other play clearly beats. And looks whether every
+policy earns the very same positive return, so that reward is paid regardless of play.
+
+## Why is this bad?
+Where random play wins there is nothing to learn, and a score on it says nothing about an agent.
+
+## Example
+```python
+if self.steps > 20:                      # EC601: surviving for 20 steps wins, and nothing can kill
+    terminated, info["is_success"] = True, True
+```
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+from envcraft.check import Check, Rule, Skip
+from envcraft.plugins import hookimpl
+from envcraft.shrink import repro
+from envcraft.stats import settle
+from envcraft.verdict import Finding
+
+if TYPE_CHECKING:
+    from envcraft.subject import Subject
+    from envcraft.trace import Trace
+
+_CLEARLY = 1.25
+
+
+class InstaWin(Check):
+    name = "instawin"
+    rules = (
+        Rule("EC601", "random-wins", "Random play consistently wins.", "Make winning depend on what the agent does."),
+        Rule(
+            "EC602",
+            "paid-regardless",
+            "The same positive reward is paid whatever the agent does.",
+            "Pay for what the agent achieves, not for the passing of time.",
+        ),
+    )
+
+    def judge(self, subject: Subject) -> Iterator[Finding]:
+        if not any(trace.ended for trace in subject.played()):
+            raise Skip("no episode ends by itself")
+        yield from self._judge_random(subject)
+        yield from self._judge_paid(subject)
+
+    def _judge_random(self, subject: Subject) -> Iterator[Finding]:
+        consistently = subject.contract.consistently
+        verdict, rate = settle(lambda number: bool(subject.random(number).success), consistently, subject.budget.looks)
+        if verdict is not True:
+            return
+        wins = [trace for trace in map(subject.random, range(rate.n)) if trace.success]
+        if not all("is_success" in trace.info() for trace in wins):
+            usual = sum(trace.total for trace in wins) / len(wins)
+            best = max(trace.total for trace in [*subject.played(), *subject.explored()])
+            if best > max(_CLEARLY * usual, usual + 1e-9):
+                return
+        shortest = min(wins, key=lambda trace: trace.steps)
+        yield self.finding(
+            "EC601",
+            f"random play wins {rate}, in {shortest.steps} steps at the least",
+            line=subject.line_of("step"),
+            repro=repro(shortest.rollout.cut(shortest.steps)),
+            rate=rate.evidence(),
+        )
+
+    def _judge_paid(self, subject: Subject) -> Iterator[Finding]:
+        traces = [trace for trace in subject.played() if trace.ended]
+        totals = {round(trace.total, 6) for trace in traces}
+        players = {trace.rollout.player for trace in traces}
+        if len(totals) != 1 or min(totals) <= 0 or len(players) < 4 or len(traces) < 6:
+            return
+        if any(round(trace.total, 6) not in totals for trace in _ended(subject.explored())):
+            return
+        longest = max(traces, key=lambda trace: trace.steps)
+        yield self.finding(
+            "EC602",
+            f"all {len(traces)} episodes of {len(players)} policies earn exactly {longest.total:g}",
+            line=subject.line_of("step"),
+            repro=repro(longest.rollout.cut(longest.steps)),
+            episodes=len(traces),
+            earned=longest.total,
+        )
+
+
+def _ended(traces: list[Trace]) -> list[Trace]:
+    return [trace for trace in traces if trace.ended]
+
+
+@hookimpl
+def envcraft_checks() -> list[Check]:
+    return [InstaWin()]

@@ -1,0 +1,158 @@
+"""# observation
+
+## What it does
+Asks whether the picture tells an agent anything. It must change in some episode; it must not be independent noise; the same
+seed under different actions must give different pictures sooner or later; and `render()` must give the observation where the
+contract says so. A picture that stands still until the agent acts is fine, and so is one that changes rarely.
+
+Noise is judged on the pixels that vary: each minus its mean over time, correlated with itself one to four steps later while
+one action is held. Where more than half of the picture changes at each step and no lag correlates, it is noise.
+
+## Why is this bad?
+An agent sees nothing but the observation. Where that does not show the game, nothing can be learned from it, however good
+the game is.
+
+## Example
+```python
+def _draw(self):
+    frame = self.background.copy()
+    frame[self.start_y, self.start_x] = WHITE   # EC403: draws where the player was, not where it is
+```
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+import msgspec
+
+from envcraft.check import Check, Rule, Skip
+from envcraft.plugins import hookimpl
+from envcraft.rollout import Conditions, Rollout
+from envcraft.shrink import repro
+from envcraft.verdict import Finding
+
+if TYPE_CHECKING:
+    from envcraft.subject import Subject
+    from envcraft.trace import Trace
+
+_WATCHED = 64
+_RENDERED = 200
+
+
+class Observation(Check):
+    name = "observation"
+    rules = (
+        Rule("EC401", "constant", "The observation never changes.", "Draw the frame after the state has changed."),
+        Rule("EC402", "noise", "The observation is independent noise.", "Draw the state of the game, not random pixels."),
+        Rule("EC403", "unresponsive", "The observation does not react to actions.", "Draw what the agent controls."),
+        Rule("EC404", "unlike-render", "The observation differs from render().", "Draw both by one method."),
+    )
+
+    def judge(self, subject: Subject) -> Iterator[Finding]:
+        traces = [trace for trace in subject.played() if len(trace.observations) > 1]
+        if not traces:
+            raise Skip("no episode came to a second observation")
+        longest = max(traces, key=lambda trace: trace.steps)
+        pictures = {digest for trace in traces for digest in trace.observations}
+        if len(pictures) == 1:
+            yield self.finding(
+                "EC401",
+                f"all {sum(len(trace.observations) for trace in traces)} observations of {len(traces)} episodes are the same",
+                line=subject.line_of("step"),
+                repro=repro(longest.rollout.cut(20)),
+            )
+        elif (noise := self._find_noise(subject)) is not None:
+            yield noise
+        elif (unmoved := self._find_unresponsive(subject, traces)) is not None:
+            yield unmoved
+        yield from self._find_unlike_render(subject, traces[0])
+
+    def _find_noise(self, subject: Subject) -> Finding | None:
+        watched = []
+        for action in (subject.choices[0], subject.choices[-1]):
+            rollout = Rollout(subject.episode_seed(0), [action] * _WATCHED, player=f"holding {action}", keep=_WATCHED)
+            trace = subject.rollout(rollout)
+            measured = noise(trace.frames)
+            if measured is None or not measured[0]:
+                return None
+            watched.append((rollout, measured))
+        rollout, (_, changing, correlation) = watched[0]
+        return self.finding(
+            "EC402",
+            f"{changing:.0%} of the picture changes at each step and has nothing to do with the steps before "
+            f"(correlation {correlation:.2f} at most)",
+            line=subject.line_of("step"),
+            repro=repro(rollout),
+            changing=changing,
+            correlation=correlation,
+        )
+
+    def _find_unresponsive(self, subject: Subject, traces: list[Trace]) -> Finding | None:
+        compared, longest = 0, None
+        by_seed: dict[int, list[Trace]] = {}
+        for trace in traces:
+            by_seed.setdefault(trace.rollout.seed, []).append(trace)
+        for same in by_seed.values():
+            for trace in same[1:]:
+                if trace.rollout.actions == same[0].rollout.actions:
+                    continue
+                if any(one != two for one, two in zip(same[0].observations, trace.observations, strict=False)):
+                    return None
+                compared += 1
+                longest = trace if longest is None or trace.steps > longest.steps else longest
+        if compared < 3 or longest is None or longest.steps < 2:
+            return None
+        return self.finding(
+            "EC403",
+            f"under the same seed the pictures are the same whatever is done ({compared} comparisons, "
+            f"up to {longest.steps} steps)",
+            line=subject.line_of("step"),
+            repro=repro(longest.rollout.cut(longest.steps)),
+            compared=compared,
+        )
+
+    def _find_unlike_render(self, subject: Subject, play: Trace) -> Iterator[Finding]:
+        if not subject.contract.render:
+            return
+        rollout = msgspec.structs.replace(play.rollout.cut(_RENDERED), conditions=Conditions(render=True))
+        trace = subject.rollout(rollout)
+        differing = [problem for problem in trace.render_problems if problem.kind == "differs"]
+        # An observation that fails the contract's type is api's finding, not a disagreement of two good pictures.
+        bad = {problem.step for problem in trace.problems}
+        differing = [problem for problem in differing if problem.step not in bad]
+        if differing:
+            step = differing[0].step
+            at = "the reset" if step == 0 else f"step {step}"
+            yield self.finding(
+                "EC404",
+                f"after {at} render() gives another picture than the observation",
+                line=subject.line_of("render"),
+                repro=repro(rollout.cut(step)),
+                step=step,
+            )
+
+
+def noise(frames: list) -> tuple[bool, float, float] | None:  # type: ignore[type-arg]
+    """Whether frames, arrays of one shape, are independent in time: verdict, share of changing values, highest correlation.
+
+    None with too few frames to say.
+    """
+    import numpy as np
+
+    if len(frames) < 12 or len({frame.shape for frame in frames}) != 1:
+        return None
+    stack = np.stack(frames[1:]).reshape(len(frames) - 1, -1).astype(np.float32)
+    changing = float(np.mean(stack[1:] != stack[:-1]))
+    rest = stack - stack.mean(axis=0)
+    power = float(np.mean(rest**2))
+    if power == 0:
+        return False, changing, 1.0
+    highest = max(abs(float(np.mean(rest[lag:] * rest[:-lag]))) / power for lag in range(1, 5))
+    return changing > 0.5 and highest < 0.15, changing, highest
+
+
+@hookimpl
+def envcraft_checks() -> list[Check]:
+    return [Observation()]

@@ -1,0 +1,135 @@
+"""# reward
+
+## What it does
+Looks at every reward of every episode: a real number (Python's or NumPy's; no array, no string, no None, no bool), finite,
+and inside the contract's range for one step. Rewards that grow in size as the episode lasts, whatever the agent does, are
+growth without bound.
+
+## Why is this bad?
+One NaN turns every weight of a network into NaN. A rare reward of a million swamps everything else that an agent could learn,
+and a reward that grows with time teaches it to wait.
+
+## Example
+```python
+reward = self.hits / self.shots      # EC301 before the first shot: 0 / 0 with NumPy numbers
+reward = 0.01 * self.steps ** 2      # EC304
+```
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+from envcraft.check import Check, Rule, Skip
+from envcraft.plugins import hookimpl
+from envcraft.rollout import Conditions, Rollout
+from envcraft.shrink import repro
+from envcraft.verdict import Finding
+
+if TYPE_CHECKING:
+    from envcraft.subject import Subject
+    from envcraft.trace import Trace
+
+_NUMBERS = ("int", "float", "numpy integer", "numpy floating")
+_LONG = 80
+_PARTS = 8
+_GROWTH = 4.0
+
+
+class Reward(Check):
+    name = "reward"
+    rules = (
+        Rule("EC301", "not-finite", "A reward is NaN or infinite.", "Guard the division or logarithm that gives it."),
+        Rule("EC302", "not-a-number", "A reward is no real number.", "Return `float(reward)`."),
+        Rule("EC303", "out-of-range", "A reward lies outside the contract's range.", "Scale the rewards, or clip them."),
+        Rule(
+            "EC304",
+            "grows-without-bound",
+            "Rewards grow in size as the episode lasts, whatever the agent does.",
+            "Do not multiply a reward by time.",
+        ),
+    )
+
+    def judge(self, subject: Subject) -> Iterator[Finding]:
+        traces = [*subject.played(), *subject.explored()]
+        if not any(trace.rewards for trace in traces):
+            raise Skip("no episode came to a reward")
+        seen: set[str] = set()
+        for trace in traces:
+            for finding in self.find(subject, trace):
+                if finding.code not in seen:
+                    seen.add(finding.code)
+                    yield finding
+        if "EC303" not in seen and "EC301" not in seen:
+            yield from self._judge_growth(subject, traces)
+
+    def confirm(self, subject: Subject, finding: Finding) -> Finding | None:
+        if finding.code == "EC304":
+            return super().confirm(subject, finding)
+        conditions = Conditions.from_json(finding.repro.conditions)
+        trace = subject.rollout(Rollout(finding.repro.seed, finding.repro.actions, conditions))
+        return next((found for found in self.find(subject, trace) if found.code == finding.code), None)
+
+    def find(self, subject: Subject, trace: Trace) -> Iterator[Finding]:
+        """What is wrong with single rewards of one trace, the first of each kind."""
+        low, high = subject.contract.reward_range
+        seen: set[str] = set()
+        for step, (reward, kind) in enumerate(zip(trace.rewards, trace.reward_types, strict=True), 1):
+            if kind not in _NUMBERS:
+                code, words = "EC302", f"the reward of step {step} is a {kind}, not a number"
+            elif not math.isfinite(reward):
+                code, words = "EC301", f"the reward of step {step} is {reward}"
+            elif not low <= reward <= high:
+                code, words = "EC303", f"the reward of step {step} is {reward:g}, outside {low:g} to {high:g}"
+            else:
+                continue
+            if code not in seen:
+                seen.add(code)
+                yield self.finding(
+                    code,
+                    f"{words} (under {trace.rollout.player})",
+                    line=subject.line_of("step"),
+                    repro=repro(trace.rollout.cut(step)),
+                    step=step,
+                    reward=reward,
+                )
+
+    def _judge_growth(self, subject: Subject, traces: list[Trace]) -> Iterator[Finding]:
+        long = [trace for trace in traces if trace.usable and trace.steps >= _LONG]
+        grown = [ratio for trace in long if (ratio := growth(trace.rewards)) is not None]
+        if len(long) >= 3 and len(grown) == len(long):
+            longest = max(long, key=lambda trace: trace.steps)
+            sizes = [abs(reward) for reward in longest.rewards]
+            yield self.finding(
+                "EC304",
+                f"rewards grow throughout each of {len(long)} long episodes, whatever is played: "
+                f"{max(sizes[: _LONG // 2]):g} at the most in the first {_LONG // 2} steps, {max(sizes):g} by step {longest.steps}",
+                line=subject.line_of("step"),
+                repro=repro(longest.rollout.cut(longest.steps)),
+                episodes=len(long),
+                growth=min(grown),
+            )
+
+
+def growth(rewards: list[float]) -> float | None:
+    """How many times larger rewards are in the last eighth of an episode than in the first, when each eighth tops the one before.
+
+    None where they do not grow all the time, or less than fourfold. The size of an eighth is its median size, so that
+    single prizes do not count.
+    """
+    part = len(rewards) // _PARTS
+    sizes = []
+    for number in range(_PARTS):
+        window = sorted(abs(reward) for reward in rewards[number * part : (number + 1) * part])
+        sizes.append(window[len(window) // 2])
+    if any(later <= earlier for earlier, later in zip(sizes, sizes[1:], strict=False)):
+        return None
+    ratio = sizes[-1] / sizes[0] if sizes[0] else math.inf
+    return ratio if ratio >= _GROWTH else None
+
+
+@hookimpl
+def envcraft_checks() -> list[Check]:
+    return [Reward()]

@@ -1,0 +1,97 @@
+"""# sandbox
+
+## What it does
+Reports what the sandbox had to stop while the other checks ran: a call beyond its deadline, memory or process limits, floods
+of output, network attempts, a process that died, messages that the worker would not have sent. It always runs, since
+no other verdict means anything without it.
+
+## Why is this bad?
+An environment that hangs, exhausts memory or ends its process takes down the training run that it is part of.
+
+## Example
+```python
+while not self._free(x, y):     # EC901: never ends once the board is full
+    x, y = self.np_random.integers(0, 10, 2)
+```
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+from envcraft.check import Check, Rule
+from envcraft.plugins import hookimpl
+from envcraft.rollout import Conditions, Rollout
+from envcraft.sandbox import How
+from envcraft.shrink import repro
+from envcraft.verdict import Finding
+
+if TYPE_CHECKING:
+    from envcraft.subject import Subject
+    from envcraft.trace import Trace
+
+_NETWORK = ("gaierror", "herror", "URLError", "ConnectionRefusedError", "ConnectionError")
+
+
+class SandboxEvents(Check):
+    name = "sandbox"
+    always = True
+    rules = (
+        Rule("EC901", "deadline", "A call did not end within its deadline.", "Bound the loop that the call is in."),
+        Rule("EC902", "memory", "The memory limit was reached.", "Keep no more than an episode needs."),
+        Rule("EC903", "processes", "The process or thread limit was reached.", "Start no processes or threads."),
+        Rule("EC904", "output", "More output was printed than the limit.", "Print nothing in step()."),
+        Rule("EC905", "network", "The network was asked for.", "Bring what is needed in the file."),
+        Rule("EC906", "died", "The process died.", "Never call os._exit or native code that crashes."),
+        Rule("EC907", "forged", "Messages broke the protocol.", "Leave the worker's descriptors alone."),
+    )
+
+    def judge(self, subject: Subject) -> Iterator[Finding]:
+        seen: set[str] = set()
+        for trace in subject.traces:
+            finding = self.find(subject, trace)
+            if finding is not None and finding.code not in seen:
+                seen.add(finding.code)
+                yield finding
+
+    def confirm(self, subject: Subject, finding: Finding) -> Finding | None:
+        conditions = Conditions.from_json(finding.repro.conditions)
+        found = self.find(subject, subject.rollout(Rollout(finding.repro.seed, finding.repro.actions, conditions)))
+        return found if found is not None and found.code == finding.code else None
+
+    def find(self, subject: Subject, trace: Trace) -> Finding | None:
+        """The sandbox event that ended a trace, if one did."""
+        end, fault = trace.end, trace.fault
+        if fault is not None and fault.memory:
+            return self._found(subject, trace, "EC902", f"{fault.phase} ran out of memory: {fault.message}")
+        if fault is not None and fault.type in ("BlockingIOError", "RuntimeError") and "new thread" in fault.message:
+            return self._found(subject, trace, "EC903", f"{fault.phase} could start no more threads")
+        if fault is not None and fault.type.rpartition(".")[2] in _NETWORK:
+            return self._found(subject, trace, "EC905", f"{fault.phase} asked for the network: {fault}")
+        if end is None or end.how in (How.DONE, How.STOPPED):
+            return None
+        code = {How.TIMEOUT: "EC901", How.DIED: "EC906", How.FORGED: "EC907", How.FLOOD: "EC904"}[end.how]
+        where = f"step {trace.steps + 1}" if end.phase == "step" else end.phase
+        words = {
+            How.TIMEOUT: f"{where} did not end: {end.detail}",
+            How.DIED: f"the process died in {where} ({end.detail})",
+            How.FORGED: f"messages were forged in {where}: {end.detail}",
+            How.FLOOD: f"{where} printed {end.detail}",
+        }[end.how]
+        return self._found(subject, trace, code, words)
+
+    def _found(self, subject: Subject, trace: Trace, code: str, words: str) -> Finding:
+        phase = trace.end.phase if trace.end else "step"
+        return self.finding(
+            code,
+            f"{words} (under {trace.rollout.player})",
+            line=subject.line_of(phase) if subject.env_class else None,
+            repro=repro(trace.rollout.cut(trace.steps + 1)),
+            output=trace.end.output[-2000:] if trace.end else "",
+        )
+
+
+@hookimpl
+def envcraft_checks() -> list[Check]:
+    return [SandboxEvents()]

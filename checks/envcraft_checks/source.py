@@ -1,0 +1,234 @@
+"""# source
+
+## What it does
+Parses the file on the host, looks up each import, then loads it in the worker and constructs one instance. Fails unless the
+file is Python text that imports cleanly and holds exactly one concrete `gymnasium.Env` whose constructor needs nothing.
+
+Imports under `try: ... except ImportError`, `if TYPE_CHECKING:` and `if __name__ == "__main__":` are optional. Abstract
+bases, wrappers, private classes (`_Base`) and helper classes do not count as environments; `--class` picks one of several.
+
+## Why is this bad?
+What cannot be loaded cannot be trained on. A library that the next machine lacks, or code that runs for minutes at import,
+breaks every worker of a cluster.
+
+## Example
+```python
+import gym_helpers        # EC002: no such library
+
+class Snake(gym.Env):
+    def __init__(self, size):  # EC007: gymnasium.make() has no size to give
+        ...
+```
+"""
+
+from __future__ import annotations
+
+import ast
+import difflib
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
+
+from envcraft.check import Check, Rule
+from envcraft.errors import WorkerLost
+from envcraft.plugins import hookimpl
+from envcraft.sandbox import How
+from envcraft.verdict import Finding, Severity
+
+if TYPE_CHECKING:
+    from envcraft.subject import Loaded, Subject
+
+_OLD_NAMES = {"gym": "gymnasium", "pygame_ce": "pygame", "np": "numpy"}
+_SLOW_IMPORT = 3.0
+
+
+class Source(Check):
+    name = "source"
+    rules = (
+        Rule("EC001", "syntax-error", "The file is not valid Python text.", "Correct the line that is named."),
+        Rule(
+            "EC002",
+            "unknown-import",
+            "The file imports a library that is not known.",
+            "Use the standard library and the contract's libraries, or correct the name.",
+        ),
+        Rule("EC003", "import-raises", "Importing the file raises an exception.", "Mend the statement that is named."),
+        Rule(
+            "EC004",
+            "import-never-ends",
+            "Importing the file does not end.",
+            'Move work out of module level: into methods, or under `if __name__ == "__main__":`.',
+        ),
+        Rule("EC005", "no-environment", "The file defines no environment class.", "Derive a class from gymnasium.Env."),
+        Rule(
+            "EC006",
+            "several-environments",
+            "The file defines more than one concrete environment class.",
+            "Keep one, make the others abstract or private, or pick one with --class.",
+        ),
+        Rule(
+            "EC007",
+            "constructor-arguments",
+            "The constructor needs arguments.",
+            "Give every parameter of the constructor a default.",
+        ),
+        Rule("EC008", "constructor-raises", "The constructor raises, or never ends.", "Mend the line that is named."),
+        Rule(
+            "EC009",
+            "import-side-effects",
+            "Importing the file prints, starts threads, seeds global generators or is slow.",
+            "Import quietly; keep such things in the class.",
+            Severity.WARNING,
+        ),
+        Rule("EC010", "too-large", "The file is too large to be an environment.", "Keep data out of the source."),
+    )
+
+    def judge(self, subject: Subject) -> Iterator[Finding]:
+        from envcraft.subject import MAX_SOURCE
+
+        if len(subject.target.source) > MAX_SOURCE:
+            yield self.finding("EC010", f"the file has more than {MAX_SOURCE // 1024**2} MiB")
+            return
+        wrong = self._parse(subject.target.source)
+        if wrong is not None:
+            yield wrong
+            return
+        unknown = list(self._unknown_imports(subject))
+        yield from unknown
+        if not unknown:
+            yield from self._judge_loaded(subject, subject.load())
+
+    def _parse(self, source: bytes) -> Finding | None:
+        try:
+            text = source.decode("utf-8-sig")
+            ast.parse(text)
+        except UnicodeDecodeError as error:
+            line = source.count(b"\n", 0, error.start) + 1
+            return self.finding("EC001", f"byte {source[error.start]:#04x} in line {line} is not UTF-8 text", line=line)
+        except SyntaxError as error:
+            return self.finding("EC001", f"{error.msg} (line {error.lineno})", line=error.lineno)
+        except (ValueError, RecursionError, MemoryError) as error:
+            line = source.count(b"\n", 0, source.find(b"\0")) + 1 if b"\0" in source else 1
+            return self.finding("EC001", f"not Python source: {error or 'nested too deeply'}", line=line)
+        return None
+
+    def _unknown_imports(self, subject: Subject) -> Iterator[Finding]:
+        wanted = required_imports(ast.parse(subject.text))
+        missing, known = subject.find_modules(sorted(wanted))
+        allowed = subject.contract.libraries
+        for name, line in sorted(wanted.items(), key=lambda item: item[1]):
+            if name in missing and allowed is not None and name in allowed:
+                raise WorkerLost(f"{name} is not installed where the worker runs; install it, then judge again")
+            if name in missing or not (allowed is None or name in allowed or is_standard(name)):
+                near = _nearest(name, [*(allowed or ()), *known])
+                hint = f"; did you mean {near}?" if near else ""
+                yield self.finding("EC002", f"line {line} imports {name}, which is not known{hint}", line=line, module=name)
+
+    def _judge_loaded(self, subject: Subject, loaded: Loaded) -> Iterator[Finding]:
+        fault, end, told = loaded.trace.fault, loaded.end, loaded.description
+        if end.how is not How.DONE:
+            yield self._broken(loaded)
+            return
+        if fault is not None and fault.phase == "import":
+            yield self.finding("EC003", f"importing raises {fault}", line=fault.line, traceback=fault.traceback)
+            return
+        yield from self._judge_effects(told.get("effects") or {}, end.output)
+        classes = [str(entry.get("name")) for entry in told.get("classes") or []]
+        if subject.target.env_class is None and len(classes) != 1:
+            yield self._wrong_count(classes, told)
+            return
+        if subject.target.env_class is not None and "class" not in told:
+            yield self.finding("EC005", f"the file defines no class {subject.target.env_class}", classes=classes)
+            return
+        line = told.get("line") if isinstance(told.get("line"), int) else None
+        if told.get("required"):
+            needed = ", ".join(map(str, told["required"]))
+            yield self.finding("EC007", f"{subject.env_class}() needs {needed}", line=line, required=told["required"])
+        elif fault is not None:
+            words = f"{subject.env_class}() raises {fault}"
+            yield self.finding("EC008", words, line=fault.line or line, traceback=fault.traceback)
+
+    def _broken(self, loaded: Loaded) -> Finding:
+        end = loaded.end
+        where = "the constructor" if end.phase == "construct" else "importing the file"
+        if end.how is How.TIMEOUT:
+            code = "EC008" if end.phase == "construct" else "EC004"
+            return self.finding(code, f"{where} did not end: {end.detail}", output=end.output[-2000:])
+        code = "EC008" if end.phase == "construct" else "EC003"
+        return self.finding(code, f"{where} ended the process ({end.how}: {end.detail})", output=end.output[-2000:])
+
+    def _judge_effects(self, effects: dict[str, Any], output: str) -> Iterator[Finding]:
+        found = []
+        if output.strip():
+            found.append(f"prints {output.strip().splitlines()[0][:60]!r}")
+        if effects.get("random") or effects.get("numpy_random"):
+            found.append("changes the global random generators")
+        if (effects.get("threads") or 0) > 0:
+            found.append(f"starts {effects['threads']} threads")
+        seconds = effects.get("seconds") or 0.0
+        if seconds > _SLOW_IMPORT:
+            found.append(f"takes {seconds:.1f} s")
+        if found:
+            yield self.finding("EC009", f"loading the file {' and '.join(found)}", **effects)
+
+    def _wrong_count(self, classes: list[str], told: dict[str, Any]) -> Finding:
+        if classes:
+            return self.finding("EC006", f"the file defines {len(classes)} environments: {', '.join(classes)}", classes=classes)
+        alike = ", ".join(map(str, told.get("lookalikes") or []))
+        hint = f"; {alike} has reset and step but does not derive from gymnasium.Env" if alike else ""
+        return self.finding("EC005", f"no concrete subclass of gymnasium.Env with reset and step{hint}")
+
+
+def required_imports(tree: ast.AST) -> dict[str, int]:
+    """The top-level modules that the code cannot do without, each with the line of its first import."""
+    found: dict[str, int] = {}
+    pending: list[ast.AST] = [tree]
+    while pending:
+        node = pending.pop()
+        if isinstance(node, ast.Try) and any(_catches_import_error(handler) for handler in node.handlers):
+            pending += [*node.handlers, *node.orelse, *node.finalbody]
+        elif isinstance(node, ast.If) and _is_optional(node.test):
+            pending += node.orelse
+        else:
+            names: list[str] = []
+            if isinstance(node, ast.Import):
+                names = [alias.name for alias in node.names]
+            elif isinstance(node, ast.ImportFrom) and not node.level:
+                names = [node.module or ""]
+            elif isinstance(node, ast.ImportFrom):
+                names = ["." * node.level + (node.module or "")]
+            for name in names:
+                top = name if name.startswith(".") else name.partition(".")[0]
+                found[top] = min(found.get(top, node.lineno), node.lineno)
+            pending += ast.iter_child_nodes(node)
+    return found
+
+
+def is_standard(name: str) -> bool:
+    import sys
+
+    return name in sys.stdlib_module_names
+
+
+def _catches_import_error(handler: ast.ExceptHandler) -> bool:
+    if handler.type is None:
+        return True
+    names = {node.id for node in ast.walk(handler.type) if isinstance(node, ast.Name)}
+    return bool(names & {"ImportError", "ModuleNotFoundError", "Exception", "BaseException"})
+
+
+def _is_optional(test: ast.expr) -> bool:
+    names = {node.id for node in ast.walk(test) if isinstance(node, ast.Name)}
+    names |= {node.attr for node in ast.walk(test) if isinstance(node, ast.Attribute)}
+    return bool(names & {"TYPE_CHECKING", "__name__"})
+
+
+def _nearest(name: str, known: list[str]) -> str | None:
+    if name in _OLD_NAMES:
+        return _OLD_NAMES[name]
+    close = difflib.get_close_matches(name, known, n=1, cutoff=0.75)
+    return close[0] if close else None
+
+
+@hookimpl
+def envcraft_checks() -> list[Check]:
+    return [Source()]

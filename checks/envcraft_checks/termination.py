@@ -1,0 +1,153 @@
+"""# termination
+
+## What it does
+Plays random, held, idle and mixed episodes to the contract's limit. Each must have ended by itself by then; the end at the
+limit must be `truncated`, not `terminated`; flags must be booleans (Python's or NumPy's); and not every episode may end
+before play is possible. What an environment does when it is stepped past its end is undefined: that the flags
+go back to false there is only a warning.
+
+## Why is this bad?
+An episode that never ends fills a replay memory with one situation and hangs evaluations. A time limit that is reported as
+termination teaches the agent that the future after it is worth nothing.
+
+## Example
+```python
+terminated = self.lives == 0 or self.steps >= 1000   # EC502
+truncated = False
+```
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+import msgspec
+
+from envcraft.check import Check, Rule, Skip
+from envcraft.plugins import hookimpl
+from envcraft.rollout import Conditions
+from envcraft.shrink import repro
+from envcraft.verdict import Finding, Severity
+
+if TYPE_CHECKING:
+    from envcraft.subject import Subject
+    from envcraft.trace import Trace
+
+_FLAGS = ("bool", "numpy.bool")
+_PLAYABLE = 5
+
+
+class Termination(Check):
+    name = "termination"
+    rules = (
+        Rule("EC501", "never-ends", "An episode does not end by the limit.", "Set truncated at the step limit."),
+        Rule(
+            "EC502",
+            "limit-as-termination",
+            "The time limit is reported as termination.",
+            "Set truncated at the limit, and terminated only where the game itself ends.",
+        ),
+        Rule(
+            "EC503",
+            "ends-at-once",
+            "Every episode ends before play is possible.",
+            "Check the condition of the end, and what reset() sets.",
+        ),
+        Rule("EC504", "flag-type", "terminated or truncated is no boolean.", "Return `bool(...)`."),
+        Rule(
+            "EC505",
+            "goes-on",
+            "The episode goes on after its end.",
+            "Keep the flags set until reset().",
+            Severity.WARNING,
+        ),
+    )
+
+    def judge(self, subject: Subject) -> Iterator[Finding]:
+        traces = [*subject.played(), *(subject.rotation(offset) for offset in range(min(subject.budget.rotations, 4)))]
+        usable = [trace for trace in traces if trace.usable and trace.steps]
+        if not usable:
+            raise Skip("no episode could be stepped")
+        yield from self._judge_flags(subject, usable)
+        limit = subject.contract.limit
+        if limit is not None:
+            yield from self._judge_limit(subject, usable, limit)
+        yield from self._judge_short(subject, usable)
+        yield from self._judge_after(subject, usable)
+
+    def _judge_flags(self, subject: Subject, traces: list[Trace]) -> Iterator[Finding]:
+        for trace in traces:
+            for step, kinds in enumerate(trace.flag_types, 1):
+                for name, kind in zip(("terminated", "truncated"), kinds, strict=True):
+                    if kind not in _FLAGS:
+                        yield self.finding(
+                            "EC504",
+                            f"{name} is {kind} at step {step}, not a bool (under {trace.rollout.player})",
+                            line=subject.line_of("step"),
+                            repro=repro(trace.rollout.cut(step)),
+                            step=step,
+                        )
+                        return
+
+    def _judge_limit(self, subject: Subject, traces: list[Trace], limit: int) -> Iterator[Finding]:
+        endless = [trace for trace in traces if not trace.ended and trace.steps >= limit]
+        if endless:
+            players = list(dict.fromkeys(trace.rollout.player for trace in endless))
+            yield self.finding(
+                "EC501",
+                f"{len(endless)} of {len(traces)} episodes had not ended after {limit} steps: {', '.join(players[:4])}",
+                line=subject.line_of("step"),
+                repro=repro(endless[0].rollout),
+                episodes=len(endless),
+                of=len(traces),
+            )
+        # One game may be lost at the very last step; several, all by termination, are the limit itself.
+        last = [trace for trace in traces if trace.ended and trace.steps == limit]
+        mistaken = [trace for trace in last if not trace.truncated[-1] and not trace.info().get("is_success")]
+        if len(mistaken) >= 2 and len(mistaken) == len(last):
+            yield self.finding(
+                "EC502",
+                f"all {len(mistaken)} episodes that last to step {limit} are terminated there, not truncated",
+                line=subject.line_of("step"),
+                repro=repro(mistaken[0].rollout),
+                episodes=len(mistaken),
+            )
+
+    def _judge_short(self, subject: Subject, traces: list[Trace]) -> Iterator[Finding]:
+        ended = [trace for trace in traces if trace.ended]
+        if len(ended) < 6 or max(trace.steps for trace in traces) > _PLAYABLE:
+            return
+        by_seed: dict[int, set[float]] = {}
+        for trace in ended:
+            by_seed.setdefault(trace.rollout.seed, set()).add(trace.total)
+        if any(len(totals) > 1 for totals in by_seed.values()):
+            return
+        longest = max(ended, key=lambda trace: trace.steps)
+        yield self.finding(
+            "EC503",
+            f"all {len(ended)} episodes end within {longest.steps} steps, whatever is played, with the same return",
+            line=subject.line_of("step"),
+            repro=repro(longest.rollout.cut(longest.steps)),
+            episodes=len(ended),
+        )
+
+    def _judge_after(self, subject: Subject, traces: list[Trace]) -> Iterator[Finding]:
+        ended = next((trace for trace in traces if trace.ended and not trace.rollout.conditions.to_json()), None)
+        if ended is None:
+            return
+        rollout = msgspec.structs.replace(ended.rollout, conditions=Conditions(after_end=5))
+        trace = subject.rollout(rollout)
+        alive = [step for step, (_, terminated, truncated) in enumerate(trace.after, 1) if not (terminated or truncated)]
+        if alive:
+            yield self.finding(
+                "EC505",
+                f"{alive[0]} steps after its end at step {trace.steps} the episode goes on: both flags are false again",
+                line=subject.line_of("step"),
+                repro=repro(rollout),
+            )
+
+
+@hookimpl
+def envcraft_checks() -> list[Check]:
+    return [Termination()]

@@ -1,0 +1,135 @@
+"""The command line: a group whose commands all come from plugins.
+
+Importing this module, and loading the plugins, must import neither NumPy nor Gymnasium: commands do that when they run.
+"""
+
+from __future__ import annotations
+
+import difflib
+import sys
+import tomllib
+import traceback
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import click
+
+from envcraft import __version__
+from envcraft.errors import EnvCraftError, ExitCode, UsageError
+from envcraft.plugins import plugins
+
+INTERRUPTED = 130
+
+
+class PluginGroup(click.Group):
+    """A group that asks the plugins for its commands."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        return sorted(self._offered())
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        return self._offered().get(cmd_name)
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        commands = self._offered()
+        if args and not args[0].startswith("-") and args[0] not in commands:
+            ctx.fail(f"there is no command {unknown(args[0], commands)}")
+        return super().resolve_command(ctx, args)
+
+    def invoke(self, ctx: click.Context) -> Any:
+        try:
+            return super().invoke(ctx)
+        except EnvCraftError as error:
+            click.echo(f"Error: {' '.join(str(error).split())}", err=True)
+            ctx.exit(error.exit_code)
+        except KeyboardInterrupt:
+            click.echo("interrupted", err=True)
+            ctx.exit(INTERRUPTED)
+        except (click.ClickException, click.exceptions.Exit, click.Abort, BrokenPipeError):
+            raise
+        except Exception as error:
+            # Python's own status for this is 1, which would count the environment as bad.
+            traceback.print_exc()
+            click.echo(
+                f"Error: EnvCraft itself broke ({type(error).__name__}); please report the lines above", err=True
+            )
+            ctx.exit(ExitCode.ERROR)
+
+    def _offered(self) -> dict[str, click.Command]:
+        found: dict[str, click.Command] = {}
+        for command in offered("envcraft_commands"):
+            found.setdefault(command.name, command)
+        return found
+
+
+class Configured(click.Command):
+    """A command whose options may be set in ``[tool.envcraft]`` of the nearest ``pyproject.toml``."""
+
+    def make_context(
+        self, info_name: str | None, args: list[str], parent: click.Context | None = None, **extra: Any
+    ) -> click.Context:
+        extra["default_map"] = configuration(Path.cwd(), {name for param in self.params if (name := param.name)})
+        return super().make_context(info_name, args, parent, **extra)
+
+
+def configuration(folder: Path, known: set[str]) -> dict[str, Any]:
+    """Read ``[tool.envcraft]`` of the ``pyproject.toml`` in `folder` or the nearest one above. Raises UsageError."""
+    for parent in (folder, *folder.parents):
+        path = parent / "pyproject.toml"
+        if path.is_file():
+            break
+    else:
+        return {}
+    try:
+        table = tomllib.loads(path.read_text("utf-8")).get("tool", {}).get("envcraft", {})
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError, AttributeError) as error:
+        raise UsageError(f"{path} cannot be read as configuration: {error}") from None
+    if not isinstance(table, dict):
+        raise UsageError(f"{path}: [tool.envcraft] must be a table")
+    settings = {}
+    for key, value in table.items():
+        name = key.replace("-", "_")
+        if name not in known - {"targets"}:
+            options = sorted(option.replace("_", "-") for option in known - {"targets"})
+            raise UsageError(f"{path}: [tool.envcraft] has no setting {unknown(key, options)}")
+        settings[name] = ",".join(map(str, value)) if isinstance(value, list) else value
+    return settings
+
+
+def offered(hook: str) -> list[Any]:
+    """What the plugins give for a hook; on stderr, once, a line for each plugin that is broken."""
+    loaded = plugins()
+    found = loaded.collect(hook)
+    for broken in loaded.broken:
+        line = f"Warning: the plugin {broken.plugin} is broken and left out: {broken.error}"
+        if line not in _warned:
+            _warned.add(line)
+            click.echo(" ".join(line.split()), err=True)
+    return found
+
+
+def unknown(name: str, known: Iterable[str]) -> str:
+    """Words for a name that does not exist: the name, and the nearest that do, or all of them."""
+    known = list(known)
+    near = difflib.get_close_matches(name.lower(), [str(other).lower() for other in known], n=3, cutoff=0.5)
+    nearest = [other for other in known if str(other).lower() in near]
+    if nearest:
+        return f"{name!r}; did you mean {' or '.join(nearest)}?"
+    return f"{name!r}; there are {', '.join(known)}" if known else repr(name)
+
+
+_warned: set[str] = set()
+
+
+@click.group(cls=PluginGroup, context_settings={"help_option_names": ["-h", "--help"]}, no_args_is_help=True)
+@click.version_option(
+    __version__, prog_name="envcraft", message=f"%(prog)s %(version)s (Python {sys.version.split()[0]})"
+)
+def cli() -> None:
+    """Validate generated Gymnasium environments.
+
+    Each environment is run in a sandbox and judged by nine checks; each finding comes with a reproduction.
+    """

@@ -1,0 +1,17 @@
+"""The commands of the framework itself: a plugin like any other, one file a command."""
+
+from __future__ import annotations
+
+import click
+
+from envcraft.plugins import hookimpl
+
+
+@hookimpl
+def envcraft_commands() -> list[click.Command]:
+    from .explain import explain
+    from .listings import checks, contracts, plugins
+    from .replay import replay
+    from .validate import validate
+
+    return [validate, replay, explain, checks, contracts, plugins]

@@ -1,0 +1,97 @@
+"""What the options of the command line name: contracts, checks, drivers and reporters, looked up among the plugins'."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import click
+
+from envcraft.check import Check, Rule
+from envcraft.cli import offered, unknown
+from envcraft.contract import Contract
+from envcraft.errors import SandboxUnavailable, UsageError
+from envcraft.reports import Reporter
+from envcraft.sandbox import Driver, Isolation, choose
+
+#: No verdict can be trusted where this check did not run: it says whether there is an environment at all.
+FIRST = "source"
+
+
+def all_checks() -> list[Check]:
+    """Every check, in the order in which they run."""
+    return list(offered("envcraft_checks"))
+
+
+def rules_of(checks: Iterable[Check]) -> dict[str, Rule]:
+    """All rules by code."""
+    return {rule.code: rule for check in checks for rule in check.rules}
+
+
+def select_checks(only: str | None, skip: str | None) -> list[Check]:
+    """The checks that ``--checks`` and ``--skip`` leave, with those that every verdict rests on. Raises UsageError."""
+    checks = all_checks()
+    names = [check.name for check in checks]
+    wanted, unwanted = split(only), split(skip)
+    for name in [*wanted, *unwanted]:
+        if name not in names:
+            raise UsageError(f"there is no check {unknown(name, names)}")
+    kept = [
+        check
+        for check in checks
+        if check.name not in unwanted and (only is None or check.name in wanted or check.always or check.name == FIRST)
+    ]
+    if not [check for check in kept if not check.always]:
+        raise UsageError("no check is left; leave out some of --skip, and `envcraft checks` lists them all")
+    return kept
+
+
+def split(names: str | None) -> list[str]:
+    """The names in a list that commas separate."""
+    return [name.strip() for name in (names or "").split(",") if name.strip()]
+
+
+def contract_named(name: str) -> Contract:
+    """Raises UsageError, naming the nearest."""
+    found: Contract = _named("contract", name, {contract.name: contract for contract in offered("envcraft_contracts")})
+    return found
+
+
+def reporter_named(name: str) -> type[Reporter]:
+    """Raises UsageError, naming the nearest."""
+    found: type[Reporter] = _named(
+        "format", name, {reporter.name: reporter for reporter in offered("envcraft_reporters")}
+    )
+    return found
+
+
+def driver_named(name: str, least: str | None = None) -> Driver:
+    """The sandbox that ``--sandbox`` names, at least as strong as `least`; a word on stderr where it is the weakest.
+
+    Raises UsageError on an unknown name, SandboxUnavailable where there is none.
+    """
+    drivers = offered("envcraft_sandbox_drivers")
+    if name != "auto":
+        _named("sandbox", name, {"auto": None, **{driver.name: driver for driver in drivers}})
+    driver = choose(drivers, name)
+    levels = list(Isolation)
+    if least is not None and levels.index(driver.isolation) > levels.index(Isolation(least)):
+        raise SandboxUnavailable(
+            f"the strongest sandbox here is {driver.name}, whose isolation is only {driver.isolation}, and "
+            f"--require-isolation asks for {least}; `envcraft doctor` tells what is missing"
+            if name == "auto"
+            else f"the {name} sandbox isolates by {driver.isolation} only, and --require-isolation asks for {least}"
+        )
+    if name == "auto" and driver.isolation is Isolation.PROCESS:
+        click.echo(
+            "Note: neither a container nor a namespace can be had here, so the process sandbox is used, which holds "
+            "against accidents, not against malice; `envcraft doctor` tells what is missing.",
+            err=True,
+        )
+    return driver
+
+
+def _named(kind: str, name: str, known: Mapping[str, Any]) -> Any:
+    if name not in known:
+        raise UsageError(f"there is no {kind} {unknown(name, known)}")
+    return known[name]

@@ -1,0 +1,233 @@
+"""``envcraft replay``: run the reproductions of a report again."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+import msgspec
+
+from envcraft.budget import BUDGETS
+from envcraft.check import Check, Skip
+from envcraft.errors import EnvCraftError, ExitCode, UsageError
+from envcraft.reports import one_line
+from envcraft.verdict import SCHEMA, CheckReport, Finding, Report, SubjectReport
+
+from .choices import all_checks, contract_named, driver_named
+
+if TYPE_CHECKING:
+    from envcraft.engine import Plan
+    from envcraft.subject import Subject
+    from envcraft.trace import Trace
+
+_MAX_REPORT = 256 * 1024**2
+_MAX_ACTIONS = 100_000
+_GIF_FRAMES = 1_001
+_GIF_SCALE = 4
+
+
+@dataclass(frozen=True)
+class Numbered:
+    """A finding with its number in the report."""
+
+    number: int
+    subject: SubjectReport
+    check: CheckReport
+    finding: Finding
+
+    def __str__(self) -> str:
+        line = f":{self.finding.line}" if self.finding.line else ""
+        return f"#{self.number} {self.finding.code} {one_line(self.subject.path)}{line}"
+
+
+@click.command()
+@click.argument("report", metavar="REPORT.json")
+@click.option("--finding", "number", type=click.IntRange(1), metavar="K", help="Only the K-th finding of the report.")
+@click.option("--gif", metavar="FILE", help="Write the finding's episode as an animated picture.")
+@click.option("--sandbox", default="auto", show_default=True, metavar="NAME", help="Where the environments run.")
+@click.option("--anyway", is_flag=True, help="Replay even where the source has changed since the report.")
+@click.pass_context
+def replay(ctx: click.Context, report: str, number: int | None, gif: str | None, sandbox: str, anyway: bool) -> None:
+    """Run the reproductions in a report again, each in fresh workers, and say whether the defect shows.
+
+    \b
+    Exit status: 0 all show again    1 some do not
+                 2 wrong use         3 some could not be replayed
+    """
+    read = read_report(report)
+    chosen = choose_findings(read, number)
+    if not chosen:
+        click.echo("The report has no finding: there is nothing to replay.")
+        return
+    if gif and len(chosen) > 1:
+        raise UsageError(f"--gif shows one finding: choose one of {len(chosen)} with --finding K")
+    if gif:
+        _import_pillow()
+    statuses: set[ExitCode] = set()
+    with contextlib.closing(driver_named(sandbox)) as driver:
+        checks = {check.name: check for check in all_checks()}
+        for subject_report in read.reports:
+            findings = [item for item in chosen if item.subject is subject_report]
+            if findings:
+                plan = _plan(read, driver, subject_report, list(checks.values()))
+                statuses.update(_replay_subject(plan, report, findings, checks, anyway, gif))
+    ctx.exit(max(statuses))
+
+
+def read_report(path: str) -> Report:
+    """Read what ``validate --format json`` wrote. Raises UsageError."""
+    hint = "write one with `envcraft validate TARGET --format json --output report.json`"
+    try:
+        with open(path, "rb") as stream:
+            data = stream.read(_MAX_REPORT + 1)
+    except OSError as error:
+        raise UsageError(f"the report {path} cannot be read ({error.strerror}); {hint}") from None
+    if len(data) > _MAX_REPORT:
+        raise UsageError(f"{path} is larger than any report; {hint}")
+    try:
+        report = msgspec.json.decode(data, type=Report)
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+        raise UsageError(f"{path} is no report ({one_line(error)}); {hint}") from None
+    if report.schema != SCHEMA:
+        raise UsageError(f"{path} has schema {report.schema}, and this version of EnvCraft reads schema {SCHEMA}")
+    for item in _all_findings(report):
+        if len(item.finding.repro.actions) > _MAX_ACTIONS or not 0 <= item.finding.repro.seed < 2**63:
+            raise UsageError(f"{path}: the reproduction of finding {item.number} has no sensible seed or actions")
+    return report
+
+
+def choose_findings(report: Report, number: int | None) -> list[Numbered]:
+    """All findings, or the one with this number. Raises UsageError where there is none."""
+    found = list(_all_findings(report))
+    if number is None:
+        return found
+    if number > len(found):
+        raise UsageError(f"there is no finding {number}: the report has {len(found)}")
+    return [found[number - 1]]
+
+
+def _all_findings(report: Report) -> Iterator[Numbered]:
+    number = 0
+    for subject in report.reports:
+        for check in subject.checks:
+            for finding in check.findings:
+                number += 1
+                yield Numbered(number, subject, check, finding)
+
+
+def _plan(report: Report, driver: Any, subject: SubjectReport, checks: list[Check]) -> Plan:
+    """The plan under which the report was made, but for the targets."""
+    from envcraft.engine import Plan
+    from envcraft.subject import read_policy
+
+    if report.budget not in BUDGETS:
+        raise UsageError(f"the report names the budget {one_line(report.budget)}, which there is not")
+    policy = read_policy(subject.policy) if subject.policy else None
+    return Plan([], contract_named(report.contract), driver, checks, BUDGETS[report.budget], report.seed, policy)
+
+
+def _replay_subject(
+    plan: Plan, report: str, chosen: list[Numbered], checks: dict[str, Check], anyway: bool, gif: str | None
+) -> Iterator[ExitCode]:
+    """Replay the findings of one subject, a subject's workers and rollouts shared among them."""
+    from envcraft.engine import open_subject
+    from envcraft.subject import Target, read_target
+
+    told = chosen[0].subject
+    path = _find(told.path, report)
+    try:
+        target = read_target(path)
+    except UsageError as error:
+        yield _could_not(chosen, str(error))
+        return
+    if target.sha256 != told.source_sha256 and not anyway:
+        yield _could_not(chosen, f"{one_line(path)} has changed since the report; --anyway replays all the same")
+        return
+    for several in (False, True):
+        # A finding about several classes shows only where none of them is picked.
+        findings = [item for item in chosen if (item.finding.code == "EC006") is several]
+        if findings:
+            picked = Target(told.path, target.source, None if several else told.env_class)
+            with open_subject(plan, picked) as subject:
+                for item in findings:
+                    yield _replay(subject, item, checks.get(item.check.check))
+                    if gif:
+                        write_gif(subject, item.finding, gif)
+
+
+def _find(path: str, report: str) -> str:
+    """A report's relative paths count from the working directory, else from the report's folder."""
+    beside = Path(report).parent / path
+    return str(beside) if not os.path.exists(path) and beside.exists() else path
+
+
+def _replay(subject: Subject, item: Numbered, check: Check | None) -> ExitCode:
+    if check is None:
+        return _could_not([item], f"there is no check {one_line(item.check.check)} here")
+    try:
+        found = check.confirm(subject, item.finding)
+    except Skip as skip:
+        return _could_not([item], str(skip))
+    except EnvCraftError as error:
+        return _could_not([item], str(error))
+    except Exception as error:
+        return _could_not([item], f"the check broke: {type(error).__name__}: {one_line(error)}")
+    if found is None:
+        click.echo(f"{item}: not reproduced: {one_line(item.finding.message)}")
+        return ExitCode.FAIL
+    click.echo(f"{item}: reproduced: {one_line(found.message)}")
+    return ExitCode.PASS
+
+
+def _could_not(items: list[Numbered], reason: str) -> ExitCode:
+    for item in items:
+        click.echo(f"{item}: could not be replayed: {one_line(reason)}")
+    return ExitCode.ERROR
+
+
+def write_gif(subject: Subject, finding: Finding, path: str) -> None:
+    """Write the frames of a finding's reproduction as an animated GIF, enlarged. Raises UsageError."""
+    from envcraft.rollout import Conditions, Rollout
+
+    try:
+        conditions = Conditions.from_json(finding.repro.conditions)
+    except msgspec.ValidationError as error:
+        raise UsageError(f"the report's conditions make no sense: {error}") from None
+    rollout = Rollout(finding.repro.seed, finding.repro.actions, conditions, player="replay", keep=_GIF_FRAMES)
+    image = _import_pillow()
+    pictures = [
+        image.fromarray(frame).resize(
+            (frame.shape[1] * _GIF_SCALE, frame.shape[0] * _GIF_SCALE), image.Resampling.NEAREST
+        )
+        for frame in frames(subject.rollout(rollout))
+    ]
+    try:
+        pictures[0].save(path, save_all=True, append_images=pictures[1:], duration=40, loop=0, format="GIF")
+    except OSError as error:
+        raise UsageError(f"--gif {path} cannot be written: {error.strerror or error}") from None
+    click.echo(f"wrote {path}: {len(pictures)} frames", err=True)
+
+
+def frames(trace: Trace) -> list[Any]:
+    """The frames that a picture can be made of. Raises UsageError where the observations are none."""
+    import numpy as np
+
+    found = [
+        frame for frame in trace.frames if frame.dtype == np.uint8 and (frame.ndim == 2 or frame.shape[2:] == (3,))
+    ]
+    if not found:
+        raise UsageError("this finding has no picture: its episode gives no frames")
+    return found
+
+
+def _import_pillow() -> Any:
+    try:
+        from PIL import Image
+    except ImportError:
+        raise UsageError("--gif needs Pillow; install it with `pip install 'envcraft-rl[gif]'`") from None
+    return Image

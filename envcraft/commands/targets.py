@@ -1,0 +1,55 @@
+"""From the TARGETs of the command line to the files to judge."""
+
+from __future__ import annotations
+
+import os
+import re
+import stat
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+from envcraft.errors import UsageError
+
+if TYPE_CHECKING:
+    from envcraft.subject import Target
+
+#: What a file in a folder must have to be taken for an environment: a class, and Gymnasium by either name.
+_CLASS = re.compile(rb"^class\s", re.MULTILINE)
+_GYMNASIUM = re.compile(rb"\bgym(nasium)?\b")
+_PASSED_OVER = {"__pycache__", "node_modules", "site-packages", "build", "dist"}
+
+
+def resolve(path: str, env_class: str | None = None) -> list[Target]:
+    """The file at `path`, or the environments in that folder. Raises UsageError."""
+    from envcraft.subject import MAX_SOURCE, read_target
+
+    try:
+        mode = os.stat(path).st_mode
+    except FileNotFoundError:
+        raise UsageError(f"{path} does not exist; give a Python file, or a folder with some") from None
+    except (OSError, ValueError) as error:
+        raise UsageError(f"{path} cannot be read: {getattr(error, 'strerror', None) or error}") from None
+    if stat.S_ISREG(mode):
+        return [read_target(path, env_class)]
+    if not stat.S_ISDIR(mode):
+        raise UsageError(f"{path} is neither a file nor a folder; save the environment in a file first")
+    found = []
+    for file in _python_files(path):
+        try:
+            target = read_target(file, env_class)
+        except UsageError:
+            continue
+        if len(target.source) <= MAX_SOURCE and _CLASS.search(target.source) and _GYMNASIUM.search(target.source):
+            found.append(target)
+    if not found:
+        raise UsageError(f"{path} holds no environment: no .py file below it has a class and names gymnasium")
+    return found
+
+
+def _python_files(folder: str) -> Iterator[str]:
+    for parent, folders, files in os.walk(folder):
+        folders[:] = sorted(name for name in folders if not name.startswith(".") and name not in _PASSED_OVER)
+        for name in sorted(files):
+            path = os.path.join(parent, name)
+            if name.endswith(".py") and stat.S_ISREG(os.lstat(path).st_mode):
+                yield path

@@ -1,0 +1,23 @@
+"""The report as one JSON object, for programs and for ``envcraft replay``."""
+
+from __future__ import annotations
+
+from envcraft.events import Event, Finished
+from envcraft.plugins import hookimpl
+from envcraft.reports import Reporter
+
+
+class JsonReporter(Reporter):
+    """Writes everything at the end: half a report is none."""
+
+    name = "json"
+    summary = "one JSON object, which `envcraft replay` reads"
+
+    def handle(self, event: Event) -> None:
+        if isinstance(event, Finished):
+            self.output.write(event.report.to_json().decode() + "\n")
+
+
+@hookimpl
+def envcraft_reporters() -> list[type[Reporter]]:
+    return [JsonReporter]

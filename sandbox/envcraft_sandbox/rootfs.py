@@ -1,0 +1,205 @@
+"""A root file system made of the running interpreter: its standard library, the libraries, and what they link to.
+
+Every file keeps its own path, so that the interpreter, the loader and its cache find everything where it was.
+"""
+
+from __future__ import annotations
+
+import importlib.metadata
+import importlib.util
+import io
+import os
+import py_compile
+import re
+import subprocess
+import sys
+import sysconfig
+import tarfile
+import tempfile
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import IO
+
+from envcraft.errors import SandboxUnavailable
+
+#: Where the worker lies, in every image.
+WORKER_ROOT = "/opt/envcraft"
+
+_NEEDED = ("numpy", "gymnasium")
+_WELCOME = ("pygame-ce", "scipy")
+_OMITTED_FOLDERS = {
+    "__pycache__", "dist-packages", "ensurepip", "idlelib", "lib2to3", "pydoc_data", "site-packages", "test", "tests",
+    "tkinter", "turtledemo",
+}  # fmt: skip
+_OMITTED_FILES = ("_test", "_tkinter", "_xxtest", "_ctypes_test", "turtle.py")
+_SYSTEM_FILES = ("/etc/ld.so.cache", "/usr/lib/locale/C.utf8")
+_ETC = {
+    "/etc/passwd": b"nobody:x:65534:65534:nobody:/tmp:/nonexistent\n",
+    "/etc/group": b"nogroup:x:65534:\n",
+    "/etc/nsswitch.conf": b"passwd: files\ngroup: files\nhosts: files\n",
+    "/etc/hosts": b"",
+}
+_REQUIREMENT = re.compile(r"\s*([A-Za-z0-9._-]+)\s*([^;]*)(;.*)?")
+_LINKED = re.compile(r"(?:=>)?\s+(/\S+) \(0x")
+
+
+class Root:
+    """Files by their path in the image. `python` is its interpreter, `module_paths` the worker's PYTHONPATH."""
+
+    def __init__(self, python: str, module_paths: list[str]) -> None:
+        self.python = python
+        self.module_paths = module_paths
+        self._files: dict[str, Path | bytes] = {}
+
+    def __len__(self) -> int:
+        return len(self._files)
+
+    def add(self, path: str, content: Path | bytes) -> None:
+        self._files.setdefault(path, content)
+
+    def files(self) -> Iterator[Path]:
+        """Those that lie on this machine."""
+        return (content for content in self._files.values() if isinstance(content, Path))
+
+    def write(self, stream: IO[bytes]) -> None:
+        """Write the root as a tar stream, all of it owned by root and writable by nobody else. Raises OSError."""
+        made: set[str] = set()
+        with tarfile.open(fileobj=stream, mode="w|", bufsize=1 << 20) as tar:
+            for folder, mode in {"/tmp": 0o1777, "/proc": 0o755, "/dev": 0o755, "/sys": 0o755, "/run": 0o755}.items():  # noqa: S108
+                _make_folder(tar, folder, made, mode)
+            for path, content in sorted(self._files.items()):
+                _make_folder(tar, os.path.dirname(path), made)
+                entry = tarfile.TarInfo(path.lstrip("/"))
+                entry.mode = 0o644
+                if isinstance(content, bytes):
+                    entry.size = len(content)
+                    tar.addfile(entry, io.BytesIO(content))
+                    continue
+                with content.open("rb") as source:
+                    status = os.fstat(source.fileno())
+                    entry.size, entry.mtime = status.st_size, int(status.st_mtime)
+                    if status.st_mode & 0o100:
+                        entry.mode = 0o755
+                    tar.addfile(entry, source)
+
+
+def collect(worker: Iterable[tuple[str, bytes]]) -> Root:
+    """Find all that the worker needs; `worker` is its sources by path. Raises SandboxUnavailable."""
+    distributions = list(_distributions())
+    libraries = list(dict.fromkeys(os.path.realpath(str(each.locate_file(""))) for each in distributions))
+    root = Root(os.path.realpath(sys.executable), [WORKER_ROOT, *libraries])
+    root.add(root.python, Path(root.python))
+    for name in ("stdlib", "platstdlib"):
+        for path in _tree(Path(os.path.realpath(sysconfig.get_path(name)))):
+            _add_module(root, path)
+    for distribution in distributions:
+        for path in _installed(distribution):
+            _add_module(root, path)
+    for path in _shared_libraries(root.files()):
+        root.add(path, Path(path))
+    for place in map(Path, _SYSTEM_FILES):
+        for path in [place] if place.is_file() else _tree(place):
+            root.add(str(path), path)
+    for name, content in [*_ETC.items(), *((f"{WORKER_ROOT}/{name}", content) for name, content in worker)]:
+        root.add(name, content)
+        if name.endswith(".py"):
+            _add_bytecode(root, name, content)
+    return root
+
+
+def _distributions() -> Iterator[importlib.metadata.Distribution]:
+    """NumPy, Gymnasium and all that they need, and where they are installed the other libraries that games use."""
+    wanted, seen = [*_NEEDED, *_WELCOME], set()
+    while wanted:
+        name = wanted.pop(0)
+        key = re.sub(r"[-_.]+", "-", name).lower()
+        if key in seen:
+            continue
+        seen.add(key)
+        try:
+            distribution = importlib.metadata.distribution(name)
+        except importlib.metadata.PackageNotFoundError:
+            # A marker ruled it out, or it is only welcome.
+            if name in _NEEDED:
+                raise SandboxUnavailable(f"{name} is not installed; run `pip install {name}`") from None
+            continue
+        yield distribution
+        for line in distribution.requires or ():
+            found = _REQUIREMENT.match(line)
+            if found and "extra" not in (found[3] or ""):
+                wanted.append(found[1])
+
+
+def _installed(distribution: importlib.metadata.Distribution) -> Iterator[Path]:
+    if distribution.files is None:
+        raise SandboxUnavailable(
+            f"the installation of {distribution.name} does not list its files; install it with pip"
+        )
+    for file in distribution.files:
+        if ".." not in file.parts and not _OMITTED_FOLDERS.intersection(file.parts):
+            path = Path(os.path.realpath(str(distribution.locate_file("")))) / file
+            if path.is_file():
+                yield path
+
+
+def _tree(folder: Path) -> Iterator[Path]:
+    for parent, folders, names in os.walk(folder):
+        folders[:] = sorted(name for name in folders if name not in _OMITTED_FOLDERS and not name.startswith("config-"))
+        for name in sorted(names):
+            path = Path(parent, name)
+            if not name.startswith(_OMITTED_FILES) and path.is_file():
+                yield path
+
+
+def _add_module(root: Root, path: Path) -> None:
+    """Add a file, and for a module its bytecode: the container could not keep what it compiles."""
+    root.add(str(path), path)
+    if path.suffix == ".py":
+        cache = Path(importlib.util.cache_from_source(str(path)))
+        if _is_fresh(cache, path):
+            root.add(str(cache), cache)
+        else:
+            _add_bytecode(root, str(path), path.read_bytes())
+
+
+def _is_fresh(cache: Path, source: Path) -> bool:
+    """Whether bytecode was made from this very source (PEP 552: magic, flags, time, size)."""
+    try:
+        with cache.open("rb") as stream:
+            head = stream.read(16)
+        status = source.stat()
+    except OSError:
+        return False
+    stamp = (int(status.st_mtime) & 0xFFFFFFFF).to_bytes(4, "little") + (status.st_size & 0xFFFFFFFF).to_bytes(4, "little")
+    return head == importlib.util.MAGIC_NUMBER + bytes(4) + stamp
+
+
+def _add_bytecode(root: Root, path: str, source: bytes) -> None:
+    """Compile a module into bytecode that is used without a look at the source's time; nothing if it does not compile."""
+    with tempfile.TemporaryDirectory(prefix="envcraft-") as folder:
+        module, target = Path(folder, "module.py"), Path(folder, "module.pyc")
+        module.write_bytes(source)
+        mode = py_compile.PycInvalidationMode.UNCHECKED_HASH
+        if py_compile.compile(str(module), str(target), path, quiet=2, invalidation_mode=mode):
+            root.add(importlib.util.cache_from_source(path), target.read_bytes())
+
+
+def _shared_libraries(files: Iterable[Path]) -> set[str]:
+    """What the binaries among `files` link to, all the way down, and the loader. Raises SandboxUnavailable."""
+    binaries = sorted({str(path) for path in files if ".so" in path.name or path.name.startswith("python")})
+    try:
+        told = subprocess.run(["ldd", *binaries], capture_output=True, text=True, check=False)  # noqa: S603, S607
+    except FileNotFoundError:
+        raise SandboxUnavailable("ldd is not installed; build on an image instead (`--base`)") from None
+    return {os.path.normpath(path) for path in _LINKED.findall(told.stdout)}
+
+
+def _make_folder(tar: tarfile.TarFile, path: str, made: set[str], mode: int = 0o755) -> None:
+    if path in made or path in ("", "/"):
+        return
+    _make_folder(tar, os.path.dirname(path), made)
+    made.add(path)
+    entry = tarfile.TarInfo(path.lstrip("/"))
+    entry.type = tarfile.DIRTYPE
+    entry.mode = mode
+    tar.addfile(entry)
