@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import io
 import signal
+import sys
 from types import FrameType
 
 
@@ -10,6 +12,10 @@ def main() -> None:
     """Run the command line."""
     from envcraft.cli import cli
 
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            # What an environment says may not fit the terminal's encoding, and that is no reason to stop.
+            stream.reconfigure(errors="backslashreplace")
     # Ending politely is the same as Ctrl-C: the workers are closed on the way out.
     signal.signal(signal.SIGTERM, _interrupt)
     cli(prog_name="envcraft")

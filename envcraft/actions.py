@@ -1,4 +1,4 @@
-"""Where actions come from: players that need no look at the environment, each a list drawn from the checker's own generator.
+"""Where actions come from: players that need no look at the environment, drawn from the checker's own generator.
 
 The lists depend on the action space, the seed and the length only, so that the same ``--seed`` gives the same episodes.
 """

@@ -1,4 +1,4 @@
-"""How much a validation spends, counted in episodes and steps so that a verdict never depends on the machine's speed."""
+"""How much a validation spends, in episodes and steps, so that a verdict never depends on the machine's speed."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ BUDGETS = {
     budget.name: budget
     for budget in (
         Budget("quick", 3, 1, 8, 0, (1, 200), (2_000, 1), 2_000, 0, (6, 12, 24), 300),
-        Budget("standard", 6, 3, 20, 20, (3, 500), (8_000, 3), 20_000, 4_000, (6, 12, 24), 1_000),
+        Budget("standard", 6, 3, 20, 20, (3, 500), (6_000, 2), 20_000, 4_000, (6, 12, 24), 1_000),
         Budget("thorough", 24, 12, 20, 60, (8, 1_000), (40_000, 6), 100_000, 40_000, (6, 12, 24, 48, 96), 2_000),
     )
 }

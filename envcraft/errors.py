@@ -1,4 +1,4 @@
-"""Errors that a person reads: one sentence with the value and the next step. The command line prints them without a traceback."""
+"""Errors that a person reads: one sentence with the value and the next step, printed without a traceback."""
 
 from __future__ import annotations
 

@@ -24,7 +24,7 @@ hookspec = pluggy.HookspecMarker("envcraft")
 
 @hookspec
 def envcraft_commands() -> list[click.Command]:
-    """Commands for the command line. Called for every run of ``envcraft``: import heavy libraries inside the command."""
+    """Commands for the command line. Called in every run of ``envcraft``: import heavy libraries in the command."""
 
 
 @hookspec

@@ -1,7 +1,7 @@
 """A request for one episode: seed, actions, and the conditions under which the process runs it.
 
-A rollout runs in a process of its own, so its trace depends on nothing but the source and the request: it can be memoised,
-run in parallel, and run again from a report.
+A rollout runs in a process of its own, so its trace depends on nothing but the source and the request: it can be
+memoised, run in parallel, and run again from a report.
 """
 
 from __future__ import annotations
@@ -33,8 +33,9 @@ class Conditions(msgspec.Struct, frozen=True, omit_defaults=True):
 
     Attributes:
         fresh: a worker of its own (a fresh container or namespace), not a fork of the usual one.
+        heap: allocate and free objects first, drawn from this seed, so that new ones have other addresses.
         hash_seed: PYTHONHASHSEED of the worker.
-        global_seed: initial state of the global ``random`` and ``numpy.random``.
+        global_seed: seeds the global ``random`` and ``numpy.random`` before the file is loaded; None is the episode's seed.
         perturb: reseed both global generators from this before each call.
         clock: another clock.
         again: play the episode twice in one process, each time on a new instance, and record both.
@@ -47,8 +48,9 @@ class Conditions(msgspec.Struct, frozen=True, omit_defaults=True):
     """
 
     fresh: bool = False
+    heap: int | None = None
     hash_seed: int = 0
-    global_seed: int = 0
+    global_seed: int | None = None
     perturb: int | None = None
     clock: ClockShift | None = None
     again: bool = False

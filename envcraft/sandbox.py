@@ -1,7 +1,7 @@
 """What a sandbox driver promises. Drivers are plugins; :mod:`envcraft` itself runs no untrusted code.
 
 A :class:`Driver` says whether it works on this machine and launches workers. A :class:`Worker` runs jobs: one job, one
-process that dies with it. A job's messages go to a :class:`Recorder` as they arrive, already checked against the protocol.
+process that dies with it. A job's messages go to a :class:`Recorder` as they arrive, checked against the protocol.
 """
 
 from __future__ import annotations
@@ -97,9 +97,9 @@ class Recorder(Protocol):
 
 
 class Step(msgspec.Struct, frozen=True):
-    """What one call of reset or step returned. Types are the worker's words (``float``, ``numpy floating``, ``None`` …).
+    """What one call of reset or step returned. Types are the worker's words (``float``, ``numpy floating``, …).
 
-    `data` is the observation's bytes under `layout` and is only valid during the call; `info` is JSON, empty for ``{}``.
+    `data` is the observation's bytes under `layout`, only valid during the call; `info` is JSON, empty for ``{}``.
     """
 
     terminated: bool
@@ -153,7 +153,7 @@ class Driver(ABC):
     def launch(self, *, hash_seed: int, limits: Limits) -> Worker:
         """Start a worker whose PYTHONHASHSEED is `hash_seed`. Raises SandboxUnavailable."""
 
-    def close(self) -> None:
+    def close(self) -> None:  # noqa: B027 (most drivers hold nothing)
         """End whatever the driver itself still holds."""
 
 

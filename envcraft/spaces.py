@@ -49,7 +49,7 @@ def same(promised: Space, given: Space) -> bool:
 
 
 def sample(space: Space, rng: Generator) -> Any:
-    """Draw a value as JSON. Unbounded sides of a Box are drawn like Gymnasium's: normal, or exponential from the bound."""
+    """Draw a value as JSON. Unbounded sides of a Box are drawn as Gymnasium does: normal, or exponential."""
     kind = space["type"]
     if kind == "Discrete":
         return int(space["start"] + rng.integers(space["n"]))

@@ -222,7 +222,7 @@ class Subject:
         return self._search("explore", number, self.budget.explore[0])
 
     def explored(self) -> list[Trace]:
-        """The wins, or else the best episodes, that exploration found, stepped for real: some things only show there."""
+        """The wins, or else the best episodes, that exploration found, stepped: some things only show there."""
         found = []
         for number in range(self.budget.explore[1]):
             told = self.explore(number)

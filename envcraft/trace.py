@@ -62,7 +62,7 @@ class Problem:
 
 @dataclass
 class Trace:
-    """One episode. Index 0 of `observations` and `infos` is the reset; rewards and flags begin with step 1 at index 0."""
+    """One episode. Index 0 of `observations` and `infos` is the reset, of rewards and flags step 1."""
 
     rollout: Rollout
     observations: list[bytes] = field(default_factory=list)
@@ -97,7 +97,7 @@ class Trace:
     def actions(self) -> list[Any]:
         """The actions that led to the trace, as far as it goes, and the one that broke it."""
         given = self.chosen if self.rollout.policy else self.rollout.actions
-        extra = self.fault is not None and self.fault.phase == "step" or self.ending is Ending.BROKEN
+        extra = (self.fault is not None and self.fault.phase == "step") or self.ending is Ending.BROKEN
         return given[: self.steps + bool(extra)]
 
     @property
@@ -163,7 +163,7 @@ FIELDS = ("observation", "reward", "terminated", "truncated", "info")
 
 @dataclass(frozen=True)
 class Divergence:
-    """The first step (0 is the reset) and field in which two traces differ, with both values where they can be shown."""
+    """The first step (0 is the reset) and field in which two traces differ, with both values where they show."""
 
     step: int
     field: str
@@ -257,9 +257,11 @@ class Recording:
         trace.renders += 1
         shape = self._layout(layout)
         shape.decode(data)
+        if _digest(shape, data) == trace.observations[-1]:
+            return
         if shape.kind != "array" or len(shape.shape) != 3:
             self._note_render(Problem(step, "type", f"render() returned {shape}, not a frame"))
-        elif _digest(shape, data) != trace.observations[-1]:
+        else:
             self._note_render(Problem(step, "differs", f"render() returned {shape} unlike the observation"))
 
     def reread(self, layout: int, data: memoryview) -> None:
@@ -298,9 +300,7 @@ class Recording:
         value = None
         if not self._exact[step.layout] and len(trace.problems) < _MAX_PROBLEMS:
             value = layout.decode(step.data)
-            found = self._problem(layout, value)
-            if found:
-                trace.problems.append(Problem(trace.steps, *found))
+            trace.problems += [Problem(trace.steps, *found) for found in self._problems(layout, value)]
         elif len(step.data) != layout.size:
             raise MalformedValue(f"{len(step.data)} bytes for {layout}")
         trace.micros += step.micros
@@ -311,12 +311,17 @@ class Recording:
         if len(trace.frames) < trace.rollout.keep and layout.kind == "array":
             trace.frames.append(np.array(layout.decode(step.data)))
 
-    def _problem(self, layout: Layout, value: Any) -> tuple[str, str] | None:
+    def _problems(self, layout: Layout, value: Any) -> list[tuple[str, str]]:
+        space = self._observation_space
         if layout.kind == "other":
-            return "type", f"the observation is {layout}"
-        if self._observation_space is None:
-            return None
-        return spaces.problem(self._observation_space, value)
+            return [("type", f"the observation is {layout}")]
+        if space is None:
+            return []
+        found = [spaces.problem(space, value)]
+        if found[0] and space["type"] == "Box" and layout.dtype != np.dtype(space["dtype"]) and layout.dtype is not None:
+            # A wrong dtype hides whether the numbers are in range.
+            found.append(spaces.problem({**space, "dtype": str(layout.dtype)}, value))
+        return list(dict.fromkeys(problem for problem in found if problem))
 
     def _is_any_frame(self, layout: Layout) -> bool:
         """Whether every value of this layout is in the space: the usual case of uint8 frames with bounds 0 and 255."""

@@ -23,6 +23,9 @@ class Layout:
 
     __slots__ = ("dtype", "items", "kind", "name", "shape", "size", "tag")
 
+    size: int
+    tag: bytes
+
     def __init__(self, spec: Any, depth: int = 0) -> None:
         if not isinstance(spec, dict) or depth > _MAX_DEPTH:
             raise MalformedValue("a layout is no object, or nested too deeply")

@@ -39,6 +39,7 @@ if TYPE_CHECKING:
 _INSPECT = Conditions(reread=True, options=True)
 _RENDER = Conditions(render=True)
 _INSPECTED = 200
+_CALLS = {"reset": "EC104", "earlier reset": "EC104", "step": "EC107", "render": "EC112", "close": "EC113"}
 
 
 class Api(Check):
@@ -74,6 +75,8 @@ class Api(Check):
 
     def judge(self, subject: Subject) -> Iterator[Finding]:
         yield from self._judge_spaces(subject)
+        if "seed" not in subject.load().description.get("reset", ("seed",)):
+            return
         seen: set[str] = set()
         for trace in self._traces(subject):
             for finding in self.find(subject, trace):
@@ -138,14 +141,16 @@ class Api(Check):
                 trace = subject.scripted(number, actions, "exploration")
                 if trace.fault is not None:
                     return trace
-        if subject.budget.sweep:
-            longest = max((trace for trace in subject.traces if trace.usable), key=lambda trace: trace.steps, default=None)
-            if longest is not None and not longest.rollout.conditions.to_json():
-                found = subject.sweep(longest.actions, longest.rollout.seed).get("crash")
-                if found:
-                    trace = subject.rollout(Rollout(longest.rollout.seed, list(found), player="a rare action"))
-                    if trace.fault is not None:
-                        return trace
+        longest = max(
+            (trace for trace in subject.played() if trace.usable), key=lambda trace: trace.steps, default=None
+        )
+        reached = min((subject.rotation(offset).steps for offset in range(subject.budget.rotations)), default=0)
+        # Where each rotation lives as long, every action has been tried at every step already.
+        if subject.budget.sweep and longest is not None and reached < longest.steps:
+            if found := subject.sweep(longest.actions, longest.rollout.seed).get("crash"):
+                trace = subject.rollout(Rollout(longest.rollout.seed, list(found), player="a rare action"))
+                if trace.fault is not None:
+                    return trace
         return None
 
     def find(self, subject: Subject, trace: Trace) -> Iterator[Finding]:
@@ -155,8 +160,10 @@ class Api(Check):
             finding = self._judge_fault(subject, trace, trace.fault)
             if finding is not None:
                 yield finding
-        for problem in trace.problems[:1]:
-            code = "EC108" if problem.kind == "type" else "EC109"
+        for kind, code in (("type", "EC108"), ("range", "EC109")):
+            problem = next((problem for problem in trace.problems if problem.kind == kind), None)
+            if problem is None:
+                continue
             yield self.finding(code, f"{problem.words} ({_at(problem.step)}, under {who})", step=problem.step)
         if trace.overwritten:
             step = trace.overwritten[0]
@@ -180,12 +187,10 @@ class Api(Check):
             code = "EC105" if fault.phase == "reset" else "EC106"
             words = f"{fault.phase}() returned {fault.malformed} ({_at(fault.step)})"
             return self.finding(code, words, line=line, step=fault.step)
-        code = {"reset": "EC104", "before": "EC104", "step": "EC107", "render": "EC112", "close": "EC113"}.get(fault.phase)
+        code = _CALLS.get(fault.phase)
         if code is None:
             return None
-        where = f"step {fault.step}" if fault.phase == "step" else f"{fault.phase}()"
-        if fault.phase == "before":
-            where = "an earlier episode, or a second reset,"
+        where = f"step {fault.step}" if fault.phase == "step" else f"{fault.phase.removeprefix('earlier ')}()"
         words = f"{where} raises {fault} (under {trace.rollout.player})"
         return self.finding(code, words, line=line, step=fault.step, type=fault.type, traceback=fault.traceback)
 

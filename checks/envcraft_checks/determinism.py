@@ -131,7 +131,7 @@ class Determinism(Check):
             return
         alone = self._conditions(subject, rollout)
         together = msgspec.structs.replace(
-            Conditions(fresh=True, hash_seed=_OTHER_HASHES, render=True),
+            Conditions(fresh=True, heap=1, hash_seed=_OTHER_HASHES, render=True),
             **{name: getattr(conditions, name) for _, conditions, name in alone if name not in ("hash_seed", "render")},
         )
         everything = subject.rollout(rollout.under(together))
@@ -139,8 +139,8 @@ class Determinism(Check):
         if found is None and not _interrupted(everything):
             return
         reported = False
-        for _ in range(2):
-            fresh = Conditions(fresh=True)
+        for heap in range(1, 4):
+            fresh = Conditions(fresh=True, heap=heap)
             if (again := _diverge(base, subject.rerun(rollout.under(fresh)))) is not None:
                 yield self._found(subject, "EC202", rollout, fresh, again)
                 return
@@ -182,7 +182,7 @@ class Determinism(Check):
         twice = subject.rerun(rollout.under(again))
         within = _diverge(twice.earlier, twice) if twice.earlier is not None else found
         if within is None:
-            return self._found(subject, "EC202", rollout, Conditions(fresh=True), found)
+            return self._found(subject, "EC202", rollout, Conditions(fresh=True, heap=1), found)
         return self._found(subject, "EC201", rollout, again, within)
 
     def _found(
@@ -239,8 +239,8 @@ def _diverge(first: Trace, second: Trace) -> Divergence | None:
 
 
 def _interrupted(trace: Trace) -> bool:
-    """Whether an exception came from an episode that is only a condition: that is the check api's to report."""
-    return trace.fault is not None and trace.fault.phase in ("before", "companion")
+    """Whether an exception came from a call that is only a condition: that is the check api's to report."""
+    return trace.fault is not None and trace.fault.phase in ("earlier reset", "before", "companion", "render")
 
 
 @hookimpl

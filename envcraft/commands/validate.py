@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import sys
 from typing import TYPE_CHECKING, TextIO
 
 import click
@@ -81,7 +82,7 @@ def validate(
     privileged = read_policy(policy) if policy else None
     report = None
     with contextlib.ExitStack() as stack:
-        stream = stack.enter_context(_open(output)) if output else click.get_text_stream("stdout")
+        stream: TextIO = stack.enter_context(_open(output)) if output else sys.stdout
         driver = driver_named(sandbox, require_isolation)
         stack.callback(driver.close)
         plan = Plan(files, promised, driver, selected, BUDGETS[budget], seed, privileged)

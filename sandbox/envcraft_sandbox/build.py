@@ -1,4 +1,4 @@
-"""Build the container image: from any image with Python and pip, or from the running interpreter without any registry."""
+"""Build the container image: on any image with Python and pip, or of the running interpreter without any registry."""
 
 from __future__ import annotations
 
@@ -88,7 +88,8 @@ def _build_on(base: str, say: Say) -> None:
         try:
             docker_aloud("pull", base, say=say)
         except EngineError as error:
-            raise EngineError(f"{base} cannot be pulled ({error.reason})", "without a registry use `--base host`") from None
+            reason = f"{base} cannot be pulled ({error.reason})"
+            raise EngineError(reason, "without a registry use `--base host`") from None
     version, platforms = _ask(base)
     with tempfile.TemporaryDirectory(prefix="envcraft-") as folder:
         context = Path(folder)

@@ -62,11 +62,9 @@ class ForkServerWorker(Worker):
             output_end = -1
             ours.settimeout(limits.loading)
             payload = json.dumps(job).encode()
-            try:
+            # A child that died before it read the job: how, the exit status will tell.
+            with contextlib.suppress(OSError):
                 ours.sendall(HEADER.pack(0, len(payload)) + payload)
-            except OSError:
-                # The child died before it read the job; how, the exit status will tell.
-                pass
             ours.setblocking(False)
             return _Watch(self, number, ours, output, recorder, limits).run()
         finally:
@@ -77,10 +75,7 @@ class ForkServerWorker(Worker):
                 os.close(output_end)
 
     def close(self) -> None:
-        # Whoever inherited a copy of the socket must not keep the fork server alive.
-        with contextlib.suppress(OSError):
-            self._control.shutdown(socket.SHUT_RDWR)
-        self._control.close()
+        hang_up(self._control)
 
     def kill(self, number: int) -> None:
         """Ask for the end of a job's processes."""
@@ -134,6 +129,13 @@ class ForkServerWorker(Worker):
             self._received += data
 
 
+def hang_up(control: socket.socket) -> None:
+    """Close a control socket, also for those who inherited a copy of it."""
+    with contextlib.suppress(OSError):
+        control.shutdown(socket.SHUT_RDWR)
+    control.close()
+
+
 def _decode(line: bytes) -> dict[str, Any]:
     try:
         answer = json.loads(line)
@@ -148,7 +150,13 @@ class _Watch:
     """One job under way."""
 
     def __init__(
-        self, worker: ForkServerWorker, number: int, data: socket.socket, output: int, recorder: Recorder, limits: Limits
+        self,
+        worker: ForkServerWorker,
+        number: int,
+        data: socket.socket,
+        output: int,
+        recorder: Recorder,
+        limits: Limits,
     ) -> None:
         self._worker = worker
         self._number = number

@@ -1,19 +1,16 @@
 """The ``docker`` driver: a container without network, capabilities, shell or a writable root, for each worker.
 
 The worker is the container's first process. It connects to a socket that is mounted into the container and that nobody
-else can reach; jobs are forked inside, and get their own sockets over that one. When the host hangs up, or is killed, the
-worker ends, and the container with it.
+else can reach; jobs are forked inside, and get their own sockets over that one. When the host hangs up, or is killed,
+the worker ends, and the container with it.
 """
 
 from __future__ import annotations
 
 import contextlib
 import functools
-import json
-import os
 import platform
 import secrets
-import shutil
 import socket
 import subprocess
 import tempfile
@@ -26,6 +23,7 @@ from envcraft.errors import SandboxUnavailable, WorkerLost
 from envcraft.sandbox import Availability, Driver, Isolation, Limits, Worker
 
 from . import build, engine, launch
+from .client import ForkServerWorker, hang_up
 from .engine import EngineError
 
 LABEL = "envcraft=worker"
@@ -46,6 +44,7 @@ _OWN_LAYERS = [
     "scrubbed environment",
     "rlimits",
 ]
+_ENGINE_LAYERS = {"MemoryLimit": "memory limit", "PidsLimit": "process limit", "CpuCfsQuota": "one CPU"}
 #: What docker's own configuration may put into a container's environment, credentials included.
 _PROXIES = ("HTTP_PROXY", "HTTPS_PROXY", "FTP_PROXY", "ALL_PROXY", "NO_PROXY")
 
@@ -68,54 +67,58 @@ class DockerDriver(Driver):
 
     def launch(self, *, hash_seed: int, limits: Limits) -> Worker:
         name = f"envcraft-{secrets.token_hex(8)}"
-        folder = Path(tempfile.mkdtemp(prefix="envcraft-"))
         try:
-            with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as listener:
-                path = folder / "control.sock"
-                listener.bind(str(path))
-                # The folder lets nobody else in, and only the socket is mounted: its own mode is for the container's user.
-                path.chmod(0o666)
-                listener.listen(1)
-                client = self._run(name, path, launch.environment(hash_seed), limits)
-                try:
-                    control = _accept(listener, client)
-                except BaseException:
-                    listener.close()
-                    _remove(client, name)
-                    raise
+            client, control = self._start(name, hash_seed, limits)
         except OSError as error:
-            raise SandboxUnavailable(f"the docker sandbox did not start: {error}") from None
-        finally:
-            shutil.rmtree(folder, ignore_errors=True)
+            raise _unavailable(str(error)) from None
         try:
             return DockerWorker(client, name, control, limits)
         except WorkerLost as error:
-            control.close()
-            words = _last_words(client, name)
-            raise SandboxUnavailable(f"the docker sandbox did not start: {words or error}") from None
+            raise _unavailable(_end(client, name, control) or str(error)) from None
+
+    def _start(self, name: str, hash_seed: int, limits: Limits) -> tuple[subprocess.Popen[bytes], socket.socket]:
+        """Start a container, and give its client and the socket to its worker. Raises SandboxUnavailable, OSError."""
+        with (
+            tempfile.TemporaryDirectory(prefix="envcraft-") as folder,
+            socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as listener,
+        ):
+            path = Path(folder, "control.sock")
+            listener.bind(str(path))
+            # For the container's user: only the socket is mounted, and nobody else on the host can enter the folder.
+            path.chmod(0o666)
+            listener.listen(1)
+            client = self._run(name, path, launch.environment(hash_seed), limits)
+            try:
+                control = _accept(listener, client)
+            except BaseException:
+                listener.close()
+                _end(client, name)
+                raise
+            if control is None:
+                listener.close()
+                raise _unavailable(_end(client, name) or f"nothing connected within {_START_SECONDS:.0f} s")
+            return client, control
 
     def _layers(self) -> list[str]:
         """The layers in force. Raises EngineError when a container cannot be launched."""
         told = self._info
         if told.get("OSType") != "linux" or told.get("KernelVersion") != platform.release():
-            raise EngineError("the Docker engine runs on another machine than this one", "use an engine on this machine")
+            raise EngineError("the Docker engine runs on another machine", "use an engine that runs on this one")
         if self._runtime is not None and self._runtime not in told.get("Runtimes", {}):
             raise EngineError(f"the engine has no runtime {self._runtime}", "add it to the engine's daemon.json")
         rebuild = "run `envcraft sandbox build`"
+        label = f'{{{{index .Config.Labels "{build.LABEL}"}}}}'
         try:
-            labels = json.loads(engine.docker("image", "inspect", "--format", "{{json .Config.Labels}}", build.TAG)) or {}
+            built_from = engine.docker("image", "inspect", "--format", label, build.TAG)
         except EngineError:
             raise EngineError(f"the image {build.TAG} is not built", rebuild) from None
-        if labels.get(build.LABEL) != build.digest():
+        if built_from != build.digest():
             raise EngineError(f"the image {build.TAG} was built from other sources than these", rebuild)
         layers = [*_OWN_LAYERS, *([self._runtime] if self._runtime else [])]
         for option in told.get("SecurityOptions") or []:
             if option.startswith(("name=seccomp", "name=apparmor", "name=selinux")) and "unconfined" not in option:
                 layers.append(option.removeprefix("name=").partition(",")[0])
-        for key, layer in {"MemoryLimit": "memory limit", "PidsLimit": "process limit", "CpuCfsQuota": "one CPU"}.items():
-            if told.get(key):
-                layers.append(layer)
-        return layers
+        return layers + [layer for key, layer in _ENGINE_LAYERS.items() if told.get(key)]
 
     @functools.cached_property
     def _info(self) -> dict[str, Any]:
@@ -130,7 +133,7 @@ class DockerDriver(Driver):
         argv = ["docker", "run", "--rm", "--attach", "stderr", "--sig-proxy=false", "--pull", "never", "--init=false"]
         argv += ["--name", name, "--hostname", "sandbox", "--label", LABEL, "--log-driver", "none"]
         argv += ["--network", "none", "--ipc", "private", "--shm-size", "1m", "--read-only", "--workdir", "/tmp"]  # noqa: S108
-        argv += ["--tmpfs", "/tmp:rw,noexec,nosuid,nodev,size=64m,mode=1777"]
+        argv += ["--tmpfs", "/tmp:rw,noexec,nosuid,nodev,size=64m,mode=1777"]  # noqa: S108
         argv += ["--mount", f"type=bind,source={path},target={_CONTROL}"]
         argv += ["--user", "65534:65534", "--cap-drop", "ALL", "--security-opt", "no-new-privileges"]
         argv += ["--memory", memory, "--memory-swap", memory, "--pids-limit", str(limits.processes + 1)]
@@ -151,14 +154,44 @@ class DockerDriver(Driver):
         )
 
 
-class DockerWorker(launch.ChildWorker):
-    """A fork server in a container; the child is ``docker run``."""
+class DockerWorker(ForkServerWorker):
+    """A fork server in a container. `client` is its ``docker run``, which ends when the container has been removed."""
 
     def __init__(self, client: subprocess.Popen[bytes], name: str, control: socket.socket, limits: Limits) -> None:
-        super().__init__(client, control, limits)
-        self._finalizer = weakref.finalize(self, _remove, client, name)
-        control
+        self._end = weakref.finalize(self, _end, client, name, control)
+        super().__init__(control, limits)
 
     def close(self) -> None:
-        super(launch.ChildWorker, self).close()
-        self._finalizer()
+        super().close()
+        self._end()
+
+
+def _accept(listener: socket.socket, client: subprocess.Popen[bytes]) -> socket.socket | None:
+    """Wait for the worker to connect; None when the container has ended, or nothing happens."""
+    listener.settimeout(0.1)
+    deadline = time.monotonic() + _START_SECONDS
+    while time.monotonic() < deadline and client.poll() is None:
+        with contextlib.suppress(TimeoutError):
+            return listener.accept()[0]
+    return None
+
+
+def _end(client: subprocess.Popen[bytes], name: str, control: socket.socket | None = None) -> str:
+    """Hang up, see to it that the container is gone, and give the last words of its standard error."""
+    if control is not None:
+        hang_up(control)
+    try:
+        _, said = client.communicate(timeout=_END_SECONDS)
+    except subprocess.TimeoutExpired:
+        with contextlib.suppress(EngineError):
+            engine.docker("rm", "--force", name, timeout=_END_SECONDS)
+        try:
+            _, said = client.communicate(timeout=_END_SECONDS)
+        except subprocess.TimeoutExpired:
+            client.kill()
+            _, said = client.communicate()
+    return engine.last_words(said)
+
+
+def _unavailable(words: str) -> SandboxUnavailable:
+    return SandboxUnavailable(f"the docker sandbox did not start: {words}; see `envcraft doctor`")

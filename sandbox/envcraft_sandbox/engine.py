@@ -10,7 +10,7 @@ from typing import IO, Any
 from envcraft.errors import SandboxUnavailable
 
 _INSTALL = "install Docker (on Debian and Ubuntu the package docker.io)"
-_START = "start the Docker engine (`systemctl start docker`), or run `envcraft doctor` with DOCKER_HOST set to where it listens"
+_START = "start the Docker engine (`systemctl start docker`)"
 _ALLOW = "let this user use the engine (`usermod -aG docker USER`, then log in again)"
 
 
@@ -40,13 +40,11 @@ def docker(*arguments: str, timeout: float = 30.0) -> str:
     except subprocess.TimeoutExpired:
         raise EngineError(f"docker {arguments[0]} did not answer within {timeout:g} s", _START) from None
     if done.returncode:
-        raise _refusal(done.stderr.decode(errors="replace"))
+        raise _refusal(done.stderr)
     return done.stdout.decode(errors="replace").strip()
 
 
-def docker_aloud(
-    *arguments: str, say: Callable[[str], None], feed: Callable[[IO[bytes]], None] | None = None
-) -> None:
+def docker_aloud(*arguments: str, say: Callable[[str], None], feed: Callable[[IO[bytes]], None] | None = None) -> None:
     """Run a ``docker`` command that takes long: `say` gets its output line by line, `feed` writes to its input.
 
     Raises EngineError with its last words.
@@ -71,12 +69,11 @@ def docker_aloud(
             except BaseException:
                 process.kill()
                 raise
-        last = ""
+        last = b""
         for line in process.stdout or ():
-            words = line.decode(errors="replace").strip()
-            if words:
-                last = words
-                say(words)
+            if line.strip():
+                last = line
+                say(line.decode(errors="replace").rstrip())
     if process.returncode:
         raise _refusal(last)
 
@@ -89,15 +86,22 @@ def info() -> dict[str, Any]:
         raise EngineError("docker info gives no JSON", "use the command docker of Docker 20.10 or later") from None
     # Some versions of the command report an absent engine in its answer, and succeed.
     if told.get("ServerErrors"):
-        raise _refusal(str(told["ServerErrors"][0]))
+        raise _refusal(str(told["ServerErrors"][0]).encode())
     return told
 
 
-def _refusal(words: str) -> EngineError:
-    lines = [line for line in words.strip().splitlines() if line and not line.startswith("See 'docker")]
-    said = lines[-1].removeprefix("docker: ").removeprefix("Error response from daemon: ").rstrip(".") if lines else ""
-    if "permission denied" in said and "socket" in said:
+def last_words(said: bytes) -> str:
+    """The last line of what a command wrote that tells why it failed."""
+    lines = said.decode(errors="replace").strip().splitlines()
+    # Both of these only point to the command's help.
+    told = [line for line in lines if line.strip() and not line.startswith(("See 'docker", "Run 'docker"))]
+    return told[-1].strip().removeprefix("docker: ").removeprefix("Error response from daemon: ") if told else ""
+
+
+def _refusal(said: bytes) -> EngineError:
+    words = last_words(said).rstrip(".")
+    if "permission denied" in words and "socket" in words:
         return EngineError("this user may not use the Docker engine", _ALLOW)
-    if "Cannot connect" in said or "cannot connect" in said or "Is the docker daemon running" in said:
+    if "cannot connect" in words.lower() or "daemon running" in words:
         return EngineError("no Docker engine answers", _START)
-    return EngineError(f"docker refused: {said or 'it gave no reason'}")
+    return EngineError(f"docker refused: {words or 'it gave no reason'}")

@@ -11,6 +11,7 @@ import io
 import os
 import py_compile
 import re
+import struct
 import subprocess
 import sys
 import sysconfig
@@ -95,15 +96,16 @@ def collect(worker: Iterable[tuple[str, bytes]]) -> Root:
     for distribution in distributions:
         for path in _installed(distribution):
             _add_module(root, path)
-    for path in _shared_libraries(root.files()):
-        root.add(path, Path(path))
+    for library in _shared_libraries(root.files()):
+        root.add(library, Path(library))
     for place in map(Path, _SYSTEM_FILES):
         for path in [place] if place.is_file() else _tree(place):
             root.add(str(path), path)
-    for name, content in [*_ETC.items(), *((f"{WORKER_ROOT}/{name}", content) for name, content in worker)]:
+    for name, content in _ETC.items():
         root.add(name, content)
-        if name.endswith(".py"):
-            _add_bytecode(root, name, content)
+    for name, source in worker:
+        root.add(f"{WORKER_ROOT}/{name}", source)
+        _add_bytecode(root, f"{WORKER_ROOT}/{name}", source)
     return root
 
 
@@ -170,12 +172,12 @@ def _is_fresh(cache: Path, source: Path) -> bool:
         status = source.stat()
     except OSError:
         return False
-    stamp = (int(status.st_mtime) & 0xFFFFFFFF).to_bytes(4, "little") + (status.st_size & 0xFFFFFFFF).to_bytes(4, "little")
-    return head == importlib.util.MAGIC_NUMBER + bytes(4) + stamp
+    stamp = struct.pack("<4sIII", importlib.util.MAGIC_NUMBER, 0, int(status.st_mtime), status.st_size)
+    return head == stamp
 
 
 def _add_bytecode(root: Root, path: str, source: bytes) -> None:
-    """Compile a module into bytecode that is used without a look at the source's time; nothing if it does not compile."""
+    """Compile a module into bytecode that holds whatever the source's time is; nothing if it does not compile."""
     with tempfile.TemporaryDirectory(prefix="envcraft-") as folder:
         module, target = Path(folder, "module.py"), Path(folder, "module.pyc")
         module.write_bytes(source)

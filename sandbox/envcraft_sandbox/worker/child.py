@@ -71,10 +71,27 @@ def _receive(sock: socket.socket) -> dict[str, Any]:
         return job
 
 
+#: What shifts the addresses of everything that is allocated later.
+_kept: list[Any] = []
+
+
+def _fragments(seed: int | None) -> list[Any]:
+    """Objects of many sizes with gaps between them, so that new ones get other addresses than in another process."""
+    if seed is None:
+        return []
+    rng = random.Random(seed)
+    made = [bytearray(rng.randrange(1, 480)) for _ in range(20_000)]
+    made += [object() for _ in range(rng.randrange(1_000))]
+    return [item for item in made if rng.random() < 0.6]
+
+
 def _run(job: dict[str, Any], channel: Channel) -> None:
     conditions = job.get("conditions", {})
-    random.seed(conditions.get("global_seed", 0))
-    np.random.seed(conditions.get("global_seed", 0))
+    # By default from the episode's seed: one fixed state would give code that draws from it one level for all seeds.
+    state = conditions.get("global_seed", job.get("seed", 0)) % 2**32
+    random.seed(state)
+    np.random.seed(state)
+    _kept.extend(_fragments(conditions.get("heap")))
     Clock.install(conditions.get("clock"))
     subject = Subject(job, channel)
     try:

@@ -137,7 +137,7 @@ def _restore(state: tuple[Any, Any]) -> None:
 def _play_through(subject: Subject, env: Any, episode: dict[str, Any]) -> None:
     """An earlier episode on the same instance; what it returns is not looked at."""
     subject.channel.phase("before")
-    subject.call("before", env.reset, seed=episode["seed"])
+    subject.call("earlier reset", env.reset, seed=episode["seed"])
     for value in episode["actions"]:
         result = subject.call("before", env.step, subject.action(value, env))
         subject.channel.tick()

@@ -183,7 +183,7 @@ def explore(tree: Tree) -> None:
 
 def _remember(tree: Tree, archive: dict[bytes, Node], cell: bytes, node: Node) -> None:
     known = archive.get(cell)
-    if known is not None and (node.total, -node.path.length) <= (known.total, -known.path.length):
+    if known is not None and node.total <= known.total:
         return
     if known is None and len(archive) >= 4096:
         return

@@ -67,7 +67,7 @@ def serve(control: socket.socket) -> None:
     received = b""
     descriptors: list[int] = []
     while True:
-        readable, _, _ = select.select([control, wake], [], [])
+        readable, _, _ = select.select([control.fileno(), wake], [], [])
         if wake in readable:
             os.read(wake, 4096)
             for pid, status in _reap():
@@ -77,7 +77,7 @@ def serve(control: socket.socket) -> None:
                     if not children:
                         _kill_leftovers()
                     send({"exit": job, "status": status})
-        if control not in readable:
+        if control.fileno() not in readable:
             continue
         data, fds, _, _ = socket.recv_fds(control, 1 << 20, 16)
         if not data:
@@ -115,7 +115,7 @@ def serve(control: socket.socket) -> None:
 
 
 def _reap() -> list[tuple[int, int]]:
-    ended = []
+    ended: list[tuple[int, int]] = []
     while True:
         try:
             pid, status = os.waitpid(-1, os.WNOHANG)

@@ -1,0 +1,325 @@
+"""The command line's own promises: light imports, exit statuses, and one sentence for each wrong use."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import click
+import pytest
+
+from envcraft import __version__
+from envcraft.cli import configuration, unknown
+from envcraft.errors import UsageError
+
+HEAVY = ("numpy", "gymnasium", "torch", "scipy", "stable_baselines3", "PIL")
+QUICK = ("--sandbox", "process", "--budget", "quick", "--checks", "source")
+
+
+@pytest.mark.parametrize("arguments", [["--help"], ["--version"], ["checks"], ["explain", "EC203"], ["validate", "-h"]])
+def test_light_commands_import_no_numerical_library(arguments: list[str]) -> None:
+    code = (
+        "import sys\nfrom envcraft.cli import cli\n"
+        f"try:\n    cli({arguments!r})\nexcept SystemExit as end:\n    status = end.code\n"
+        f"print('status', status, 'heavy', [name for name in {HEAVY!r} if name in sys.modules])"
+    )
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True)
+    assert result.stdout.splitlines()[-1] == "status 0 heavy []"
+
+
+def test_version_and_module_entry() -> None:
+    result = subprocess.run(
+        [sys.executable, "-m", "envcraft", "--version"], capture_output=True, text=True, timeout=60, check=True
+    )
+    assert __version__ in result.stdout
+
+
+def test_all_built_in_commands_are_there(invoke: Any) -> None:
+    result = invoke("--help")
+    listed = [line.split()[0] for line in result.stdout.partition("Commands:\n")[2].splitlines()]
+    assert listed == sorted(listed)
+    wanted = {"validate", "replay", "explain", "checks", "contracts", "plugins", "doctor", "sandbox"}
+    assert set(listed) >= wanted
+
+
+def test_unknown_command_names_the_nearest(invoke: Any) -> None:
+    result = invoke("valdate")
+    assert result.exit_code == 2
+    assert "did you mean validate?" in result.stderr
+
+
+def test_good_and_bad_environments_by_exit_status(invoke: Any, good: Path, bad: Path) -> None:
+    assert invoke("validate", good, *QUICK).exit_code == 0
+    assert invoke("validate", good, bad, *QUICK).exit_code == 1
+    assert invoke("validate", good, bad, *QUICK, "--exit-zero").exit_code == 0
+
+
+def test_missing_path_is_a_sentence_and_the_others_are_judged(invoke: Any, good: Path, bad: Path) -> None:
+    result = invoke("validate", "nowhere.py", bad, good, *QUICK, "--format", "json", "--exit-zero")
+    assert result.exit_code == 2
+    assert result.stderr.splitlines() == [
+        "Error: nowhere.py does not exist; give a Python file, or a folder with some",
+    ]
+    assert [Path(subject["path"]).name for subject in json.loads(result.stdout)["reports"]] == ["bad.py", "walk.py"]
+
+
+def test_folder_without_environments(invoke: Any, tmp_path: Path) -> None:
+    folder = tmp_path / "empty"
+    folder.mkdir()
+    (folder / "tool.py").write_text("import gymnasium\nprint(1)\n")
+    (folder / "other.py").write_text("class A:\n    pass\n")
+    result = invoke("validate", folder)
+    assert result.exit_code == 2
+    assert "holds no environment" in result.stderr
+    assert result.stdout == ""
+
+
+def test_folder_is_searched_for_environments(invoke: Any, good: Path, tmp_path: Path) -> None:
+    for name in ("a/one.py", ".venv/lib/two.py", "b/c/three.py", "__pycache__/four.py"):
+        path = tmp_path / "tree" / name
+        path.parent.mkdir(parents=True)
+        path.write_bytes(good.read_bytes())
+    (tmp_path / "tree" / "a" / "helper.py").write_text("x = 1\n")
+    result = invoke("validate", tmp_path / "tree", *QUICK, "--format", "json", "--workers", 2)
+    paths = [Path(subject["path"]).name for subject in json.loads(result.stdout)["reports"]]
+    assert paths == ["one.py", "three.py"]
+
+
+@pytest.mark.parametrize(
+    ("content", "code"),
+    [(b"\x7fELF\x02\x01\x01\x00\x00\xff\xfe" * 50, "EC001"), (b"# big\n" * (50 * 1024**2 // 6), "EC010")],
+    ids=["binary", "50 MB"],
+)
+def test_files_that_are_no_environments_fail_with_a_code(
+    invoke: Any, tmp_path: Path, content: bytes, code: str
+) -> None:
+    path = tmp_path / "odd.py"
+    path.write_bytes(content)
+    result = invoke("validate", path, *QUICK, "--format", "json")
+    assert result.exit_code == 1
+    found = [
+        finding["code"] for check in json.loads(result.stdout)["reports"][0]["checks"] for finding in check["findings"]
+    ]
+    assert found == [code]
+
+
+def test_endless_import_costs_its_file_only(invoke: Any, good: Path, tmp_path: Path) -> None:
+    (tmp_path / "loop.py").write_text("import gymnasium\nwhile True:\n    pass\n")
+    result = invoke("validate", tmp_path / "loop.py", good, *QUICK, "--format", "json")
+    first, second = json.loads(result.stdout)["reports"]
+    assert [finding["code"] for finding in first["checks"][0]["findings"]] == ["EC004"]
+    assert second["verdict"] == "pass"
+
+
+def test_a_pipe_is_refused_rather_than_waited_for(invoke: Any, tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe.py")
+    result = invoke("validate", tmp_path / "pipe.py")
+    assert result.exit_code == 2
+    assert "neither a file nor a folder" in result.stderr
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("--checks", "determinsm"), "did you mean determinism?"),
+        (("--skip", "rewards"), "did you mean reward?"),
+        (("--contract", "arcad"), "did you mean"),
+        (("--contract", "zzz"), "there are arcade"),
+        (("--format", "jsn"), "did you mean json?"),
+        (("--sandbox", "dokcer"), "did you mean docker?"),
+        (("--output", "missing/report.json"), "--output missing/report.json cannot be written"),
+        (("--policy", "missing.py"), "the policy missing.py cannot be read"),
+        (("--seed", "-1"), "-1"),
+        (("--workers", "0"), "0"),
+        (("--budget", "huge"), "huge"),
+        (("--checks", "source", "--skip", "source"), "no check is left"),
+    ],
+)
+def test_wrong_use_is_one_sentence(invoke: Any, good: Path, arguments: tuple[str, ...], words: str) -> None:
+    result = invoke("validate", good, *arguments)
+    assert result.exit_code == 2
+    assert words in result.stderr
+    assert "Traceback" not in result.output
+    assert result.stdout == ""
+
+
+def test_no_engine_is_a_sentence_and_exit_3(invoke: Any, good: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("DOCKER_HOST", "unix:///nonexistent/engine.sock")
+    result = invoke("validate", good, "--sandbox", "docker")
+    assert result.exit_code == 3
+    assert result.stderr.startswith("Error: the docker sandbox does not work here")
+    assert len(result.stderr.splitlines()) == 1
+
+
+def test_required_isolation_fails_closed(invoke: Any, good: Path) -> None:
+    result = invoke("validate", good, "--sandbox", "process", "--require-isolation", "container")
+    assert result.exit_code == 3
+    assert "--require-isolation asks for container" in result.stderr
+    assert result.stdout == ""
+
+
+def test_class_picks_one_of_several(invoke: Any, good: Path, tmp_path: Path) -> None:
+    path = tmp_path / "two.py"
+    path.write_text(
+        good.read_text()
+        + "\n\nclass Other(Walk):\n    metadata = {'render_modes': []}\n\n\nclass Third(Walk):\n    pass\n"
+    )
+    assert invoke("validate", path, *QUICK).exit_code == 1
+    result = invoke("validate", path, *QUICK, "--class", "Other", "--format", "json")
+    assert json.loads(result.stdout)["reports"][0]["env_class"] == "Other"
+
+
+def test_skip_leaves_a_check_out(invoke: Any, good: Path) -> None:
+    result = invoke(
+        "validate",
+        good,
+        "--sandbox",
+        "process",
+        "--budget",
+        "quick",
+        "--skip",
+        "api,determinism,difficulty",
+        "--format",
+        "json",
+    )
+    ran = [check["check"] for check in json.loads(result.stdout)["reports"][0]["checks"]]
+    assert ran[0] == "source"
+    assert "reward" in ran
+    assert not {"api", "determinism", "difficulty"} & set(ran)
+
+
+def test_output_goes_to_the_file(invoke: Any, good: Path, tmp_path: Path) -> None:
+    result = invoke("validate", good, *QUICK, "--format", "json", "--output", "report.json")
+    assert result.stdout == ""
+    assert json.loads((tmp_path / "report.json").read_text())["reports"][0]["verdict"] == "pass"
+
+
+def test_settings_come_from_the_nearest_pyproject(invoke: Any, bad: Path, tmp_path: Path, monkeypatch: Any) -> None:
+    (tmp_path / "pyproject.toml").write_text(
+        '[tool.envcraft]\nformat = "json"\nsandbox = "process"\nseed = 7\nexit-zero = true\nskip = ["api", "difficulty"]\n'
+    )
+    below = tmp_path / "below"
+    below.mkdir()
+    monkeypatch.chdir(below)
+    result = invoke("validate", bad)
+    report = json.loads(result.stdout)
+    assert result.exit_code == 0
+    assert report["seed"] == 7
+    assert "api" not in [check["check"] for check in report["reports"][0]["checks"]]
+    assert json.loads(invoke("validate", bad, "--seed", 8).stdout)["seed"] == 8
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("[tool.envcraft]\nbugdet = 'quick'\n", "did you mean budget?"),
+        ("[tool.envcraft\n", "cannot be read as configuration"),
+        ("[tool]\nenvcraft = 3\n", "must be a table"),
+    ],
+)
+def test_wrong_settings_are_a_sentence(invoke: Any, good: Path, tmp_path: Path, text: str, words: str) -> None:
+    (tmp_path / "pyproject.toml").write_text(text)
+    result = invoke("validate", good)
+    assert result.exit_code == 2
+    assert words in result.stderr
+    with pytest.raises(UsageError, match="pyproject"):
+        configuration(tmp_path, {"budget"})
+
+
+def test_a_bug_of_ours_is_exit_3_never_1(invoke: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken() -> None:
+        raise ZeroDivisionError
+
+    monkeypatch.setattr("envcraft.cli.offered", lambda hook: [click.Command("boom", callback=broken)])
+    result = invoke("boom")
+    assert result.exit_code == 3
+    assert "EnvCraft itself broke" in result.stderr
+
+
+def test_ctrl_c_is_exit_130(invoke: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupted() -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("envcraft.cli.offered", lambda hook: [click.Command("wait", callback=interrupted)])
+    result = invoke("wait")
+    assert result.exit_code == 130
+    assert result.stderr == "interrupted\n"
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("workers", [1, 2])
+def test_ending_it_leaves_no_process(tmp_path: Path, number: signal.Signals, workers: int) -> None:
+    for name in ("a", "b"):
+        (tmp_path / f"{name}.py").write_text("import gymnasium\n\nclass A:\n    while True:\n        pass\n")
+    command = [sys.executable, "-m", "envcraft", "validate", ".", "--sandbox", "process", "--workers", str(workers)]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=tmp_path)
+    deadline = time.monotonic() + 30
+    while len(started := descendants(process.pid)) < 2 * workers and time.monotonic() < deadline:
+        time.sleep(0.05)
+    assert len(started) >= 2 * workers, "no worker was started"
+    process.send_signal(number)
+    _, errors = process.communicate(timeout=30)
+    assert process.returncode == 130
+    assert errors.splitlines()[-1] == "interrupted"
+    assert "Traceback" not in errors
+    deadline = time.monotonic() + 10
+    while (left := [child for child in started if alive(child)]) and time.monotonic() < deadline:
+        time.sleep(0.1)
+    assert not left
+
+
+def test_unknown_names_the_nearest_or_all() -> None:
+    assert unknown("rewrad", ["reward", "api"]) == "'rewrad'; did you mean reward?"
+    assert unknown("zzz", ["reward", "api"]) == "'zzz'; there are reward, api"
+
+
+@pytest.mark.parametrize(("name", "words"), [("EC203", "hash-seed"), ("ec203", "hash-seed"), ("determinism", "EC204")])
+def test_explain(invoke: Any, name: str, words: str) -> None:
+    result = invoke("explain", name)
+    assert result.exit_code == 0
+    assert words in result.stdout
+
+
+def test_explain_names_the_nearest(invoke: Any) -> None:
+    result = invoke("explain", "EC2003")
+    assert result.exit_code == 2
+    assert "EC203" in result.stderr
+
+
+@pytest.mark.parametrize("listing", ["checks", "contracts", "plugins"])
+def test_listings_in_both_formats(invoke: Any, listing: str) -> None:
+    words = {"checks": "EC203", "contracts": "arcade", "plugins": "envcraft_checks.source"}[listing]
+    assert words in invoke(listing).stdout
+    assert words in json.dumps(json.loads(invoke(listing, "--format", "json").stdout))
+
+
+def descendants(parent: int) -> set[tuple[int, str]]:
+    """The processes below one, each with the time of its start, which tells it from a later one of the same number."""
+    parents, starts = {}, {}
+    for folder in Path("/proc").iterdir():
+        if folder.name.isdigit() and (fields := stat(int(folder.name))):
+            parents[int(folder.name)], starts[int(folder.name)] = int(fields[1]), fields[19]
+    found: set[int] = set()
+    while new := {child for child, above in parents.items() if above in found | {parent}} - found:
+        found |= new
+    return {(child, starts[child]) for child in found}
+
+
+def alive(process: tuple[int, str]) -> bool:
+    number, start = process
+    fields = stat(number)
+    return bool(fields) and fields[19] == start and fields[0] != "Z"
+
+
+def stat(number: int) -> list[str]:
+    """The fields of /proc/PID/stat from the state on, or none when there is no such process."""
+    try:
+        return Path(f"/proc/{number}/stat").read_text().rpartition(")")[2].split()
+    except OSError:
+        return []

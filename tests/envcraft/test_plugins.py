@@ -1,0 +1,85 @@
+"""One broken plugin is named, and the others go on."""
+
+from __future__ import annotations
+
+import types
+from collections.abc import Callable
+from typing import Any
+
+import click
+import pluggy
+import pytest
+
+from envcraft import hookspecs
+from envcraft.plugins import DEFAULT_PLUGINS, GROUP, Plugins, hookimpl, plugins
+
+
+@pytest.fixture
+def empty() -> Plugins:
+    manager = pluggy.PluginManager(GROUP)
+    manager.add_hookspecs(hookspecs)
+    return Plugins(manager)
+
+
+def plugin(name: str, hook: str, function: Callable[[], Any]) -> Callable[[], types.ModuleType]:
+    """A loader of a module with one hook."""
+    module = types.ModuleType(name)
+    function.__name__ = hook
+    setattr(module, hook, hookimpl(function))
+    return lambda: module
+
+
+def raises() -> Any:
+    raise RuntimeError("no luck")
+
+
+def gives() -> Any:
+    return ["a rule"]
+
+
+def test_built_in_plugins_all_load() -> None:
+    assert not [broken for broken in plugins().broken if broken.plugin in DEFAULT_PLUGINS]
+    assert {listed.name for listed in plugins().list()} >= set(DEFAULT_PLUGINS)
+
+
+def test_a_hook_that_raises_is_named_and_the_rest_go_on(empty: Plugins) -> None:
+    empty.register("bad", "bad-dist", plugin("bad", "envcraft_checks", raises))
+    empty.register("good", "good-dist", plugin("good", "envcraft_checks", gives))
+    assert empty.collect("envcraft_checks") == ["a rule"]
+    assert [(broken.plugin, broken.error) for broken in empty.broken] == [("bad", "RuntimeError: no luck")]
+
+
+def test_a_plugin_that_cannot_be_imported_is_named(empty: Plugins) -> None:
+    def load() -> Any:
+        raise ImportError("no module named torch")
+
+    empty.register("heavy", "heavy-dist", load)
+    assert empty.list() == []
+    assert "no module named torch" in empty.broken[0].error
+
+
+def test_a_misspelt_hook_is_reported(empty: Plugins) -> None:
+    empty.register("typo", "typo-dist", plugin("typo", "envcraft_cheks", gives))
+    assert "envcraft_cheks" in empty.broken[0].error
+    assert empty.list() == []
+
+
+def test_listing_names_distribution_and_hooks(empty: Plugins) -> None:
+    empty.register("good", "good-dist", plugin("good", "envcraft_checks", gives))
+    (listed,) = empty.list()
+    assert (listed.name, listed.distribution, listed.hooks) == ("good", "good-dist", ["envcraft_checks"])
+
+
+def test_the_command_line_warns_in_one_line_and_works(
+    empty: Plugins, invoke: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    empty.register("bad", "bad-dist", plugin("bad", "envcraft_commands", raises))
+    empty.register("good", "good-dist", plugin("good", "envcraft_commands", lambda: [click.Command("hello")]))
+    monkeypatch.setattr("envcraft.cli.plugins", lambda: empty)
+    result = invoke("--help")
+    assert result.exit_code == 0
+    assert "hello" in result.stdout
+    warnings = [line for line in result.stderr.splitlines() if line]
+    assert len(warnings) == 1
+    assert "bad" in warnings[0]
+    assert "no luck" in warnings[0]

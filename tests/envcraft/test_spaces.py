@@ -1,0 +1,84 @@
+"""Values against JSON descriptions of spaces."""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from envcraft import spaces
+
+FRAME = {"type": "Box", "low": 0, "high": 255, "shape": [2, 3], "dtype": "uint8"}
+REAL = {"type": "Box", "low": -1.0, "high": [0.0, 1.0], "shape": [2], "dtype": "float32"}
+PAD = {"type": "MultiDiscrete", "nvec": [5, 2, 2], "start": [0, 0, 0], "dtype": "int64"}
+BUTTON = {"type": "Discrete", "n": 3, "start": 1}
+BITS = {"type": "MultiBinary", "shape": [4]}
+WORDS = {"type": "Text", "min_length": 1, "max_length": 3, "charset": "ab"}
+ALL = [FRAME, REAL, PAD, BUTTON, BITS, WORDS]
+BOTH = {"type": "Dict", "spaces": [["frame", FRAME], ["pair", {"type": "Tuple", "spaces": [BUTTON, WORDS]}]]}
+
+
+@pytest.mark.parametrize(
+    ("space", "value", "kind", "words"),
+    [
+        (FRAME, np.zeros((2, 3), np.uint8), None, ""),
+        (FRAME, np.zeros((2, 3), np.float64), "type", "dtype float64"),
+        (FRAME, np.zeros((3, 2), np.uint8), "type", "shape"),
+        (FRAME, [[0, 0, 0], [0, 0, 0]], "type", "list"),
+        (FRAME, None, "type", "None"),
+        (REAL, np.array([0.0, 1.0], np.float32), None, ""),
+        (REAL, np.array([0.5, 0.0], np.float32), "range", r"\[0\] is 0.5"),
+        (REAL, np.array([0.0, np.nan], np.float32), "range", r"\[1\] is nan"),
+        (REAL, np.array([0.0, -np.inf], np.float32), "range", r"\[1\] is -inf"),
+        (BUTTON, 3, None, ""),
+        (BUTTON, np.int64(1), None, ""),
+        (BUTTON, 0, "range", "0"),
+        (BUTTON, 4, "range", "4"),
+        (BUTTON, True, "type", "bool"),
+        (BUTTON, 1.0, "type", "float"),
+        (PAD, np.array([4, 1, 1]), None, ""),
+        (PAD, np.array([5, 0, 0]), "range", r"\[0\] is 5"),
+        (PAD, np.array([-1, 0, 0]), "range", r"\[0\] is -1"),
+        (PAD, np.array([0.0, 0.0, 0.0]), "type", "float64"),
+        (BITS, np.array([0, 1, 1, 2]), "range", r"\[3\] is 2"),
+        (WORDS, "ab", None, ""),
+        (WORDS, "abba", "range", "4 characters"),
+        (WORDS, "c", "range", "1 characters"),
+        (WORDS, b"a", "type", "bytes"),
+        (BOTH, {"frame": np.zeros((2, 3), np.uint8), "pair": (1, "a")}, None, ""),
+        (BOTH, {"frame": np.zeros((2, 3), np.uint8)}, "type", "keys"),
+        (BOTH, {"frame": np.zeros((2, 3), np.uint8), "pair": (0, "a")}, "range", r"\[pair\]\[0\]"),
+        (BOTH, {"frame": np.zeros((2, 3), np.uint8), "pair": [1, "a"]}, "type", "list"),
+    ],
+)
+def test_problem(space: dict[str, Any], value: Any, kind: str | None, words: str) -> None:
+    found = spaces.problem(space, value)
+    assert (found and found[0]) == kind
+    if found:
+        assert re.search(words, found[1])
+
+
+@given(st.sampled_from(ALL), st.integers(0, 2**32))
+def test_samples_are_inside(space: dict[str, Any], seed: int) -> None:
+    value = spaces.sample(space, np.random.default_rng(seed))
+    if space["type"] in ("Box", "MultiDiscrete", "MultiBinary"):
+        value = np.asarray(value, dtype=space.get("dtype", "int8"))
+    assert spaces.problem(space, value) is None
+
+
+def test_every_joint_action_once_and_nothing_first() -> None:
+    found = spaces.enumerate_actions(PAD)
+    assert len(found) == len({tuple(action) for action in found}) == 20
+    assert found[0] == [0, 0, 0]
+
+
+@pytest.mark.parametrize(
+    ("change", "same"),
+    [({}, True), ({"low": 0.0}, True), ({"high": 1}, False), ({"shape": [3, 2]}, False), ({"dtype": "float32"}, False)],
+)
+def test_same_compares_bounds_shape_and_dtype(change: dict[str, Any], same: bool) -> None:
+    assert spaces.same(FRAME, {**FRAME, **change}) is same

@@ -1,0 +1,102 @@
+"""Layouts come from untrusted code: every byte is bounded, and nothing but MalformedValue is raised."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as arrays
+
+from envcraft.values import MAX_BYTES, Layout, MalformedValue
+
+json_values = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=8),
+    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=6), inner, max_size=4),
+    max_leaves=20,
+)
+dtypes = st.sampled_from(
+    ["uint8", "<f8", "<U3", "object", "O", "V8", "S2147483647", "i4,i4", "(3,)i4", "datetime64", "?"]
+)
+specs = st.recursive(
+    st.fixed_dictionaries(
+        {"k": st.sampled_from(["array", "scalar", "int", "float", "bool", "str", "other", "pickle"])},
+        optional={
+            "dtype": dtypes | json_values,
+            "shape": st.lists(st.integers(-1, 10_000), max_size=5) | json_values,
+            "n": st.integers(-1, 2**40) | json_values,
+            "type": json_values,
+        },
+    ),
+    lambda inner: st.fixed_dictionaries(
+        {
+            "k": st.sampled_from(["dict", "tuple", "list"]),
+            "items": st.lists(inner | st.tuples(st.text(max_size=3), inner).map(list), max_size=3),
+        }
+    ),
+    max_leaves=6,
+)
+
+
+@given(json_values | specs)
+@example({"k": "array", "dtype": "uint8", "shape": [2**62, 4]})
+@example({"k": "array", "dtype": "U2000000000", "shape": [2]})
+def test_any_description_gives_a_bounded_layout_or_malformed(spec: Any) -> None:
+    try:
+        layout = Layout(spec)
+    except MalformedValue:
+        return
+    assert 0 <= layout.size <= MAX_BYTES
+    if layout.size < 100_000:
+        try:
+            layout.decode(bytes(layout.size))
+        except MalformedValue:
+            return
+        assert str(layout)
+
+
+@given(arrays.arrays(st.sampled_from(["u1", "<i8", "<f4", "?", "<c16"]), arrays.array_shapes(min_dims=0, max_side=5)))
+def test_arrays_come_back_bit_by_bit(value: np.ndarray[Any, Any]) -> None:
+    layout = Layout({"k": "array", "dtype": value.dtype.str, "shape": list(value.shape)})
+    back = layout.decode(value.tobytes())
+    assert back.dtype == value.dtype
+    assert back.shape == value.shape
+    assert back.tobytes() == value.tobytes()
+
+
+def test_nested_values_come_back() -> None:
+    spec = {
+        "k": "dict",
+        "items": [["a", {"k": "int"}], ["b", {"k": "tuple", "items": [{"k": "bool"}, {"k": "float"}]}]],
+    }
+    data = (7).to_bytes(8, "little") + b"\x01" + np.float64(2.5).tobytes()
+    assert Layout(spec).decode(data) == {"a": 7, "b": (True, 2.5)}
+
+
+@pytest.mark.parametrize("size", [0, 7, 9])
+def test_another_number_of_bytes_is_refused(size: int) -> None:
+    with pytest.raises(MalformedValue, match="bytes"):
+        Layout({"k": "int"}).decode(bytes(size))
+
+
+def test_nesting_is_bounded() -> None:
+    spec: dict[str, Any] = {"k": "int"}
+    for _ in range(2_000):
+        spec = {"k": "list", "items": [spec]}
+    with pytest.raises(MalformedValue, match="nested"):
+        Layout(spec)
+
+
+def test_layouts_of_other_types_have_other_tags() -> None:
+    specs: list[dict[str, Any]] = [
+        {"k": "array", "dtype": "uint8", "shape": [4]},
+        {"k": "array", "dtype": "uint8", "shape": [2, 2]},
+        {"k": "array", "dtype": "int8", "shape": [4]},
+        {"k": "other", "type": "a"},
+        {"k": "other", "type": "b"},
+        {"k": "tuple", "items": [{"k": "int"}]},
+        {"k": "list", "items": [{"k": "int"}]},
+    ]
+    assert len({Layout(spec).tag for spec in specs}) == len(specs)
