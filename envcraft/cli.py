@@ -71,12 +71,21 @@ class Configured(click.Command):
     def make_context(
         self, info_name: str | None, args: list[str], parent: click.Context | None = None, **extra: Any
     ) -> click.Context:
-        extra["default_map"] = configuration(Path.cwd(), {name for param in self.params if (name := param.name)})
+        options = {
+            option.removeprefix("--"): str(param.name)
+            for param in self.params
+            if isinstance(param, click.Option)
+            for option in param.opts
+        }
+        extra["default_map"] = configuration(Path.cwd(), options)
         return super().make_context(info_name, args, parent, **extra)
 
 
-def configuration(folder: Path, known: set[str]) -> dict[str, Any]:
-    """Read ``[tool.envcraft]`` of the ``pyproject.toml`` in `folder` or the nearest one above. Raises UsageError."""
+def configuration(folder: Path, options: dict[str, str]) -> dict[str, Any]:
+    """Read ``[tool.envcraft]`` of the ``pyproject.toml`` in `folder` or the nearest one above. Raises UsageError.
+
+    `options` are the names that settings may have, with the parameter that each sets.
+    """
     for parent in (folder, *folder.parents):
         path = parent / "pyproject.toml"
         if path.is_file():
@@ -91,11 +100,10 @@ def configuration(folder: Path, known: set[str]) -> dict[str, Any]:
         raise UsageError(f"{path}: [tool.envcraft] must be a table")
     settings = {}
     for key, value in table.items():
-        name = key.replace("-", "_")
-        if name not in known - {"targets"}:
-            options = sorted(option.replace("_", "-") for option in known - {"targets"})
+        name = key.replace("_", "-")
+        if name not in options:
             raise UsageError(f"{path}: [tool.envcraft] has no setting {unknown(key, options)}")
-        settings[name] = ",".join(map(str, value)) if isinstance(value, list) else value
+        settings[options[name]] = ",".join(map(str, value)) if isinstance(value, list) else value
     return settings
 
 
@@ -112,12 +120,11 @@ def offered(hook: str) -> list[Any]:
 
 
 def unknown(name: str, known: Iterable[str]) -> str:
-    """Words for a name that does not exist: the name, and the nearest that do, or all of them."""
+    """Words for a name that does not exist: the name, and the nearest that does, or all of them."""
     known = list(known)
-    near = difflib.get_close_matches(name.lower(), [str(other).lower() for other in known], n=3, cutoff=0.5)
-    nearest = [other for other in known if str(other).lower() in near]
-    if nearest:
-        return f"{name!r}; did you mean {' or '.join(nearest)}?"
+    near = difflib.get_close_matches(name.lower(), [other.lower() for other in known], n=1, cutoff=0.5)
+    if near:
+        return f"{name!r}; did you mean {next(other for other in known if other.lower() == near[0])}?"
     return f"{name!r}; there are {', '.join(known)}" if known else repr(name)
 
 

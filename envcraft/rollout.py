@@ -35,7 +35,7 @@ class Conditions(msgspec.Struct, frozen=True, omit_defaults=True):
         fresh: a worker of its own (a fresh container or namespace), not a fork of the usual one.
         heap: allocate and free objects first, drawn from this seed, so that new ones have other addresses.
         hash_seed: PYTHONHASHSEED of the worker.
-        global_seed: seeds the global ``random`` and ``numpy.random`` before the file is loaded; None is the episode's seed.
+        global_seed: seeds the global ``random`` and ``numpy.random`` before the file is loaded; None: the episode's.
         perturb: reseed both global generators from this before each call.
         clock: another clock.
         again: play the episode twice in one process, each time on a new instance, and record both.

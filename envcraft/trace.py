@@ -236,6 +236,9 @@ class Recording:
 
     def step(self, step: Step) -> None:
         trace = self.trace
+        given = trace.chosen if trace.rollout.policy else trace.rollout.actions
+        if not trace.observations or trace.steps >= len(given):
+            raise MalformedValue("a step that was not asked for")
         trace.rewards.append(step.reward)
         trace.reward_types.append(step.reward_type)
         trace.terminated.append(step.terminated)
@@ -244,9 +247,13 @@ class Recording:
         self._observe(step)
 
     def after(self, step: Step) -> None:
+        if len(self.trace.after) >= self.trace.rollout.conditions.after_end:
+            raise MalformedValue("a step after the end that was not asked for")
         self.trace.after.append((step.reward, step.terminated, step.truncated))
 
     def action(self, action: Any) -> None:
+        if len(self.trace.chosen) >= self.trace.rollout.max_steps:
+            raise MalformedValue("an action that was not asked for")
         self.trace.chosen.append(action)
         if self._action_space is not None and (wrong := _refuse(self._action_space, action)):
             self.trace.refused = wrong
@@ -254,6 +261,8 @@ class Recording:
 
     def render(self, layout: int, data: memoryview) -> None:
         trace, step = self.trace, self.trace.steps
+        if not trace.observations:
+            raise MalformedValue("a frame before the reset")
         trace.renders += 1
         shape = self._layout(layout)
         shape.decode(data)
@@ -265,6 +274,8 @@ class Recording:
             self._note_render(Problem(step, "differs", f"render() returned {shape} unlike the observation"))
 
     def reread(self, layout: int, data: memoryview) -> None:
+        if not self.trace.observations:
+            raise MalformedValue("an observation again before the reset")
         if _digest(self._layout(layout), data) != self.trace.observations[-1]:
             self.trace.overwritten.append(self.trace.steps + 1)
 
@@ -318,7 +329,12 @@ class Recording:
         if space is None:
             return []
         found = [spaces.problem(space, value)]
-        if found[0] and space["type"] == "Box" and layout.dtype != np.dtype(space["dtype"]) and layout.dtype is not None:
+        if (
+            found[0]
+            and space["type"] == "Box"
+            and layout.dtype != np.dtype(space["dtype"])
+            and layout.dtype is not None
+        ):
             # A wrong dtype hides whether the numbers are in range.
             found.append(spaces.problem({**space, "dtype": str(layout.dtype)}, value))
         return list(dict.fromkeys(problem for problem in found if problem))
@@ -367,7 +383,9 @@ def _refuse(space: dict[str, Any], action: Any) -> str:
 def _equal(given: Any, now: Any) -> bool:
     if isinstance(given, list) and isinstance(now, list):
         return len(given) == len(now) and all(map(_equal, given, now))
-    return bool(given == now) or (isinstance(given, float) and abs(given - now) < 1e-6)
+    if isinstance(given, float) and isinstance(now, int | float):
+        return abs(given - now) < 1e-6
+    return bool(given == now)
 
 
 def _first_difference(one: dict[str, Any], two: dict[str, Any]) -> tuple[Any, Any]:

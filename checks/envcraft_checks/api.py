@@ -2,15 +2,16 @@
 
 ## What it does
 Holds every value of every episode against the contract: both spaces, what `reset` takes and returns, the five parts of
-`step`, type, dtype, shape and range of each observation, `info`, `render()`, `close()` twice, a second reset. Looks whether a
-returned observation changes later, and whether `step` writes into the action.
+`step`, type, dtype, shape and range of each observation, `info`, `render()`, `close()` twice, a second reset. Looks
+whether a returned observation changes later, and whether `step` writes into the action.
 
-Exceptions are searched for: random play, held buttons, every action at every step in rotation, rare actions on copies of
-the states of the longest episode, and an exploration that returns to states seldom left.
+Exceptions are searched for: random play, held buttons, every action at every step in rotation, rare actions on
+copies of the states of the longest episode, and an exploration that returns to states seldom left.
 
 ## Why is this bad?
-Agents batch, store and replay what an environment returns. One frame of another shape at the end of an episode, or a buffer
-that is overwritten later, corrupts a replay memory without any error; one rare exception ends a training run after days.
+Agents batch, store and replay what an environment returns. One frame of another shape at the end of an episode, or a
+buffer that is overwritten later, corrupts a replay memory without any error; one rare exception ends a training run
+after days.
 
 ## Example
 ```python
@@ -45,7 +46,12 @@ _CALLS = {"reset": "EC104", "earlier reset": "EC104", "step": "EC107", "render":
 class Api(Check):
     name = "api"
     rules = (
-        Rule("EC101", "observation-space", "The observation space is not the contract's.", "Declare the contract's space."),
+        Rule(
+            "EC101",
+            "observation-space",
+            "The observation space is not the contract's.",
+            "Declare the contract's space.",
+        ),
         Rule("EC102", "action-space", "The action space is not the contract's.", "Declare the contract's space."),
         Rule(
             "EC103",
@@ -55,10 +61,18 @@ class Api(Check):
         ),
         Rule("EC104", "reset-raises", "reset() raises.", "Mend the line that is named."),
         Rule("EC105", "reset-result", "reset() does not return (observation, info).", "Return both."),
-        Rule("EC106", "step-result", "step() does not return five values.", "Return observation, reward, two flags, info."),
+        Rule(
+            "EC106",
+            "step-result",
+            "step() does not return five values.",
+            "Return observation, reward, two flags, info.",
+        ),
         Rule("EC107", "step-raises", "step() raises.", "Mend the line that is named; the reproduction reaches it."),
         Rule(
-            "EC108", "observation-type", "An observation has the wrong type, dtype or shape.", "Convert before returning it."
+            "EC108",
+            "observation-type",
+            "An observation has the wrong type, dtype or shape.",
+            "Convert before returning it.",
         ),
         Rule("EC109", "observation-range", "An observation lies outside its space.", "Clip it, or widen the space."),
         Rule(
@@ -108,7 +122,9 @@ class Api(Check):
             if not isinstance(given, dict) or "type" not in given:
                 continue
             if promised is None and given["type"] not in spaces.KNOWN:
-                yield self.finding(code, f"{name} is {given['type']}, no space of Gymnasium", line=subject.line_of("__init__"))
+                yield self.finding(
+                    code, f"{name} is {given['type']}, no space of Gymnasium", line=subject.line_of("__init__")
+                )
             elif promised is not None and not spaces.same(promised, given):
                 words = f"{name} is {spaces.describe(given)}, not {spaces.describe(promised)}"
                 yield self.finding(code, words, line=subject.line_of("__init__"), given=given)
@@ -146,12 +162,11 @@ class Api(Check):
         )
         reached = min((subject.rotation(offset).steps for offset in range(subject.budget.rotations)), default=0)
         # Where each rotation lives as long, every action has been tried at every step already.
-        if subject.budget.sweep and longest is not None and reached < longest.steps:
-            if found := subject.sweep(longest.actions, longest.rollout.seed).get("crash"):
-                trace = subject.rollout(Rollout(longest.rollout.seed, list(found), player="a rare action"))
-                if trace.fault is not None:
-                    return trace
-        return None
+        if not subject.budget.sweep or longest is None or reached >= longest.steps:
+            return None
+        found = subject.sweep(longest.actions, longest.rollout.seed).get("crash")
+        trace = subject.rollout(Rollout(longest.rollout.seed, list(found or []), player="a rare action"))
+        return trace if trace.fault is not None else None
 
     def find(self, subject: Subject, trace: Trace) -> Iterator[Finding]:
         """What is wrong with the values of one trace."""
@@ -187,9 +202,9 @@ class Api(Check):
             code = "EC105" if fault.phase == "reset" else "EC106"
             words = f"{fault.phase}() returned {fault.malformed} ({_at(fault.step)})"
             return self.finding(code, words, line=line, step=fault.step)
-        code = _CALLS.get(fault.phase)
-        if code is None:
+        if fault.phase not in _CALLS:
             return None
+        code = _CALLS[fault.phase]
         where = f"step {fault.step}" if fault.phase == "step" else f"{fault.phase.removeprefix('earlier ')}()"
         words = f"{where} raises {fault} (under {trace.rollout.player})"
         return self.finding(code, words, line=line, step=fault.step, type=fault.type, traceback=fault.traceback)

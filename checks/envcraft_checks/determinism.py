@@ -1,18 +1,18 @@
 """# determinism
 
 ## What it does
-Plays the same seed and actions again and compares whole traces bit by bit: frames, rewards, flags and info. First once more
-in another process, and once with everything else different at the same time: a fresh worker with another PYTHONHASHSEED,
-perturbed global random generators, a shifted and faster clock, other episodes before on the same instance, a second instance
-stepped alongside, `render()` in between. When that differs, each condition is tried alone, and the finding names the
-condition, the first step and the field.
+Plays the same seed and actions again and compares whole traces bit by bit: frames, rewards, flags and info. First
+once more in another process, and once with everything else different at the same time: a fresh worker with another
+PYTHONHASHSEED, perturbed global random generators, a shifted and faster clock, other episodes before on the same
+instance, a second instance stepped alongside, `render()` in between. When that differs, each condition is tried
+alone, and the finding names the condition, the first step and the field.
 
 Different seeds must give different traces; one fixed level for every seed is a legitimate design and only a warning. An
 info value that follows nothing but the clock is telemetry, and only a warning.
 
 ## Why is this bad?
-An experiment that cannot be repeated cannot be debugged, compared or replayed from a seed. Agents that share a process with
-other environments, or draw their own random numbers, change what such an environment does.
+An experiment that cannot be repeated cannot be debugged, compared or replayed from a seed. Agents that share a
+process with other environments, or draw their own random numbers, change what such an environment does.
 
 ## Example
 ```python
@@ -49,14 +49,21 @@ _BEFORE_STEPS = 200
 class Determinism(Check):
     name = "determinism"
     rules = (
-        Rule("EC201", "run-again", "The same seed gives another trace when run again.", "Draw from self.np_random only."),
+        Rule(
+            "EC201", "run-again", "The same seed gives another trace when run again.", "Draw from self.np_random only."
+        ),
         Rule(
             "EC202",
             "fresh-process",
             "The trace depends on the process.",
             "Depend on no id(), process id, or order of a set of objects.",
         ),
-        Rule("EC203", "hash-seed", "The trace depends on PYTHONHASHSEED.", "Sort sets of strings before iterating over them."),
+        Rule(
+            "EC203",
+            "hash-seed",
+            "The trace depends on PYTHONHASHSEED.",
+            "Sort sets of strings before iterating over them.",
+        ),
         Rule(
             "EC204",
             "global-random",
@@ -76,7 +83,12 @@ class Determinism(Check):
             "The trace depends on another instance.",
             "Keep state in self, not in the class or the module.",
         ),
-        Rule("EC208", "render-between", "The trace depends on calls of render().", "Draw in render(), and change nothing."),
+        Rule(
+            "EC208",
+            "render-between",
+            "The trace depends on calls of render().",
+            "Draw in render(), and change nothing.",
+        ),
         Rule(
             "EC209",
             "seed-ignored",

@@ -3,14 +3,15 @@
 ## What it does
 Asks whether the game can be won, and whether it takes anything to win it.
 
-With `--policy FILE` a privileged policy plays in the worker: a class with `act(state)`, whose state gives the environment's
-attributes to read, or a function `policy(env)`. Its actions are then stepped again without it: where the trace
-differs, the policy changed the environment. Without a policy, or where it does not win, a built-in player searches on
-copies of the environment's state, or by replaying actions where it cannot be copied. What it finds is stepped for real.
+With `--policy FILE` a privileged policy plays in the worker: a class with `act(state)`, whose state gives the
+environment's attributes to read, or a function `policy(env)`. Its actions are then stepped again without it: where
+the trace differs, the policy changed the environment. Without a policy, or where it does not win, a built-in player
+searches on copies of the environment's state, or by replaying actions where it cannot be copied. What it finds is
+stepped for real.
 
-Unsolvable is only said of a game whose reachable states were searched through to the last without a positive outcome. Trivial is
-a game that one held action, or the best-looking first moves, win on nearly every seed. Where the budget settles neither
-the check is skipped, with the reason.
+Unsolvable is only said of a game whose reachable states were searched through to the last without a positive
+outcome. Trivial is a game that one held action, or the best-looking first moves, win on nearly every seed. Where the
+budget settles neither the check is skipped, with the reason.
 
 ## Why is this bad?
 A game that cannot be won, or that any agent wins, tells nothing about an agent.
@@ -48,7 +49,12 @@ class Difficulty(Check):
         Rule("EC801", "unsolvable", "No positive outcome can be reached.", "Make the goal reachable, and pay for it."),
         Rule("EC802", "fixed-action-wins", "One action, held, wins nearly always.", "Make winning take a decision."),
         Rule("EC803", "first-choice-wins", "The first greedy moves win nearly always.", "Put the goal further away."),
-        Rule("EC804", "policy-writes", "The privileged policy changes the environment.", "Read the state, change nothing."),
+        Rule(
+            "EC804",
+            "policy-writes",
+            "The privileged policy changes the environment.",
+            "Read the state, change nothing.",
+        ),
         Rule("EC805", "policy-fails", "The privileged policy raises or chooses no valid action.", "Mend the policy."),
     )
 
@@ -83,6 +89,11 @@ class Difficulty(Check):
             trace = subject.act(number)
             if trace.refused:
                 return self.finding("EC805", f"the policy's move {len(trace.chosen)} is refused: {trace.refused}")
+            if trace.fault is not None and (
+                trace.fault.phase == "policy write" or trace.fault.type.endswith("ReadOnlyState")
+            ):
+                words = f"the policy writes to the environment at step {trace.steps + 1}: {trace.fault.message}"
+                return self.finding("EC804", words, line=trace.fault.line, step=trace.steps + 1)
             if trace.fault is not None and trace.fault.phase == "policy":
                 words = f"the policy raises {trace.fault} at step {trace.steps + 1}"
                 return self.finding("EC805", words, line=trace.fault.line, traceback=trace.fault.traceback)
@@ -110,7 +121,9 @@ class Difficulty(Check):
                 return ""
             if not told.get("exhausted"):
                 why = "the game draws random numbers while it is stepped" if told.get("stochastic") else "more remain"
-                explored = sum(int(subject.explore(seed).get("states") or 0) for seed in range(subject.budget.explore[1]))
+                explored = sum(
+                    int(subject.explore(seed).get("states") or 0) for seed in range(subject.budget.explore[1])
+                )
                 return (
                     f"no positive outcome in {len(subject.traces)} episodes and {explored} explored states, "
                     f"but not all states were reached ({why}): a larger --budget or a --policy may settle it"

@@ -1,12 +1,12 @@
 """# instadeath
 
 ## What it does
-Does nothing, on one seed after another, until it is settled whether that loses at once on most of them: terminated within 30
-steps without success. Later losses, truncations and wins do not count.
+Does nothing, on one seed after another, until it is settled whether that loses at once on most of them: terminated
+within 30 steps without success. Later losses, truncations and wins do not count.
 
 ## Why is this bad?
-Early in training an agent does not know what to do. Where every early episode is over before it can act, it sees nothing but
-the start and the loss.
+Early in training an agent does not know what to do. Where every early episode is over before it can act, it sees
+nothing but the start and the loss.
 
 ## Example
 ```python

@@ -1,9 +1,9 @@
 """# instawin
 
 ## What it does
-Plays at random until it is settled whether random play consistently wins (more than 80% of episodes): by `is_success` where
-info gives it; else by a positive return at a terminated end that no other play clearly beats. And looks whether every
-policy earns the very same positive return, so that reward is paid regardless of play.
+Plays at random until it is settled whether random play consistently wins (more than 80% of episodes): by
+`is_success` where info gives it; else by a positive return at a terminated end that no other play clearly beats. And
+looks whether every policy earns the very same positive return, so that reward is paid regardless of play.
 
 ## Why is this bad?
 Where random play wins there is nothing to learn, and a score on it says nothing about an agent.

@@ -1,16 +1,18 @@
 """# observation
 
 ## What it does
-Asks whether the picture tells an agent anything. It must change in some episode; it must not be independent noise; the same
-seed under different actions must give different pictures sooner or later; and `render()` must give the observation where the
-contract says so. A picture that stands still until the agent acts is fine, and so is one that changes rarely.
+Asks whether the picture tells an agent anything. It must change in some episode; it must not be independent noise;
+the same seed under different actions must give different pictures sooner or later; and `render()` must give the
+observation where the contract says so. A picture that stands still until the agent acts is fine, and so is one that
+changes rarely.
 
-Noise is judged on the pixels that vary: each minus its mean over time, correlated with itself one to four steps later while
-one action is held. Where more than half of the picture changes at each step and no lag correlates, it is noise.
+Noise is judged on the pixels that vary: each minus its mean over time, correlated with itself one to four steps
+later while one action is held. Where more than half of the picture changes at each step and no lag correlates, it is
+noise.
 
 ## Why is this bad?
-An agent sees nothing but the observation. Where that does not show the game, nothing can be learned from it, however good
-the game is.
+An agent sees nothing but the observation. Where that does not show the game, nothing can be learned from it, however
+good the game is.
 
 ## Example
 ```python
@@ -45,7 +47,9 @@ class Observation(Check):
     name = "observation"
     rules = (
         Rule("EC401", "constant", "The observation never changes.", "Draw the frame after the state has changed."),
-        Rule("EC402", "noise", "The observation is independent noise.", "Draw the state of the game, not random pixels."),
+        Rule(
+            "EC402", "noise", "The observation is independent noise.", "Draw the state of the game, not random pixels."
+        ),
         Rule("EC403", "unresponsive", "The observation does not react to actions.", "Draw what the agent controls."),
         Rule("EC404", "unlike-render", "The observation differs from render().", "Draw both by one method."),
     )
@@ -59,7 +63,8 @@ class Observation(Check):
         if len(pictures) == 1:
             yield self.finding(
                 "EC401",
-                f"all {sum(len(trace.observations) for trace in traces)} observations of {len(traces)} episodes are the same",
+                f"all {sum(len(trace.observations) for trace in traces)} observations of {len(traces)} episodes "
+                "are the same",
                 line=subject.line_of("step"),
                 repro=repro(longest.rollout.cut(20)),
             )
@@ -135,9 +140,9 @@ class Observation(Check):
 
 
 def noise(frames: list) -> tuple[bool, float, float] | None:  # type: ignore[type-arg]
-    """Whether frames, arrays of one shape, are independent in time: verdict, share of changing values, highest correlation.
+    """Whether frames are independent in time: the verdict, the share of values that change, the highest correlation.
 
-    None with too few frames to say.
+    `frames` are arrays of one shape. None with too few of them to say.
     """
     import numpy as np
 

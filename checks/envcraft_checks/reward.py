@@ -1,13 +1,13 @@
 """# reward
 
 ## What it does
-Looks at every reward of every episode: a real number (Python's or NumPy's; no array, no string, no None, no bool), finite,
-and inside the contract's range for one step. Rewards that grow in size as the episode lasts, whatever the agent does, are
-growth without bound.
+Looks at every reward of every episode: a real number (Python's or NumPy's; no array, no string, no None, no bool),
+finite, and inside the contract's range for one step. Rewards that grow in size as the episode lasts, whatever the
+agent does, are growth without bound.
 
 ## Why is this bad?
-One NaN turns every weight of a network into NaN. A rare reward of a million swamps everything else that an agent could learn,
-and a reward that grows with time teaches it to wait.
+One NaN turns every weight of a network into NaN. A rare reward of a million swamps everything else that an agent
+could learn, and a reward that grows with time teaches it to wait.
 
 ## Example
 ```python
@@ -20,6 +20,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 from envcraft.check import Check, Rule, Skip
@@ -43,7 +44,9 @@ class Reward(Check):
     rules = (
         Rule("EC301", "not-finite", "A reward is NaN or infinite.", "Guard the division or logarithm that gives it."),
         Rule("EC302", "not-a-number", "A reward is no real number.", "Return `float(reward)`."),
-        Rule("EC303", "out-of-range", "A reward lies outside the contract's range.", "Scale the rewards, or clip them."),
+        Rule(
+            "EC303", "out-of-range", "A reward lies outside the contract's range.", "Scale the rewards, or clip them."
+        ),
         Rule(
             "EC304",
             "grows-without-bound",
@@ -105,7 +108,8 @@ class Reward(Check):
             yield self.finding(
                 "EC304",
                 f"rewards grow throughout each of {len(long)} long episodes, whatever is played: "
-                f"{max(sizes[: _LONG // 2]):g} at the most in the first {_LONG // 2} steps, {max(sizes):g} by step {longest.steps}",
+                f"{max(sizes[: _LONG // 2]):g} at the most in the first {_LONG // 2} steps, "
+                f"{max(sizes):g} by step {longest.steps}",
                 line=subject.line_of("step"),
                 repro=repro(longest.rollout.cut(longest.steps)),
                 episodes=len(long),
@@ -114,7 +118,7 @@ class Reward(Check):
 
 
 def growth(rewards: list[float]) -> float | None:
-    """How many times larger rewards are in the last eighth of an episode than in the first, when each eighth tops the one before.
+    """How many times larger rewards are in an episode's last eighth than in its first, when each tops the one before.
 
     None where they do not grow all the time, or less than fourfold. The size of an eighth is its median size, so that
     single prizes do not count.
@@ -124,7 +128,7 @@ def growth(rewards: list[float]) -> float | None:
     for number in range(_PARTS):
         window = sorted(abs(reward) for reward in rewards[number * part : (number + 1) * part])
         sizes.append(window[len(window) // 2])
-    if any(later <= earlier for earlier, later in zip(sizes, sizes[1:], strict=False)):
+    if any(later <= earlier for earlier, later in pairwise(sizes)):
         return None
     ratio = sizes[-1] / sizes[0] if sizes[0] else math.inf
     return ratio if ratio >= _GROWTH else None

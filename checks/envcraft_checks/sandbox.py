@@ -1,9 +1,9 @@
 """# sandbox
 
 ## What it does
-Reports what the sandbox had to stop while the other checks ran: a call beyond its deadline, memory or process limits, floods
-of output, network attempts, a process that died, messages that the worker would not have sent. It always runs, since
-no other verdict means anything without it.
+Reports what the sandbox had to stop while the other checks ran: a call beyond its deadline, memory or process
+limits, floods of output, network attempts, a process that died, messages that the worker would not have sent. It
+always runs, since no other verdict means anything without it.
 
 ## Why is this bad?
 An environment that hangs, exhausts memory or ends its process takes down the training run that it is part of.

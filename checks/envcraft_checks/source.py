@@ -1,15 +1,17 @@
 """# source
 
 ## What it does
-Parses the file on the host, looks up each import, then loads it in the worker and constructs one instance. Fails unless the
-file is Python text that imports cleanly and holds exactly one concrete `gymnasium.Env` whose constructor needs nothing.
+Parses the file on the host, looks up each import, then loads it in the worker and constructs one instance. Fails
+unless the file is Python text that imports cleanly and holds exactly one concrete `gymnasium.Env` whose constructor
+needs nothing.
 
 Imports under `try: ... except ImportError`, `if TYPE_CHECKING:` and `if __name__ == "__main__":` are optional. Abstract
-bases, wrappers, private classes (`_Base`) and helper classes do not count as environments; `--class` picks one of several.
+bases, wrappers, private classes (`_Base`) and helper classes do not count as environments; `--class` picks one of
+several.
 
 ## Why is this bad?
-What cannot be loaded cannot be trained on. A library that the next machine lacks, or code that runs for minutes at import,
-breaks every worker of a cluster.
+What cannot be loaded cannot be trained on. A library that the next machine lacks, or code that runs for minutes at
+import, breaks every worker of a cluster.
 
 ## Example
 ```python
@@ -121,7 +123,9 @@ class Source(Check):
             if name in missing or not (allowed is None or name in allowed or is_standard(name)):
                 near = _nearest(name, [*(allowed or ()), *known])
                 hint = f"; did you mean {near}?" if near else ""
-                yield self.finding("EC002", f"line {line} imports {name}, which is not known{hint}", line=line, module=name)
+                yield self.finding(
+                    "EC002", f"line {line} imports {name}, which is not known{hint}", line=line, module=name
+                )
 
     def _judge_loaded(self, subject: Subject, loaded: Loaded) -> Iterator[Finding]:
         fault, end, told = loaded.trace.fault, loaded.end, loaded.description
@@ -172,7 +176,9 @@ class Source(Check):
 
     def _wrong_count(self, classes: list[str], told: dict[str, Any]) -> Finding:
         if classes:
-            return self.finding("EC006", f"the file defines {len(classes)} environments: {', '.join(classes)}", classes=classes)
+            return self.finding(
+                "EC006", f"the file defines {len(classes)} environments: {', '.join(classes)}", classes=classes
+            )
         alike = ", ".join(map(str, told.get("lookalikes") or []))
         hint = f"; {alike} has reset and step but does not derive from gymnasium.Env" if alike else ""
         return self.finding("EC005", f"no concrete subclass of gymnasium.Env with reset and step{hint}")
@@ -198,7 +204,8 @@ def required_imports(tree: ast.AST) -> dict[str, int]:
                 names = ["." * node.level + (node.module or "")]
             for name in names:
                 top = name if name.startswith(".") else name.partition(".")[0]
-                found[top] = min(found.get(top, node.lineno), node.lineno)
+                line: int = getattr(node, "lineno", 1)
+                found[top] = min(found.get(top, line), line)
             pending += ast.iter_child_nodes(node)
     return found
 

@@ -1,14 +1,14 @@
 """# termination
 
 ## What it does
-Plays random, held, idle and mixed episodes to the contract's limit. Each must have ended by itself by then; the end at the
-limit must be `truncated`, not `terminated`; flags must be booleans (Python's or NumPy's); and not every episode may end
-before play is possible. What an environment does when it is stepped past its end is undefined: that the flags
-go back to false there is only a warning.
+Plays random, held, idle and mixed episodes to the contract's limit. Each must have ended by itself by then; the end
+at the limit must be `truncated`, not `terminated`; flags must be booleans (Python's or NumPy's); and not every
+episode may end before play is possible. What an environment does when it is stepped past its end is undefined: that
+the flags go back to false there is only a warning.
 
 ## Why is this bad?
-An episode that never ends fills a replay memory with one situation and hangs evaluations. A time limit that is reported as
-termination teaches the agent that the future after it is worth nothing.
+An episode that never ends fills a replay memory with one situation and hangs evaluations. A time limit that is
+reported as termination teaches the agent that the future after it is worth nothing.
 
 ## Example
 ```python
@@ -138,7 +138,9 @@ class Termination(Check):
             return
         rollout = msgspec.structs.replace(ended.rollout, conditions=Conditions(after_end=5))
         trace = subject.rollout(rollout)
-        alive = [step for step, (_, terminated, truncated) in enumerate(trace.after, 1) if not (terminated or truncated)]
+        alive = [
+            step for step, (_, terminated, truncated) in enumerate(trace.after, 1) if not (terminated or truncated)
+        ]
         if alive:
             yield self.finding(
                 "EC505",

@@ -59,7 +59,9 @@ def _probe() -> Availability:
 
 
 def isolate() -> list[str]:
-    """The bwrap command line up to the program: what the worker sees is the system, the interpreter and the libraries."""
+    """The bwrap command line up to the program: what the worker sees is the system, the interpreter and the
+    libraries.
+    """
     argv = [shutil.which("bwrap") or "bwrap", "--unshare-all", "--die-with-parent", "--new-session", "--as-pid-1"]
     argv += ["--cap-drop", "ALL", "--clearenv", "--hostname", "sandbox", "--uid", "65534", "--gid", "65534"]
     for path in _SYSTEM:

@@ -1,11 +1,11 @@
 """The bytes that cross the trust boundary, as both sides must read them.
 
-A *job* runs in one forked child of the worker. The host hands the child one end of a fresh socket pair; down goes one JSON
-job, up comes a stream of messages. Every message is ``<u8 kind><u32 length><payload>``; lengths are bounded, kinds are
-known, and nothing is ever unpickled or evaluated.
+A *job* runs in one forked child of the worker. The host hands the child one end of a fresh socket pair; down goes
+one JSON job, up comes a stream of messages. Every message is ``<u8 kind><u32 length><payload>``; lengths are
+bounded, kinds are known, and nothing is ever unpickled or evaluated.
 
-Observations travel as raw bytes beside a *layout*: a JSON description of the value (dtype, shape, keys) that is sent once
-and then referred to by number, so that a step of a picture game is one fixed header and exactly the frame.
+Observations travel as raw bytes beside a *layout*: a JSON description of the value (dtype, shape, keys) that is sent
+once and then referred to by number, so that a step of a picture game is one fixed header and exactly the frame.
 
 This module is the standard library only: the worker imports it inside the sandbox.
 """

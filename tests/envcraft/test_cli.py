@@ -202,7 +202,8 @@ def test_output_goes_to_the_file(invoke: Any, good: Path, tmp_path: Path) -> Non
 
 def test_settings_come_from_the_nearest_pyproject(invoke: Any, bad: Path, tmp_path: Path, monkeypatch: Any) -> None:
     (tmp_path / "pyproject.toml").write_text(
-        '[tool.envcraft]\nformat = "json"\nsandbox = "process"\nseed = 7\nexit-zero = true\nskip = ["api", "difficulty"]\n'
+        '[tool.envcraft]\nformat = "json"\nsandbox = "process"\nseed = 7\n'
+        'exit-zero = true\nskip = ["api", "difficulty"]\n'
     )
     below = tmp_path / "below"
     below.mkdir()
@@ -229,7 +230,7 @@ def test_wrong_settings_are_a_sentence(invoke: Any, good: Path, tmp_path: Path, 
     assert result.exit_code == 2
     assert words in result.stderr
     with pytest.raises(UsageError, match="pyproject"):
-        configuration(tmp_path, {"budget"})
+        configuration(tmp_path, {"budget": "budget"})
 
 
 def test_a_bug_of_ours_is_exit_3_never_1(invoke: Any, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ..wire import HEADER, MAX_DEPTH, MAX_INFO, MAX_LAYOUTS, MAX_OBSERVATION, STEP, VALUE, Kind, Type
+from envcraft_sandbox.wire import HEADER, MAX_DEPTH, MAX_INFO, MAX_LAYOUTS, MAX_OBSERVATION, STEP, VALUE, Kind, Type
 
 _BATCH = 256 * 1024
 _FLUSH_SECONDS = 0.05
@@ -166,7 +166,7 @@ def jsonable(value: Any, depth: int = 0) -> Any:
     if isinstance(value, list | tuple):
         return [jsonable(item, depth + 1) for item in value[:1000]]
     if isinstance(value, set | frozenset):
-        return {"set": sorted((_dumps(jsonable(item, depth + 1)) for item in list(value)[:1000]))}
+        return {"set": sorted(_dumps(jsonable(item, depth + 1)) for item in list(value)[:1000])}
     return {"type": type_name(value)}
 
 

@@ -17,7 +17,8 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from ..wire import HEADER, MAX_MESSAGE, Kind
+from envcraft_sandbox.wire import HEADER, MAX_MESSAGE, Kind
+
 from . import confine, rollout, search
 from .channel import Channel
 from .clock import Clock
@@ -58,8 +59,8 @@ def _keep_only(data_fd: int, output_fd: int) -> None:
     os.dup2(output, 2)
     os.dup2(data, 3, inheritable=False)
     os.closerange(4, max(data, output, null, 256) + 1)
-    sys.stdout = open(1, "w", buffering=1, errors="backslashreplace", closefd=False)
-    sys.stderr = open(2, "w", buffering=1, errors="backslashreplace", closefd=False)
+    sys.stdout = open(1, "w", buffering=1, errors="backslashreplace", closefd=False)  # noqa: SIM115
+    sys.stderr = open(2, "w", buffering=1, errors="backslashreplace", closefd=False)  # noqa: SIM115
 
 
 def _receive(sock: socket.socket) -> dict[str, Any]:
@@ -80,7 +81,7 @@ def _fragments(seed: int | None) -> list[Any]:
     if seed is None:
         return []
     rng = random.Random(seed)
-    made = [bytearray(rng.randrange(1, 480)) for _ in range(20_000)]
+    made: list[Any] = [bytearray(rng.randrange(1, 480)) for _ in range(20_000)]
     made += [object() for _ in range(rng.randrange(1_000))]
     return [item for item in made if rng.random() < 0.6]
 

@@ -19,8 +19,8 @@ _TICK = 0.001
 class Clock:
     """Readings of the clocks of module :mod:`time` under one condition.
 
-    Rate 0 is the logical clock: it starts at a fixed moment, moves on by one millisecond at each reading, and is therefore
-    the same in every run that reads it equally often.
+    Rate 0 is the logical clock: it starts at a fixed moment, moves on by one millisecond at each reading, and is
+    therefore the same in every run that reads it equally often.
     """
 
     def __init__(self, offset: float, rate: float) -> None:
@@ -60,7 +60,7 @@ class Clock:
 
             @classmethod
             def utcnow(cls) -> DateTime:
-                return cls.fromtimestamp(clock.read("time"), datetime.timezone.utc).replace(tzinfo=None)
+                return cls.fromtimestamp(clock.read("time"), datetime.UTC).replace(tzinfo=None)
 
             @classmethod
             def today(cls) -> DateTime:

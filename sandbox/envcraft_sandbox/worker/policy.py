@@ -8,7 +8,13 @@ from typing import Any
 import numpy as np
 
 from .channel import jsonable, type_name
-from .subject import Fault, Subject
+from .subject import Fault, Subject, attributes
+
+_NONE = object()
+
+
+class ReadOnlyState(AttributeError):
+    """A policy tried to set an attribute of the environment."""
 
 
 class State:
@@ -39,7 +45,7 @@ class State:
         return list(vars(object.__getattribute__(self, "_env")))
 
     def __setattr__(self, name: str, value: Any) -> None:
-        raise AttributeError(f"the state is read-only: {name} cannot be set")
+        raise ReadOnlyState(f"the state is read-only: {name} cannot be set")
 
     __delattr__ = __getattr__
 
@@ -50,6 +56,7 @@ class Policy:
     def __init__(self, subject: Subject, policy: dict[str, Any], env: Any) -> None:
         module = subject.load_policy(policy)
         self._subject = subject
+        self._env = env
         players = [
             value
             for value in vars(module).values()
@@ -72,8 +79,15 @@ class Policy:
             )
 
     def choose(self) -> Any:
-        """Give the policy's action as JSON."""
+        """Give the policy's action as JSON. Raises Fault, also when the environment's attributes are others
+        afterwards.
+        """
+        before = attributes(self._env)
         value = self._subject.call("policy", self._function, self._argument)
+        after = attributes(self._env)
+        changed = sorted(name for name in {*before, *after} if before.get(name, _NONE) != after.get(name, _NONE))
+        if changed:
+            raise Fault({"phase": "policy write", "message": f"it changes {', '.join(changed)}", "line": None})
         if not isinstance(value, int | np.integer | np.ndarray | list | tuple):
             raise Fault(
                 {"phase": "policy", "type": "TypeError", "message": f"act returned {type_name(value)}", "line": None}

@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from ..wire import Kind
+from envcraft_sandbox.wire import Kind
+
 from .channel import jsonable, type_name
 from .policy import Policy
 from .subject import Fault, Subject

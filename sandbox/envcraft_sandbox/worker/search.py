@@ -16,9 +16,10 @@ from typing import Any
 
 import numpy as np
 
-from ..wire import Kind
+from envcraft_sandbox.wire import Kind
+
 from .channel import encode_value, jsonable
-from .subject import Fault, Subject
+from .subject import Fault, Subject, attributes
 
 _Random = random.Random
 
@@ -216,7 +217,7 @@ def exhaust(tree: Tree) -> None:
     counters = _counters(tree, root)
 
     def key(node: Node) -> bytes:
-        state = {name: value for name, value in _attributes(node.env).items() if name not in counters}
+        state = {name: value for name, value in attributes(node.env).items() if name not in counters}
         return _digest(tree.frame) + hashlib.blake2b(json.dumps(state).encode(), digest_size=16).digest()
 
     root = tree.root()
@@ -243,11 +244,11 @@ def exhaust(tree: Tree) -> None:
 def _counters(tree: Tree, root: Node) -> set[str]:
     """Attributes that grow by the same amount at each of two steps: time, which must not make two states differ."""
     probe = tree.branch(root)
-    readings = [_attributes(probe.env)]
+    readings = [attributes(probe.env)]
     for _ in range(2):
         if not probe.ended:
             tree.step(probe, tree.actions[0])
-        readings.append(_attributes(probe.env))
+        readings.append(attributes(probe.env))
     first, second, third = readings
     return {name for name in first if _grows(first[name], second.get(name), third.get(name))}
 
@@ -271,7 +272,8 @@ def greedy(tree: Tree) -> None:
 
 
 def sweep(tree: Tree) -> None:
-    """Follow a path and, on copies of its states, try the actions one after another: what crashes after one rare action.
+    """Follow a path and, on copies of its states, try the actions one after another: what crashes after one rare
+    action.
 
     The budget is spread over the path, so that every step of it is tried with some action.
     """
@@ -294,21 +296,13 @@ def _cell(frame: Any) -> bytes:
         rows, columns = max(frame.shape[0] // 14, 1), max(frame.shape[1] // 14, 1)
         height, width = frame.shape[0] // rows * rows, frame.shape[1] // columns * columns
         blocks = frame[:height, :width].reshape(height // rows, rows, width // columns, -1)
-        return (blocks.mean(axis=(1, 3)).astype(np.uint8) >> 5).tobytes()
+        return bytes((blocks.mean(axis=(1, 3)).astype(np.uint8) >> 5).tobytes())
     return _digest(frame)
 
 
 def _digest(frame: Any) -> bytes:
     data = np.ndarray.tobytes(frame) if isinstance(frame, np.ndarray) else encode_value(frame)[1]
     return hashlib.blake2b(data, digest_size=16).digest()
-
-
-def _attributes(env: Any) -> dict[str, Any]:
-    return {
-        name: jsonable(value)
-        for name, value in vars(env.unwrapped).items()
-        if not isinstance(value, np.random.Generator | np.random.RandomState | random.Random)
-    }
 
 
 def _generators(env: Any) -> list[str]:

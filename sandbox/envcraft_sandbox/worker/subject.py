@@ -17,9 +17,10 @@ from typing import Any
 import gymnasium
 import numpy as np
 
-from ..wire import Kind
+from envcraft_sandbox.wire import Kind
+
 from . import adapters, spaces
-from .channel import Channel, type_name
+from .channel import Channel, jsonable, type_name
 
 _MODULE = "envcraft_subject"
 _POLICY = "envcraft_policy"
@@ -74,7 +75,9 @@ class Subject:
         return self._class
 
     def construct(self, announce: bool = True) -> Any:
-        """Make an instance, with ``render_mode="rgb_array"`` where the constructor has that keyword, adapted to the contract."""
+        """Make an instance, adapted to the contract, with ``render_mode="rgb_array"`` where the constructor takes
+        that.
+        """
         kind = self.environment_class()
         if announce:
             self.channel.phase("construct")
@@ -94,14 +97,14 @@ class Subject:
 
     def describe(self) -> None:
         """Send what the file defines: its classes, the spaces of an instance, and what importing it changed."""
-        before = (random.getstate(), np.random.get_state()[1].copy(), threading.active_count())
+        before = (random.getstate(), np.random.get_state(legacy=False)["state"]["key"].copy(), threading.active_count())
         started = _monotonic()
         module = self.load()
         seconds = _monotonic() - started
         effects = {
             "seconds": seconds,
             "random": random.getstate() != before[0],
-            "numpy_random": not np.array_equal(np.random.get_state()[1], before[1]),
+            "numpy_random": not np.array_equal(np.random.get_state(legacy=False)["state"]["key"], before[1]),
             "threads": threading.active_count() - before[2],
         }
         names = concrete_classes(module)
@@ -212,6 +215,15 @@ def required_arguments(kind: type) -> list[str]:
         if parameter.default is parameter.empty
         and parameter.kind not in (parameter.VAR_POSITIONAL, parameter.VAR_KEYWORD)
     ]
+
+
+def attributes(env: Any) -> dict[str, Any]:
+    """A JSON image of an environment's own attributes, its random generators left out."""
+    return {
+        name: jsonable(value)
+        for name, value in vars(env.unwrapped).items()
+        if not isinstance(value, np.random.Generator | np.random.RandomState | random.Random)
+    }
 
 
 def _implemented(kind: type, method: str) -> bool:

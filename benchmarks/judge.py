@@ -1,0 +1,44 @@
+"""Judge many fixtures side by side, each in a process of its own."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+
+from benchmarks.fixtures import Fixture
+from envcraft.verdict import Severity, SubjectReport
+
+
+def judge(fixtures: Sequence[Fixture], sandbox: str = "auto") -> Iterator[tuple[Fixture, SubjectReport]]:
+    """Give each fixture's report by all checks, in order, on as many processes as there are cores."""
+    with ProcessPoolExecutor(os.cpu_count()) as pool:
+        yield from zip(fixtures, pool.map(_judge_one, fixtures, [sandbox] * len(fixtures)), strict=True)
+
+
+def failing(report: SubjectReport) -> frozenset[str]:
+    """The codes that failed a check; warnings do not."""
+    return frozenset(
+        finding.code for check in report.checks for finding in check.findings if finding.severity is Severity.ERROR
+    )
+
+
+def _judge_one(fixture: Fixture, sandbox: str) -> SubjectReport:
+    from envcraft.budget import BUDGETS
+    from envcraft.contract import ARCADE
+    from envcraft.engine import Plan, validate
+    from envcraft.events import SubjectFinished
+    from envcraft.plugins import plugins
+    from envcraft.sandbox import choose
+    from envcraft.subject import read_policy, read_target
+
+    registered = plugins()
+    plan = Plan(
+        targets=[read_target(str(fixture.path))],
+        contract=ARCADE,
+        driver=choose(registered.collect("envcraft_sandbox_drivers"), sandbox),
+        checks=registered.collect("envcraft_checks"),
+        budget=BUDGETS["standard"],
+        policy=read_policy(str(fixture.policy)) if fixture.policy else None,
+    )
+    return next(event.report for event in validate(plan) if isinstance(event, SubjectFinished))

@@ -1,0 +1,32 @@
+"""Every fixture and example is judged exactly as its header says: no defect missed, no false alarm, no other reason."""
+
+from __future__ import annotations
+
+import pytest
+
+from benchmarks.fixtures import Fixture, examples, fixtures
+from benchmarks.judge import failing, judge
+from envcraft.verdict import SubjectReport, Verdict
+
+ALL = [*fixtures(), *examples()]
+
+
+@pytest.fixture(scope="session")
+def reports() -> dict[str, SubjectReport]:
+    return {str(fixture.policy or fixture.path): report for fixture, report in judge(ALL)}
+
+
+@pytest.mark.parametrize("fixture", ALL, ids=lambda fixture: f"{fixture.check}/{(fixture.policy or fixture.path).name}")
+def test_judged_as_expected(fixture: Fixture, reports: dict[str, SubjectReport]) -> None:
+    report = reports[str(fixture.policy or fixture.path)]
+    errors = [f"{check.check}: {check.reason}" for check in report.checks if check.verdict is Verdict.ERROR]
+    assert not errors
+    findings = [f"{finding.code} {finding.message}" for check in report.checks for finding in check.findings]
+    assert failing(report) == fixture.codes, "\n".join(findings)
+
+
+@pytest.mark.parametrize("check", sorted({fixture.check for fixture in fixtures()}))
+def test_enough_fixtures(check: str) -> None:
+    own = fixtures(check)
+    assert sum(not fixture.codes for fixture in own) >= 3
+    assert sum(bool(fixture.codes) for fixture in own) >= 5

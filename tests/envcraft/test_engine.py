@@ -1,0 +1,149 @@
+"""Judging: what a check that breaks, a sandbox that fails and several workers mean for the report."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+
+from envcraft.budget import BUDGETS
+from envcraft.check import Check, Rule, Skip
+from envcraft.contract import ARCADE
+from envcraft.engine import Leash, Plan, validate
+from envcraft.errors import WorkerLost
+from envcraft.events import Event, Finished, SubjectFinished
+from envcraft.sandbox import Availability, Driver, Isolation, JobEnd, Limits, Recorder, Worker
+from envcraft.subject import Subject, Target
+from envcraft.verdict import Finding, Report, Severity, Verdict
+
+
+class StubWorker(Worker):
+    def __init__(self) -> None:
+        self.about = {}
+        self.closed = 0
+
+    def preload(self, modules: list[str]) -> list[str]:
+        return modules
+
+    def find(self, modules: list[str]) -> tuple[list[str], list[str]]:
+        return [], []
+
+    def run(self, job: dict[str, Any], recorder: Recorder, limits: Limits) -> JobEnd:
+        raise WorkerLost("the worker is gone")
+
+    def close(self) -> None:
+        self.closed += 1
+
+
+class StubDriver(Driver):
+    name = "stub"
+    isolation = Isolation.PROCESS
+    rank = 1
+
+    def __init__(self) -> None:
+        self.workers: list[StubWorker] = []
+
+    def probe(self) -> Availability:
+        return Availability(True)
+
+    def launch(self, *, hash_seed: int, limits: Limits) -> Worker:
+        self.workers.append(StubWorker())
+        return self.workers[-1]
+
+
+class StubCheck(Check):
+    rules = (Rule("EC901", "a", "A.", "Mend."), Rule("EC902", "b", "B.", "Mend.", Severity.WARNING))
+
+    def __init__(self, name: str, *outcomes: str | Exception, always: bool = False) -> None:
+        self.name, self.outcomes, self.always = name, outcomes, always
+
+    def judge(self, subject: Subject) -> Iterator[Finding]:
+        for outcome in self.outcomes:
+            if isinstance(outcome, Exception):
+                raise outcome
+            if outcome == "launch":
+                subject.find_modules([])
+            else:
+                yield self.finding(outcome, "wrong")
+
+
+def judged(*checks: Check, driver: Driver | None = None, targets: int = 1, workers: int = 1) -> Report:
+    files = [Target(f"{number}.py", b"") for number in range(targets)]
+    events = list(validate(Plan(files, ARCADE, driver or StubDriver(), checks, BUDGETS["quick"]), workers))
+    assert isinstance(events[-1], Finished)
+    return events[-1].report
+
+
+@pytest.mark.parametrize(
+    ("outcomes", "verdict", "reason"),
+    [
+        ((), "pass", ""),
+        (("EC902",), "pass", ""),
+        (("EC901",), "fail", ""),
+        ((Skip("cannot tell"),), "skip", "cannot tell"),
+        (("EC901", Skip("no more")), "fail", "no more"),
+        ((ValueError("oops"),), "error", "the check broke: ValueError: oops"),
+        ((WorkerLost("gone"),), "error", "gone"),
+    ],
+)
+def test_verdict_of_a_check(outcomes: tuple[Any, ...], verdict: str, reason: str) -> None:
+    (subject,) = judged(StubCheck("one", *outcomes)).reports
+    (check,) = subject.checks
+    assert (check.verdict, check.reason) == (verdict, reason)
+
+
+def test_a_broken_check_leaves_the_others_their_verdicts() -> None:
+    (subject,) = judged(StubCheck("one", ValueError("oops")), StubCheck("two", "EC901"), StubCheck("three")).reports
+    assert [check.verdict for check in subject.checks] == ["error", "fail", "pass"]
+    assert subject.verdict is Verdict.FAIL
+
+
+def test_after_a_failed_source_only_what_always_runs_runs() -> None:
+    checks = [StubCheck("source", "EC901"), StubCheck("two", "EC901"), StubCheck("last", always=True)]
+    (subject,) = judged(*checks).reports
+    assert [check.verdict for check in subject.checks] == ["fail", "skip", "pass"]
+    assert "source" in subject.checks[1].reason
+
+
+@pytest.mark.parametrize("workers", [1, 3])
+def test_reports_are_in_the_order_of_the_targets_and_every_worker_is_closed(workers: int) -> None:
+    driver = StubDriver()
+    report = judged(StubCheck("one", "launch"), driver=driver, targets=7, workers=workers)
+    assert [subject.path for subject in report.reports] == [f"{number}.py" for number in range(7)]
+    assert len(driver.workers) == 7
+    assert all(worker.closed for worker in driver.workers)
+
+
+def test_subjects_are_judged_side_by_side() -> None:
+    barrier = threading.Barrier(3, timeout=20)
+
+    class Meet(StubCheck):
+        def judge(self, subject: Subject) -> Iterator[Finding]:
+            barrier.wait()
+            yield from ()
+
+    report = judged(Meet("meet"), targets=3, workers=3)
+    assert [subject.verdict for subject in report.reports] == ["pass"] * 3
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_closing_the_events_ends_every_worker(workers: int) -> None:
+    driver = StubDriver()
+    plan = Plan(
+        [Target(f"{n}.py", b"") for n in range(50)], ARCADE, driver, [StubCheck("one", "launch")], BUDGETS["quick"]
+    )
+    events = validate(plan, workers)
+    first: Event = next(event for event in events if isinstance(event, SubjectFinished))
+    events.close()
+    assert first
+    assert 1 <= len(driver.workers) < 50
+    assert all(worker.closed for worker in driver.workers)
+
+
+def test_nothing_is_launched_after_the_end() -> None:
+    leash = Leash(StubDriver())
+    leash.end()
+    with pytest.raises(WorkerLost):
+        leash.launch(hash_seed=0, limits=Limits())

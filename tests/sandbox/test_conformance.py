@@ -1,0 +1,684 @@
+"""One suite for every driver: whatever a job does costs that job its end, and nothing else."""
+
+from __future__ import annotations
+
+import json
+import os
+import secrets
+import signal
+import socket
+import struct
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import pytest
+
+from envcraft.errors import WorkerLost
+from envcraft.sandbox import Driver, How, Limits, Worker
+from envcraft.trace import Ending
+from envcraft_sandbox.bubblewrap import BubblewrapDriver
+from envcraft_sandbox.docker import DockerDriver
+from envcraft_sandbox.process import ProcessDriver
+from envcraft_sandbox.wire import HEADER, Kind
+
+DRIVERS = {
+    "docker": pytest.param(DockerDriver, marks=pytest.mark.docker, id="docker"),
+    "bubblewrap": pytest.param(BubblewrapDriver, marks=pytest.mark.bubblewrap, id="bubblewrap"),
+    "process": pytest.param(ProcessDriver, id="process"),
+}
+
+#: Gives the process the name TOKEN, as /proc shows it on the host too.
+_NAME_ITSELF = """
+    import ctypes
+    ctypes.CDLL(None).prctl(15, b"TOKEN", 0, 0, 0)
+"""
+
+Environment = Callable[..., str]
+
+
+@pytest.fixture(scope="module", params=DRIVERS.values())
+def driver(request: pytest.FixtureRequest) -> Iterator[Driver]:
+    made: Driver = request.param()
+    available = made.probe()
+    if not available.works:
+        pytest.skip(f"{available.reason}; {available.fix}")
+    yield made
+    made.close()
+
+
+@pytest.fixture(scope="module")
+def isolating(driver: Driver) -> Driver:
+    """The driver where it has namespaces."""
+    if driver.name == "process":
+        pytest.skip("the process sandbox shares the machine's files, network and processes")
+    return driver
+
+
+@pytest.fixture(scope="module")
+def worker(driver: Driver, limits: Limits) -> Iterator[Worker]:
+    """One worker for the whole suite: it must outlive all that the jobs do."""
+    made = driver.launch(hash_seed=0, limits=limits)
+    yield made
+    made.close()
+
+
+@pytest.fixture
+def token() -> str:
+    return "ec" + secrets.token_hex(6)
+
+
+@pytest.fixture(autouse=True)
+def _serves_the_next_job(request: pytest.FixtureRequest, environment: Environment, play: Any) -> Iterator[None]:
+    """After every test, the shared worker runs an ordinary job as if nothing had been."""
+    yield
+    if "worker" in request.fixturenames:
+        ran = play(request.getfixturevalue("worker"), environment())
+        assert ran.end.how is How.DONE
+        assert ran.trace.steps == 8
+        assert ran.end.output == ""
+
+
+class TestOrdinaryJobs:
+    def test_a_rollout_gives_its_whole_trace(self, worker: Worker, environment: Environment, play: Any) -> None:
+        ran = play(worker, environment())
+        assert ran.end.how is How.DONE
+        assert ran.trace.ending is Ending.TRUNCATED
+        assert len(ran.trace.observations) == 9
+        assert ran.trace.rewards == [0.0, 1.0, 2.0, 3.0, 4.0, 0.0, 1.0, 2.0]
+        assert ran.trace.info() == {"steps": 8}
+        assert ran.trace.problems == []
+
+    def test_the_seed_alone_decides_the_trace(self, worker: Worker, environment: Environment, play: Any) -> None:
+        first, again, other = (play(worker, environment(), seed=seed).trace for seed in (3, 3, 4))
+        assert first.observations == again.observations
+        assert first.observations != other.observations
+
+    def test_a_description_names_the_class(self, worker: Worker, environment: Environment, play: Any) -> None:
+        ran = play(worker, environment(), kind="describe")
+        assert ran.description["class"] == "Tiny"
+        assert ran.description["action_space"]["nvec"] == [5, 2, 2]
+
+    def test_an_exception_is_a_fault(self, worker: Worker, environment: Environment, play: Any) -> None:
+        ran = play(worker, environment(step="if self.steps == 3: raise SystemExit('enough')"))
+        assert ran.end.how is How.DONE
+        assert ran.trace.steps == 2
+        assert (ran.trace.fault.type, ran.trace.fault.step) == ("SystemExit", 3)
+
+    def test_modules_are_found_and_preloaded(self, worker: Worker) -> None:
+        missing, known = worker.find(["numpy", "math", "nunpy"])
+        assert missing == ["nunpy"]
+        assert "numpy" in known
+        assert worker.preload(["gymnasium.spaces", "nunpy"]) == ["gymnasium.spaces"]
+
+    def test_many_jobs_leave_no_descriptor_open(self, worker: Worker, environment: Environment, play: Any) -> None:
+        before = len(os.listdir("/proc/self/fd"))
+        for seed in range(20):
+            assert play(worker, environment(), seed=seed).trace.steps == 8
+        assert len(os.listdir("/proc/self/fd")) == before
+
+
+class TestOutput:
+    def test_it_is_captured_up_to_the_limit(
+        self, worker: Worker, environment: Environment, play: Any, limits: Limits
+    ) -> None:
+        ran = play(worker, environment(step="print('x' * 999)"))
+        assert ran.end.how is How.DONE
+        assert ran.end.output_bytes == 8000
+        assert len(ran.end.output) == limits.output
+
+    def test_it_is_never_parsed(self, worker: Worker, environment: Environment, play: Any) -> None:
+        message = HEADER.pack(Kind.END, 2) + b"{}"
+        ran = play(worker, environment(step=f"import os; os.write(1, {message!r}); os.write(2, {message!r})"))
+        assert ran.trace.steps == 8
+        assert ran.end.output.count("{}") == 16
+
+    def test_what_was_not_flushed_is_not_lost(self, worker: Worker, environment: Environment, play: Any) -> None:
+        assert play(worker, environment(step="print('.', end='')")).end.output == "." * 8
+
+    @pytest.mark.parametrize(
+        "lines", ["while True: print('x' * 100)", "import os\nwhile True: os.write(2, b'x' * 4096)"]
+    )
+    def test_a_flood_ends_the_job(self, worker: Worker, environment: Environment, play: Any, lines: str) -> None:
+        ran = play(worker, environment(step=lines))
+        assert ran.end.how is How.FLOOD
+        assert ran.end.phase == "step"
+
+
+class TestDeadlines:
+    @pytest.mark.parametrize("phase", ["import", "reset", "step"])
+    def test_a_hang_is_a_timeout_in_its_phase(
+        self, worker: Worker, environment: Environment, play: Any, limits: Limits, phase: str
+    ) -> None:
+        source = environment(**{"top" if phase == "import" else phase: "while True: pass"})
+        ran = play(worker, source)
+        deadline = limits.loading if phase == "import" else limits.call
+        assert ran.end.how is How.TIMEOUT
+        assert ran.end.phase == phase
+        assert deadline <= ran.end.seconds < deadline + 1
+
+    def test_a_hang_that_refuses_signals_ends_too(self, worker: Worker, environment: Environment, play: Any) -> None:
+        source = environment(
+            step="""
+            import signal, time
+            signal.pthread_sigmask(signal.SIG_BLOCK, range(1, 65))
+            while True:
+                try:
+                    time.sleep(1)
+                except BaseException:
+                    pass
+            """
+        )
+        assert play(worker, source).end.how is How.TIMEOUT
+
+    def test_slow_steps_end_with_the_whole_job(
+        self, worker: Worker, environment: Environment, play: Any, limits: Limits
+    ) -> None:
+        short = msgspec.structs.replace(limits, job=1.5)
+        ran = play(worker, environment(step="import time; time.sleep(0.4)"), limits=short)
+        assert ran.end.how is How.TIMEOUT
+        assert "whole job" in ran.end.detail
+        assert 1 <= ran.trace.steps <= 4
+
+
+class TestDeaths:
+    @pytest.mark.parametrize(
+        ("lines", "signal_number", "exit_code"),
+        [
+            ("import os; os._exit(7)", None, 7),
+            ("import os; os._exit(0)", None, 0),
+            ("import os, signal; os.kill(os.getpid(), signal.SIGKILL)", signal.SIGKILL, None),
+            ("import ctypes; ctypes.string_at(0)", signal.SIGSEGV, None),
+            ("import os; os.abort()", signal.SIGABRT, None),
+        ],
+        ids=["exit", "exit with 0", "SIGKILL", "SIGSEGV", "SIGABRT"],
+    )
+    @pytest.mark.parametrize("phase", ["top", "step"])
+    def test_the_end_tells_how(
+        self,
+        worker: Worker,
+        environment: Environment,
+        play: Any,
+        phase: str,
+        lines: str,
+        signal_number: int | None,
+        exit_code: int | None,
+    ) -> None:
+        ran = play(worker, environment(**{phase: lines}))
+        assert ran.end.how is How.DIED
+        assert ran.end.phase == ("import" if phase == "top" else "step")
+        assert (ran.end.signal, ran.end.exit_code) == (signal_number, exit_code)
+
+    def test_a_job_without_descriptors_is_ended(self, worker: Worker, environment: Environment, play: Any) -> None:
+        ran = play(worker, environment(step="import os; os.closerange(0, 256)\nwhile True: pass"))
+        assert ran.end.how is How.DIED
+        assert ran.end.seconds < 3
+
+    def test_the_fork_server_outlives_its_job(
+        self, isolating: Driver, worker: Worker, environment: Environment, play: Any
+    ) -> None:
+        # The guard is for the machine that runs this test, should the sandbox be none.
+        source = environment(
+            step="""
+            import os, signal
+            alone = os.getppid() == 1 and sum(name.isdigit() for name in os.listdir("/proc")) < 5
+            for number in signal.valid_signals() - {signal.SIGCHLD} if alone else ():
+                for target in (1, -1):
+                    try:
+                        os.kill(target, number)
+                    except OSError:
+                        pass
+            """
+        )
+        assert play(worker, source).end.how is How.DONE
+
+
+class TestLimits:
+    def test_memory(self, worker: Worker, environment: Environment, play: Any) -> None:
+        ran = play(worker, environment(step="kept = []\nwhile True: kept.append(bytearray(1 << 24))"))
+        assert ran.end.how is How.DIED or (ran.trace.fault is not None and ran.trace.fault.memory)
+
+    def test_file_size(self, worker: Worker, environment: Environment, play: Any) -> None:
+        source = environment(
+            top="""
+            import json, os, tempfile
+            with tempfile.TemporaryFile() as file:
+                try:
+                    for _ in range(64):
+                        file.write(bytes(1 << 16))
+                        file.flush()
+                except OSError:
+                    pass
+                print(json.dumps(os.fstat(file.fileno()).st_size))
+                file.truncate(0)
+            """
+        )
+        assert play(worker, source).facts == 1024**2
+
+    def test_descriptors(self, worker: Worker, environment: Environment, play: Any, limits: Limits) -> None:
+        source = environment(
+            top="""
+            import json, os
+            opened = []
+            try:
+                while len(opened) < 4096:
+                    opened.append(os.open(os.devnull, os.O_RDONLY))
+            except OSError:
+                pass
+            print(json.dumps(opened[-1]))
+            for each in opened:
+                os.close(each)
+            """
+        )
+        assert play(worker, source).facts == limits.descriptors - 1
+
+    def test_a_job_starts_with_four_descriptors(self, worker: Worker, environment: Environment, play: Any) -> None:
+        source = environment(
+            top="""
+            import json, os
+            opened = []
+            for number in range(1024):
+                try:
+                    os.fstat(number)
+                except OSError:
+                    continue
+                opened.append(number)
+            print(json.dumps(opened))
+            """
+        )
+        assert play(worker, source).facts == [0, 1, 2, 3]
+
+    @pytest.mark.docker
+    def test_processes(
+        self, driver: Driver, worker: Worker, environment: Environment, play: Any, limits: Limits
+    ) -> None:
+        if driver.name != "docker":
+            pytest.skip("only a container counts its processes")
+        source = environment(
+            top="""
+            import json, os, time
+            count = 0
+            try:
+                while count < 500:
+                    if os.fork() == 0:
+                        time.sleep(60)
+                        os._exit(0)
+                    count += 1
+            except OSError:
+                pass
+            print(json.dumps(count))
+            """
+        )
+        assert play(worker, source).facts == limits.processes - 1
+
+    @pytest.mark.docker
+    def test_memory_of_many_processes(
+        self, driver: Driver, worker: Worker, environment: Environment, play: Any
+    ) -> None:
+        if driver.name != "docker":
+            pytest.skip("only a container adds up the memory of its processes")
+        source = environment(
+            step="""
+            import os
+            for _ in range(6):
+                if os.fork() == 0:
+                    break
+            kept = [bytearray(1 << 20) for _ in range(300)]
+            for each in kept:
+                each[::4096] = bytes(len(each[::4096]))
+            import time
+            time.sleep(60)
+            """
+        )
+        assert play(worker, source).end.how in (How.DIED, How.TIMEOUT)
+
+
+def _message(kind: int, payload: bytes) -> bytes:
+    return HEADER.pack(kind, len(payload)) + payload
+
+
+class TestForgery:
+    @pytest.mark.parametrize(
+        "forged",
+        [
+            b"\xff" * 64,
+            _message(99, b""),
+            HEADER.pack(Kind.STEP, 2**31),
+            _message(Kind.STEP, b"short"),
+            _message(Kind.STEP, struct.pack("<BBBBdIHII", 0, 0, 0, 0, 0.0, 0, 999, 0, 0)),
+            _message(Kind.LAYOUT, b"{}"),
+            _message(Kind.LAYOUT, b'{"k": "array", "dtype": "O", "shape": [1]}'),
+            _message(Kind.LAYOUT, b'{"k": "array", "dtype": "u1", "shape": [-1]}'),
+            _message(Kind.LAYOUT, b'{"k": "array", "dtype": 7, "shape": "x"}'),
+            _message(Kind.LAYOUT, b"[" * 100_000),
+            _message(Kind.PHASE, b"\xff"),
+            _message(Kind.FAULT, b"[]"),
+        ],
+        ids=[
+            "noise", "kind", "length", "short step", "unknown layout", "empty layout", "objects", "negative shape",
+            "wrong types", "deep", "no text", "no object",
+        ],
+    )  # fmt: skip
+    def test_it_is_noticed(self, worker: Worker, environment: Environment, play: Any, forged: bytes) -> None:
+        ran = play(
+            worker, environment(step=f"import os; os.write(3, {forged[:70_000]!r}); os.write(3, {forged[70_000:]!r})")
+        )
+        assert ran.end.how is How.FORGED
+
+    @pytest.mark.parametrize("kind", [Kind.RENDER, Kind.REREAD], ids=lambda kind: kind.name)
+    def test_it_is_noticed_before_the_reset(
+        self, worker: Worker, environment: Environment, play: Any, kind: Kind
+    ) -> None:
+        layout = _message(Kind.LAYOUT, b'{"k": "float"}')
+        forged = layout + _message(kind, struct.pack("<Hd", 0, 1.0))
+        ran = play(worker, environment(top=f"import os; os.write(3, {forged!r})"))
+        assert ran.end.how is How.FORGED
+
+    def test_more_steps_than_actions_are_not_believed(
+        self, worker: Worker, environment: Environment, play: Any
+    ) -> None:
+        layout = _message(Kind.LAYOUT, b'{"k": "float"}')
+        step = _message(Kind.STEP, struct.pack("<BBBBdIHII", 0, 0, 0, 4, 1.0, 0, 1, 8, 0) + bytes(8))
+        ran = play(worker, environment(step=f"import os; os.write(3, {layout!r} + {step!r} * 1000)"))
+        assert ran.end.how is How.FORGED
+
+    def test_a_forged_goodbye_keeps_nobody_waiting(self, worker: Worker, environment: Environment, play: Any) -> None:
+        goodbye = _message(Kind.END, b"{}")
+        ran = play(worker, environment(step=f"import os; os.write(3, {goodbye!r})\nwhile True: pass"))
+        assert ran.end.how is How.DONE
+        assert ran.end.seconds < 3
+        assert not ran.trace.ended
+
+
+class TestConditions:
+    def test_the_environment_variables_are_scrubbed(
+        self, driver: Driver, limits: Limits, environment: Environment, play: Any, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        monkeypatch.setenv("ENVCRAFT_SECRET", "canary")
+        source = environment(top="import json, os; print(json.dumps(dict(os.environ)))")
+        worker = driver.launch(hash_seed=0, limits=limits)
+        try:
+            found = play(worker, source).facts
+        finally:
+            worker.close()
+        assert "canary" not in found.values()
+        assert os.environ["PATH"] not in found.values() or driver.name == "docker"
+        proxies = {name for name in found if name.lower().endswith("_proxy")}
+        assert {found[name] for name in proxies} <= {""}
+        assert found.keys() - proxies <= {
+            "PATH", "HOME", "LANG", "LC_CTYPE", "PWD", "HOSTNAME", "OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS",
+            "MKL_NUM_THREADS", "SDL_VIDEODRIVER", "SDL_AUDIODRIVER", "PYGAME_HIDE_SUPPORT_PROMPT", "PYTHONPATH",
+            "PYTHONHASHSEED", "PYTHONDONTWRITEBYTECODE", "PYTHONNOUSERSITE", "PYTHONSAFEPATH", "PYTHONUNBUFFERED",
+        }  # fmt: skip
+
+    def test_the_hash_seed_is_honoured(
+        self, driver: Driver, limits: Limits, environment: Environment, play: Any
+    ) -> None:
+        hashes = []
+        for seed in (5, 5, 6):
+            worker = driver.launch(hash_seed=seed, limits=limits)
+            try:
+                assert worker.about["hash_seed"] == str(seed)
+                hashes.append(play(worker, environment(top="print(hash('a'))")).facts)
+            finally:
+                worker.close()
+        assert hashes[0] == hashes[1] != hashes[2]
+
+    def test_workers_are_independent(
+        self, driver: Driver, limits: Limits, worker: Worker, environment: Environment, play: Any
+    ) -> None:
+        other = driver.launch(hash_seed=0, limits=limits)
+        hung: list[Any] = []
+        thread = threading.Thread(target=lambda: hung.append(play(other, environment(step="while True: pass"))))
+        thread.start()
+        assert play(worker, environment()).trace.steps == 8
+        thread.join()
+        assert hung[0].end.how is How.TIMEOUT
+        other.close()
+        assert play(worker, environment()).trace.steps == 8
+
+
+class TestNothingRemains:
+    def test_what_a_job_started_ends_with_it(
+        self, worker: Worker, environment: Environment, play: Any, token: str
+    ) -> None:
+        # Forked twice, in a session of its own, holding on to the job's pipe and socket.
+        daemon = """
+            import os, time
+            if os.fork() == 0:
+                os.setsid()
+                if os.fork() == 0:
+                    import ctypes
+                    ctypes.CDLL(None).prctl(15, b"TOKEN", 0, 0, 0)
+                    time.sleep(60)
+                os._exit(0)
+            time.sleep(0.2)
+        """
+        seen: list[int] = []
+        watch = threading.Thread(target=lambda: seen.extend(_wait_for(token)))
+        watch.start()
+        ran = play(worker, environment(reset=daemon.replace("TOKEN", token), step="import time; time.sleep(0.1)"))
+        watch.join()
+        assert seen, "the daemon never ran"
+        assert ran.end.how is How.DONE
+        assert ran.trace.steps == 8
+        assert _processes(token) == []
+
+    def test_close_ends_the_worker_and_its_job(
+        self, driver: Driver, limits: Limits, environment: Environment, play: Any, token: str
+    ) -> None:
+        worker = driver.launch(hash_seed=0, limits=limits)
+        patient = msgspec.structs.replace(limits, call=60.0)
+        source = environment(step=_NAME_ITSELF.replace("TOKEN", token) + "\n    while True: pass")
+
+        def run() -> None:
+            with pytest.raises((WorkerLost, OSError, ValueError)):
+                play(worker, source, limits=patient)
+
+        thread = threading.Thread(target=run)
+        thread.start()
+        (job,) = _wait_for(token)
+        server = _parent(job)
+        assert _alive(server)
+        worker.close()
+        worker.close()
+        thread.join(timeout=10)
+        assert not thread.is_alive()
+        assert _gone(job)
+        assert _gone(server)
+        with pytest.raises(WorkerLost):
+            play(worker, environment())
+
+    @pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGINT, signal.SIGTERM], ids=lambda how: how.name)
+    def test_the_worker_ends_with_its_host(
+        self, driver: Driver, environment: Environment, token: str, how: signal.Signals, tmp_path: Path
+    ) -> None:
+        source = tmp_path / "tiny.py"
+        source.write_text(environment(step=_NAME_ITSELF.replace("TOKEN", token) + "\n    while True: pass"))
+        host = subprocess.Popen(
+            [sys.executable, "-c", _HOST, type(driver).__module__, type(driver).__name__, str(source)],
+            env={**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)},
+            stderr=subprocess.DEVNULL,
+        )
+        (job,) = _wait_for(token)
+        server = _parent(job)
+        host.send_signal(how)
+        host.wait(timeout=10)
+        assert _gone(job)
+        assert _gone(server)
+
+
+#: A program that runs one job without end.
+_HOST = """
+import importlib, signal, sys
+from envcraft.rollout import Rollout
+from envcraft.sandbox import Limits
+from envcraft.trace import Recording
+
+signal.signal(signal.SIGINT, signal.default_int_handler)
+limits = Limits(call=60.0)
+worker = getattr(importlib.import_module(sys.argv[1]), sys.argv[2])().launch(hash_seed=0, limits=limits)
+job = {"kind": "rollout", "source": open(sys.argv[3]).read(), "filename": "tiny.py", "contract": {}, "seed": 0}
+worker.run({**job, "actions": [[0, 0, 0]]}, Recording(Rollout(0, [[0, 0, 0]]), None, None), limits)
+"""
+
+
+def _processes(token: str) -> list[int]:
+    found = []
+    for entry in Path("/proc").iterdir():
+        try:
+            if entry.name.isdigit() and (entry / "comm").read_text().strip() == token:
+                found.append(int(entry.name))
+        except OSError:
+            continue
+    return found
+
+
+def _wait_for(token: str) -> list[int]:
+    deadline = time.monotonic() + 15
+    while not (found := _processes(token)) and time.monotonic() < deadline:
+        time.sleep(0.02)
+    return found
+
+
+def _parent(pid: int) -> int:
+    (line,) = [line for line in Path(f"/proc/{pid}/status").read_text().splitlines() if line.startswith("PPid:")]
+    return int(line.split()[1])
+
+
+def _alive(pid: int) -> bool:
+    try:
+        return "\nState:\tZ" not in Path(f"/proc/{pid}/status").read_text()
+    except OSError:
+        return False
+
+
+def _gone(pid: int) -> bool:
+    deadline = time.monotonic() + 5
+    while _alive(pid) and time.monotonic() < deadline:
+        time.sleep(0.02)
+    return not _alive(pid)
+
+
+class TestIsolation:
+    """What namespaces add."""
+
+    def test_the_network_is_loopback_alone(
+        self, isolating: Driver, worker: Worker, environment: Environment, play: Any, token: str
+    ) -> None:
+        with socket.create_server(("127.0.0.1", 0)) as server, socket.socket(socket.AF_UNIX) as abstract:
+            abstract.bind(f"\0{token}")
+            abstract.listen()
+            addresses = [server.getsockname(), ("192.0.2.1", 80), f"\0{token}"]
+            source = environment(
+                top=f"""
+                import json, socket
+                reached = []
+                for address in {addresses!r}:
+                    try:
+                        with socket.socket(socket.AF_UNIX if isinstance(address, str) else socket.AF_INET) as client:
+                            client.settimeout(0.5)
+                            client.connect(address)
+                        reached.append(address)
+                    except OSError:
+                        pass
+                print(json.dumps([reached, [name for _, name in socket.if_nameindex()]]))
+                """
+            )
+            reached, interfaces = play(worker, source).facts
+        assert reached == []
+        assert set(interfaces) <= {"lo"}
+
+    def test_files_of_the_host_are_not_there(
+        self, isolating: Driver, worker: Worker, environment: Environment, play: Any, tmp_path: Path
+    ) -> None:
+        secret = tmp_path / "secret"
+        secret.write_text("canary")
+        tmp_path.chmod(0o755)
+        paths = [str(secret), __file__, "/etc/shadow", "/etc/ssh", "/var/run/docker.sock", "/run/docker.sock"]
+        paths += [str(path) for path in Path.home().iterdir() if path.is_file()]
+        source = environment(
+            top=f"import json, os\nprint(json.dumps([path for path in {paths!r} if os.path.exists(path)]))"
+        )
+        assert play(worker, source).facts == []
+
+    def test_only_tmp_is_writable(self, isolating: Driver, worker: Worker, environment: Environment, play: Any) -> None:
+        source = environment(
+            top="""
+            import json, os, sys
+            import numpy
+            written = []
+            folders = ["/tmp", "/", "/usr", "/etc", "/var", "/run", "/run/envcraft", "/opt", "/opt/envcraft",
+            "/home", "/root"] for folder in [*folders, "/proc", "/proc/sys/kernel", "/sys", sys.prefix, *sys.path,
+            os.path.dirname(numpy.__file__)]:
+                try:
+                    with open(os.path.join(folder, "envcraft-test"), "w") as file:
+                        file.write("x")
+                    os.unlink(file.name)
+                    written.append(folder)
+                except OSError:
+                    pass
+            print(json.dumps(written))
+            """
+        )
+        assert play(worker, source).facts == ["/tmp"]
+
+    def test_tmp_is_bounded_and_runs_nothing(
+        self, isolating: Driver, worker: Worker, environment: Environment, play: Any
+    ) -> None:
+        source = environment(
+            top="""
+            import json, os
+            size = os.statvfs("/tmp")
+            print(json.dumps(size.f_blocks * size.f_frsize))
+            """
+        )
+        assert play(worker, source).facts == 64 * 1024**2
+
+    def test_the_job_has_no_privileges(
+        self, isolating: Driver, worker: Worker, environment: Environment, play: Any
+    ) -> None:
+        source = environment(
+            top="""
+            import ctypes, json, os
+            status = dict(line.split(":\\t") for line in open("/proc/self/status").read().splitlines() if ":\\t" in line)
+            libc = ctypes.CDLL(None, use_errno=True)
+            print(json.dumps({
+                "ids": [os.getuid(), os.geteuid(), os.getgid(), *os.getgroups()],
+                "capabilities": [int(status[name], 16) for name in ("CapInh", "CapPrm", "CapEff", "CapAmb")],
+                "no new privileges": status["NoNewPrivs"],
+                "mount": libc.mount(b"none", b"/tmp", b"tmpfs", 0, None),
+                "user namespace": libc.unshare(0x10000000),
+                "chroot": libc.chroot(b"/tmp"),
+            }))
+            """
+        )
+        found = play(worker, source).facts
+        assert set(found.pop("ids")) == {65534}
+        assert set(found.pop("capabilities")) == {0}
+        assert found == {"no new privileges": "1", "mount": -1, "user namespace": -1, "chroot": -1}
+
+    def test_other_processes_cannot_be_seen_or_traced(
+        self, isolating: Driver, worker: Worker, environment: Environment, play: Any
+    ) -> None:
+        source = environment(
+            top="""
+            import ctypes, json, os
+            opened = []
+            for name in ("mem", "environ", "maps", "fd/0", "root/tmp", "cwd/."):
+                try:
+                    os.close(os.open(f"/proc/{os.getppid()}/{name}", os.O_RDONLY))
+                    opened.append(name)
+                except OSError:
+                    pass
+            numbers = sorted(int(name) for name in os.listdir("/proc") if name.isdigit())
+            traced = ctypes.CDLL(None).ptrace(16, os.getppid(), 0, 0)
+            print(json.dumps({"opened": opened, "others": len(numbers) - 2, "traced": traced, "parent": os.getppid()}))
+            """
+        )
+        assert play(worker, source).facts == {"opened": [], "others": 0, "traced": -1, "parent": 1}
