@@ -17,12 +17,12 @@ from envcraft.engine import Plan, validate
 from envcraft.reports.console import ConsoleReporter
 
 ROOT = Path(__file__).resolve().parent.parent
-SHOWN = ("examples/snake.py", "examples/broken_fox_old_footprints.py", "examples/broken_breakout_unknown_import.py")
+SHOWN = ("snake.py", "broken_fox_old_footprints.py", "broken_breakout_unknown_import.py")
 WIDTH = 100
 
 
 def main() -> None:
-    os.chdir(ROOT)
+    os.chdir(ROOT / "examples")
     checks = all_checks()
     console = Console(
         file=io.StringIO(), record=True, width=WIDTH, force_terminal=True, highlight=False, markup=False, emoji=False

@@ -383,9 +383,8 @@ def _refuse(space: dict[str, Any], action: Any) -> str:
 def _equal(given: Any, now: Any) -> bool:
     if isinstance(given, list) and isinstance(now, list):
         return len(given) == len(now) and all(map(_equal, given, now))
-    if isinstance(given, float) and isinstance(now, int | float):
-        return abs(given - now) < 1e-6
-    return bool(given == now)
+    near = isinstance(given, float) and isinstance(now, int | float) and abs(given - now) < 1e-6
+    return near or bool(given == now)
 
 
 def _first_difference(one: dict[str, Any], two: dict[str, Any]) -> tuple[Any, Any]:

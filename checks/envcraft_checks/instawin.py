@@ -73,25 +73,27 @@ class InstaWin(Check):
 
     def _judge_paid(self, subject: Subject) -> Iterator[Finding]:
         traces = [trace for trace in subject.played() if trace.ended]
-        totals = {round(trace.total, 6) for trace in traces}
-        players = {trace.rollout.player for trace in traces}
-        if len(totals) != 1 or min(totals) <= 0 or len(players) < 4 or len(traces) < 6:
+        by_seed: dict[int, list[Trace]] = {}
+        for trace in [*traces, *(trace for trace in subject.explored() if trace.ended)]:
+            by_seed.setdefault(trace.rollout.seed, []).append(trace)
+        widest = max(by_seed.values(), key=len)
+        policies = {trace.rollout.player for trace in widest}
+        earned = widest[0].total
+        if earned <= 0 or len(policies) < 4 or any(not _same_returns(same) for same in by_seed.values()):
             return
-        if any(round(trace.total, 6) not in totals for trace in _ended(subject.explored())):
-            return
-        longest = max(traces, key=lambda trace: trace.steps)
         yield self.finding(
             "EC602",
-            f"all {len(traces)} episodes of {len(players)} policies earn exactly {longest.total:g}",
+            f"all {len(policies)} policies earn the same on each seed: {earned:g} on seed {widest[0].rollout.seed}",
             line=subject.line_of("step"),
-            repro=repro(longest.rollout.cut(longest.steps)),
+            repro=repro(widest[0].rollout.cut(widest[0].steps)),
+            policies=len(policies),
             episodes=len(traces),
-            earned=longest.total,
+            earned=earned,
         )
 
 
-def _ended(traces: list[Trace]) -> list[Trace]:
-    return [trace for trace in traces if trace.ended]
+def _same_returns(traces: list[Trace]) -> bool:
+    return len({round(trace.total, 6) for trace in traces}) == 1
 
 
 @hookimpl

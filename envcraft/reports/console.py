@@ -22,6 +22,15 @@ _STYLES = {Verdict.PASS: "green", Verdict.FAIL: "red", Verdict.SKIP: "bright_bla
 _BADGES = {verdict: f"bold white on {style}" for verdict, style in _STYLES.items()}
 _SIGNS = {Verdict.PASS: "✓", Verdict.FAIL: "✗", Verdict.SKIP: "-", Verdict.ERROR: "!"}
 _WARNING = "yellow"
+#: Conditions of a reproduction whose field names say too little.
+_CONDITIONS = {
+    "before": "after other episodes",
+    "companion": "beside another instance",
+    "again": "played twice",
+    "clock": "another clock",
+    "fresh": "fresh worker",
+    "render": "with render() in between",
+}
 
 
 class ConsoleReporter(Reporter):
@@ -143,7 +152,7 @@ class ConsoleReporter(Reporter):
 def repro_words(repro: Repro) -> str:
     """A reproduction in a few words: ``seed 0, 41 actions, hash_seed 1``."""
     parts = [f"seed {repro.seed}", plural(len(repro.actions), "action") if repro.actions else "no action"]
-    parts += [f"{name} {_condition(value)}".strip() for name, value in repro.conditions.items()]
+    parts += [f"{_CONDITIONS.get(name, name)} {_condition(value)}".strip() for name, value in repro.conditions.items()]
     return one_line(", ".join(parts))
 
 

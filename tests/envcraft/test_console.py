@@ -65,7 +65,7 @@ def test_everything_is_said_in_plain_text() -> None:
         "20,480 steps",
         "1 step\n",
         "container isolation by docker",
-        "#1: seed 0, 12 actions, hash_seed 1, fresh",
+        "#1: seed 0, 12 actions, hash_seed 1, fresh worker",
         "#2: ",
         "difficulty",
         "the budget settled nothing",

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import secrets
 import signal
@@ -18,14 +17,14 @@ from typing import Any
 
 import msgspec
 import pytest
-
-from envcraft.errors import WorkerLost
-from envcraft.sandbox import Driver, How, Limits, Worker
-from envcraft.trace import Ending
 from envcraft_sandbox.bubblewrap import BubblewrapDriver
 from envcraft_sandbox.docker import DockerDriver
 from envcraft_sandbox.process import ProcessDriver
 from envcraft_sandbox.wire import HEADER, Kind
+
+from envcraft.errors import WorkerLost
+from envcraft.sandbox import Driver, How, Limits, Worker
+from envcraft.trace import Ending
 
 DRIVERS = {
     "docker": pytest.param(DockerDriver, marks=pytest.mark.docker, id="docker"),
@@ -239,8 +238,9 @@ class TestDeaths:
 
 
 class TestLimits:
-    def test_memory(self, worker: Worker, environment: Environment, play: Any) -> None:
-        ran = play(worker, environment(step="kept = []\nwhile True: kept.append(bytearray(1 << 24))"))
+    def test_memory(self, worker: Worker, environment: Environment, play: Any, limits: Limits) -> None:
+        patient = msgspec.structs.replace(limits, call=10.0)
+        ran = play(worker, environment(step="kept = []\nwhile True: kept.append(bytearray(1 << 24))"), limits=patient)
         assert ran.end.how is How.DIED or (ran.trace.fault is not None and ran.trace.fault.memory)
 
     def test_file_size(self, worker: Worker, environment: Environment, play: Any) -> None:
@@ -292,50 +292,6 @@ class TestLimits:
             """
         )
         assert play(worker, source).facts == [0, 1, 2, 3]
-
-    @pytest.mark.docker
-    def test_processes(
-        self, driver: Driver, worker: Worker, environment: Environment, play: Any, limits: Limits
-    ) -> None:
-        if driver.name != "docker":
-            pytest.skip("only a container counts its processes")
-        source = environment(
-            top="""
-            import json, os, time
-            count = 0
-            try:
-                while count < 500:
-                    if os.fork() == 0:
-                        time.sleep(60)
-                        os._exit(0)
-                    count += 1
-            except OSError:
-                pass
-            print(json.dumps(count))
-            """
-        )
-        assert play(worker, source).facts == limits.processes - 1
-
-    @pytest.mark.docker
-    def test_memory_of_many_processes(
-        self, driver: Driver, worker: Worker, environment: Environment, play: Any
-    ) -> None:
-        if driver.name != "docker":
-            pytest.skip("only a container adds up the memory of its processes")
-        source = environment(
-            step="""
-            import os
-            for _ in range(6):
-                if os.fork() == 0:
-                    break
-            kept = [bytearray(1 << 20) for _ in range(300)]
-            for each in kept:
-                each[::4096] = bytes(len(each[::4096]))
-            import time
-            time.sleep(60)
-            """
-        )
-        assert play(worker, source).end.how in (How.DIED, How.TIMEOUT)
 
 
 def _message(kind: int, payload: bytes) -> bytes:
@@ -613,9 +569,9 @@ class TestIsolation:
             import json, os, sys
             import numpy
             written = []
-            folders = ["/tmp", "/", "/usr", "/etc", "/var", "/run", "/run/envcraft", "/opt", "/opt/envcraft",
-            "/home", "/root"] for folder in [*folders, "/proc", "/proc/sys/kernel", "/sys", sys.prefix, *sys.path,
-            os.path.dirname(numpy.__file__)]:
+            folders = ["/", "/usr", "/etc", "/var", "/run", "/run/envcraft", "/opt", "/opt/envcraft", "/home", "/root"]
+            folders += ["/proc", "/proc/sys/kernel", "/sys", sys.prefix, *sys.path, os.path.dirname(numpy.__file__)]
+            for folder in ["/tmp", *folders]:
                 try:
                     with open(os.path.join(folder, "envcraft-test"), "w") as file:
                         file.write("x")
@@ -646,7 +602,8 @@ class TestIsolation:
         source = environment(
             top="""
             import ctypes, json, os
-            status = dict(line.split(":\\t") for line in open("/proc/self/status").read().splitlines() if ":\\t" in line)
+            lines = open("/proc/self/status").read().splitlines()
+            status = dict(line.split(":\\t") for line in lines if ":\\t" in line)
             libc = ctypes.CDLL(None, use_errno=True)
             print(json.dumps({
                 "ids": [os.getuid(), os.geteuid(), os.getgid(), *os.getgroups()],
