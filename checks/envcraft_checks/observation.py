@@ -59,12 +59,11 @@ class Observation(Check):
         if not traces:
             raise Skip("no episode came to a second observation")
         longest = max(traces, key=lambda trace: trace.steps)
-        pictures = {digest for trace in traces for digest in trace.observations}
-        if len(pictures) == 1:
+        if all(len(set(trace.observations)) == 1 for trace in traces):
             yield self.finding(
                 "EC401",
-                f"all {sum(len(trace.observations) for trace in traces)} observations of {len(traces)} episodes "
-                "are the same",
+                f"no picture changes during any of {len(traces)} episodes, "
+                f"{sum(trace.steps for trace in traces)} steps in all",
                 line=subject.line_of("step"),
                 repro=repro(longest.rollout.cut(20)),
             )

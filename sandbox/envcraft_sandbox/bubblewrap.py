@@ -63,6 +63,9 @@ def isolate() -> list[str]:
     libraries.
     """
     argv = [shutil.which("bwrap") or "bwrap", "--unshare-all", "--die-with-parent", "--new-session", "--as-pid-1"]
+    if _knows("--disable-userns"):
+        # A namespace of its own would give the job capabilities again, if only inside.
+        argv += ["--unshare-user", "--disable-userns"]
     argv += ["--cap-drop", "ALL", "--clearenv", "--hostname", "sandbox", "--uid", "65534", "--gid", "65534"]
     for path in _SYSTEM:
         if os.path.islink(path):
@@ -74,6 +77,13 @@ def isolate() -> list[str]:
     argv += ["--proc", "/proc", "--dev", "/dev"]
     argv += ["--size", str(_TMPFS_BYTES), "--tmpfs", "/tmp", "--remount-ro", "/", "--chdir", "/tmp"]  # noqa: S108
     return argv
+
+
+@functools.cache
+def _knows(option: str) -> bool:
+    """Whether this version of bwrap has an option."""
+    told = subprocess.run(["bwrap", "--help"], capture_output=True, timeout=20, check=False)  # noqa: S607
+    return option.encode() in told.stdout + told.stderr
 
 
 def _python_paths() -> list[str]:

@@ -104,7 +104,17 @@ def _build_on(base: str, say: Say) -> None:
         labels = ["--label", f"{LABEL}={digest()}", "--label", f"{BASE_LABEL}={base}"]
         say(f"building {TAG} on {base}")
         docker_aloud(
-            "build", "--network", "none", "--build-arg", f"BASE={base}", *labels, "--tag", TAG, str(context), say=say
+            "build",
+            "--force-rm",
+            "--network",
+            "none",
+            "--build-arg",
+            f"BASE={base}",
+            *labels,
+            "--tag",
+            TAG,
+            str(context),
+            say=say,
         )
 
 

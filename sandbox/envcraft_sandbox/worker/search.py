@@ -12,6 +12,7 @@ import json
 import random
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -242,15 +243,17 @@ def exhaust(tree: Tree) -> None:
 
 
 def _counters(tree: Tree, root: Node) -> set[str]:
-    """Attributes that grow by the same amount at each of two steps: time, which must not make two states differ."""
-    probe = tree.branch(root)
-    readings = [attributes(probe.env)]
-    for _ in range(2):
-        if not probe.ended:
-            tree.step(probe, tree.actions[0])
-        readings.append(attributes(probe.env))
-    first, second, third = readings
-    return {name for name in first if _grows(first[name], second.get(name), third.get(name))}
+    """Whole numbers that go up or down by one at every step, whatever is done: time, which tells no states apart."""
+    found: set[str] | None = None
+    for action in tree.actions:
+        probe = tree.branch(root)
+        readings = [attributes(probe.env)]
+        while len(readings) < 3 and not probe.ended:
+            tree.step(probe, action)
+            readings.append(attributes(probe.env))
+        counts = {name for name in readings[0] if _counts([reading.get(name) for reading in readings])}
+        found = counts if found is None else found & counts
+    return found or set()
 
 
 def greedy(tree: Tree) -> None:
@@ -318,11 +321,11 @@ def _generators(env: Any) -> list[str]:
     return states
 
 
-def _grows(first: Any, second: Any, third: Any) -> bool:
-    numbers = (first, second, third)
-    if any(isinstance(value, bool) or not isinstance(value, int | float) for value in numbers):
+def _counts(values: list[Any]) -> bool:
+    if any(isinstance(value, bool) or not isinstance(value, int) for value in values):
         return False
-    return bool(second - first == third - second != 0)
+    changes = {later - earlier for earlier, later in pairwise(values)}
+    return changes in ({1}, {-1})
 
 
 _SEARCHES: dict[str, Callable[[Tree], None]] = {
