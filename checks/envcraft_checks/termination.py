@@ -121,12 +121,13 @@ class Termination(Check):
         by_seed: dict[int, set[float]] = {}
         for trace in ended:
             by_seed.setdefault(trace.rollout.seed, set()).add(trace.total)
-        if any(len(totals) > 1 for totals in by_seed.values()):
+        # A game of one decision ends at once by itself, and its return tells the choices apart; a time limit is no game.
+        if any(len(totals) > 1 for totals in by_seed.values()) and not any(trace.truncated[-1] for trace in ended):
             return
         longest = max(ended, key=lambda trace: trace.steps)
         yield self.finding(
             "EC503",
-            f"all {len(ended)} episodes end within {longest.steps} steps, whatever is played, with the same return",
+            f"all {len(ended)} episodes end within {longest.steps} steps, whatever is played",
             line=subject.line_of("step"),
             repro=repro(longest.rollout.cut(longest.steps)),
             episodes=len(ended),

@@ -100,7 +100,7 @@ def last_words(said: bytes) -> str:
 
 def _refusal(said: bytes) -> EngineError:
     words = last_words(said).rstrip(".")
-    if "permission denied" in words and "socket" in words:
+    if "permission denied while trying to connect" in words:
         return EngineError("this user may not use the Docker engine", _ALLOW)
     if "cannot connect" in words.lower() or "daemon running" in words:
         return EngineError("no Docker engine answers", _START)

@@ -1,14 +1,14 @@
-"""Every fixture and example is judged exactly as its header says: no defect missed, no false alarm, no other reason."""
+"""Every fixture is judged exactly as its header says: no defect missed, no false alarm, no other reason."""
 
 from __future__ import annotations
 
 import pytest
 
-from benchmarks.fixtures import Fixture, examples, fixtures
+from benchmarks.fixtures import Fixture, fixtures
 from benchmarks.judge import failing, judge
 from envcraft.verdict import SubjectReport, Verdict
 
-ALL = [*fixtures(), *examples()]
+ALL = fixtures()
 
 
 @pytest.fixture(scope="session")
