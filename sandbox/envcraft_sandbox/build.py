@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import json
 import shutil
@@ -57,11 +58,17 @@ def build(base: str, say: Say) -> tuple[str, str]:
     Raises SandboxUnavailable, in one sentence.
     """
     docker("version", "--format", "{{.Server.Version}}", timeout=10.0)
+    replaced = docker("image", "ls", "--quiet", "--no-trunc", TAG)
     if base == HOST:
         _import_host(say)
     else:
         _build_on(base, say)
-    return TAG, docker("image", "inspect", "--format", "{{.Id}}", TAG)
+    built = docker("image", "inspect", "--format", "{{.Id}}", TAG)
+    if replaced and replaced != built:
+        # Images of this size must not pile up; one that a container still uses stays.
+        with contextlib.suppress(EngineError):
+            docker("image", "rm", replaced)
+    return TAG, built
 
 
 def _import_host(say: Say) -> None:
