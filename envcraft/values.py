@@ -34,7 +34,7 @@ class Layout:
         self.shape: tuple[int, ...] = ()
         self.items: list[tuple[str, Layout]] = []
         self.name = ""
-        if self.kind in ("array", "scalar"):
+        if self.kind in ("array", "scalar", "numbers"):
             self.dtype = _dtype(spec.get("dtype"))
             self.shape = _shape(spec.get("shape", []))
             self.size = self.dtype.itemsize * math.prod(self.shape)
@@ -69,6 +69,8 @@ class Layout:
             raise MalformedValue(f"{len(data)} bytes for a value of {self.size}")
         if self.kind == "array":
             return np.frombuffer(data, self.dtype).reshape(self.shape)
+        if self.kind == "numbers":
+            return np.frombuffer(data, self.dtype).reshape(self.shape).tolist()
         if self.kind == "scalar":
             return np.frombuffer(data, self.dtype)[0]
         if self.kind == "int":
@@ -93,6 +95,8 @@ class Layout:
     def __str__(self) -> str:
         if self.kind == "array":
             return f"a {self.dtype} array of shape {self.shape}"
+        if self.kind == "numbers":
+            return f"nested Python lists of shape {self.shape}"
         if self.kind == "scalar":
             return f"a NumPy {self.dtype}"
         if self.kind == "other":

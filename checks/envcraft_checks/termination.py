@@ -121,7 +121,7 @@ class Termination(Check):
         by_seed: dict[int, set[float]] = {}
         for trace in ended:
             by_seed.setdefault(trace.rollout.seed, set()).add(trace.total)
-        # A game of one decision ends at once by itself, and its return tells the choices apart; a time limit is no game.
+        # A game of one decision ends at once by itself, and its return tells choices apart; a time limit is no game.
         if any(len(totals) > 1 for totals in by_seed.values()) and not any(trace.truncated[-1] for trace in ended):
             return
         longest = max(ended, key=lambda trace: trace.steps)

@@ -33,6 +33,7 @@ _ASK = (
     "print(json.dumps([sys.version_info[:2], platform.machine(), platform.libc_ver(), find_spec('pip') is not None]))"
 )
 _OLDEST_PYTHON = (3, 11)
+_OTHER_BASE = "choose a base with Python 3.11 or later, pip, glibc and a shell, or `--base host`"
 
 Say = Callable[[str], None]
 
@@ -110,32 +111,24 @@ def _build_on(base: str, say: Say) -> None:
         _download(context / "wheels", version, platforms, say)
         labels = ["--label", f"{LABEL}={digest()}", "--label", f"{BASE_LABEL}={base}"]
         say(f"building {TAG} on {base}")
-        docker_aloud(
-            "build",
-            "--force-rm",
-            "--network",
-            "none",
-            "--build-arg",
-            f"BASE={base}",
-            *labels,
-            "--tag",
-            TAG,
-            str(context),
-            say=say,
-        )
+        options = ["--force-rm", "--network", "none", "--build-arg", f"BASE={base}", *labels, "--tag", TAG]
+        try:
+            docker_aloud("build", *options, str(context), say=say)
+        except EngineError as error:
+            raise EngineError(f"{TAG} cannot be built on {base} ({error.reason})", _OTHER_BASE) from None
 
 
 def _ask(base: str) -> tuple[str, list[str]]:
     """The Python version of an image, and the wheel platforms that it takes. Raises EngineError."""
-    other = f"choose a base with Python {'.'.join(map(str, _OLDEST_PYTHON))} or later, pip and glibc, or `--base host`"
     run = ["run", "--rm", "--network", "none", "--entrypoint", "python3", base, "-c", _ASK]
     try:
-        version, machine, (libc, release), pip = json.loads(docker(*run, timeout=60.0))
-    except (EngineError, ValueError) as error:
-        raise EngineError(f"{base} does not run python3 ({error})", other) from None
+        told = docker(*run, timeout=60.0)
+    except EngineError as error:
+        raise EngineError(f"{base} does not run python3 ({error.reason})", _OTHER_BASE) from None
+    version, machine, (libc, release), pip = json.loads(told)
     if tuple(version) < _OLDEST_PYTHON or not pip or libc != "glibc":
         found = f"Python {version[0]}.{version[1]}, {libc or 'another C library'}, {'with' if pip else 'without'} pip"
-        raise EngineError(f"{base} has {found}", other)
+        raise EngineError(f"{base} has {found}", _OTHER_BASE)
     minors = range(5, int(release.split(".")[1]) + 1)
     return f"{version[0]}.{version[1]}", [f"manylinux_2_{minor}_{machine}" for minor in minors]
 

@@ -33,6 +33,8 @@ _START_SECONDS = 60.0
 _END_SECONDS = 3.0
 #: What the fork server and the tmpfs need beside a job's own memory.
 _OVERHEAD = 256 * 1024**2
+#: What a kernel in user space (gVisor's) needs beside a job's own processes; the fork server alone needs one.
+_SENTRY_THREADS = 1024
 _OWN_LAYERS = [
     "container",
     "no network",
@@ -115,7 +117,8 @@ class DockerDriver(Driver):
         if built_from != build.digest():
             raise EngineError(f"the image {build.TAG} was built from other sources than these", rebuild)
         layers = [*_OWN_LAYERS, *([self._runtime] if self._runtime else [])]
-        for option in told.get("SecurityOptions") or []:
+        # Another runtime need not heed these.
+        for option in told.get("SecurityOptions") or [] if self._runtime is None else []:
             if option.startswith(("name=seccomp", "name=apparmor", "name=selinux")) and "unconfined" not in option:
                 layers.append(option.removeprefix("name=").partition(",")[0])
         return layers + [layer for key, layer in _ENGINE_LAYERS.items() if told.get(key)]
@@ -136,7 +139,8 @@ class DockerDriver(Driver):
         argv += ["--tmpfs", "/tmp:rw,noexec,nosuid,nodev,size=64m,mode=1777"]  # noqa: S108
         argv += ["--mount", f"type=bind,source={path},target={_CONTROL}"]
         argv += ["--user", "65534:65534", "--cap-drop", "ALL", "--security-opt", "no-new-privileges"]
-        argv += ["--memory", memory, "--memory-swap", memory, "--pids-limit", str(limits.processes + 1)]
+        processes = limits.processes + (_SENTRY_THREADS if self._runtime else 1)
+        argv += ["--memory", memory, "--memory-swap", memory, "--pids-limit", str(processes)]
         argv += ["--ulimit", "core=0", "--ulimit", f"nofile={max(limits.descriptors, 256)}"]
         if self._info.get("CpuCfsQuota"):
             argv += ["--cpus", "1"]

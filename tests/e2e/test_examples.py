@@ -60,9 +60,8 @@ SCHEMA = {
 
 
 def envcraft(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "envcraft", *arguments], capture_output=True, text=True, cwd=cwd, timeout=900, check=False
-    )
+    command = [sys.executable, "-m", "envcraft", *arguments]
+    return subprocess.run(command, capture_output=True, text=True, cwd=cwd, timeout=900, check=False)
 
 
 @pytest.fixture(scope="module")

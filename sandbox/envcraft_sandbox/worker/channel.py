@@ -122,11 +122,22 @@ def encode_value(value: Any, depth: int = 0) -> tuple[dict[str, Any], bytes]:
             layouts.append([str(key), layout])
             parts.append(data)
         return {"k": "dict", "items": layouts}, b"".join(parts)
+    if isinstance(value, list) and (numbers := _numbers(value)) is not None:
+        return {"k": "numbers", "dtype": numbers.dtype.str, "shape": list(numbers.shape)}, numbers.tobytes()
     if isinstance(value, list | tuple):
         pairs = [encode_value(item, depth + 1) for item in value[:MAX_LAYOUTS]]
         kind = "tuple" if isinstance(value, tuple) else "list"
         return {"k": kind, "items": [layout for layout, _ in pairs]}, b"".join(data for _, data in pairs)
     return {"k": "other", "type": type_name(value)}, b""
+
+
+def _numbers(value: list[Any]) -> np.ndarray[Any, Any] | None:
+    """Nested lists of numbers as an array, so that a picture in lists is not described number by number."""
+    try:
+        numbers = np.array(value)
+    except (ValueError, TypeError, OverflowError):
+        return None
+    return numbers if numbers.dtype.kind in "biuf" and 0 < numbers.nbytes <= MAX_OBSERVATION else None
 
 
 def encode_info(info: Any) -> bytes:
