@@ -72,11 +72,11 @@ def isolate() -> list[str]:
             argv += ["--symlink", os.readlink(path), path]
         else:
             argv += ["--ro-bind-try", path, path]
+    argv += ["--proc", "/proc", "--dev", "/dev", "--size", str(_TMPFS_BYTES), "--tmpfs", "/tmp"]  # noqa: S108
+    # After the empty /tmp, which would hide an interpreter that lies below it.
     for path in _python_paths():
         argv += ["--ro-bind", path, path]
-    argv += ["--proc", "/proc", "--dev", "/dev"]
-    argv += ["--size", str(_TMPFS_BYTES), "--tmpfs", "/tmp", "--remount-ro", "/", "--chdir", "/tmp"]  # noqa: S108
-    return argv
+    return [*argv, "--remount-ro", "/", "--chdir", "/tmp"]  # noqa: S108
 
 
 @functools.cache

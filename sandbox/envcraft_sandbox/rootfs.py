@@ -1,6 +1,7 @@
 """A root file system made of the running interpreter: its standard library, the libraries, and what they link to.
 
-Every file keeps its own path, so that the interpreter, the loader and its cache find everything where it was.
+Interpreter and shared libraries keep their own paths, so that the loader and its cache find everything where it was; the
+Python libraries, which may lie anywhere, are gathered in one folder.
 """
 
 from __future__ import annotations
@@ -23,8 +24,9 @@ from typing import IO
 
 from envcraft.errors import SandboxUnavailable
 
-#: Where the worker lies, in every image.
+#: Where the worker and the libraries lie, in every image.
 WORKER_ROOT = "/opt/envcraft"
+LIBRARIES_ROOT = "/opt/libraries"
 
 _NEEDED = ("numpy", "gymnasium")
 _WELCOME = ("pygame-ce", "scipy")
@@ -33,6 +35,8 @@ _OMITTED_FOLDERS = {
     "tkinter", "turtledemo",
 }  # fmt: skip
 _OMITTED_FILES = ("_test", "_tkinter", "_xxtest", "_ctypes_test", "turtle.py")
+#: What a container's own mounts hide.
+_HIDDEN = ("/tmp/", "/proc/", "/dev/", "/sys/", "/run/")  # noqa: S108
 _SYSTEM_FILES = ("/etc/ld.so.cache", "/usr/lib/locale/C.utf8")
 _ETC = {
     "/etc/passwd": b"nobody:x:65534:65534:nobody:/tmp:/nonexistent\n",
@@ -45,11 +49,10 @@ _LINKED = re.compile(r"(?:=>)?\s+(/\S+) \(0x")
 
 
 class Root:
-    """Files by their path in the image. `python` is its interpreter, `module_paths` the worker's PYTHONPATH."""
+    """Files by their path in the image. `python` is its interpreter."""
 
-    def __init__(self, python: str, module_paths: list[str]) -> None:
+    def __init__(self, python: str) -> None:
         self.python = python
-        self.module_paths = module_paths
         self._files: dict[str, Path | bytes] = {}
 
     def __len__(self) -> int:
@@ -86,16 +89,19 @@ class Root:
 
 def collect(worker: Iterable[tuple[str, bytes]]) -> Root:
     """Find all that the worker needs; `worker` is its sources by path. Raises SandboxUnavailable."""
-    distributions = list(_distributions())
-    libraries = list(dict.fromkeys(os.path.realpath(str(each.locate_file(""))) for each in distributions))
-    root = Root(os.path.realpath(sys.executable), [WORKER_ROOT, *libraries])
+    root = Root(os.path.realpath(sys.executable))
+    if root.python.startswith(_HIDDEN):
+        raise SandboxUnavailable(f"the interpreter {root.python} lies where a container has its own files; use another")
     root.add(root.python, Path(root.python))
     for name in ("stdlib", "platstdlib"):
         for path in _tree(Path(os.path.realpath(sysconfig.get_path(name)))):
-            _add_module(root, path)
-    for distribution in distributions:
-        for path in _installed(distribution):
-            _add_module(root, path)
+            _add_module(root, str(path), path)
+    own = {library: library for library in _shared_libraries(root.files())}
+    gathered: list[Path] = []
+    for distribution in _distributions():
+        for name, path in _installed(distribution):
+            _add_module(root, f"{LIBRARIES_ROOT}/{name}", path)
+            gathered.append(path)
     for library in _shared_libraries(root.files()):
         root.add(library, Path(library))
     for place in map(Path, _SYSTEM_FILES):
