@@ -79,7 +79,7 @@ def _import_host(say: Say) -> None:
     entrypoint = [root.python, "-B", "-s", "-P", "-m", "envcraft_sandbox.worker"]
     changes = [
         f"ENTRYPOINT {json.dumps(entrypoint)}",
-        f"ENV PYTHONPATH={':'.join(root.module_paths)}",
+        f"ENV PYTHONPATH={rootfs.WORKER_ROOT}:{rootfs.LIBRARIES_ROOT}",
         "USER 65534:65534",
         "WORKDIR /tmp",
         f"LABEL {LABEL}={digest()} {BASE_LABEL}={HOST}",

@@ -1,6 +1,6 @@
 """A root file system made of the running interpreter: its standard library, the libraries, and what they link to.
 
-Interpreter and shared libraries keep their own paths, so that the loader and its cache find everything where it was; the
+Interpreter and shared libraries keep their own paths, so that the loader and its cache find everything; the
 Python libraries, which may lie anywhere, are gathered in one folder.
 """
 
@@ -96,13 +96,13 @@ def collect(worker: Iterable[tuple[str, bytes]]) -> Root:
     for name in ("stdlib", "platstdlib"):
         for path in _tree(Path(os.path.realpath(sysconfig.get_path(name)))):
             _add_module(root, str(path), path)
-    own = {library: library for library in _shared_libraries(root.files())}
-    gathered: list[Path] = []
+    gathered: set[str] = set()
     for distribution in _distributions():
         for name, path in _installed(distribution):
             _add_module(root, f"{LIBRARIES_ROOT}/{name}", path)
-            gathered.append(path)
-    for library in _shared_libraries(root.files()):
+            gathered.add(str(path))
+    # What the libraries bring with them is found beside them.
+    for library in _shared_libraries(root.files()) - gathered:
         root.add(library, Path(library))
     for place in map(Path, _SYSTEM_FILES):
         for path in [place] if place.is_file() else _tree(place):
@@ -138,7 +138,8 @@ def _distributions() -> Iterator[importlib.metadata.Distribution]:
                 wanted.append(found[1])
 
 
-def _installed(distribution: importlib.metadata.Distribution) -> Iterator[Path]:
+def _installed(distribution: importlib.metadata.Distribution) -> Iterator[tuple[str, Path]]:
+    """The files of a library: the name below its folder, and the path here. Raises SandboxUnavailable."""
     if distribution.files is None:
         raise SandboxUnavailable(
             f"the installation of {distribution.name} does not list its files; install it with pip"
@@ -147,7 +148,7 @@ def _installed(distribution: importlib.metadata.Distribution) -> Iterator[Path]:
         if ".." not in file.parts and not _OMITTED_FOLDERS.intersection(file.parts):
             path = Path(os.path.realpath(str(distribution.locate_file("")))) / file
             if path.is_file():
-                yield path
+                yield str(file), path
 
 
 def _tree(folder: Path) -> Iterator[Path]:
@@ -159,15 +160,15 @@ def _tree(folder: Path) -> Iterator[Path]:
                 yield path
 
 
-def _add_module(root: Root, path: Path) -> None:
+def _add_module(root: Root, name: str, path: Path) -> None:
     """Add a file, and for a module its bytecode: the container could not keep what it compiles."""
-    root.add(str(path), path)
+    root.add(name, path)
     if path.suffix == ".py":
         cache = Path(importlib.util.cache_from_source(str(path)))
         if _is_fresh(cache, path):
-            root.add(str(cache), cache)
+            root.add(importlib.util.cache_from_source(name), cache)
         else:
-            _add_bytecode(root, str(path), path.read_bytes())
+            _add_bytecode(root, name, path.read_bytes())
 
 
 def _is_fresh(cache: Path, source: Path) -> bool:
