@@ -1,0 +1,87 @@
+"""The rules themselves: their documentation, their coverage by fixtures, and the pure functions that they judge by."""
+
+from __future__ import annotations
+
+import ast
+
+import numpy as np
+import pytest
+from envcraft_checks.observation import noise
+from envcraft_checks.reward import growth
+from envcraft_checks.source import required_imports
+
+from benchmarks.fixtures import examples, fixtures
+from envcraft.check import Check
+from envcraft.plugins import plugins
+from envcraft.verdict import Severity
+
+CHECKS: list[Check] = plugins().collect("envcraft_checks")
+
+
+@pytest.mark.parametrize("check", CHECKS, ids=lambda check: check.name)
+def test_each_check_is_documented(check: Check) -> None:
+    for heading in ("# " + check.name, "## What it does", "## Why is this bad?", "## Example"):
+        assert heading in check.page
+
+
+def test_codes_are_unique_and_in_their_family() -> None:
+    codes = [rule.code for check in CHECKS for rule in check.rules]
+    assert len(codes) == len(set(codes))
+    for check in CHECKS:
+        assert len({rule.code[:3] for rule in check.rules}) == 1
+
+
+def test_every_error_has_a_fixture() -> None:
+    shown = {code for fixture in [*fixtures(), *examples()] for code in fixture.codes}
+    errors = {rule.code for check in CHECKS for rule in check.rules if rule.severity is Severity.ERROR}
+    # A file of megabytes is made by a test; sandbox events have the conformance suite.
+    assert errors - shown - {"EC010"} == {
+        rule.code for check in CHECKS if check.name == "sandbox" for rule in check.rules
+    }
+
+
+def test_optional_imports_are_not_required() -> None:
+    source = """
+import numpy.random
+from gymnasium import spaces
+try:
+    import cv2
+except ImportError:
+    import fallback
+if TYPE_CHECKING:
+    import typing_only
+if __name__ == "__main__":
+    import matplotlib
+def method():
+    import late
+"""
+    assert required_imports(ast.parse(source)) == {"numpy": 2, "gymnasium": 3, "fallback": 7, "late": 13}
+
+
+def test_growth_is_told_from_prizes_and_plateaus() -> None:
+    assert growth([0.01 * step for step in range(200)]) is not None
+    assert growth([-0.01 * step for step in range(200)]) is not None
+    assert growth([1.0] * 200) is None
+    assert growth([float(step == 190) * 50 for step in range(200)]) is None
+    assert growth([min(step, 100) * 0.01 for step in range(200)]) is None
+    assert growth([1.0 + 0.001 * step for step in range(200)]) is None
+
+
+def test_noise_is_told_from_motion_and_flicker() -> None:
+    rng = np.random.default_rng(0)
+    frames = [rng.integers(0, 256, (24, 24, 3), dtype=np.uint8) for _ in range(64)]
+    measured = noise(frames)
+    assert measured is not None
+    assert measured[0]
+
+    texture = rng.integers(0, 256, (24, 200, 3), dtype=np.uint8)
+    scrolling = [texture[:, start : start + 24] for start in range(64)]
+    flicker = [np.full((24, 24, 3), 255 * (number % 2), np.uint8) for number in range(64)]
+    dot = [np.zeros((24, 24, 3), np.uint8) for _ in range(64)]
+    for number, frame in enumerate(dot):
+        frame[number % 24, rng.integers(24)] = 255
+    for good in (flicker, dot):
+        measured = noise(good)
+        assert measured is not None
+        assert not measured[0]
+    assert noise(scrolling[:5]) is None
