@@ -23,6 +23,8 @@ from envcraft.trace import Recording, Trace
 
 #: Larger files are not read: no environment of this kind is anywhere near.
 MAX_SOURCE = 2 * 1024**2
+#: So many hung episodes are waited for, then no more are begun.
+_PATIENCE = 3
 
 
 class Target(msgspec.Struct, frozen=True):
@@ -78,6 +80,7 @@ class Subject:
         self.limits = limits or Limits()
         self.env_class = target.env_class
         self.steps = 0
+        self._timeouts = 0
         self._workers: dict[int, Worker] = {}
         self._traces: dict[bytes, Trace] = {}
         self._searches: dict[tuple[str, int, int], dict[str, Any]] = {}
@@ -265,6 +268,8 @@ class Subject:
         return space
 
     def _record(self, rollout: Rollout) -> Trace:
+        if self._timeouts >= _PATIENCE:
+            raise Skip(f"{self._timeouts} episodes hung; the check sandbox tells where")
         recording = Recording(rollout, self.observation_space, self.action_space)
         job = self._job(
             "rollout",
@@ -278,7 +283,8 @@ class Subject:
         if rollout.policy and self.policy is not None:
             job["policy"] = {"source": self.policy.source, "filename": "<envcraft_policy>"}
         end = self._under(rollout.conditions, job, recording)
-        if end.how in (How.TIMEOUT, How.DIED):
+        self._timeouts += end.how is How.TIMEOUT
+        if end.how is How.DIED or (end.how is How.TIMEOUT and self._timeouts == 1):
             # Batches hide how far it came: the same episode once more, every step sent at once, tells.
             again = Recording(rollout, self.observation_space, self.action_space)
             end_again = self._under(rollout.conditions, {**job, "every_step": True}, again)
