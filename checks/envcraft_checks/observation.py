@@ -24,8 +24,8 @@ def _draw(self):
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import TYPE_CHECKING
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 
@@ -138,7 +138,7 @@ class Observation(Check):
             )
 
 
-def noise(frames: list) -> tuple[bool, float, float] | None:  # type: ignore[type-arg]
+def noise(frames: Sequence[Any]) -> tuple[bool, float, float] | None:
     """Whether frames are independent in time: the verdict, the share of values that change, the highest correlation.
 
     `frames` are arrays of one shape. None with too few of them to say.
