@@ -65,8 +65,8 @@ class SandboxEvents(Check):
         end, fault = trace.end, trace.fault
         if fault is not None and fault.memory:
             return self._found(subject, trace, "EC902", f"{fault.phase} ran out of memory: {fault.message}")
-        if fault is not None and fault.type in ("BlockingIOError", "RuntimeError") and "new thread" in fault.message:
-            return self._found(subject, trace, "EC903", f"{fault.phase} could start no more threads")
+        if fault is not None and (fault.type == "BlockingIOError" or "can't start new thread" in fault.message):
+            return self._found(subject, trace, "EC903", f"{fault.phase} could start no more processes or threads")
         if fault is not None and fault.type.rpartition(".")[2] in _NETWORK:
             return self._found(subject, trace, "EC905", f"{fault.phase} asked for the network: {fault}")
         if end is None or end.how in (How.DONE, How.STOPPED):
