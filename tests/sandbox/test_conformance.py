@@ -586,7 +586,10 @@ class TestIsolation:
             print(json.dumps(written))
             """
         )
-        assert play(worker, source).facts == ["/tmp"]
+        written = play(worker, source).facts
+        # An interpreter that lies below /tmp leaves the folders of its mount point there: still the sandbox's own /tmp.
+        assert "/tmp" in written
+        assert all(Path(path).is_relative_to("/tmp") for path in written)
 
     def test_tmp_is_bounded_and_runs_nothing(
         self, isolating: Driver, worker: Worker, environment: Environment, play: Any
