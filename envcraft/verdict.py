@@ -140,6 +140,7 @@ _ORDER = (
     "path",
     "env_class",
     "source_sha256",
+    "check",
     "verdict",
     "isolation",
 )

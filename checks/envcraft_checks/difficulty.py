@@ -34,7 +34,7 @@ from envcraft.plugins import hookimpl
 from envcraft.rollout import Rollout
 from envcraft.shrink import repro
 from envcraft.stats import Proportion, settle
-from envcraft.verdict import Finding
+from envcraft.verdict import Finding, Repro, Severity
 
 if TYPE_CHECKING:
     from envcraft.subject import Subject
@@ -56,6 +56,13 @@ class Difficulty(Check):
             "Read the state, change nothing.",
         ),
         Rule("EC805", "policy-fails", "The privileged policy raises or chooses no valid action.", "Mend the policy."),
+        Rule(
+            "EC806",
+            "policy-no-better",
+            "The privileged policy does no better than random play or doing nothing.",
+            "Mend the policy; the environment is judged by the built-in player.",
+            Severity.WARNING,
+        ),
     )
 
     def judge(self, subject: Subject) -> Iterator[Finding]:
@@ -69,6 +76,8 @@ class Difficulty(Check):
             else:
                 verdict, rate = settle(lambda number: subject.act(number).positive, 0.0, subject.budget.looks[:2])
                 policy_wins = verdict is True or rate.hits > 0
+                if not policy_wins:
+                    yield from self._compare(subject, rate)
         unsettled = "" if policy_wins else self._unsolved(subject)
         if unsettled == _UNSOLVABLE:
             yield self._unsolvable(subject)
@@ -93,10 +102,12 @@ class Difficulty(Check):
                 trace.fault.phase == "policy write" or trace.fault.type.endswith("ReadOnlyState")
             ):
                 words = f"the policy writes to the environment at step {trace.steps + 1}: {trace.fault.message}"
-                return self.finding("EC804", words, line=trace.fault.line, step=trace.steps + 1)
+                shown = Repro(trace.rollout.seed, trace.actions)
+                return self.finding("EC804", words, line=trace.fault.line, repro=shown, step=trace.steps + 1)
             if trace.fault is not None and trace.fault.phase == "policy":
                 words = f"the policy raises {trace.fault} at step {trace.steps + 1}"
-                return self.finding("EC805", words, line=trace.fault.line, traceback=trace.fault.traceback)
+                shown = Repro(trace.rollout.seed, trace.actions)
+                return self.finding("EC805", words, line=trace.fault.line, repro=shown, traceback=trace.fault.traceback)
             plain = Rollout(trace.rollout.seed, trace.actions, player="the policy's actions without it")
             if (found := _diverge(trace, subject.rollout(plain))) is not None:
                 return self.finding(
@@ -107,6 +118,26 @@ class Difficulty(Check):
                     field=found.field,
                 )
         return None
+
+    def _compare(self, subject: Subject, rate: Proportion) -> Iterator[Finding]:
+        """Hold a policy that never wins against random play and doing nothing, by mean return on the same seeds."""
+        numbers = range(rate.n)
+        players = {"the policy": subject.act, "random play": subject.random}
+        if subject.contract.noop is not None:
+            players["doing nothing"] = subject.noop
+        means = {name: sum(play(number).total for number in numbers) / rate.n for name, play in players.items()}
+        others = max(mean for name, mean in means.items() if name != "the policy")
+        if means["the policy"] <= others:
+            words = ", ".join(f"{name} {mean:.3g}" for name, mean in means.items())
+            yield self.finding(
+                "EC806",
+                f"the policy wins {rate}; mean returns on those seeds: {words}",
+                repro=repro(
+                    msgspec.structs.replace(subject.act(0).rollout, actions=subject.act(0).actions, policy=False)
+                ),
+                rate=rate.evidence(),
+                means=means,
+            )
 
     def _unsolved(self, subject: Subject) -> str:
         """Nothing when some seed has a positive outcome; _UNSOLVABLE; or why neither is settled."""
