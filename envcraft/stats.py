@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from math import sqrt
+from statistics import NormalDist
 
 #: Two-sided 95% over three looks, by Bonferroni: the normal quantile of 1 - 0.05 / 6.
 Z = 2.394
@@ -57,12 +58,14 @@ def settle(
     look is wide enough that all looks together err at most once in twenty.
     """
     hits = done = 0
-    rate = Proportion(0, 0)
+    # Two-sided 95% over all looks, by Bonferroni.
+    z = NormalDist().inv_cdf(1 - 0.05 / (2 * len(looks)))
+    rate = Proportion(0, 0, z)
     for look in looks:
         while done < look:
             hits += trial(done)
             done += 1
-        rate = Proportion(hits, done)
+        rate = Proportion(hits, done, z)
         if rate.low > threshold:
             return True, rate
         if rate.high < threshold:

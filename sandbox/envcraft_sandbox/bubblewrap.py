@@ -47,7 +47,7 @@ def _probe() -> Availability:
     if shutil.which("bwrap") is None:
         return Availability(False, "bwrap is not installed", "install the package bubblewrap")
     try:
-        tried = subprocess.run(  # noqa: S603
+        tried = subprocess.run(
             [*isolate(), "--", sys.executable, "-S", "-c", "pass"], capture_output=True, timeout=20, check=False
         )
     except (OSError, subprocess.TimeoutExpired) as error:
@@ -72,17 +72,17 @@ def isolate() -> list[str]:
             argv += ["--symlink", os.readlink(path), path]
         else:
             argv += ["--ro-bind-try", path, path]
-    argv += ["--proc", "/proc", "--dev", "/dev", "--size", str(_TMPFS_BYTES), "--tmpfs", "/tmp"]  # noqa: S108
+    argv += ["--proc", "/proc", "--dev", "/dev", "--size", str(_TMPFS_BYTES), "--tmpfs", "/tmp"]
     # After the empty /tmp, which would hide an interpreter that lies below it.
     for path in _python_paths():
         argv += ["--ro-bind", path, path]
-    return [*argv, "--remount-ro", "/", "--chdir", "/tmp"]  # noqa: S108
+    return [*argv, "--remount-ro", "/", "--chdir", "/tmp"]
 
 
 @functools.cache
 def _knows(option: str) -> bool:
     """Whether this version of bwrap has an option."""
-    told = subprocess.run(["bwrap", "--help"], capture_output=True, timeout=20, check=False)  # noqa: S607
+    told = subprocess.run(["bwrap", "--help"], capture_output=True, timeout=20, check=False)
     return option.encode() in told.stdout + told.stderr
 
 

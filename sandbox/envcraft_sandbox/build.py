@@ -139,7 +139,7 @@ def _download(folder: Path, version: str, platforms: list[str], say: Say) -> Non
     argv += ["--only-binary=:all:", "--implementation=cp", f"--python-version={version}"]
     argv += [f"--platform={platform}" for platform in platforms]
     argv += ["--dest", str(folder), "--requirement", str(_IMAGE / "requirements.txt")]
-    done = subprocess.run(argv, stdin=subprocess.DEVNULL, capture_output=True, text=True, check=False)  # noqa: S603
+    done = subprocess.run(argv, stdin=subprocess.DEVNULL, capture_output=True, text=True, check=False)
     lines = done.stderr.strip().splitlines()
     for line in lines:
         say(line)

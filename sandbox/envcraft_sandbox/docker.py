@@ -135,8 +135,8 @@ class DockerDriver(Driver):
         variables |= {key: "" for proxy in _PROXIES for key in (proxy, proxy.lower())}
         argv = ["docker", "run", "--rm", "--attach", "stderr", "--sig-proxy=false", "--pull", "never", "--init=false"]
         argv += ["--name", name, "--hostname", "sandbox", "--label", LABEL, "--log-driver", "none"]
-        argv += ["--network", "none", "--ipc", "private", "--shm-size", "1m", "--read-only", "--workdir", "/tmp"]  # noqa: S108
-        argv += ["--tmpfs", "/tmp:rw,noexec,nosuid,nodev,size=64m,mode=1777"]  # noqa: S108
+        argv += ["--network", "none", "--ipc", "private", "--shm-size", "1m", "--read-only", "--workdir", "/tmp"]
+        argv += ["--tmpfs", "/tmp:rw,noexec,nosuid,nodev,size=64m,mode=1777"]
         argv += ["--mount", f"type=bind,source={path},target={_CONTROL}"]
         argv += ["--user", "65534:65534", "--cap-drop", "ALL", "--security-opt", "no-new-privileges"]
         processes = limits.processes + (_SENTRY_THREADS if self._runtime else 1)
@@ -148,7 +148,7 @@ class DockerDriver(Driver):
             argv += ["--runtime", self._runtime]
         for key, value in variables.items():
             argv += ["--env", f"{key}={value}"]
-        return subprocess.Popen(  # noqa: S603
+        return subprocess.Popen(
             [*argv, build.TAG, "--connect", _CONTROL],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,

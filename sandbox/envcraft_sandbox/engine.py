@@ -26,8 +26,8 @@ class EngineError(SandboxUnavailable):
 def docker(*arguments: str, timeout: float = 30.0) -> str:
     """Run ``docker`` and give what it printed. Raises EngineError."""
     try:
-        done = subprocess.run(  # noqa: S603
-            ["docker", *arguments],  # noqa: S607
+        done = subprocess.run(
+            ["docker", *arguments],
             stdin=subprocess.DEVNULL,
             capture_output=True,
             timeout=timeout,
@@ -50,8 +50,8 @@ def docker_aloud(*arguments: str, say: Callable[[str], None], feed: Callable[[IO
     Raises EngineError with its last words.
     """
     try:
-        process = subprocess.Popen(  # noqa: S603
-            ["docker", *arguments],  # noqa: S607
+        process = subprocess.Popen(
+            ["docker", *arguments],
             stdin=subprocess.PIPE if feed else subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,

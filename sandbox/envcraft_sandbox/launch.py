@@ -18,7 +18,7 @@ from .client import ForkServerWorker
 PACKAGE_ROOT = Path(__file__).resolve().parent.parent
 
 
-def environment(hash_seed: int, home: str = "/tmp") -> dict[str, str]:  # noqa: S108
+def environment(hash_seed: int, home: str = "/tmp") -> dict[str, str]:
     """The only environment variables that a worker sees. One thread for each numerical library: results and limits
     must not depend on the machine's cores."""
     return {
@@ -73,7 +73,7 @@ def start(argv: list[str], variables: dict[str, str], limits: Limits, name: str)
     """Start `argv` with ``--fd N`` appended, N being the control socket. Raises SandboxUnavailable."""
     ours, theirs = socket.socketpair()
     try:
-        process = subprocess.Popen(  # noqa: S603
+        process = subprocess.Popen(
             [*argv, "--fd", str(theirs.fileno())],
             env=variables,
             cwd="/",
