@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import os
 import shutil
 import subprocess
 import sys
 import sysconfig
+from collections.abc import Callable
 from pathlib import Path
 
+from envcraft.installed import Installed
 from envcraft.sandbox import Availability, Driver, Isolation, Limits, Worker
 
 from . import launch
@@ -20,8 +23,6 @@ _LAYERS = [
     "read-only root",
     "sized tmpfs",
     "scrubbed environment",
-    "rlimits",
-    "no new privileges",
 ]
 _SYSTEM = ("/usr", "/lib", "/lib64", "/lib32", "/bin", "/etc/ld.so.cache", "/etc/localtime")
 _TMPFS_BYTES = 64 * 1024**2
@@ -32,14 +33,23 @@ class BubblewrapDriver(Driver):
     isolation = Isolation.NAMESPACE
     rank = 20
 
+    def __init__(self, found: Installed = Installed()) -> None:  # noqa: B008 (it is immutable)
+        self._found = found
+
+    def seeing(self, found: Installed) -> BubblewrapDriver:
+        return BubblewrapDriver(found)
+
     def probe(self) -> Availability:
         return _probe()
 
     def launch(self, *, hash_seed: int, limits: Limits) -> Worker:
+        return self.begin(hash_seed=hash_seed, limits=limits)()
+
+    def begin(self, *, hash_seed: int, limits: Limits) -> Callable[[], Worker]:
         variables = launch.environment(hash_seed)
-        variables["PYTHONPATH"] = os.pathsep.join(launch.module_paths())
-        argv = [*isolate(), *(word for name in variables for word in ("--setenv", name, variables[name]))]
-        return launch.start([*argv, "--", *launch.command()], {}, limits, self.name)
+        variables["PYTHONPATH"] = os.pathsep.join(launch.module_paths(self._found))
+        argv = [*isolate(self._found), *(word for name in variables for word in ("--setenv", name, variables[name]))]
+        return launch.start([*argv, "--", *launch.command(read=self._found.folders)], {}, limits, self.name)
 
 
 @functools.cache
@@ -58,9 +68,9 @@ def _probe() -> Availability:
     return Availability(True, layers=_LAYERS)
 
 
-def isolate() -> list[str]:
-    """The bwrap command line up to the program: what the worker sees is the system, the interpreter and the
-    libraries.
+def isolate(found: Installed = Installed()) -> list[str]:  # noqa: B008 (it is immutable)
+    """The bwrap command line up to the program: what the worker sees is the system, the interpreter, the
+    libraries, and what is installed elsewhere.
     """
     argv = [shutil.which("bwrap") or "bwrap", "--unshare-all", "--die-with-parent", "--new-session", "--as-pid-1"]
     if _knows("--disable-userns"):
@@ -74,7 +84,7 @@ def isolate() -> list[str]:
             argv += ["--ro-bind-try", path, path]
     argv += ["--proc", "/proc", "--dev", "/dev", "--size", str(_TMPFS_BYTES), "--tmpfs", "/tmp"]
     # After the empty /tmp, which would hide an interpreter that lies below it.
-    for path in _python_paths():
+    for path in _python_paths(found):
         argv += ["--ro-bind", path, path]
     return [*argv, "--remount-ro", "/", "--chdir", "/tmp"]
 
@@ -82,14 +92,23 @@ def isolate() -> list[str]:
 @functools.cache
 def _knows(option: str) -> bool:
     """Whether this version of bwrap has an option."""
+    with contextlib.suppress(OSError):
+        # It prints its options from its own text, and running it takes longer than reading it.
+        if option.encode() in Path(shutil.which("bwrap") or "bwrap").read_bytes():
+            return True
     told = subprocess.run(["bwrap", "--help"], capture_output=True, timeout=20, check=False)
     return option.encode() in told.stdout + told.stderr
 
 
-def _python_paths() -> list[str]:
+def _python_paths(more: Installed) -> list[str]:
     """Folders of the interpreter and its libraries that the system folders do not hold already."""
     wanted = [sys.prefix, sys.base_prefix, sys.exec_prefix, str(Path(sys.executable).resolve().parent)]
-    wanted += [sysconfig.get_path("stdlib"), sysconfig.get_path("platstdlib"), *launch.module_paths()]
+    wanted += [
+        sysconfig.get_path("stdlib"),
+        sysconfig.get_path("platstdlib"),
+        *launch.module_paths(more),
+        *more.folders,
+    ]
     found: list[str] = []
     for path in sorted({os.path.abspath(path) for path in wanted}, key=len):
         if path == "/" or any(Path(path).is_relative_to(parent) for parent in [*_SYSTEM, *found]):

@@ -9,7 +9,7 @@ import select
 import signal
 import socket
 import time
-from typing import Any
+from typing import Any, NamedTuple
 
 import msgspec
 
@@ -23,6 +23,14 @@ _CHUNK = 1 << 20
 _SERVER_SECONDS = 60.0
 _GOODBYE_SECONDS = 1.0
 _LOADING = ("start", "import", "construct", "policy")
+
+
+class Ended(NamedTuple):
+    """The end of a job's process: wait status, seconds of processor time, the limit for which it was ended."""
+
+    status: int
+    cpu: float
+    over: How | None
 
 
 class ForkServerWorker(Worker):
@@ -81,15 +89,15 @@ class ForkServerWorker(Worker):
         """Ask for the end of a job's processes."""
         self._send({"op": "kill", "id": number})
 
-    def exit_status(self, number: int, patience: float = _SERVER_SECONDS) -> int | None:
-        """Wait for the wait status of a job: None when it still runs after `patience` seconds. Raises WorkerLost."""
+    def ended(self, number: int, patience: float = _SERVER_SECONDS) -> Ended | None:
+        """Wait for the end of a job's process: None when it still runs after `patience` seconds. Raises WorkerLost."""
         deadline = time.monotonic() + patience
         while True:
             answer = self._answer("exit", deadline)
             if answer is None:
                 return None
             if answer["exit"] == number:
-                return int(answer["status"])
+                return Ended(answer["status"], answer["cpu"], How(answer["over"]) if answer["over"] else None)
 
     def _send(self, message: dict[str, Any], descriptors: list[int] | None = None) -> None:
         data = json.dumps(message).encode() + b"\n"
@@ -177,15 +185,18 @@ class _Watch:
         died = how is How.DIED
         # A job that said goodbye, or closed its channel, may still run.
         patience = _GOODBYE_SECONDS if how in (How.DONE, How.DIED) else 0
-        status = self._worker.exit_status(self._number, patience)
-        if status is None:
+        ended = self._worker.ended(self._number, patience)
+        if ended is None:
             self._worker.kill(self._number)
-            status = self._worker.exit_status(self._number)
+            ended = self._worker.ended(self._number)
             if died:
                 died, detail = False, "it closed its channel and went on"
-        if status is None:
+        if ended is None:
             raise WorkerLost("the worker does not end its job; run again, or see `envcraft doctor`")
+        if ended.over is not None and how is not How.DONE:
+            how, died, detail = ended.over, False, self._limit(ended.over)
         self._drain()
+        status = ended.status
         return JobEnd(
             how=how,
             phase=self._reader.phase,
@@ -195,7 +206,16 @@ class _Watch:
             detail=detail or (_signal_name(status) if died else ""),
             output=self._head.decode("utf-8", "replace"),
             output_bytes=self._printed,
+            cpu=ended.cpu,
         )
+
+    def _limit(self, how: How) -> str:
+        limits = self._limits
+        return {
+            How.MEMORY: f"more than {limits.memory // 1024**2} MiB of memory",
+            How.PROCESSES: f"more than {limits.processes} threads",
+            How.DISK: f"more than {limits.disk // 1024**2} MiB of files",
+        }[how]
 
     def _listen(self, started: float) -> tuple[How, str]:
         poll = select.poll()

@@ -3,37 +3,102 @@
 from __future__ import annotations
 
 import json
-from typing import TYPE_CHECKING, Any
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING
 
 import click
 
+from envcraft.commands.choices import runtime_option
+
 if TYPE_CHECKING:
-    from envcraft.sandbox import Availability, Driver
+    from envcraft.sandbox import Driver
+
+#: What to do about a layer that is missing, by how its name begins.
+_REMEDIES = {
+    "engine's seccomp profile": "let the engine use its default seccomp profile (`seccomp-profile` in daemon.json)",
+    "memory limit": "enable the memory cgroup (kernel parameter cgroup_enable=memory)",
+    "swap limit": "enable swap accounting (kernel parameter swapaccount=1)",
+    "process limit": "enable the pids cgroup (a kernel with CONFIG_CGROUP_PIDS)",
+    "one CPU": "enable CPU quotas (a kernel with CONFIG_CFS_BANDWIDTH)",
+    "Landlock": "use Linux 5.13 or later, with landlock among its security modules (kernel parameter lsm)",
+    "system call filter": "use a kernel with CONFIG_SECCOMP_FILTER",
+    "watchdog": "mount /proc where the worker can read it",
+}
 
 
 @click.command()
 @click.option("--format", "form", type=click.Choice(["console", "json"]), default="console", show_default=True)
-def doctor(form: str) -> None:
-    """Tell which sandboxes work here, how far each isolates, and what to install."""
+@runtime_option
+def doctor(form: str, runtime: str | None) -> None:
+    """Launch a worker in each sandbox, and tell how far it isolates here, what is missing, and what to do.
+
+    \b
+    Exit status: 0 some sandbox works    3 none does
+    """
+    from envcraft.commands.choices import under
     from envcraft.plugins import plugins
 
     loaded = plugins()
     drivers = sorted(loaded.collect("envcraft_sandbox_drivers"), key=lambda driver: -driver.rank)
-    found: list[tuple[Driver, Availability]] = []
+    if runtime is not None:
+        drivers = under(runtime, drivers)
+    found: list[Examined] = []
     for driver in drivers:
         try:
-            found.append((driver, driver.probe()))
+            driver.sweep()
+            found.append(examine(driver))
         except Exception as error:
             loaded.note(f"sandbox {driver.name}", error)
-    auto = next((driver.name for driver, available in found if available.works), None)
+    auto = next((each.name for each in found if each.works), None)
     broken = [{"plugin": each.plugin, "error": each.error} for each in loaded.broken]
     if form == "json":
-        sandboxes = [_row(driver, available) for driver, available in found]
-        click.echo(json.dumps({"sandboxes": sandboxes, "auto": auto, "broken": broken}, indent=2))
+        told = {"sandboxes": [asdict(each) for each in found], "auto": auto, "broken": broken}
+        click.echo(json.dumps(told, indent=2))
     else:
         _show(found, auto, broken)
     if auto is None:
         raise SystemExit(3)
+
+
+@dataclass(frozen=True)
+class Examined:
+    """What a driver is worth on this machine; `fix` is what to do where it does not work, or layers are missing."""
+
+    name: str
+    isolation: str
+    works: bool
+    layers: list[str]
+    missing: list[str]
+    reason: str
+    fix: str
+    image: str | None = None
+
+
+def examine(driver: Driver) -> Examined:
+    """Launch a worker: what it finds in force inside is worth more than what the machine promises."""
+    from envcraft.errors import EnvCraftError
+    from envcraft.sandbox import Limits
+    from envcraft.verdict import SandboxReport
+
+    available = driver.probe()
+    reason, fix = available.reason, available.fix
+    told = SandboxReport()
+    if available.works:
+        try:
+            worker = driver.launch(hash_seed=0, limits=Limits())
+        except EnvCraftError as error:
+            reason, _, fix = str(error).partition("; ")
+        else:
+            try:
+                told = SandboxReport.of(driver, worker.about)
+            finally:
+                worker.close()
+            fix = "; ".join(filter(None, map(_remedy, told.missing)))
+    return Examined(driver.name, driver.isolation.value, not reason, told.layers, told.missing, reason, fix, told.image)
+
+
+def _remedy(layer: str) -> str:
+    return next((words for name, words in _REMEDIES.items() if layer.startswith(name)), "")
 
 
 @click.group()
@@ -48,40 +113,38 @@ def sandbox() -> None:
     help="Image to build on, with Python 3.11 or later and pip; `host` stands for the running interpreter, "
     "and needs no registry.  [default: python:3.11-slim]",
 )
-def build(base: str | None) -> None:
+@click.option(
+    "--packages",
+    metavar="FILE",
+    help="What the environments need beside NumPy, Gymnasium, pygame-ce and SciPy: NAME or NAME==VERSION, one a line.",
+)
+def build(base: str | None, packages: str | None) -> None:
     """Build the image of the docker sandbox."""
     from . import build as image
+    from .packages import read
 
-    tag, digest = image.build(base or image.DEFAULT_BASE, lambda words: click.echo(words, err=True))
+    wanted = read(packages) if packages is not None else []
+    tag, digest = image.build(base or image.DEFAULT_BASE, lambda words: click.echo(words, err=True), wanted)
     click.echo(f"{tag} {digest}")
 
 
-def _row(driver: Driver, available: Availability) -> dict[str, Any]:
-    return {
-        "name": driver.name,
-        "isolation": driver.isolation.value,
-        "works": available.works,
-        "layers": available.layers,
-        "reason": available.reason,
-        "fix": available.fix,
-    }
-
-
-def _show(found: list[tuple[Driver, Availability]], auto: str | None, broken: list[dict[str, str]]) -> None:
+def _show(found: list[Examined], auto: str | None, broken: list[dict[str, str]]) -> None:
     from rich.console import Console
     from rich.markup import escape
     from rich.table import Table
 
     console = Console()
-    table = Table("sandbox", "isolation", "works", "layers in force, or what to do")
-    for driver, available in found:
-        words = ", ".join(available.layers) if available.works else f"{available.reason}: {available.fix}"
-        works = "[green]yes[/]" if available.works else "[red]no[/]"
-        table.add_row(escape(driver.name), driver.isolation.value, works, escape(words))
+    table = Table("sandbox", "isolation", "works", "layers in force, what is missing, and what to do")
+    for each in found:
+        lines = ["; ".join(each.layers)] if each.works else [f"{each.reason}: {each.fix}"]
+        if each.missing:
+            lines.append(f"missing: {'; '.join(each.missing)}" + (f". {each.fix}" if each.fix else ""))
+        works = "[green]yes[/]" if each.works else "[red]no[/]"
+        table.add_row(escape(each.name), each.isolation, works, escape("\n".join(lines)))
     console.print(table)
     if auto is None:
         console.print("No sandbox works here: nothing can be validated.")
     else:
         console.print(f"`--sandbox auto` takes {auto}.")
-    for each in broken:
-        console.print(f"[red]broken plugin[/] {escape(each['plugin'])}: {escape(each['error'])}")
+    for each_broken in broken:
+        console.print(f"[red]broken plugin[/] {escape(each_broken['plugin'])}: {escape(each_broken['error'])}")

@@ -9,11 +9,11 @@ from __future__ import annotations
 
 import contextlib
 import functools
+import os
 import platform
 import secrets
 import socket
 import subprocess
-import tempfile
 import time
 import weakref
 from pathlib import Path
@@ -22,11 +22,13 @@ from typing import Any
 from envcraft.errors import SandboxUnavailable, WorkerLost
 from envcraft.sandbox import Availability, Driver, Isolation, Limits, Worker
 
-from . import build, engine, launch
+from . import build, engine, launch, leftovers
 from .client import ForkServerWorker, hang_up
 from .engine import EngineError
 
 LABEL = "envcraft=worker"
+#: Its value is the name of the folder of the process that started the container.
+OWNER_LABEL = "envcraft.owner"
 
 _CONTROL = "/run/envcraft/control.sock"
 _START_SECONDS = 60.0
@@ -46,7 +48,16 @@ _OWN_LAYERS = [
     "scrubbed environment",
     "rlimits",
 ]
-_ENGINE_LAYERS = {"MemoryLimit": "memory limit", "PidsLimit": "process limit", "CpuCfsQuota": "one CPU"}
+_ENGINE_LAYERS = {
+    "MemoryLimit": "memory limit",
+    "SwapLimit": "swap limit",
+    "PidsLimit": "process limit",
+    "CpuCfsQuota": "one CPU",
+}
+#: What another runtime need not heed; each is `name` or `name=value` among the engine's security options.
+_DEFAULT_RUNTIME_LAYERS = ("seccomp", "apparmor", "selinux")
+#: Lines for daemon.json: unless it is told to, gVisor opens no socket of the host, and wants a network.
+_RUNSC = '{"runtimes": {"runsc": {"path": "/usr/bin/runsc", "runtimeArgs": ["--host-uds=open", "--network=none"]}}}'
 #: What docker's own configuration may put into a container's environment, credentials included.
 _PROXIES = ("HTTP_PROXY", "HTTPS_PROXY", "FTP_PROXY", "ALL_PROXY", "NO_PROXY")
 
@@ -63,33 +74,47 @@ class DockerDriver(Driver):
 
     def probe(self) -> Availability:
         try:
-            return Availability(True, layers=self._layers())
+            self._check()
         except EngineError as error:
             return Availability(False, error.reason, error.fix)
+        layers, missing = self._layers()
+        return Availability(True, layers=layers, missing=missing)
 
     def launch(self, *, hash_seed: int, limits: Limits) -> Worker:
         name = f"envcraft-{secrets.token_hex(8)}"
         try:
+            image = self._image.id
             client, control = self._start(name, hash_seed, limits)
         except OSError as error:
             raise _unavailable(str(error)) from None
+        except EngineError as error:
+            raise _unavailable(error.reason) from None
         try:
-            return DockerWorker(client, name, control, limits)
+            return DockerWorker(client, name, control, limits, image)
         except WorkerLost as error:
-            raise _unavailable(_end(client, name, control) or str(error)) from None
+            raise self._refusal(_end(client, name, control) or str(error)) from None
+
+    def under(self, runtime: str) -> DockerDriver:
+        return DockerDriver(runtime)
+
+    def sweep(self) -> None:
+        # For the other drivers of this package, too: there is one folder for all of them.
+        leftovers.sweep()
 
     def _start(self, name: str, hash_seed: int, limits: Limits) -> tuple[subprocess.Popen[bytes], socket.socket]:
         """Start a container, and give its client and the socket to its worker. Raises SandboxUnavailable, OSError."""
-        with (
-            tempfile.TemporaryDirectory(prefix="envcraft-") as folder,
-            socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as listener,
-        ):
-            path = Path(folder, "control.sock")
-            listener.bind(str(path))
-            # For the container's user: only the socket is mounted, and nobody else on the host can enter the folder.
-            path.chmod(0o666)
-            listener.listen(1)
-            client = self._run(name, path, launch.environment(hash_seed), limits)
+        with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as listener:
+            path = leftovers.containers() / name / "control.sock"
+            path.parent.mkdir(mode=0o700)
+            try:
+                _bind(listener, path)
+                # For the container's user: only the socket is mounted, and nobody else can enter the folder.
+                path.chmod(0o666)
+                listener.listen(1)
+                client = self._run(name, path, launch.environment(hash_seed), limits)
+            except BaseException:
+                leftovers.remove(path.parent)
+                raise
             try:
                 control = _accept(listener, client)
             except BaseException:
@@ -98,34 +123,51 @@ class DockerDriver(Driver):
                 raise
             if control is None:
                 listener.close()
-                raise _unavailable(_end(client, name) or f"nothing connected within {_START_SECONDS:.0f} s")
+                raise self._refusal(_end(client, name) or f"nothing connected within {_START_SECONDS:.0f} s")
             return client, control
 
-    def _layers(self) -> list[str]:
-        """The layers in force. Raises EngineError when a container cannot be launched."""
+    def _refusal(self, words: str) -> SandboxUnavailable:
+        """Why no container started, and for a runtime that is known to want arguments which ones."""
+        if self._runtime is not None and "runsc" in self._runtime:
+            words += f"; under gVisor this needs these lines in the engine's daemon.json: {_RUNSC}"
+        return _unavailable(words)
+
+    def _check(self) -> None:
+        """Raises EngineError when a container cannot be launched."""
         told = self._info
         if told.get("OSType") != "linux" or told.get("KernelVersion") != platform.release():
             raise EngineError("the Docker engine runs on another machine", "use an engine that runs on this one")
-        if self._runtime is not None and self._runtime not in told.get("Runtimes", {}):
-            raise EngineError(f"the engine has no runtime {self._runtime}", "add it to the engine's daemon.json")
-        rebuild = "run `envcraft sandbox build`"
-        label = f'{{{{index .Config.Labels "{build.LABEL}"}}}}'
-        try:
-            built_from = engine.docker("image", "inspect", "--format", label, build.TAG)
-        except EngineError:
-            raise EngineError(f"the image {build.TAG} is not built", rebuild) from None
-        if built_from != build.digest():
-            raise EngineError(f"the image {build.TAG} was built from other sources than these", rebuild)
-        layers = [*_OWN_LAYERS, *([self._runtime] if self._runtime else [])]
-        # Another runtime need not heed these.
-        for option in told.get("SecurityOptions") or [] if self._runtime is None else []:
-            if option.startswith(("name=seccomp", "name=apparmor", "name=selinux")) and "unconfined" not in option:
-                layers.append(option.removeprefix("name=").partition(",")[0])
-        return layers + [layer for key, layer in _ENGINE_LAYERS.items() if told.get(key)]
+        known = told.get("Runtimes") or {}
+        if self._runtime is not None and self._runtime not in known:
+            reason = f"the engine has no runtime {self._runtime}, only {', '.join(sorted(known))}"
+            lines = f" {_RUNSC}" if self._runtime == "runsc" else " it"
+            raise EngineError(reason, f"install it, add{lines} to the engine's daemon.json, and restart the engine")
+        self._image.check()
+
+    def _layers(self) -> tuple[list[str], list[str]]:
+        """The layers in force, and those that this engine cannot give."""
+        told = self._info
+        layers, missing = list(_OWN_LAYERS), []
+        if self._runtime is not None:
+            layers.append(f"runtime {self._runtime}")
+        else:
+            options = told.get("SecurityOptions") or []
+            names = {option.removeprefix("name=").partition(",")[0] for option in options if "unconfined" not in option}
+            layers += [f"engine's {name} profile" for name in _DEFAULT_RUNTIME_LAYERS if name in names]
+            if "seccomp" not in names:
+                missing.append("engine's seccomp profile")
+        for key, layer in _ENGINE_LAYERS.items():
+            (layers if told.get(key) else missing).append(layer)
+        return layers, missing
 
     @functools.cached_property
     def _info(self) -> dict[str, Any]:
         return engine.info()
+
+    @functools.cached_property
+    def _image(self) -> build.Built:
+        # Once: what was looked at is what runs, even if the tag moves on.
+        return build.find()
 
     def _run(self, name: str, path: Path, variables: dict[str, str], limits: Limits) -> subprocess.Popen[bytes]:
         """Start ``docker run``; it stays until the container is removed, and its standard error is the container's."""
@@ -134,7 +176,8 @@ class DockerDriver(Driver):
         variables = {key: value for key, value in variables.items() if key != "PATH"}
         variables |= {key: "" for proxy in _PROXIES for key in (proxy, proxy.lower())}
         argv = ["docker", "run", "--rm", "--attach", "stderr", "--sig-proxy=false", "--pull", "never", "--init=false"]
-        argv += ["--name", name, "--hostname", "sandbox", "--label", LABEL, "--log-driver", "none"]
+        argv += ["--name", name, "--hostname", "sandbox", "--label", LABEL]
+        argv += ["--label", f"{OWNER_LABEL}={leftovers.folder().name}", "--log-driver", "none"]
         argv += ["--network", "none", "--ipc", "private", "--shm-size", "1m", "--read-only", "--workdir", "/tmp"]
         argv += ["--tmpfs", "/tmp:rw,noexec,nosuid,nodev,size=64m,mode=1777"]
         argv += ["--mount", f"type=bind,source={path},target={_CONTROL}"]
@@ -149,10 +192,11 @@ class DockerDriver(Driver):
         for key, value in variables.items():
             argv += ["--env", f"{key}={value}"]
         return subprocess.Popen(
-            [*argv, build.TAG, "--connect", _CONTROL],
+            [*argv, self._image.id, "--connect", _CONTROL],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
             stderr=subprocess.PIPE,
+            pass_fds=[leftovers.lifeline()],
             # Ctrl-C is for this process to answer, by hanging up.
             start_new_session=True,
         )
@@ -161,13 +205,25 @@ class DockerDriver(Driver):
 class DockerWorker(ForkServerWorker):
     """A fork server in a container. `client` is its ``docker run``, which ends when the container has been removed."""
 
-    def __init__(self, client: subprocess.Popen[bytes], name: str, control: socket.socket, limits: Limits) -> None:
+    def __init__(
+        self, client: subprocess.Popen[bytes], name: str, control: socket.socket, limits: Limits, image: str
+    ) -> None:
         self._end = weakref.finalize(self, _end, client, name, control)
         super().__init__(control, limits)
+        self.about = {**self.about, "image": image}
 
     def close(self) -> None:
         super().close()
         self._end()
+
+
+def _bind(listener: socket.socket, path: Path) -> None:
+    """Bind however long the path is: a socket's own address has room for about a hundred characters only."""
+    folder = os.open(path.parent, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+    try:
+        listener.bind(f"/proc/self/fd/{folder}/{path.name}")
+    finally:
+        os.close(folder)
 
 
 def _accept(listener: socket.socket, client: subprocess.Popen[bytes]) -> socket.socket | None:
@@ -194,6 +250,10 @@ def _end(client: subprocess.Popen[bytes], name: str, control: socket.socket | No
         except subprocess.TimeoutExpired:
             client.kill()
             _, said = client.communicate()
+            # Not known to be gone: the next sweep sees to it.
+            return engine.last_words(said)
+    with contextlib.suppress(OSError):
+        leftovers.remove(leftovers.containers() / name)
     return engine.last_words(said)
 
 

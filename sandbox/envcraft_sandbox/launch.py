@@ -2,28 +2,36 @@
 
 from __future__ import annotations
 
+import importlib.util
 import socket
 import subprocess
 import sys
+import threading
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
-import numpy
-
 from envcraft.errors import SandboxUnavailable, WorkerLost
+from envcraft.installed import Installed
 from envcraft.sandbox import Limits
 
+from . import leftovers
 from .client import ForkServerWorker
+
+#: Where a worker with a file system of its own lets its jobs write: the worker's own default.
+JOB_FOLDER = "/tmp/job"
 
 #: The folder that holds this package, which is all that the worker imports besides the installed libraries.
 PACKAGE_ROOT = Path(__file__).resolve().parent.parent
 
 
-def environment(hash_seed: int, home: str = "/tmp") -> dict[str, str]:
+def environment(hash_seed: int, folder: str = JOB_FOLDER) -> dict[str, str]:
     """The only environment variables that a worker sees. One thread for each numerical library: results and limits
     must not depend on the machine's cores."""
     return {
+        **_graphics(),
         "PATH": "/usr/bin:/bin",
-        "HOME": home,
+        "HOME": folder,
+        "TMPDIR": folder,
         "LANG": "C.UTF-8",
         "PYTHONHASHSEED": str(hash_seed),
         "PYTHONDONTWRITEBYTECODE": "1",
@@ -39,45 +47,71 @@ def environment(hash_seed: int, home: str = "/tmp") -> dict[str, str]:
     }
 
 
-def command(*arguments: str, python: str = sys.executable) -> list[str]:
-    """The worker's command line."""
-    return [python, "-B", "-s", "-P", "-m", "envcraft_sandbox.worker", *arguments]
+def _graphics() -> dict[str, str]:
+    """Where the package glfw has its library: it would start programs to find out, and a job can start none."""
+    found = importlib.util.find_spec("glfw")
+    library = Path(found.origin).parent / "x11" / "libglfw.so" if found is not None and found.origin else None
+    return {"PYGLFW_LIBRARY": str(library)} if library is not None and library.is_file() else {}
 
 
-def module_paths() -> list[str]:
-    """Where the worker of this interpreter finds its modules: the package's own folder and that of the libraries."""
-    libraries = str(Path(numpy.__file__).resolve().parent.parent)
-    return list(dict.fromkeys([str(PACKAGE_ROOT), libraries]))
+def command(folder: str = JOB_FOLDER, read: Iterable[str] = ()) -> list[str]:
+    """The worker's command line, but for the way to its host. Jobs may read `read` besides what they can import."""
+    argv = [sys.executable, "-B", "-s", "-P", "-m", "envcraft_sandbox.worker", "--folder", folder]
+    return argv + [word for path in read for word in ("--read", path)]
+
+
+def module_paths(found: Installed = Installed()) -> list[str]:  # noqa: B008 (it is immutable)
+    """Where the worker of this interpreter finds its modules: the package's own folder, that of the libraries, and
+    what is installed elsewhere.
+    """
+    # Found, not imported: the worker starts while the host imports it.
+    spec = importlib.util.find_spec("numpy")
+    assert spec is not None
+    assert spec.origin is not None
+    libraries = str(Path(spec.origin).resolve().parent.parent)
+    return list(dict.fromkeys([str(PACKAGE_ROOT), libraries, *found.paths]))
 
 
 class ChildWorker(ForkServerWorker):
-    """A fork server that is this process's child."""
+    """A fork server that is this process's child. `folder` is removed when it ends."""
 
-    def __init__(self, process: subprocess.Popen[bytes], control: socket.socket, limits: Limits) -> None:
+    def __init__(
+        self, process: subprocess.Popen[bytes], control: socket.socket, limits: Limits, folder: Path | None = None
+    ) -> None:
         self._process = process
+        self._folder = folder
+        self._closing = threading.Lock()
         super().__init__(control, limits)
 
     def close(self) -> None:
         super().close()
-        if self._process.poll() is None:
-            try:
-                self._process.wait(timeout=2)
-            except subprocess.TimeoutExpired:
-                self._process.kill()
-                self._process.wait()
-        if self._process.stderr:
-            self._process.stderr.close()
+        # Whoever serves a job and whoever ends the subject may both get here.
+        with self._closing:
+            if self._process.poll() is None:
+                try:
+                    self._process.wait(timeout=2)
+                except subprocess.TimeoutExpired:
+                    self._process.kill()
+                    self._process.wait()
+            if self._process.stderr:
+                self._process.stderr.close()
+            if self._folder is not None:
+                leftovers.remove(self._folder)
 
 
-def start(argv: list[str], variables: dict[str, str], limits: Limits, name: str) -> ChildWorker:
-    """Start `argv` with ``--fd N`` appended, N being the control socket. Raises SandboxUnavailable."""
+def start(
+    argv: list[str], variables: dict[str, str], limits: Limits, name: str, folder: Path | None = None
+) -> Callable[[], ChildWorker]:
+    """Start `argv` with ``--fd N`` appended, N being the control socket; what is returned waits until the worker is
+    ready. Both raise SandboxUnavailable.
+    """
     ours, theirs = socket.socketpair()
     try:
         process = subprocess.Popen(
             [*argv, "--fd", str(theirs.fileno())],
             env=variables,
             cwd="/",
-            pass_fds=[theirs.fileno()],
+            pass_fds=[theirs.fileno(), leftovers.lifeline()],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
             stderr=subprocess.PIPE,
@@ -88,11 +122,15 @@ def start(argv: list[str], variables: dict[str, str], limits: Limits, name: str)
         theirs.close()
         raise SandboxUnavailable(f"the {name} sandbox did not start: {error}") from None
     theirs.close()
-    try:
-        return ChildWorker(process, ours, limits)
-    except WorkerLost as error:
-        ours.close()
-        raise SandboxUnavailable(f"the {name} sandbox did not start: {last_words(process) or error}") from None
+
+    def wait() -> ChildWorker:
+        try:
+            return ChildWorker(process, ours, limits, folder)
+        except WorkerLost as error:
+            ours.close()
+            raise SandboxUnavailable(f"the {name} sandbox did not start: {last_words(process) or error}") from None
+
+    return wait
 
 
 def last_words(process: subprocess.Popen[bytes]) -> str:

@@ -1,16 +1,19 @@
-"""The ``process`` driver: a child with a scrubbed environment and resource limits, and what the kernel adds to that.
+"""The ``process`` driver: a child process, and what the kernel lets it give up.
 
-The weakest of the three: it holds against accidents, not against malice.
+The weakest of the three: it sees the machine's processes and network interfaces, and without Landlock and the system
+call filter it holds against accidents, not against malice.
 """
 
 from __future__ import annotations
 
 import os
-import sys
+import secrets
+from collections.abc import Callable
 
+from envcraft.installed import Installed
 from envcraft.sandbox import Availability, Driver, Isolation, Limits, Worker
 
-from . import launch
+from . import launch, leftovers
 
 
 class ProcessDriver(Driver):
@@ -18,13 +21,23 @@ class ProcessDriver(Driver):
     isolation = Isolation.PROCESS
     rank = 10
 
+    def __init__(self, found: Installed = Installed()) -> None:  # noqa: B008 (it is immutable)
+        self._found = found
+
+    def seeing(self, found: Installed) -> ProcessDriver:
+        return ProcessDriver(found)
+
     def probe(self) -> Availability:
         if os.name != "posix":
             return Availability(False, "it needs a POSIX system", "use the docker sandbox")
-        layers = ["own process", "rlimits", "scrubbed environment"]
-        return Availability(True, layers=[*layers, "no new privileges"] if sys.platform == "linux" else layers)
+        return Availability(True, layers=["own process", "scrubbed environment"])
 
     def launch(self, *, hash_seed: int, limits: Limits) -> Worker:
-        variables = launch.environment(hash_seed)
-        variables["PYTHONPATH"] = os.pathsep.join(launch.module_paths())
-        return launch.start(launch.command(), variables, limits, self.name)
+        return self.begin(hash_seed=hash_seed, limits=limits)()
+
+    def begin(self, *, hash_seed: int, limits: Limits) -> Callable[[], Worker]:
+        folder = leftovers.folder() / f"job-{secrets.token_hex(8)}"
+        variables = launch.environment(hash_seed, str(folder))
+        variables["PYTHONPATH"] = os.pathsep.join(launch.module_paths(self._found))
+        argv = launch.command(str(folder), self._found.folders)
+        return launch.start(argv, variables, limits, self.name, folder)

@@ -6,10 +6,10 @@ import json
 import struct
 from typing import Any
 
+from envcraft.errors import MalformedValue
 from envcraft.sandbox import Recorder, Step
-from envcraft.values import MalformedValue
 
-from .wire import HEADER, MAX_INFO, MAX_MESSAGE, STEP, VALUE, Kind, Type
+from .wire import HEADER, MAX_INFO, STEP, VALUE, Kind, Type, longest
 
 _TYPES = [kind.words for kind in Type]
 _KINDS = {int(kind): kind for kind in Kind}
@@ -37,7 +37,7 @@ class Reader:
             with memoryview(buffer) as view:
                 while size - offset >= HEADER.size:
                     kind, length = HEADER.unpack_from(view, offset)
-                    if length > MAX_MESSAGE:
+                    if length > longest(kind):
                         raise Forged(f"a message of {length} bytes")
                     start = offset + HEADER.size
                     if size - start < length:
@@ -73,6 +73,7 @@ class Reader:
         elif kind is Kind.ACTED:
             recorder.acted(_json(payload))
         elif kind is Kind.END:
+            recorder.end()
             self.ended = True
         elif kind is not Kind.TICK:
             value = _json(payload)

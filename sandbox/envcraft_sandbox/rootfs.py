@@ -18,11 +18,14 @@ import sys
 import sysconfig
 import tarfile
 import tempfile
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import IO
 
-from envcraft.errors import SandboxUnavailable
+from envcraft.errors import SandboxUnavailable, UsageError
+
+from . import leftovers
+from .packages import Package
 
 #: Where the worker and the libraries lie, in every image.
 WORKER_ROOT = "/opt/envcraft"
@@ -61,6 +64,9 @@ class Root:
     def add(self, path: str, content: Path | bytes) -> None:
         self._files.setdefault(path, content)
 
+    def names(self) -> Iterator[str]:
+        return iter(self._files)
+
     def files(self) -> Iterator[Path]:
         """Those that lie on this machine."""
         return (content for content in self._files.values() if isinstance(content, Path))
@@ -87,8 +93,12 @@ class Root:
                     tar.addfile(entry, source)
 
 
-def collect(worker: Iterable[tuple[str, bytes]]) -> Root:
-    """Find all that the worker needs; `worker` is its sources by path. Raises SandboxUnavailable."""
+def collect(worker: Iterable[tuple[str, bytes]], packages: Sequence[Package] = ()) -> Root:
+    """Find all that the worker needs, and `packages`; `worker` is its sources by path.
+
+    Raises SandboxUnavailable, and UsageError where a package is not installed in the version asked for.
+    """
+    _check_installed(packages)
     root = Root(os.path.realpath(sys.executable))
     if root.python.startswith(_HIDDEN):
         raise SandboxUnavailable(f"the interpreter {root.python} lies where a container has its own files; use another")
@@ -97,7 +107,7 @@ def collect(worker: Iterable[tuple[str, bytes]]) -> Root:
         for path in _tree(Path(os.path.realpath(sysconfig.get_path(name)))):
             _add_module(root, str(path), path)
     gathered: set[str] = set()
-    for distribution in _distributions():
+    for distribution in _distributions([package.name for package in packages]):
         for name, path in _installed(distribution):
             _add_module(root, f"{LIBRARIES_ROOT}/{name}", path)
             gathered.add(str(path))
@@ -115,12 +125,30 @@ def collect(worker: Iterable[tuple[str, bytes]]) -> Root:
     return root
 
 
-def _distributions() -> Iterator[importlib.metadata.Distribution]:
-    """NumPy, Gymnasium and all that they need, and where they are installed the other libraries that games use."""
-    wanted, seen = [*_NEEDED, *_WELCOME], set()
+def _check_installed(packages: Iterable[Package]) -> None:
+    """Raises UsageError, naming all that is not here, or in another version."""
+    wrong = []
+    for package in packages:
+        try:
+            version = importlib.metadata.version(package.name)
+        except importlib.metadata.PackageNotFoundError:
+            wrong.append(f"{package} ({package.place}) is not installed")
+        else:
+            if package.version not in (None, version):
+                wrong.append(f"{package} ({package.place}) is installed as {version}")
+    if wrong:
+        raise UsageError(
+            f"the base host holds what {sys.executable} has: {'; '.join(wrong)}; install that with pip, or use a base "
+            "with pip of its own"
+        )
+
+
+def _distributions(more: Iterable[str]) -> Iterator[importlib.metadata.Distribution]:
+    """NumPy, Gymnasium, `more` and all that they need, and where they are installed the other libraries of games."""
+    wanted, seen = [*_NEEDED, *_WELCOME, *more], set()
     while wanted:
         name = wanted.pop(0)
-        key = re.sub(r"[-_.]+", "-", name).lower()
+        key = Package(name).key
         if key in seen:
             continue
         seen.add(key)
@@ -185,7 +213,7 @@ def _is_fresh(cache: Path, source: Path) -> bool:
 
 def _add_bytecode(root: Root, path: str, source: bytes) -> None:
     """Compile a module into bytecode that holds whatever the source's time is; nothing if it does not compile."""
-    with tempfile.TemporaryDirectory(prefix="envcraft-") as folder:
+    with tempfile.TemporaryDirectory(prefix="compile-", dir=leftovers.folder()) as folder:
         module, target = Path(folder, "module.py"), Path(folder, "module.pyc")
         module.write_bytes(source)
         mode = py_compile.PycInvalidationMode.UNCHECKED_HASH

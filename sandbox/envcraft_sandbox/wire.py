@@ -24,11 +24,18 @@ STEP = struct.Struct("<BBBBdIHII")
 #: Fixed part of a RENDER or REREAD message: layout number. The rest is the value.
 VALUE = struct.Struct("<H")
 
-MAX_MESSAGE = 16 * 1024 * 1024
 MAX_OBSERVATION = 8 * 1024 * 1024
 MAX_INFO = 64 * 1024
+#: Of a message that is JSON; spaces with their bounds, and the result of a search, can be long.
+MAX_JSON = 256 * 1024
+MAX_LONG_JSON = 4 * 1024 * 1024
 MAX_LAYOUTS = 4096
+MAX_PARTS = 100_000
 MAX_DEPTH = 8
+
+
+#: Of a job, which holds the source, and of what the fork server says.
+MAX_MESSAGE = 16 * 1024 * 1024
 
 
 class Kind(IntEnum):
@@ -43,11 +50,22 @@ class Kind(IntEnum):
     AFTER = 7  #: like STEP, for a step taken after the episode's end
     RENDER = 8  #: VALUE struct, frame
     REREAD = 9  #: VALUE struct, the previous observation's bytes as they are now
-    ACTED = 10  #: JSON: the action as step() left it
+    ACTED = 10  #: JSON object: the action before step() and as that left it
     FAULT = 11  #: JSON object: an exception, or a return value of the wrong form
     TICK = 12  #: empty: alive
     RESULT = 13  #: JSON object: what a search found
     END = 14  #: JSON object: the job is complete
+
+
+#: The kinds whose payload begins with a fixed part and goes on with a value's bytes.
+VALUED = frozenset((Kind.RESET, Kind.STEP, Kind.AFTER, Kind.RENDER, Kind.REREAD))
+
+
+def longest(kind: int) -> int:
+    """The most bytes that a message of this kind may have after its header."""
+    if kind in VALUED:
+        return STEP.size + MAX_OBSERVATION + MAX_INFO
+    return MAX_LONG_JSON if kind in (Kind.LOADED, Kind.RESULT) else MAX_JSON
 
 
 class Type(IntEnum):

@@ -63,7 +63,7 @@ class Ran:
 
     end: JobEnd
     trace: Trace
-    description: dict[str, Any]
+    description: Any
 
     @property
     def facts(self) -> Any:
@@ -81,8 +81,7 @@ def play(worker: Worker, source: str, *, kind: str = "rollout", seed: int = 0, l
     rollout = Rollout(seed=seed, actions=[[number % 5, 0, 1] for number in range(10)])
     job = {
         "kind": kind,
-        "source": source,
-        "filename": "tiny.py",
+        "target": {"kind": "source", "source": source, "filename": "tiny.py"},
         "contract": ARCADE.for_worker(),
         "seed": rollout.seed,
         "actions": rollout.actions,

@@ -5,23 +5,27 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
 import pytest
 from click.testing import CliRunner
-from envcraft_sandbox import build, engine
+from envcraft_sandbox import build, engine, packages, rootfs
 from envcraft_sandbox.commands import doctor, sandbox
 
 from envcraft import plugins
-from envcraft.errors import EnvCraftError
-from envcraft.sandbox import Availability, Driver, Isolation, Limits, Worker
+from envcraft.errors import EnvCraftError, SandboxUnavailable, UsageError
+from envcraft.sandbox import Availability, Driver, Isolation, JobEnd, Limits, Recorder, Worker
 
 
 class Fake(Driver):
     isolation = Isolation.NAMESPACE
 
-    def __init__(self, name: str, rank: int, available: Availability | None) -> None:
-        self.name, self.rank, self._available = name, rank, available
+    def __init__(self, name: str, rank: int, available: Availability | None, launches: bool = True) -> None:
+        self.name, self.rank, self._available, self._launches = name, rank, available, launches
+        self.swept = 0
+        self.launched: list[FakeWorker] = []
 
     def probe(self) -> Availability:
         if self._available is None:
@@ -29,10 +33,36 @@ class Fake(Driver):
         return self._available
 
     def launch(self, *, hash_seed: int, limits: Limits) -> Worker:
+        if not self._launches:
+            raise SandboxUnavailable("the drawbridge is up; let it down")
+        self.launched.append(FakeWorker())
+        return self.launched[-1]
+
+    def sweep(self) -> None:
+        self.swept += 1
+
+
+class FakeWorker(Worker):
+    """Says what it found inside, and is good for nothing else."""
+
+    def __init__(self) -> None:
+        self.about = {"layers": ["a wall", "a lock"], "missing": ["Landlock", "a moat [deep]"], "image": "sha256:1"}
+        self.closed = False
+
+    def preload(self, modules: list[str]) -> list[str]:
         raise NotImplementedError
 
+    def find(self, modules: list[str]) -> tuple[list[str], list[str]]:
+        raise NotImplementedError
 
-WORKS = Availability(True, layers=["a wall", "a moat [deep]"])
+    def run(self, job: dict[str, Any], recorder: Recorder, limits: Limits) -> JobEnd:
+        raise NotImplementedError
+
+    def close(self) -> None:
+        self.closed = True
+
+
+WORKS = Availability(True, layers=["a wall", "a moat [deep]"], missing=["swap limit"])
 FAILS = Availability(False, "it is not there", "install it")
 
 
@@ -70,6 +100,42 @@ class TestDoctor:
         assert [(each["name"], each["works"]) for each in told["sandboxes"]] == [("strong", False), ("weak", True)]
         assert told["auto"] == "weak"
         assert told["broken"] == [{"plugin": "sandbox broken", "error": "RuntimeError: it broke"}]
+
+    def test_layers_are_the_drivers_and_those_found_inside(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        fake = Fake("weak", 1, WORKS)
+        _offer(monkeypatch, fake)
+        (told,) = json.loads(CliRunner().invoke(doctor, ["--format", "json"]).stdout)["sandboxes"]
+        assert told["layers"] == ["a wall", "a moat [deep]", "a lock"]
+        # What holds on either side of the boundary is not missing.
+        assert told["missing"] == ["swap limit", "Landlock"]
+        assert "swapaccount=1" in told["fix"]
+        assert "Linux 5.13" in told["fix"]
+        assert told["image"] == "sha256:1"
+        assert [worker.closed for worker in fake.launched] == [True]
+        assert fake.swept == 1
+        shown = CliRunner().invoke(doctor, env={"COLUMNS": "250"}).stdout
+        assert "missing: swap limit; Landlock" in shown
+        assert "swapaccount=1" in shown
+
+    def test_a_sandbox_that_does_not_launch_does_not_work(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        _offer(monkeypatch, Fake("weak", 1, WORKS, launches=False))
+        result = CliRunner().invoke(doctor, ["--format", "json"])
+        (told,) = json.loads(result.stdout)["sandboxes"]
+        assert (told["works"], told["reason"], told["fix"]) == (False, "the drawbridge is up", "let it down")
+        assert told["layers"] == []
+        assert result.exit_code == 3
+
+    def test_a_runtime_shows_the_drivers_that_know_it(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        monkeypatch.setattr(Fake, "under", lambda self, runtime: Fake(f"{self.name} under {runtime}", 1, WORKS))
+        _offer(monkeypatch, Fake("weak", 1, WORKS))
+        told = json.loads(CliRunner().invoke(doctor, ["--format", "json", "--runtime", "runsc"]).stdout)
+        assert [each["name"] for each in told["sandboxes"]] == ["weak under runsc"]
+
+    def test_a_runtime_that_no_driver_takes_is_wrong_use(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        _offer(monkeypatch, Fake("weak", 1, WORKS))
+        result = CliRunner().invoke(doctor, ["--runtime", "runsc"])
+        assert isinstance(result.exception, UsageError)
+        assert "docker" in str(result.exception)
 
     @pytest.mark.parametrize("arguments", [[], ["--format", "json"]])
     def test_without_a_sandbox_the_status_is_3(self, monkeypatch: pytest.MonkeyPatch, arguments: list[str]) -> None:
@@ -130,3 +196,67 @@ class TestDigest:
             (tmp_path / name).write_bytes((build._IMAGE / name).read_bytes() + b"\n")
         monkeypatch.setattr(build, "_IMAGE", tmp_path)
         assert build.digest() != before
+        assert build.digest("attrs==25.1.0") != build.digest()
+
+    def test_an_image_with_more_packages_is_not_stale(self) -> None:
+        named = "attrs==25.1.0 networkx"
+        build.Built("sha256:1", build.digest(named), named).check()
+        with pytest.raises(engine.EngineError, match=r"--packages FILE`, FILE naming attrs==25\.1\.0 networkx"):
+            build.Built("sha256:1", build.digest(), named).check()
+
+
+class TestPackages:
+    def test_names_versions_and_comments_are_read(self, tmp_path: Path) -> None:
+        path = tmp_path / "packages.txt"
+        path.write_text(
+            "# for the maze games\nnetworkx == 3.4.2  # graphs\n\nPy_Yaml\npy-yaml\nzope.event==5.0+local\n"
+        )
+        assert [str(each) for each in packages.read(str(path))] == [
+            "networkx==3.4.2",
+            "Py_Yaml",
+            "zope.event==5.0+local",
+        ]
+
+    @pytest.mark.parametrize(
+        ("text", "words"),
+        [
+            ("numpy\nnetworkx>=3\n", ":2: 'networkx>=3' is not NAME or NAME==VERSION"),
+            ("-r other.txt\n", ":1: '-r other.txt' is not"),
+            ("--index-url=x\n", ":1: "),
+            ("x @ file:///x\n", ":1: "),
+            ("./local\n", ":1: "),
+            ("x==1; python_version<'3.12'\n", ":1: "),
+            ("x==1.*\n", ":1: "),
+            ("a==1\nb\nA==2\n", ":3: A==2 contradicts a==1 at "),
+            ("# nothing\n", "names no package"),
+        ],
+    )
+    def test_a_bad_file_is_wrong_use_and_names_the_line(self, tmp_path: Path, text: str, words: str) -> None:
+        path = tmp_path / "packages.txt"
+        path.write_text(text)
+        result = CliRunner().invoke(sandbox, ["build", "--base", "host", "--packages", str(path)])
+        assert isinstance(result.exception, UsageError)
+        assert words in str(result.exception)
+        assert str(path) in str(result.exception)
+
+    @pytest.mark.parametrize("name", ["missing.txt", "binary.txt"])
+    def test_a_file_that_cannot_be_read_is_wrong_use(self, tmp_path: Path, name: str) -> None:
+        (tmp_path / "binary.txt").write_bytes(b"\xff\xfe")
+        with pytest.raises(UsageError, match=name):
+            packages.read(str(tmp_path / name))
+
+    def test_the_base_host_names_all_that_is_not_installed(self, tmp_path: Path) -> None:
+        path = tmp_path / "packages.txt"
+        path.write_text("click\nno-such-library\npluggy==0.0.1\n")
+        with pytest.raises(UsageError) as raised:
+            rootfs.collect([], packages.read(str(path)))
+        assert "no-such-library" in str(raised.value)
+        assert f"pluggy==0.0.1 ({path}:3) is installed as {version('pluggy')}" in str(raised.value)
+        assert "click" not in str(raised.value)
+
+    def test_the_base_host_takes_them_with_what_they_need(self) -> None:
+        root = rootfs.collect([], [packages.Package("jsonschema", version("jsonschema"))])
+        names = set(root.names())
+        assert f"{rootfs.LIBRARIES_ROOT}/jsonschema/__init__.py" in names
+        assert f"{rootfs.LIBRARIES_ROOT}/referencing/__init__.py" in names
+        assert f"{rootfs.LIBRARIES_ROOT}/pluggy/__init__.py" not in names

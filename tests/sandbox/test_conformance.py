@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import secrets
 import signal
@@ -218,16 +219,18 @@ class TestDeaths:
         assert ran.end.how is How.DIED
         assert ran.end.seconds < 3
 
-    def test_the_fork_server_outlives_its_job(
-        self, isolating: Driver, worker: Worker, environment: Environment, play: Any
-    ) -> None:
+    def test_the_fork_server_outlives_its_job(self, worker: Worker, environment: Environment, play: Any) -> None:
         # The guard is for the machine that runs this test, should the sandbox be none.
         source = environment(
             step="""
             import os, signal
-            alone = os.getppid() == 1 and sum(name.isdigit() for name in os.listdir("/proc")) < 5
-            for number in signal.valid_signals() - {signal.SIGCHLD} if alone else ():
-                for target in (1, -1):
+            try:
+                os.kill(os.getppid(), 0)
+                guarded = os.getppid() != 1
+            except PermissionError:
+                guarded = False
+            for number in () if guarded else signal.valid_signals() - {signal.SIGCHLD}:
+                for target in (os.getppid(), 1, -1, 0):
                     try:
                         os.kill(target, number)
                     except OSError:
@@ -242,6 +245,50 @@ class TestLimits:
         patient = msgspec.structs.replace(limits, call=10.0)
         ran = play(worker, environment(step="kept = []\nwhile True: kept.append(bytearray(1 << 24))"), limits=patient)
         assert ran.end.how is How.DIED or (ran.trace.fault is not None and ran.trace.fault.memory)
+
+    def test_memory_that_is_shared_counts_too(
+        self, worker: Worker, environment: Environment, play: Any, limits: Limits
+    ) -> None:
+        source = environment(
+            step="""
+            import mmap, time
+            kept = []
+            while True:
+                kept.append(mmap.mmap(-1, 1 << 24))
+                kept[-1].write(bytes(1 << 24))
+                time.sleep(0.001)
+            """
+        )
+        ran = play(worker, source, limits=msgspec.structs.replace(limits, call=10.0))
+        assert ran.end.how is How.MEMORY
+        assert ran.end.detail == "more than 512 MiB of memory"
+
+    def test_threads(self, worker: Worker, environment: Environment, play: Any) -> None:
+        source = environment(
+            step="""
+            import threading, time
+            while True:
+                threading.Thread(target=time.sleep, args=(60,), daemon=True).start()
+            """
+        )
+        ran = play(worker, source)
+        assert ran.end.how is How.PROCESSES or "can't start new thread" in ran.trace.fault.message
+
+    def test_files_in_all(self, worker: Worker, environment: Environment, play: Any, limits: Limits) -> None:
+        source = environment(
+            step="""
+            import time
+            number = 0
+            while True:
+                with open(f"{number}", "wb") as file:
+                    file.write(bytes(1 << 20))
+                time.sleep(0.002)
+                number += 1
+            """
+        )
+        ran = play(worker, source, limits=msgspec.structs.replace(limits, call=10.0, disk=40 * 1024**2))
+        # A file system of the sandbox's own may be full before.
+        assert ran.end.how is How.DISK or ran.trace.fault.errno == errno.ENOSPC
 
     def test_file_size(self, worker: Worker, environment: Environment, play: Any) -> None:
         source = environment(
@@ -346,9 +393,19 @@ class TestForgery:
     def test_a_forged_goodbye_keeps_nobody_waiting(self, worker: Worker, environment: Environment, play: Any) -> None:
         goodbye = _message(Kind.END, b"{}")
         ran = play(worker, environment(step=f"import os; os.write(3, {goodbye!r})\nwhile True: pass"))
-        assert ran.end.how is How.DONE
+        assert ran.end.how is How.FORGED
         assert ran.end.seconds < 3
         assert not ran.trace.ended
+
+    def test_a_goodbye_after_the_episode_keeps_nobody_waiting(
+        self, worker: Worker, environment: Environment, play: Any
+    ) -> None:
+        goodbye = _message(Kind.END, b"{}")
+        source = environment(top=f"import os\ndef last(self):\n    os.write(3, {goodbye!r})\n    while True: pass")
+        ran = play(worker, source + "    close = last\n")
+        assert ran.end.how is How.DONE
+        assert ran.end.seconds < 3
+        assert ran.trace.ended
 
 
 class TestConditions:
@@ -367,9 +424,10 @@ class TestConditions:
         proxies = {name for name in found if name.lower().endswith("_proxy")}
         assert {found[name] for name in proxies} <= {""}
         assert found.keys() - proxies <= {
-            "PATH", "HOME", "LANG", "LC_CTYPE", "PWD", "HOSTNAME", "OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS",
-            "MKL_NUM_THREADS", "SDL_VIDEODRIVER", "SDL_AUDIODRIVER", "PYGAME_HIDE_SUPPORT_PROMPT", "PYTHONPATH",
-            "PYTHONHASHSEED", "PYTHONDONTWRITEBYTECODE", "PYTHONNOUSERSITE", "PYTHONSAFEPATH", "PYTHONUNBUFFERED",
+            "PATH", "HOME", "TMPDIR", "LANG", "LC_CTYPE", "PWD", "HOSTNAME", "OPENBLAS_NUM_THREADS",
+            "OMP_NUM_THREADS", "MKL_NUM_THREADS", "SDL_VIDEODRIVER", "SDL_AUDIODRIVER", "PYGAME_HIDE_SUPPORT_PROMPT",
+            "PYTHONPATH", "PYTHONHASHSEED", "PYTHONDONTWRITEBYTECODE", "PYTHONNOUSERSITE",
+            "PYTHONSAFEPATH", "PYTHONUNBUFFERED",
         }  # fmt: skip
 
     def test_the_hash_seed_is_honoured(
@@ -400,30 +458,48 @@ class TestConditions:
 
 
 class TestNothingRemains:
-    def test_what_a_job_started_ends_with_it(
-        self, worker: Worker, environment: Environment, play: Any, token: str
-    ) -> None:
-        # Forked twice, in a session of its own, holding on to the job's pipe and socket.
-        daemon = """
-            import os, time
-            if os.fork() == 0:
-                os.setsid()
-                if os.fork() == 0:
-                    import ctypes
-                    ctypes.CDLL(None).prctl(15, b"TOKEN", 0, 0, 0)
-                    time.sleep(60)
-                os._exit(0)
-            time.sleep(0.2)
-        """
-        seen: list[int] = []
-        watch = threading.Thread(target=lambda: seen.extend(_wait_for(token)))
-        watch.start()
-        ran = play(worker, environment(reset=daemon.replace("TOKEN", token), step="import time; time.sleep(0.1)"))
-        watch.join()
-        assert seen, "the daemon never ran"
-        assert ran.end.how is How.DONE
-        assert ran.trace.steps == 8
-        assert _processes(token) == []
+    def test_a_job_starts_no_process(self, worker: Worker, environment: Environment, play: Any) -> None:
+        source = environment(
+            top="""
+            import json, os, subprocess, sys
+            answers = []
+            for start in (
+                os.fork,
+                lambda: os.posix_spawn(sys.executable, ["python"], {}),
+                lambda: os.execv(sys.executable, ["python"]),
+                lambda: subprocess.run([sys.executable, "-c", "pass"]),
+            ):
+                try:
+                    started = start()
+                    if started == 0:
+                        os._exit(0)
+                    answers.append("started")
+                except OSError as error:
+                    answers.append(type(error).__name__)
+            print(json.dumps(answers))
+            """
+        )
+        assert play(worker, source).facts == [
+            "BlockingIOError",
+            "BlockingIOError",
+            "PermissionError",
+            "FileNotFoundError",
+        ]
+
+    def test_what_a_job_wrote_ends_with_it(self, worker: Worker, environment: Environment, play: Any) -> None:
+        write = """
+            import json, os, tempfile
+            before = os.listdir(".")
+            os.makedirs("a/" * 500)
+            for number in range(3):
+                os.mkdir(f"a/closed{number}", 0)
+            open("a/file", "w").write("x")
+            os.symlink("/", "a/link")
+            same = [os.path.samefile(".", path) for path in (tempfile.gettempdir(), os.environ["HOME"])]
+            print(json.dumps([before, *same]))
+            """
+        for _ in range(2):
+            assert play(worker, environment(top=write)).facts == [[], True, True]
 
     def test_close_ends_the_worker_and_its_job(
         self, driver: Driver, limits: Limits, environment: Environment, play: Any, token: str
@@ -479,8 +555,9 @@ from envcraft.trace import Recording
 signal.signal(signal.SIGINT, signal.default_int_handler)
 limits = Limits(call=60.0)
 worker = getattr(importlib.import_module(sys.argv[1]), sys.argv[2])().launch(hash_seed=0, limits=limits)
-job = {"kind": "rollout", "source": open(sys.argv[3]).read(), "filename": "tiny.py", "contract": {}, "seed": 0}
-worker.run({**job, "actions": [[0, 0, 0]]}, Recording(Rollout(0, [[0, 0, 0]]), None, None), limits)
+target = {"kind": "source", "source": open(sys.argv[3]).read(), "filename": "tiny.py"}
+job = {"kind": "rollout", "target": target, "contract": {}, "seed": 0, "actions": [[0, 0, 0]]}
+worker.run(job, Recording(Rollout(0, [[0, 0, 0]]), None, None), limits)
 """
 
 
@@ -522,127 +599,166 @@ def _gone(pid: int) -> bool:
 
 
 class TestIsolation:
-    """What namespaces add."""
+    """What a job cannot reach. The kernel's own layers hold in every driver, where it has them."""
 
-    def test_the_network_is_loopback_alone(
-        self, isolating: Driver, worker: Worker, environment: Environment, play: Any, token: str
+    def test_no_network_is_reached(
+        self, worker: Worker, environment: Environment, play: Any, token: str, tmp_path: Path
     ) -> None:
-        with socket.create_server(("127.0.0.1", 0)) as server, socket.socket(socket.AF_UNIX) as abstract:
+        path = str(tmp_path / "socket")
+        with (
+            socket.create_server(("127.0.0.1", 0)) as server,
+            socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as abstract,
+            socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as named,
+        ):
             abstract.bind(f"\0{token}")
-            abstract.listen()
-            addresses = [server.getsockname(), ("192.0.2.1", 80), f"\0{token}"]
+            named.bind(path)
+            for each in (server, abstract, named):
+                each.setblocking(False)
+            addresses = [server.getsockname(), ("192.0.2.1", 80), f"\0{token}", path]
             source = environment(
                 top=f"""
                 import json, socket
                 reached = []
                 for address in {addresses!r}:
-                    try:
-                        with socket.socket(socket.AF_UNIX if isinstance(address, str) else socket.AF_INET) as client:
-                            client.settimeout(0.5)
-                            client.connect(address)
-                        reached.append(address)
-                    except OSError:
-                        pass
-                print(json.dumps([reached, [name for _, name in socket.if_nameindex()]]))
+                    family = socket.AF_UNIX if isinstance(address, str) else socket.AF_INET
+                    for kind in (socket.SOCK_STREAM, socket.SOCK_DGRAM):
+                        try:
+                            with socket.socket(family, kind) as client:
+                                client.settimeout(0.5)
+                                client.connect(address)
+                            reached.append(address)
+                        except OSError:
+                            pass
+                    # A socket that needs no address of its own may still send to one.
+                    for end in socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM):
+                        try:
+                            end.sendto(b"hello", address)
+                            reached.append(address)
+                        except (OSError, TypeError):
+                            pass
+                print(json.dumps(reached))
                 """
             )
-            reached, interfaces = play(worker, source).facts
-        assert reached == []
-        assert set(interfaces) <= {"lo"}
+            assert play(worker, source).facts == []
+            for each in (abstract, named):
+                with pytest.raises(BlockingIOError):
+                    each.recv(16)
+            with pytest.raises(BlockingIOError):
+                server.accept()
 
     def test_files_of_the_host_cannot_be_read(
-        self, isolating: Driver, worker: Worker, environment: Environment, play: Any, tmp_path: Path
+        self, worker: Worker, environment: Environment, play: Any, tmp_path: Path
     ) -> None:
         secret = tmp_path / "secret"
         secret.write_text("canary")
         tmp_path.chmod(0o755)
-        paths = [str(secret), __file__, "/etc/shadow", "/var/run/docker.sock", "/run/docker.sock"]
+        paths = [
+            str(secret),
+            "/etc/shadow",
+            "/etc/passwd",
+            "/var/run/docker.sock",
+            "/run/docker.sock",
+            "/proc/1/environ",
+        ]
         paths += [str(path) for path in Path.home().iterdir() if path.is_file()]
         source = environment(
             top=f"""
             import json, os
-            readable = [path for path in {paths!r} if os.access(path, os.R_OK)]
+            readable = []
+            for path in {paths!r}:
+                try:
+                    os.close(os.open(path, os.O_RDONLY))
+                    readable.append(path)
+                except OSError:
+                    pass
             print(json.dumps(readable))
             """
         )
         assert play(worker, source).facts == []
 
-    def test_only_tmp_is_writable(self, isolating: Driver, worker: Worker, environment: Environment, play: Any) -> None:
+    def test_only_the_own_folder_is_writable(
+        self, worker: Worker, environment: Environment, play: Any, tmp_path: Path
+    ) -> None:
         source = environment(
-            top="""
+            top=f"""
             import json, os, sys
             import numpy
             written = []
             folders = ["/", "/usr", "/etc", "/var", "/run", "/run/envcraft", "/opt", "/opt/envcraft", "/home", "/root"]
-            folders += ["/proc", "/proc/sys/kernel", "/sys", sys.prefix, *sys.path, os.path.dirname(numpy.__file__)]
-            for folder in ["/tmp", *folders]:
-                try:
-                    with open(os.path.join(folder, "envcraft-test"), "w") as file:
-                        file.write("x")
-                    os.unlink(file.name)
-                    written.append(folder)
-                except OSError:
-                    pass
+            folders += ["/proc", "/proc/sys/kernel", "/sys", "/tmp", "/var/tmp", "/dev/shm", "/dev/mqueue"]
+            folders += [{str(tmp_path)!r}, sys.prefix, *sys.path, os.path.dirname(numpy.__file__)]
+            for folder in [*folders, "."]:
+                for attempt in (
+                    lambda: open(os.path.join(folder, "envcraft-test"), "x").close(),
+                    lambda: os.mkdir(os.path.join(folder, "envcraft-folder")),
+                    lambda: os.chmod(folder, 0o755),
+                    lambda: os.utime(folder),
+                ):
+                    try:
+                        attempt()
+                        written.append(folder)
+                    except OSError:
+                        pass
             print(json.dumps(written))
             """
         )
-        written = play(worker, source).facts
-        # An interpreter that lies below /tmp leaves the folders of its mount point there: still the sandbox's own /tmp.
-        assert "/tmp" in written
-        assert all(Path(path).is_relative_to("/tmp") for path in written)
+        assert play(worker, source).facts == [".", "."]
 
-    def test_tmp_is_bounded_and_runs_nothing(
-        self, isolating: Driver, worker: Worker, environment: Environment, play: Any
-    ) -> None:
+    def test_tmp_is_bounded(self, isolating: Driver, worker: Worker, environment: Environment, play: Any) -> None:
         source = environment(
             top="""
             import json, os
-            size = os.statvfs("/tmp")
+            size = os.statvfs(".")
             print(json.dumps(size.f_blocks * size.f_frsize))
             """
         )
         assert play(worker, source).facts == 64 * 1024**2
 
     def test_the_job_has_no_privileges(
-        self, isolating: Driver, worker: Worker, environment: Environment, play: Any
+        self, driver: Driver, worker: Worker, environment: Environment, play: Any
     ) -> None:
         source = environment(
             top="""
-            import ctypes, json, os
-            lines = open("/proc/self/status").read().splitlines()
-            status = dict(line.split(":\\t") for line in lines if ":\\t" in line)
+            import ctypes, json, os, struct
             libc = ctypes.CDLL(None, use_errno=True)
+            held = ctypes.create_string_buffer(24)
+            libc.capget(struct.pack("<Ii", 0x20080522, 0), held)
             print(json.dumps({
                 "ids": [os.getuid(), os.geteuid(), os.getgid(), *os.getgroups()],
-                "capabilities": [int(status[name], 16) for name in ("CapInh", "CapPrm", "CapEff", "CapAmb")],
-                "no new privileges": status["NoNewPrivs"],
+                "capabilities": list(struct.unpack("<6I", held)),
+                "no new privileges": libc.prctl(39, 0, 0, 0, 0),
                 "mount": libc.mount(b"none", b"/tmp", b"tmpfs", 0, None),
                 "user namespace": libc.unshare(0x10000000),
                 "chroot": libc.chroot(b"/tmp"),
+                "setuid": libc.setuid(12345),
+                "ptrace": libc.ptrace(16, os.getppid(), 0, 0),
+                "io_uring": libc.syscall(425, 1, ctypes.create_string_buffer(120)),
+                "memfd": libc.syscall(319, b"x", 0),
+                "limits of another": libc.prlimit(os.getppid(), 7, ctypes.create_string_buffer(16), None),
             }))
             """
         )
         found = play(worker, source).facts
-        assert set(found.pop("ids")) == {65534}
+        ids = set(found.pop("ids"))
+        assert ids == {65534} or driver.name == "process"
         assert set(found.pop("capabilities")) == {0}
-        assert found == {"no new privileges": "1", "mount": -1, "user namespace": -1, "chroot": -1}
+        assert found.pop("no new privileges") == 1
+        assert set(found.values()) == {-1}
 
-    def test_other_processes_cannot_be_seen_or_traced(
-        self, isolating: Driver, worker: Worker, environment: Environment, play: Any
-    ) -> None:
+    def test_other_processes_cannot_be_seen(self, worker: Worker, environment: Environment, play: Any) -> None:
         source = environment(
             top="""
-            import ctypes, json, os
+            import json, os
             opened = []
-            for name in ("mem", "environ", "maps", "fd/0", "root/tmp", "cwd/."):
-                try:
-                    os.close(os.open(f"/proc/{os.getppid()}/{name}", os.O_RDONLY))
-                    opened.append(name)
-                except OSError:
-                    pass
-            numbers = sorted(int(name) for name in os.listdir("/proc") if name.isdigit())
-            traced = ctypes.CDLL(None).ptrace(16, os.getppid(), 0, 0)
-            print(json.dumps({"opened": opened, "others": len(numbers) - 2, "traced": traced, "parent": os.getppid()}))
+            for who in ("self", "1", str(os.getppid()), str(os.getpid())):
+                own = who in ("self", str(os.getpid()))
+                for name in ("", "mem", "environ", "maps", "cmdline", "root/tmp", *(() if own else ("fd/0", "cwd/."))):
+                    try:
+                        os.close(os.open(f"/proc/{who}/{name}", os.O_RDONLY))
+                        opened.append(name)
+                    except OSError:
+                        pass
+            print(json.dumps(opened))
             """
         )
-        assert play(worker, source).facts == {"opened": [], "others": 0, "traced": -1, "parent": 1}
+        assert play(worker, source).facts == []

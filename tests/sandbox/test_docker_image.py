@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import json
 import secrets
+import signal
+import textwrap
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-import msgspec
 import pytest
-from envcraft_sandbox import build, docker, engine, launch
+from envcraft_sandbox import build, docker, engine, launch, leftovers
 from envcraft_sandbox.docker import DockerDriver
 
 from envcraft.errors import SandboxUnavailable, WorkerLost
@@ -49,37 +50,61 @@ def _containers(label: str) -> list[str]:
     return engine.docker("ps", "--all", "--quiet", "--no-trunc", "--filter", f"label={label}").split()
 
 
+def _inside(driver: DockerDriver, limits: Limits, label: str, program: str) -> Any:
+    """What a program prints, as JSON, that runs beside the worker: under the container's layers and not under those of
+    a job.
+    """
+    worker = driver.launch(hash_seed=0, limits=limits)
+    try:
+        (container,) = _containers(label)
+        python = json.loads(engine.docker("inspect", "--format", "{{json .Config.Entrypoint}}", container))[0]
+        told = engine.docker("exec", container, python, "-S", "-c", textwrap.dedent(program))
+        assert worker.find(["numpy"]) == ([], [])
+        return json.loads(told)
+    finally:
+        worker.close()
+
+
 class TestImage:
     @pytest.fixture
     def config(self, driver: DockerDriver) -> Any:
         return json.loads(engine.docker("image", "inspect", "--format", "{{json .Config}}", build.TAG))
 
     def test_its_label_is_the_digest_of_the_sources(self, config: Any) -> None:
-        assert config["Labels"][build.LABEL] == build.digest()
+        assert config["Labels"][build.LABEL] == build.digest(config["Labels"][build.PACKAGES_LABEL])
         assert config["Labels"][build.BASE_LABEL]
+
+    def test_the_worker_tells_which_one_it_runs(self, worker: Worker) -> None:
+        assert worker.about["image"] == engine.docker("image", "inspect", "--format", "{{.Id}}", build.TAG)
 
     def test_it_runs_the_worker_as_nobody(self, config: Any) -> None:
         assert config["User"] == "65534:65534"
         assert config["Entrypoint"][1:] == ["-B", "-s", "-P", "-m", "envcraft_sandbox.worker"]
 
-    def test_it_has_no_shell_and_no_program_that_changes_the_user(
-        self, worker: Worker, environment: Environment, play: Any
-    ) -> None:
-        source = environment(
-            top="""
-            import json, os, stat
-            found = []
-            for folder in ("/bin", "/sbin", "/usr/bin", "/usr/sbin", "/usr/local/bin", "/usr/lib"):
-                for parent, _, names in os.walk(folder):
-                    for name in names:
-                        path = os.path.join(parent, name)
-                        shell = name in ("sh", "bash", "dash", "rbash", "ash", "zsh", "ksh", "busybox", "perl", "su")
-                        if os.path.exists(path) and (shell or os.stat(path).st_mode & (stat.S_ISUID | stat.S_ISGID)):
-                            found.append(path)
-            print(json.dumps(found))
+    def test_it_has_no_program_but_the_interpreter(self, driver: DockerDriver, limits: Limits, label: str) -> None:
+        told = _inside(
+            driver,
+            limits,
+            label,
             """
+            import json, os, stat, sys
+            programs, elevating = set(), []
+            for parent, _, names in os.walk("/"):
+                if parent.startswith(("/proc", "/sys")):
+                    continue
+                for path in (os.path.join(parent, name) for name in names):
+                    if os.path.isfile(path):
+                        if os.stat(path).st_mode & (stat.S_ISUID | stat.S_ISGID):
+                            elevating.append(path)
+                        if os.path.basename(parent) in ("bin", "sbin") and os.access(path, os.X_OK):
+                            programs.add(os.path.realpath(path))
+            print(json.dumps([sorted(programs), os.path.realpath(sys.executable), elevating]))
+            """,
         )
-        assert play(worker, source, limits=Limits(loading=20.0)).facts == []
+        programs, interpreter, elevating = told
+        assert interpreter in programs
+        assert [program for program in programs if not Path(program).name.startswith("python3")] == []
+        assert elevating == []
 
     def test_games_find_their_libraries(self, worker: Worker) -> None:
         missing, _ = worker.find(["numpy", "gymnasium"])
@@ -101,6 +126,7 @@ class TestContainer:
         assert host["CapDrop"] == ["ALL"]
         assert not host["CapAdd"]
         assert host["SecurityOpt"] == ["no-new-privileges"]
+        assert host["Runtime"] == driver._info["DefaultRuntime"]
         assert host["Memory"] == host["MemorySwap"] == limits.memory + 256 * 1024**2
         assert host["PidsLimit"] == limits.processes + 1
         assert host["IpcMode"] == "private"
@@ -111,9 +137,12 @@ class TestContainer:
         assert not host["Devices"]
         assert [mount["Destination"] for mount in mounts] == ["/run/envcraft/control.sock"]
 
-    def test_the_kernel_agrees(self, driver: DockerDriver, worker: Worker, environment: Environment, play: Any) -> None:
-        source = environment(
-            top="""
+    def test_the_kernel_agrees(self, driver: DockerDriver, limits: Limits, label: str) -> None:
+        told = _inside(
+            driver,
+            limits,
+            label,
+            """
             import json, os
             mounts = {line.split()[1]: line.split()[3].split(",") for line in open("/proc/mounts")}
             status = dict(line.rstrip().split(":\\t") for line in open("/proc/self/status") if ":\\t" in line)
@@ -122,16 +151,18 @@ class TestContainer:
                 "tmp": [option for option in ("noexec", "nosuid", "nodev") if option not in mounts["/tmp"]],
                 "network": os.listdir("/sys/class/net"),
                 "ids": [status["Uid"], status["Gid"]],
+                "capabilities": int(status["CapBnd"], 16),
                 "seccomp": status["Seccomp"] == "2",
             }))
-            """
+            """,
         )
-        assert play(worker, source).facts == {
+        assert told == {
             "root": True,
             "tmp": [],
             "network": ["lo"],
             "ids": ["\t".join(["65534"] * 4)] * 2,
-            "seccomp": "seccomp" in driver.probe().layers,
+            "capabilities": 0,
+            "seccomp": "engine's seccomp profile" in driver.probe().layers,
         }
 
     def test_the_proxies_of_docker_stay_outside(
@@ -154,56 +185,51 @@ class TestContainer:
         assert ran.end.how is How.DONE
         assert "canary" not in ran.end.output
 
-    def test_processes_are_counted(self, worker: Worker, environment: Environment, play: Any, limits: Limits) -> None:
-        source = environment(
-            top="""
-            import json, os, time
-            count = 0
+    def test_processes_are_counted(self, driver: DockerDriver, limits: Limits, label: str) -> None:
+        """Even those of a job that got past its own filter."""
+        forked = _inside(
+            driver,
+            limits,
+            label,
+            """
+            import json, os, signal
+            children = []
             try:
-                while count < 500:
-                    if os.fork() == 0:
-                        time.sleep(60)
-                        os._exit(0)
-                    count += 1
+                while len(children) < 500:
+                    child = os.fork()
+                    if child == 0:
+                        signal.pause()
+                    children.append(child)
             except OSError:
                 pass
-            print(json.dumps(count))
-            """
+            for child in children:
+                os.kill(child, 9)
+            print(json.dumps(len(children)))
+            """,
         )
-        assert play(worker, source).facts == limits.processes - 1
-        assert play(worker, environment()).trace.steps == 8
+        # Beside the fork server and the program itself.
+        assert forked == limits.processes - 1
 
-    def test_a_fork_bomb_hurts_nobody(self, worker: Worker, environment: Environment, play: Any) -> None:
-        source = environment(
-            step="""
-            import os
-            while True:
-                try:
-                    os.fork()
-                    os.setsid()
-                except OSError:
-                    pass
+    def test_the_memory_of_all_processes_is_added_up(self, driver: DockerDriver, limits: Limits, label: str) -> None:
+        ended = _inside(
+            driver,
+            limits,
+            label,
             """
-        )
-        assert play(worker, source).end.how in (How.TIMEOUT, How.FORGED)
-        assert play(worker, environment()).trace.steps == 8
-
-    def test_the_memory_of_all_processes_is_added_up(
-        self, worker: Worker, environment: Environment, play: Any, limits: Limits
-    ) -> None:
-        source = environment(
-            step="""
-            import os, time
+            import json, os, signal
+            children = []
             for _ in range(6):
-                if os.fork() == 0:
-                    break
-            kept = [b"x" * (1 << 20) for _ in range(300)]
-            time.sleep(60)
-            """
+                child = os.fork()
+                if child == 0:
+                    # As a job does: rather this one than the fork server.
+                    open("/proc/self/oom_score_adj", "w").write("1000")
+                    kept = [b"x" * (1 << 20) for _ in range(300)]
+                    os._exit(0)
+                children.append(child)
+            print(json.dumps([os.waitpid(child, 0)[1] for child in children]))
+            """,
         )
-        ran = play(worker, source, limits=msgspec.structs.replace(limits, call=5.0))
-        assert ran.end.how in (How.DIED, How.TIMEOUT)
-        assert play(worker, environment()).trace.steps == 8
+        assert signal.SIGKILL in ended
 
 
 class TestLaunch:
@@ -235,7 +261,7 @@ class TestLaunch:
     def test_docker_refusing_gives_its_reason(
         self, driver: DockerDriver, limits: Limits, label: str, monkeypatch: pytest.MonkeyPatch
     ) -> None:
-        monkeypatch.setattr(build, "TAG", "envcraft-worker:no-such-tag")
+        monkeypatch.setitem(vars(driver), "_image", build.Built("envcraft-worker:no-such-tag", "", ""))
         with pytest.raises(SandboxUnavailable, match="no-such-tag"):
             driver.launch(hash_seed=0, limits=limits)
         assert _containers(label) == []
@@ -251,10 +277,17 @@ class TestLaunch:
             driver.launch(hash_seed=0, limits=limits)
         assert _containers(label) == []
 
+    def test_nothing_is_recorded_once_the_container_is_gone(self, driver: DockerDriver, limits: Limits) -> None:
+        worker = driver.launch(hash_seed=0, limits=limits)
+        recorded = list(leftovers.containers().iterdir())
+        worker.close()
+        gone = set(recorded) - set(leftovers.containers().iterdir())
+        assert len(gone) == 1
+
 
 class TestProbe:
     def test_a_stale_image_is_noticed(self, driver: DockerDriver, monkeypatch: pytest.MonkeyPatch) -> None:
-        monkeypatch.setattr(build, "digest", lambda: "of other sources")
+        monkeypatch.setattr(build, "digest", lambda packages: "of other sources")
         available = driver.probe()
         assert not available.works
         assert "other sources" in available.reason
@@ -262,9 +295,36 @@ class TestProbe:
 
     def test_an_image_that_is_not_built_is_noticed(self, driver: DockerDriver, monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr(build, "TAG", "envcraft-worker:no-such-tag")
-        available = driver.probe()
+        available = DockerDriver().probe()
         assert not available.works
         assert "not built" in available.reason
 
     def test_an_unknown_runtime_is_noticed(self, driver: DockerDriver) -> None:
-        assert "no-such-runtime" in DockerDriver(runtime="no-such-runtime").probe().reason
+        available = driver.under("no-such-runtime").probe()
+        assert not available.works
+        assert "no runtime no-such-runtime" in available.reason
+        assert "daemon.json" in available.fix
+
+    @pytest.mark.parametrize(
+        ("told", "missing"),
+        [
+            ({"SecurityOptions": ["name=seccomp,profile=unconfined"]}, "engine's seccomp profile"),
+            ({"SecurityOptions": None}, "engine's seccomp profile"),
+            ({"MemoryLimit": False}, "memory limit"),
+            ({"SwapLimit": False}, "swap limit"),
+            ({"PidsLimit": False}, "process limit"),
+            ({"CpuCfsQuota": False}, "one CPU"),
+        ],
+    )
+    def test_what_the_engine_cannot_give_is_told(
+        self, driver: DockerDriver, monkeypatch: pytest.MonkeyPatch, told: dict[str, Any], missing: str
+    ) -> None:
+        whole: dict[str, Any] = dict.fromkeys(("MemoryLimit", "SwapLimit", "PidsLimit", "CpuCfsQuota"), True)
+        whole["SecurityOptions"] = ["name=seccomp,profile=default"]
+        monkeypatch.setitem(vars(driver), "_info", {**driver._info, **whole})
+        assert driver.probe().missing == []
+        monkeypatch.setitem(vars(driver), "_info", {**driver._info, **whole, **told})
+        available = driver.probe()
+        assert available.works
+        assert available.missing == [missing]
+        assert missing not in available.layers

@@ -1,24 +1,30 @@
-"""``python -m envcraft_sandbox.worker --fd N`` or ``--connect PATH``: serve jobs until the host hangs up."""
+"""``python -m envcraft_sandbox.worker --fd N`` or ``--connect PATH``: serve jobs until the host hangs up.
+
+``--fd`` is an inherited, connected stream socket, ``--connect`` a unix socket to connect to, ``--folder`` where jobs
+may write, each ``--read`` what they may read besides the libraries. Only drivers write this command line, and importing
+a parser for it would take as long as Python's own start.
+"""
 
 from __future__ import annotations
 
-import argparse
+import gc
 import socket
-
-from .server import serve
+import sys
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(prog="envcraft-worker", description=__doc__)
-    parser.add_argument("--fd", type=int, help="an inherited, connected stream socket")
-    parser.add_argument("--connect", metavar="PATH", help="a unix socket to connect to")
-    options = parser.parse_args()
-    if options.connect is not None:
+    words = list(zip(sys.argv[1::2], sys.argv[2::2], strict=True))
+    options = dict(words)
+    if "--connect" in options:
         control = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-        control.connect(options.connect)
+        control.connect(options["--connect"])
     else:
-        control = socket.socket(fileno=options.fd)
-    serve(control)
+        control = socket.socket(fileno=int(options["--fd"]))
+    # Nothing that the imports make is garbage.
+    gc.disable()
+    from .server import serve
+
+    serve(control, options.get("--folder", "/tmp/job"), [path for name, path in words if name == "--read"])
 
 
 if __name__ == "__main__":

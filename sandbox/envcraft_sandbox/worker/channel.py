@@ -10,10 +10,23 @@ from typing import Any
 
 import numpy as np
 
-from envcraft_sandbox.wire import HEADER, MAX_DEPTH, MAX_INFO, MAX_LAYOUTS, MAX_OBSERVATION, STEP, VALUE, Kind, Type
+from envcraft_sandbox.wire import (
+    HEADER,
+    MAX_DEPTH,
+    MAX_INFO,
+    MAX_JSON,
+    MAX_LAYOUTS,
+    MAX_OBSERVATION,
+    MAX_PARTS,
+    STEP,
+    VALUE,
+    Kind,
+    Type,
+)
 
 _BATCH = 256 * 1024
 _FLUSH_SECONDS = 0.05
+_ONE_TOO_MANY = {"k": "other", "type": "a value of yet another shape, of too many"}
 # Bound before any untrusted module can replace them.
 _monotonic = time.monotonic
 _dumps = json.dumps
@@ -28,6 +41,7 @@ class Channel:
         self._flushed = _monotonic()
         self._every_step = every_step
         self._layouts: dict[Any, int] = {}
+        self._parts = 0
 
     def send(self, kind: Kind, payload: bytes = b"", flush: bool = False) -> None:
         self._buffer += HEADER.pack(kind, len(payload))
@@ -84,11 +98,20 @@ class Channel:
             number = self._layouts.get(key)
             if number is not None:
                 return number, data
-        if len(self._layouts) >= MAX_LAYOUTS:
-            raise ValueError(f"observations of more than {MAX_LAYOUTS} different shapes")
+        parts = _parts(layout)
+        if len(self._layouts) >= MAX_LAYOUTS - 1 or self._parts + parts >= MAX_PARTS or len(_dumps(layout)) > MAX_JSON:
+            layout, data, key, parts = _ONE_TOO_MANY, b"", None, 1
+            if key in self._layouts:
+                return self._layouts[key], data
+        self._parts += parts
         number = self._layouts[key] = len(self._layouts)
         self.send_json(Kind.LAYOUT, layout)
         return number, data
+
+
+def _parts(layout: dict[str, Any]) -> int:
+    items = layout.get("items", ())
+    return 1 + sum(_parts(item[1] if layout["k"] == "dict" else item) for item in items)
 
 
 def encode_value(value: Any, depth: int = 0) -> tuple[dict[str, Any], bytes]:
@@ -183,7 +206,8 @@ def jsonable(value: Any, depth: int = 0) -> Any:
 
 def type_name(value: Any) -> str:
     kind = type(value)
-    return kind.__qualname__ if kind.__module__ == "builtins" else f"{kind.__module__}.{kind.__qualname__}"
+    name = kind.__qualname__ if kind.__module__ == "builtins" else f"{kind.__module__}.{kind.__qualname__}"
+    return name[:200]
 
 
 def _number(value: Any) -> tuple[Type, float]:

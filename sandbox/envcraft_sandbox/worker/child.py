@@ -6,11 +6,12 @@ Whatever the untrusted code does from here on, the child can only write to its d
 from __future__ import annotations
 
 import contextlib
+import errno
 import json
 import os
 import random
-import resource
 import socket
+import subprocess
 import sys
 import traceback
 from typing import Any, NoReturn
@@ -24,19 +25,17 @@ from .channel import Channel
 from .clock import Clock
 from .subject import Fault, Subject
 
-available_layers = confine.available_layers
 
-
-def main(data_fd: int, output_fd: int, limits: dict[str, Any]) -> NoReturn:
+def main(data_fd: int, output_fd: int, limits: dict[str, Any], folder: str, read: list[str]) -> NoReturn:
     """Run the job that waits on `data_fd`; never returns, and never unwinds into the server's stack."""
     code = 0
     try:
         os.setsid()
         _keep_only(data_fd, output_fd)
-        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+        os.chdir(folder)
         sock = socket.socket(fileno=3)
         job = _receive(sock)
-        confine.enter(limits)
+        confine.enter(limits, folder, read)
         channel = Channel(sock, every_step=bool(job.get("every_step")))
         _run(job, channel)
         channel.flush()
@@ -72,6 +71,13 @@ def _receive(sock: socket.socket) -> dict[str, Any]:
         return job
 
 
+def _without_programs(*_: Any, **__: Any) -> NoReturn:
+    """In place of what starts a program: the answer of a machine where it is not installed, which libraries expect.
+    pygame asks ``fc-list`` for fonts, say, and goes on without.
+    """
+    raise FileNotFoundError(errno.ENOENT, "no program can be started here")
+
+
 #: What shifts the addresses of everything that is allocated later.
 _kept: list[Any] = []
 
@@ -88,6 +94,8 @@ def _fragments(seed: int | None) -> list[Any]:
 
 def _run(job: dict[str, Any], channel: Channel) -> None:
     conditions = job.get("conditions", {})
+    subprocess._fork_exec = _without_programs  # type: ignore[attr-defined]
+    subprocess._USE_POSIX_SPAWN = False  # type: ignore[misc]
     # By default from the episode's seed: one fixed state would give code that draws from it one level for all seeds.
     state = conditions.get("global_seed", job.get("seed", 0)) % 2**32
     random.seed(state)

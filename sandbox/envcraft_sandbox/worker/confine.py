@@ -1,33 +1,64 @@
-"""What a job's child gives up before untrusted code runs in it: resource limits and the right to new privileges."""
+"""What a job's child gives up before untrusted code runs in it: resources, privileges, files and system calls.
+
+These layers hold beside whatever isolation the driver gives, and each without the others.
+"""
 
 from __future__ import annotations
 
 import contextlib
+import ctypes
+import os
 import resource
+import struct
 import sys
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
+
+from . import landlock, seccomp
 
 _PR_SET_DUMPABLE = 4
 _PR_SET_CHILD_SUBREAPER = 36
 _PR_SET_NO_NEW_PRIVS = 38
+_CAPABILITIES_3 = 0x20080522
+
+_SYSTEM = ("/usr", "/lib", "/lib32", "/lib64", "/etc/ld.so.cache", "/etc/localtime", "/etc/fonts")
+_KERNEL = ("/dev/zero", "/dev/random", "/dev/urandom", "/proc/cpuinfo", "/proc/meminfo", "/sys/devices/system/cpu")
 
 
-def available_layers() -> list[str]:
-    """Name the layers that :func:`enter` applies on this kernel."""
-    return ["rlimits", *(["no-new-privs"] if sys.platform == "linux" else [])]
+def layers() -> tuple[list[str], list[str]]:
+    """The layers that :func:`enter` applies on this kernel, and those that it cannot."""
+    offered = {
+        "rlimits": True,
+        "no capabilities": sys.platform == "linux",
+        "no new privileges": sys.platform == "linux",
+        "Landlock": landlock.version() > 0,
+        "system call filter": seccomp.available(),
+    }
+    return [name for name, there in offered.items() if there], [name for name, there in offered.items() if not there]
 
 
-def enter(limits: dict[str, Any]) -> None:
-    """Apply `limits`: ``memory`` and ``file`` in bytes, ``cpu`` in seconds, ``descriptors`` as a count."""
+def enter(limits: dict[str, Any], folder: str, read: Iterable[str] = ()) -> None:
+    """Apply `limits` (``memory`` and ``file`` in bytes, ``cpu`` in seconds, ``descriptors`` as a count), and leave the
+    process `folder` alone to write in; `read` is what it may read besides the libraries. Raises OSError when a layer
+    that the kernel has cannot be applied.
+    """
     if sys.platform == "linux":
-        _prctl(_PR_SET_NO_NEW_PRIVS, 1)
         _offer_to_the_oom_killer()
         _limit(resource.RLIMIT_DATA, limits["memory"])
         _limit(resource.RLIMIT_AS, 2 * limits["memory"])
+    _limit(resource.RLIMIT_CORE, 0)
     _limit(resource.RLIMIT_FSIZE, limits["file"])
     _limit(resource.RLIMIT_CPU, limits["cpu"])
     _limit(resource.RLIMIT_NOFILE, limits["descriptors"])
+    if sys.platform != "linux":
+        return
+    _drop_capabilities()
+    _prctl(_PR_SET_NO_NEW_PRIVS, 1)
+    if landlock.version():
+        landlock.restrict([*_SYSTEM, *_KERNEL, *_libraries(), *read], [folder, "/dev/null"])
+    if seccomp.available():
+        seccomp.restrict()
 
 
 def set_dumpable(value: bool) -> None:
@@ -38,6 +69,20 @@ def set_dumpable(value: bool) -> None:
 def adopt_orphans() -> None:
     """Make processes that a descendant leaves behind this process's children."""
     _prctl(_PR_SET_CHILD_SUBREAPER, 1)
+
+
+def _libraries() -> list[str]:
+    """The interpreter's folders, and what the driver put on the path; not what a ``.pth`` file adds, which may be a
+    project's whole folder.
+    """
+    told = os.environ.get("PYTHONPATH", "").split(os.pathsep)
+    return [sys.prefix, sys.base_prefix, sys.exec_prefix, *filter(None, told)]
+
+
+def _drop_capabilities() -> None:
+    libc = ctypes.CDLL(None, use_errno=True)
+    if libc.capset(struct.pack("<Ii", _CAPABILITIES_3, 0), struct.pack("<6I", *[0] * 6)):
+        raise OSError(ctypes.get_errno(), "the capabilities cannot be dropped")
 
 
 def _offer_to_the_oom_killer() -> None:
@@ -51,8 +96,6 @@ def _offer_to_the_oom_killer() -> None:
 
 def _prctl(option: int, value: int) -> None:
     if sys.platform == "linux":
-        import ctypes
-
         ctypes.CDLL(None).prctl(option, value, 0, 0, 0)
 
 

@@ -89,7 +89,7 @@ def _episode(subject: Subject, job: dict[str, Any], conditions: dict[str, Any]) 
     if not (isinstance(result, tuple) and len(result) == 2):
         raise Fault({"phase": "reset", "malformed": _shape_of(result), "line": None})
     observation, info = result
-    channel.step(Kind.RESET, observation, 0.0, False, False, _info(info), seconds)
+    subject.call("reset", channel.step, Kind.RESET, observation, 0.0, False, False, _info(info), seconds)
     _note_info(channel, info)
     _render(subject, env, conditions)
     channel.phase("step")
@@ -106,16 +106,17 @@ def _episode(subject: Subject, job: dict[str, Any], conditions: dict[str, Any]) 
         if companion:
             companion.step()
         perturb()
+        before = jsonable(action) if reread else None
         started = _perf_counter()
         result = subject.call("step", env.step, action)
         seconds = _perf_counter() - started
         if not (isinstance(result, tuple) and len(result) == 5):
             raise Fault({"phase": "step", "malformed": _shape_of(result), "line": None})
         if reread:
-            channel.send_json(Kind.ACTED, jsonable(action))
+            channel.send_json(Kind.ACTED, {"before": before, "now": jsonable(action)})
             channel.value(Kind.REREAD, observation)
         observation, reward, terminated, truncated, info = result
-        channel.step(Kind.STEP, observation, reward, terminated, truncated, _info(info), seconds)
+        subject.call("step", channel.step, Kind.STEP, observation, reward, terminated, truncated, _info(info), seconds)
         _note_info(channel, info)
         _render(subject, env, conditions)
         if _true(terminated) or _true(truncated):
@@ -158,13 +159,15 @@ def _step_on(subject: Subject, env: Any, actions: list[Any], count: int) -> None
         if not (isinstance(result, tuple) and len(result) == 5):
             return
         observation, reward, terminated, truncated, info = result
-        subject.channel.step(Kind.AFTER, observation, reward, terminated, truncated, _info(info), 0.0)
+        subject.call(
+            "after", subject.channel.step, Kind.AFTER, observation, reward, terminated, truncated, _info(info), 0.0
+        )
 
 
 def _render(subject: Subject, env: Any, conditions: dict[str, Any]) -> None:
     if conditions.get("render"):
         frame = subject.call("render", env.render)
-        subject.channel.value(Kind.RENDER, frame)
+        subject.call("render", subject.channel.value, Kind.RENDER, frame)
 
 
 def _info(info: Any) -> dict[Any, Any]:

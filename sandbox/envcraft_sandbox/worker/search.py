@@ -10,6 +10,7 @@ import copy
 import hashlib
 import json
 import random
+import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from itertools import pairwise
@@ -23,6 +24,7 @@ from .channel import encode_value, jsonable
 from .subject import Fault, Subject, attributes
 
 _Random = random.Random
+_monotonic = time.monotonic
 
 
 @dataclass(slots=True)
@@ -89,6 +91,7 @@ class Tree:
         self.out = Outcome()
         self.random = _Random(job["seed"])
         self._limit: int = job["limit"]
+        self._until = _monotonic() + job.get("seconds", float("inf"))
 
     def root(self) -> Node:
         env = self.subject.construct(announce=False)
@@ -133,11 +136,12 @@ class Tree:
         return not node.ended
 
     def spent(self) -> bool:
-        return self.out.steps >= self.budget
+        return self.out.steps >= self.budget or _monotonic() > self._until
 
     def _judge(self, node: Node, info: Any) -> None:
-        success = info.get("is_success") if isinstance(info, dict) else None
-        won = bool(success) if success is not None else node.ended and node.total > 0
+        contract = self.subject.contract
+        success = info.get(contract.get("success", "is_success")) if isinstance(info, dict) else None
+        won = bool(success) if success is not None else contract.get("sign", True) and node.ended and node.total > 0
         if won and (self.out.win is None or node.path.length < len(self.out.win)):
             self.out.win, self.out.win_return = node.path.actions(), node.total
         if node.total > self.out.best_return:

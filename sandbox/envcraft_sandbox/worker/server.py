@@ -6,10 +6,10 @@ The host speaks JSON lines on the control socket::
     {"op": "find", "modules": [...]}         -> {"missing": [...], "known": [...]}
     {"op": "job", "id": 7, "limits": {...}}  + two descriptors: the job's data socket and the pipe for its output
     {"op": "kill", "id": 7}
-                                             -> {"exit": 7, "status": <wait status>}
+                                             -> {"exit": 7, "status": <wait status>, "cpu": <seconds>, "over": <limit>}
 
-When a job ends, everything that it started is killed, whatever session it made for itself, before the host hears of the
-end: the next job starts alone.
+When a job ends, everything that it started is killed, whatever session it made for itself, and what it wrote is removed
+before the host hears of the end: the next job starts alone.
 """
 
 from __future__ import annotations
@@ -22,108 +22,148 @@ import importlib.util
 import json
 import os
 import platform
+import random
 import select
 import signal
 import socket
 import sys
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from . import child, confine
+import numpy
+
+from . import child, confine, watchdog
+from .folder import JobFolder
 
 
-def serve(control: socket.socket) -> None:
-    """Serve jobs on `control` until the host closes it."""
+def serve(control: socket.socket, folder: str, read: list[str]) -> None:
+    """Serve jobs on `control` until the host closes it. They may write below `folder`, and read `read`."""
     import gymnasium
-    import numpy
 
-    wake, waker = os.pipe()
-    os.set_blocking(waker, False)
-    signal.set_wakeup_fd(waker, warn_on_full_buffer=False)
-    signal.signal(signal.SIGCHLD, lambda *_: None)
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    server = Server(control, JobFolder(folder), read)
     # Jobs must not trace or read the memory of the process that runs the next one.
     confine.set_dumpable(False)
     confine.adopt_orphans()
-    gc.collect()
     gc.freeze()
-
-    def send(message: dict[str, Any]) -> None:
-        control.sendall(json.dumps(message).encode() + b"\n")
-
-    send(
+    gc.enable()
+    layers, missing = confine.layers()
+    (layers if watchdog.available() else missing).append("watchdog of memory, threads and files")
+    server.send(
         {
             "ready": {
                 "python": platform.python_version(),
                 "numpy": numpy.__version__,
                 "gymnasium": gymnasium.__version__,
                 "hash_seed": os.environ.get("PYTHONHASHSEED", "random"),
-                "layers": child.available_layers(),
+                "layers": [*layers, "own folder for each job"],
+                "missing": missing,
             }
         }
     )
-    children: dict[int, int] = {}
-    received = b""
-    descriptors: list[int] = []
-    while True:
-        readable, _, _ = select.select([control.fileno(), wake], [], [])
-        if wake in readable:
-            os.read(wake, 4096)
-            for pid, status in _reap():
-                job = children.pop(pid, None)
-                if job is not None:
-                    _kill(os.killpg, pid)
-                    if not children:
-                        _kill_leftovers()
-                    send({"exit": job, "status": status})
-        if control.fileno() not in readable:
-            continue
-        data, fds, _, _ = socket.recv_fds(control, 1 << 20, 16)
-        if not data:
-            for pid in children:
-                _kill_session(pid)
-            _kill_leftovers()
-            return
-        descriptors += fds
-        received += data
-        while b"\n" in received:
-            line, _, received = received.partition(b"\n")
-            message = json.loads(line)
-            if message["op"] == "preload":
-                send({"preloaded": _preload(message["modules"])})
-            elif message["op"] == "find":
-                send(_find(message["modules"]))
-            elif message["op"] == "kill":
-                for pid, job in list(children.items()):
-                    if job == message["id"]:
-                        _kill_session(pid)
-            elif message["op"] == "job":
-                data_fd, output_fd = descriptors.pop(0), descriptors.pop(0)
-                pid = os.fork()
-                if pid == 0:
-                    signal.set_wakeup_fd(-1)
-                    for number in (signal.SIGCHLD, signal.SIGINT):
-                        signal.signal(number, signal.SIG_DFL)
-                    os.close(wake)
-                    os.close(waker)
-                    control.close()
-                    child.main(data_fd, output_fd, message["limits"])
-                os.close(data_fd)
-                os.close(output_fd)
-                children[pid] = message["id"]
+    server.run()
 
 
-def _reap() -> list[tuple[int, int]]:
-    ended: list[tuple[int, int]] = []
-    while True:
-        try:
-            pid, status = os.waitpid(-1, os.WNOHANG)
-        except ChildProcessError:
-            return ended
+@dataclass
+class _Job:
+    number: int
+    limits: dict[str, Any]
+    over: str | None = None
+
+
+class Server:
+    """Jobs under way, by process."""
+
+    def __init__(self, control: socket.socket, folder: JobFolder, read: list[str]) -> None:
+        self._control = control
+        self._folder = folder
+        self._read = read
+        self._jobs: dict[int, _Job] = {}
+        self._wake, self._waker = os.pipe()
+        os.set_blocking(self._waker, False)
+        signal.set_wakeup_fd(self._waker, warn_on_full_buffer=False)
+        signal.signal(signal.SIGCHLD, lambda *_: None)
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+    def send(self, message: dict[str, Any]) -> None:
+        self._control.sendall(json.dumps(message).encode() + b"\n")
+
+    def run(self) -> None:
+        received = b""
+        descriptors: list[int] = []
+        while True:
+            patience = watchdog.INTERVAL if self._jobs else None
+            readable, _, _ = select.select([self._control.fileno(), self._wake], [], [], patience)
+            if self._wake in readable:
+                os.read(self._wake, 4096)
+                self._reap()
+            else:
+                self._watch()
+            if self._control.fileno() not in readable:
+                continue
+            data, fds, _, _ = socket.recv_fds(self._control, 1 << 20, 16)
+            if not data:
+                for pid in self._jobs:
+                    _kill_session(pid)
+                _kill_leftovers()
+                self._folder.empty()
+                return
+            descriptors += fds
+            received += data
+            while b"\n" in received:
+                line, _, received = received.partition(b"\n")
+                self._answer(json.loads(line), descriptors)
+
+    def _answer(self, message: dict[str, Any], descriptors: list[int]) -> None:
+        if message["op"] == "preload":
+            self.send({"preloaded": _preload(message["modules"])})
+        elif message["op"] == "find":
+            self.send(_find(message["modules"]))
+        elif message["op"] == "kill":
+            for pid, job in self._jobs.items():
+                if job.number == message["id"]:
+                    _kill_session(pid)
+        elif message["op"] == "job":
+            self._fork(_Job(message["id"], message["limits"]), descriptors.pop(0), descriptors.pop(0))
+
+    def _fork(self, job: _Job, data_fd: int, output_fd: int) -> None:
+        pid = os.fork()
         if pid == 0:
-            return ended
-        ended.append((pid, status))
+            signal.set_wakeup_fd(-1)
+            for number in (signal.SIGCHLD, signal.SIGINT):
+                signal.signal(number, signal.SIG_DFL)
+            os.close(self._wake)
+            os.close(self._waker)
+            self._control.close()
+            child.main(data_fd, output_fd, job.limits, self._folder.path, self._read)
+        os.close(data_fd)
+        os.close(output_fd)
+        self._jobs[pid] = job
+
+    def _watch(self) -> None:
+        for pid, job in self._jobs.items():
+            job.over = job.over or watchdog.exceeded(pid, job.limits, self._folder)
+            if job.over:
+                _kill_session(pid)
+
+    def _reap(self) -> None:
+        while True:
+            try:
+                pid, status, used = os.wait4(-1, os.WNOHANG)
+            except ChildProcessError:
+                return
+            if pid == 0:
+                return
+            job = self._jobs.pop(pid, None)
+            if job is None:
+                continue
+            _kill(os.killpg, pid)
+            if not self._jobs:
+                _kill_leftovers()
+                self._folder.empty()
+            cpu = used.ru_utime + used.ru_stime
+            self.send({"exit": job.number, "status": status, "cpu": cpu, "over": job.over})
 
 
 def _kill_session(pid: int) -> None:
@@ -162,6 +202,9 @@ def _kill(kill: Callable[[int, int], None], target: int) -> None:
 
 def _preload(modules: list[str]) -> list[str]:
     loaded = []
+    # What a library draws at import must not differ from worker to worker.
+    random.seed(0)
+    numpy.random.seed(0)
     for name in modules:
         # An installed library that fails to import is the job's finding to make, with its own traceback.
         with contextlib.suppress(Exception):

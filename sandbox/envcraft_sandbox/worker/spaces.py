@@ -44,7 +44,14 @@ def describe(space: Any) -> dict[str, Any]:
         return {"type": "Dict", "spaces": [[str(key), describe(item)] for key, item in space.spaces.items()]}
     if isinstance(space, spaces.Tuple):
         return {"type": "Tuple", "spaces": [describe(item) for item in space.spaces]}
-    return {"type": type_name(space), "repr": repr(jsonable(space))}
+    if isinstance(space, spaces.Sequence):
+        return {"type": "Sequence", "space": describe(space.feature_space), "stack": bool(space.stack)}
+    if isinstance(space, spaces.Graph):
+        edges = None if space.edge_space is None else describe(space.edge_space)
+        return {"type": "Graph", "nodes": describe(space.node_space), "edges": edges}
+    if isinstance(space, spaces.OneOf):
+        return {"type": "OneOf", "spaces": [describe(item) for item in space.spaces]}
+    return {"type": type_name(space), "custom": isinstance(space, spaces.Space)}
 
 
 def action(spec: dict[str, Any], value: Any) -> Any:
@@ -62,7 +69,31 @@ def action(spec: dict[str, Any], value: Any) -> Any:
         return {key: action(item, value[key]) for key, item in spec["spaces"]}
     if kind == "Tuple":
         return tuple(action(item, part) for item, part in zip(spec["spaces"], value, strict=True))
+    if kind == "OneOf":
+        return np.int64(value[0]), action(spec["spaces"][value[0]], value[1])
+    if kind == "Sequence":
+        items = tuple(action(spec["space"], item) for item in value)
+        return _stack(spec["space"], items) if spec["stack"] else items
+    if kind == "Graph":
+        return spaces.GraphInstance(
+            _stack(spec["nodes"], [action(spec["nodes"], item) for item in value["nodes"]]),
+            None
+            if value["edges"] is None
+            else _stack(spec["edges"], [action(spec["edges"], x) for x in value["edges"]]),
+            None if value["links"] is None else np.array(value["links"], dtype=np.int32),
+        )
     return value
+
+
+def _stack(spec: dict[str, Any], items: Any) -> Any:
+    """Values of one space as Gymnasium batches them."""
+    if spec["type"] == "Dict":
+        return {key: _stack(item, [value[key] for value in items]) for key, item in spec["spaces"]}
+    if spec["type"] == "Tuple":
+        return tuple(_stack(item, [value[at] for value in items]) for at, item in enumerate(spec["spaces"]))
+    if spec["type"] in ("Box", "Discrete", "MultiDiscrete", "MultiBinary"):
+        return np.stack(items)
+    return tuple(items)
 
 
 def _bounds(values: Any) -> Any:

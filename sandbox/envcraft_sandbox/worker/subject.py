@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import ast
+import hashlib
 import inspect
-import linecache
 import random
 import sys
 import threading
 import time
 import traceback
 from collections.abc import Callable
-from types import ModuleType
+from pathlib import Path
+from types import CodeType, ModuleType
 from typing import Any
 
 import gymnasium
@@ -19,11 +20,12 @@ import numpy as np
 
 from envcraft_sandbox.wire import Kind
 
-from . import adapters, spaces
+from . import adapters, spaces, targets
 from .channel import Channel, jsonable, type_name
 
-_MODULE = "envcraft_subject"
 _POLICY = "envcraft_policy"
+#: Names of modules that a description holds at the most.
+_MAX_MODULES = 5_000
 _monotonic = time.monotonic
 
 
@@ -36,54 +38,53 @@ class Fault(Exception):
 
 
 class Subject:
-    """The module, its class and the calls that are made on its instances."""
+    """The environment's class and the calls that are made on its instances."""
 
     def __init__(self, job: dict[str, Any], channel: Channel) -> None:
         self.channel = channel
-        self.filename: str = job["filename"]
         self.contract: dict[str, Any] = job["contract"]
         self.action_spec: dict[str, Any] | None = self.contract.get("action")
-        self._source: str = job["source"]
-        self._wanted: str | None = job.get("class")
-        self._module: ModuleType | None = None
-        self._class: Any = None
+        self.target = targets.open_target(job["target"])
+        self._creator: Any = None
 
     def call(self, phase: str, function: Callable[..., Any], *args: Any, **kwargs: Any) -> Any:
-        """Call untrusted code. Any exception, SystemExit too, becomes a :class:`Fault` of `phase`."""
+        """Call untrusted code, or what looks into its values. Any exception, SystemExit too, becomes a :class:`Fault`
+        of `phase`.
+        """
         try:
             return function(*args, **kwargs)
         except BaseException as error:
             raise Fault(self._report(phase, error)) from None
 
-    def load(self) -> ModuleType:
-        """Execute the file as a module."""
-        if self._module is None:
-            self.channel.phase("import")
-            self._module = self._execute(_MODULE, self._source, self.filename, "import")
-        return self._module
+    def load(self) -> None:
+        """Import what defines the environment."""
+        self.channel.phase("import")
+        self.call("import", self.target.load)
 
-    def environment_class(self) -> Any:
-        if self._class is None:
-            module = self.load()
-            names = concrete_classes(module)
-            name = self._wanted or (names[0] if len(names) == 1 else None)
-            if name is None or not hasattr(module, name):
-                raise Fault(
-                    {"phase": "import", "type": "LookupError", "message": f"{len(names)} classes", "line": None}
-                )
-            self._class = getattr(module, name)
-        return self._class
+    def creator(self) -> Any:
+        """What makes an instance: the class, or a function."""
+        if self._creator is None:
+            self.load()
+            self._creator = self.call("import", self.target.creator)
+            self._name_file(self._creator)
+        return self._creator
 
     def construct(self, announce: bool = True) -> Any:
         """Make an instance, adapted to the contract, with ``render_mode="rgb_array"`` where the constructor takes
         that.
         """
-        kind = self.environment_class()
+        creator = self.creator()
         if announce:
             self.channel.phase("construct")
-        kwargs = {"render_mode": "rgb_array"} if _takes_render_mode(kind) else {}
-        env = self.call("construct", kind, **kwargs)
+        env = self.call("construct", self.target.make, creator)
+        if isinstance(env, gymnasium.Env):
+            self.call("construct", lambda: self._name_file(type(env.unwrapped)))
         return adapters.apply(env, self.contract.get("adapter") or {})
+
+    def _name_file(self, kind: Any) -> None:
+        """Findings about an installed class name lines of the file that defines it."""
+        if not isinstance(self.target, targets.Source) and inspect.isclass(kind):
+            self.target.filename = _source_file(kind) or self.target.filename
 
     def action(self, value: Any, env: Any) -> Any:
         spec = self.action_spec
@@ -93,13 +94,17 @@ class Subject:
 
     def load_policy(self, policy: dict[str, Any]) -> ModuleType:
         self.channel.phase("policy")
-        return self._execute(_POLICY, policy["source"], policy["filename"], "policy", {"np": np})
+        module: ModuleType = self.call(
+            "policy", targets.execute, _POLICY, policy["source"], policy["filename"], {"np": np}
+        )
+        return module
 
     def describe(self) -> None:
-        """Send what the file defines: its classes, the spaces of an instance, and what importing it changed."""
+        """Send what the target defines: its classes, the spaces of an instance, and what importing it changed."""
         before = (random.getstate(), np.random.get_state(legacy=False)["state"]["key"].copy(), threading.active_count())
+        known = set(sys.modules)
         started = _monotonic()
-        module = self.load()
+        self.load()
         seconds = _monotonic() - started
         effects = {
             "seconds": seconds,
@@ -107,29 +112,48 @@ class Subject:
             "numpy_random": not np.array_equal(np.random.get_state(legacy=False)["state"]["key"], before[1]),
             "threads": threading.active_count() - before[2],
         }
-        names = concrete_classes(module)
-        loaded: dict[str, Any] = {
-            "classes": [{"name": name, "line": _line(getattr(module, name))} for name in names],
-            "lookalikes": lookalikes(module),
-            "effects": effects,
-        }
-        chosen = self._wanted or (names[0] if len(names) == 1 else None)
-        self.channel.send_json(Kind.LOADED, loaded, flush=True)
-        if chosen is None or not inspect.isclass(getattr(module, chosen, None)):
-            return
-        kind = getattr(module, chosen)
-        loaded["class"] = chosen
-        loaded["line"] = _line(kind)
-        loaded["required"] = required_arguments(kind)
-        loaded["lines"] = {
-            name: _line(getattr(kind, name))
-            for name in ("__init__", "reset", "step", "render", "close")
-            if name in dir(kind)
-        }
-        if loaded["required"]:
+        loaded: dict[str, Any] = {"effects": effects}
+        if isinstance(self.target, targets.Source):
+            loaded |= self._classes(self.target)
             self.channel.send_json(Kind.LOADED, loaded, flush=True)
+            if "class" not in loaded:
+                return
+        self._describe_instance(loaded)
+        if not isinstance(self.target, targets.Source):
+            loaded["modules"] = [name for name in sys.modules if name not in known][:_MAX_MODULES]
+            loaded["effects"]["threads"] = threading.active_count() - before[2]
+        self.channel.send_json(Kind.LOADED, loaded, flush=True)
+
+    def _classes(self, target: targets.Source) -> dict[str, Any]:
+        """The classes of a file, and the one that is judged."""
+        module = target.module
+        assert module is not None
+        names = targets.concrete_classes(module)
+        chosen = target.wanted or (names[0] if len(names) == 1 else None)
+        told: dict[str, Any] = {
+            "classes": [{"name": name, "line": _line(getattr(module, name))} for name in names],
+            "lookalikes": targets.lookalikes(module),
+        }
+        if chosen is not None and inspect.isclass(getattr(module, chosen, None)):
+            told["class"] = chosen
+        return told
+
+    def _describe_instance(self, loaded: dict[str, Any]) -> None:
+        """Add what the class and an instance tell to `loaded`; what is known before a constructor raises is sent."""
+        creator = self.creator()
+        if not isinstance(self.target, targets.Registered):
+            loaded["required"] = targets.required_arguments(creator, self.target.kwargs)
+        self._describe_class(loaded, creator)
+        self.channel.send_json(Kind.LOADED, loaded, flush=True)
+        if loaded.get("required"):
             return
         env = self.construct()
+        if not isinstance(self.target, targets.Source):
+            loaded["made"], loaded["environment"] = type_name(env), isinstance(env, gymnasium.Env)
+            if not loaded["environment"]:
+                self.channel.send_json(Kind.LOADED, loaded, flush=True)
+                return
+            self._describe_class(loaded, type(env.unwrapped))
         for name in ("observation_space", "action_space"):
             space = getattr(env, name, None)
             loaded[name] = spaces.describe(space) if isinstance(space, gymnasium.Space) else {"type": type_name(space)}
@@ -137,24 +161,30 @@ class Subject:
         metadata = getattr(env, "metadata", None)
         modes = metadata.get("render_modes") if isinstance(metadata, dict) else None
         loaded["render_modes"] = [str(mode) for mode in modes] if isinstance(modes, list | tuple | set) else []
-        self.channel.send_json(Kind.LOADED, loaded, flush=True)
+        loaded["nondeterministic"] = bool(getattr(getattr(env, "spec", None), "nondeterministic", False))
 
-    def _execute(
-        self, name: str, source: str, filename: str, phase: str, extra: dict[str, Any] | None = None
-    ) -> ModuleType:
-        module = ModuleType(name)
-        module.__file__ = filename
-        module.__dict__.update(extra or {})
-        sys.modules[name] = module
-        linecache.cache[filename] = (len(source), None, source.splitlines(keepends=True), filename)
-        code = self.call(phase, compile, source, filename, "exec")
-        self.call(phase, exec, code, module.__dict__)
-        return module
+    def _describe_class(self, loaded: dict[str, Any], kind: Any) -> None:
+        if not inspect.isclass(kind):
+            return
+        loaded["line"] = _line(kind)
+        loaded["lines"] = {
+            name: _line(getattr(kind, name))
+            for name in ("__init__", "reset", "step", "render", "close")
+            if name in dir(kind) and self._defines(kind, name)
+        }
+        if not isinstance(self.target, targets.Source):
+            loaded["class"] = kind.__qualname__
+            loaded["module"] = kind.__module__
+            loaded["sha256"] = _digest_of(_source_file(kind))
+
+    def _defines(self, kind: type, name: str) -> bool:
+        """Whether a method is in the file whose lines are named, not in that of a base class."""
+        return isinstance(self.target, targets.Source) or _source_file(getattr(kind, name)) == _source_file(kind)
 
     def _report(self, phase: str, error: BaseException) -> dict[str, Any]:
         frames = traceback.extract_tb(error.__traceback__)
-        own = [frame for frame in frames if frame.filename in (self.filename, f"<{_POLICY}>")]
-        line = own[-1].lineno if own else getattr(error, "lineno", None) if isinstance(error, SyntaxError) else None
+        own = [frame for frame in frames if frame.filename in (self.target.filename, f"<{_POLICY}>")]
+        line = own[-1].lineno if own else self._line_of(error)
         try:
             message = str(error)
         except BaseException:
@@ -166,55 +196,15 @@ class Subject:
             "message": message[:2000],
             "line": line,
             "memory": isinstance(error, MemoryError),
+            "errno": error.errno if isinstance(error, OSError) else None,
             "traceback": "".join(traceback.format_list(shown))[-8000:],
             "name": getattr(error, "name", None) if isinstance(error, ImportError) else None,
         }
 
-
-def concrete_classes(module: ModuleType) -> list[str]:
-    """Name the environment classes that the module defines and that can be instantiated.
-
-    Left out are abstract bases (abstract methods, or ``step``/``reset`` that are missing or only raise), wrappers, and
-    private classes (``_Base``) while there is a public one.
-    """
-    found = [
-        name
-        for name, value in list(vars(module).items())
-        if inspect.isclass(value)
-        and value.__module__ == module.__name__
-        and value.__name__ == name
-        and issubclass(value, gymnasium.Env)
-        and not issubclass(value, gymnasium.Wrapper)
-        and not inspect.isabstract(value)
-        and all(_implemented(value, method) for method in ("reset", "step"))
-    ]
-    return [name for name in found if not name.startswith("_")] or found
-
-
-def lookalikes(module: ModuleType) -> list[str]:
-    """Name the classes that have ``reset`` and ``step`` and are no environment."""
-    return [
-        name
-        for name, value in list(vars(module).items())
-        if inspect.isclass(value)
-        and value.__module__ == module.__name__
-        and not issubclass(value, gymnasium.Env)
-        and callable(getattr(value, "reset", None))
-        and callable(getattr(value, "step", None))
-    ]
-
-
-def required_arguments(kind: type) -> list[str]:
-    try:
-        parameters = inspect.signature(kind).parameters.values()
-    except (ValueError, TypeError):
-        return []
-    return [
-        parameter.name
-        for parameter in parameters
-        if parameter.default is parameter.empty
-        and parameter.kind not in (parameter.VAR_POSITIONAL, parameter.VAR_KEYWORD)
-    ]
+    def _line_of(self, error: BaseException) -> int | None:
+        """Where a text cannot be parsed, in the file that findings name."""
+        own = isinstance(error, SyntaxError) and error.filename in (self.target.filename, f"<{_POLICY}>")
+        return error.lineno if own and isinstance(error, SyntaxError) else None
 
 
 def attributes(env: Any) -> dict[str, Any]:
@@ -224,34 +214,6 @@ def attributes(env: Any) -> dict[str, Any]:
         for name, value in vars(env.unwrapped).items()
         if not isinstance(value, np.random.Generator | np.random.RandomState | random.Random)
     }
-
-
-def _implemented(kind: type, method: str) -> bool:
-    function = getattr(kind, method, None)
-    if function is None or function is getattr(gymnasium.Env, method):
-        return False
-    try:
-        import textwrap
-
-        tree = ast.parse(textwrap.dedent(inspect.getsource(function))).body[0]
-    except (OSError, TypeError, SyntaxError, IndexError):
-        return True
-    if not isinstance(tree, ast.FunctionDef):
-        return True
-    body = [
-        node
-        for node in tree.body
-        if not (isinstance(node, ast.Pass) or (isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)))
-    ]
-    return not all(isinstance(node, ast.Raise) and "NotImplementedError" in ast.dump(node) for node in body)
-
-
-def _takes_render_mode(kind: type) -> bool:
-    try:
-        parameters = inspect.signature(kind).parameters
-    except (ValueError, TypeError):
-        return False
-    return "render_mode" in parameters
 
 
 def _reset_parameters(env: Any) -> list[str]:
@@ -266,7 +228,29 @@ def _reset_parameters(env: Any) -> list[str]:
 
 
 def _line(value: Any) -> int | None:
+    """The line at which a class or function is defined, decorators included."""
+    if inspect.isclass(value):
+        definitions = targets.definitions(getattr(sys.modules.get(value.__module__), "__file__", None) or "")
+        named = [
+            line for line, node in definitions.items() if isinstance(node, ast.ClassDef) and node.name == value.__name__
+        ]
+        return named[-1] if named else None
     try:
-        return inspect.getsourcelines(value)[1]
-    except (OSError, TypeError, IndexError):
+        code = getattr(inspect.unwrap(value), "__code__", None)
+    except ValueError:
+        return None
+    return code.co_firstlineno if isinstance(code, CodeType) else None
+
+
+def _source_file(value: Any) -> str | None:
+    try:
+        return inspect.getsourcefile(value)
+    except (OSError, TypeError):
+        return None
+
+
+def _digest_of(path: str | None) -> str | None:
+    try:
+        return hashlib.sha256(Path(path).read_bytes()).hexdigest() if path else None
+    except OSError:
         return None

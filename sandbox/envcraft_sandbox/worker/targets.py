@@ -1,0 +1,336 @@
+"""Where an environment comes from: the text of a file, a class of an installed package, or a registered id.
+
+Everything here imports and calls untrusted code, and runs in a job: whoever calls guards.
+"""
+
+from __future__ import annotations
+
+import ast
+import difflib
+import functools
+import importlib
+import importlib.metadata
+import importlib.util
+import inspect
+import linecache
+import re
+import sys
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from types import CodeType, ModuleType
+from typing import Any
+
+import gymnasium
+
+_MODULE = "envcraft_subject"
+#: What an id must share with a package's name, at the least, for the package to be imported on suspicion.
+_ALIKE = 3
+
+
+class NoSuchEnvironment(LookupError):
+    """The module has no such class, or no package registers the id."""
+
+
+class Target(ABC):
+    """`told` is what the host says of it: ``kind``, ``kwargs``, ``wrappers`` and what each kind needs."""
+
+    def __init__(self, told: dict[str, Any]) -> None:
+        self.kwargs: dict[str, Any] = told.get("kwargs") or {}
+        self._wrappers: list[str] = told.get("wrappers") or []
+        #: The file whose lines findings name, once it is known.
+        self.filename: str = told.get("filename", "")
+
+    @abstractmethod
+    def load(self) -> None:
+        """Import what defines the environment."""
+
+    @abstractmethod
+    def creator(self) -> Any:
+        """What makes an instance: a class, or a function."""
+
+    def make(self, creator: Any) -> Any:
+        """An instance, with the target's own wrappers."""
+        env = creator(**self.kwargs, **_rendering(creator, self.kwargs))
+        return self.wrap(env)
+
+    def wrap(self, env: Any) -> Any:
+        for name in self._wrappers:
+            env = attribute(name)(env)
+        return env
+
+
+class Source(Target):
+    """The text of a file, run as a module."""
+
+    def __init__(self, told: dict[str, Any]) -> None:
+        super().__init__(told)
+        self.module: ModuleType | None = None
+        self.wanted: str | None = told.get("class")
+        self._source: str = told["source"]
+
+    def load(self) -> None:
+        if self.module is None:
+            self.module = execute(_MODULE, self._source, self.filename)
+
+    def creator(self) -> Any:
+        assert self.module is not None, "load() comes first"
+        # Looking for the classes reads their source, which takes longer than the whole start of a short episode.
+        names = [self.wanted] if self.wanted else concrete_classes(self.module)
+        if len(names) != 1 or not hasattr(self.module, names[0]):
+            raise NoSuchEnvironment(f"{len(names)} classes")
+        return getattr(self.module, names[0])
+
+
+class Installed(Target):
+    """A class, or a function that makes environments, of an installed package."""
+
+    def __init__(self, told: dict[str, Any]) -> None:
+        super().__init__(told)
+        self._module: str = told["module"]
+        self._name: str = told["class"]
+
+    def load(self) -> None:
+        importlib.import_module(self._module)
+
+    def creator(self) -> Any:
+        try:
+            found = attribute(f"{self._module}:{self._name}")
+        except AttributeError:
+            found = None
+        if callable(found):
+            return found
+        module = sys.modules[self._module]
+        near = [name for name, value in list(vars(module).items()) if is_environment(value)]
+        raise NoSuchEnvironment(f"{self._module} has no class {self._name}{_suggest(self._name, near)}")
+
+
+class Registered(Target):
+    """An id in Gymnasium's registry, made as ``gymnasium.make`` does, but for its checking wrapper."""
+
+    def __init__(self, told: dict[str, Any]) -> None:
+        super().__init__(told)
+        self._id: str = told["id"]
+        self.spec: Any = None
+
+    def load(self) -> None:
+        if self.spec is None:
+            self.spec = find_spec(self._id)
+
+    def creator(self) -> Any:
+        entry: Any = self.spec.entry_point
+        return attribute(entry) if isinstance(entry, str) else entry
+
+    def make(self, creator: Any) -> Any:
+        rendering = _rendering(creator, {**self.spec.kwargs, **self.kwargs})
+        env = gymnasium.make(self.spec, disable_env_checker=True, **self.kwargs, **rendering)
+        return self.wrap(env)
+
+
+def open_target(told: dict[str, Any]) -> Target:
+    kinds: dict[str, Callable[[dict[str, Any]], Target]] = {"source": Source, "module": Installed, "id": Registered}
+    return kinds[told["kind"]](told)
+
+
+def execute(name: str, source: str, filename: str, extra: dict[str, Any] | None = None) -> ModuleType:
+    """Run a text as the module `name`."""
+    module = ModuleType(name)
+    module.__file__ = filename
+    module.__dict__.update(extra or {})
+    sys.modules[name] = module
+    linecache.cache[filename] = (len(source), None, source.splitlines(keepends=True), filename)
+    exec(compile(source, filename, "exec"), module.__dict__)  # noqa: S102 (that is what a sandbox is for)
+    return module
+
+
+def attribute(name: str) -> Any:
+    """What ``package.module:Class.attribute`` names."""
+    module, _, path = name.partition(":")
+    found: Any = importlib.import_module(module)
+    for part in path.split("."):
+        found = getattr(found, part)
+    return found
+
+
+def find_spec(wanted: str) -> Any:
+    """The entry of an id in the registry, after importing what may register it. Raises NoSuchEnvironment."""
+    module, _, name = wanted.rpartition(":")
+    if module:
+        # `module:Id`, or an abbreviation of the module's name.
+        for candidate in [module] if _importable(module) else _packages_like(module):
+            importlib.import_module(candidate)
+            _register(candidate)
+        found = _look_up(name)
+        if found is not None:
+            return found
+    elif (found := _look_up(name)) is not None:
+        return found
+    else:
+        for package in _packages_like(name.partition("/")[0] if "/" in name else name):
+            _try_import(package)
+            _register(package)
+            if (found := _look_up(name)) is not None:
+                return found
+    _register(None)
+    if (found := _look_up(name)) is not None:
+        return found
+    hint = _suggest(name, list(gymnasium.registry)) or "; write MODULE:ID to say which module registers it"
+    raise NoSuchEnvironment(f"no installed package registers {name}{hint}")
+
+
+def _look_up(name: str) -> Any:
+    """By the whole id, or by its name alone where only one namespace has it."""
+    if name in gymnasium.registry:
+        return gymnasium.registry[name]
+    ends = [spec for key, spec in gymnasium.registry.items() if key.endswith("/" + name)]
+    return ends[0] if len(ends) == 1 else None
+
+
+def _packages_like(name: str) -> list[str]:
+    """Top-level modules whose name begins as `name` does, or the other way about; the likeliest first."""
+    plain = _plain(re.split(r"-v?\d|-", name)[0]) or _plain(name)
+    found = [package for package in importlib.metadata.packages_distributions() if package.isidentifier()]
+    alike = [
+        package
+        for package in found
+        if len(plain) >= _ALIKE
+        and len(_plain(package)) >= _ALIKE
+        and (_plain(package).startswith(plain) or plain.startswith(_plain(package)))
+    ]
+    if plain.isidentifier() and _importable(plain):
+        # On the path, and perhaps of no distribution.
+        alike.append(plain)
+    return sorted(set(alike), key=lambda package: (abs(len(_plain(package)) - len(plain)), package))
+
+
+def _plain(name: str) -> str:
+    return re.sub(r"[^a-z0-9]", "", name.lower())
+
+
+def _register(package: str | None) -> None:
+    """Call the entry points by which packages register their environments; those of one package, or of all."""
+    for point in importlib.metadata.entry_points(group="gymnasium.envs"):
+        if package is None or point.module.partition(".")[0] == package:
+            try:
+                register = point.load()
+                if callable(register):
+                    register()
+            except Exception as error:
+                # Another package's trouble is none of this environment's.
+                sys.stderr.write(f"{point.value} cannot register its environments: {error}\n")
+
+
+def _try_import(package: str) -> None:
+    try:
+        importlib.import_module(package)
+    except Exception as error:
+        sys.stderr.write(f"{package} cannot be imported: {error}\n")
+
+
+def _importable(module: str) -> bool:
+    try:
+        return importlib.util.find_spec(module) is not None
+    except (ImportError, ValueError):
+        return False
+
+
+def _suggest(name: str, known: list[str]) -> str:
+    near = difflib.get_close_matches(name, known, n=1, cutoff=0.6)
+    return f"; did you mean {near[0]}?" if near else ""
+
+
+def _rendering(creator: Any, given: dict[str, Any]) -> dict[str, Any]:
+    """``render_mode="rgb_array"`` where the constructor takes that, and says that it can, and was given no other."""
+    if given.get("render_mode") is not None:
+        return {}
+    try:
+        parameters = inspect.signature(creator).parameters
+    except (ValueError, TypeError):
+        return {}
+    metadata = getattr(creator, "metadata", None)
+    modes = metadata.get("render_modes") if isinstance(metadata, dict) else None
+    takes = "render_mode" in parameters
+    passes = any(parameter.kind is parameter.VAR_KEYWORD for parameter in parameters.values())
+    offers = "rgb_array" in modes if isinstance(modes, list | tuple | set) and modes else takes
+    return {"render_mode": "rgb_array"} if (takes or (passes and modes)) and offers else {}
+
+
+def is_environment(value: Any) -> bool:
+    return inspect.isclass(value) and issubclass(value, gymnasium.Env) and value is not gymnasium.Env
+
+
+def concrete_classes(module: ModuleType) -> list[str]:
+    """Name the environment classes that the module defines and that can be instantiated.
+
+    Left out are abstract bases (abstract methods, or ``step``/``reset`` that are missing or only raise), wrappers, and
+    private classes (``_Base``) while there is a public one.
+    """
+    found = [
+        name
+        for name, value in list(vars(module).items())
+        if inspect.isclass(value)
+        and value.__module__ == module.__name__
+        and value.__name__ == name
+        and issubclass(value, gymnasium.Env)
+        and not issubclass(value, gymnasium.Wrapper)
+        and not inspect.isabstract(value)
+        and all(_implemented(value, method) for method in ("reset", "step"))
+    ]
+    return [name for name in found if not name.startswith("_")] or found
+
+
+def lookalikes(module: ModuleType) -> list[str]:
+    """Name the classes that have ``reset`` and ``step`` and are no environment."""
+    return [
+        name
+        for name, value in list(vars(module).items())
+        if inspect.isclass(value)
+        and value.__module__ == module.__name__
+        and not issubclass(value, gymnasium.Env)
+        and callable(getattr(value, "reset", None))
+        and callable(getattr(value, "step", None))
+    ]
+
+
+def required_arguments(kind: Any, given: dict[str, Any]) -> list[str]:
+    """The parameters of a constructor that have no default and are not given."""
+    try:
+        parameters = inspect.signature(kind).parameters.values()
+    except (ValueError, TypeError):
+        return []
+    return [
+        parameter.name
+        for parameter in parameters
+        if parameter.default is parameter.empty
+        and parameter.kind not in (parameter.VAR_POSITIONAL, parameter.VAR_KEYWORD)
+        and parameter.name not in given
+    ]
+
+
+def _implemented(kind: type, method: str) -> bool:
+    function = getattr(kind, method, None)
+    if function is None or function is getattr(gymnasium.Env, method):
+        return False
+    code = getattr(function, "__code__", None)
+    definition = definitions(code.co_filename).get(code.co_firstlineno) if isinstance(code, CodeType) else None
+    if not isinstance(definition, ast.FunctionDef):
+        return True
+    body = [
+        node
+        for node in definition.body
+        if not (isinstance(node, ast.Pass) or (isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)))
+    ]
+    return not all(isinstance(node, ast.Raise) and "NotImplementedError" in ast.dump(node) for node in body)
+
+
+@functools.cache
+def definitions(filename: str) -> dict[int, ast.stmt]:
+    """The classes and functions of a file by the line at which they begin.
+
+    One parse of the whole takes a fraction of the time in which ``inspect`` finds a single one.
+    """
+    try:
+        tree = ast.parse("".join(linecache.getlines(filename)))
+    except (SyntaxError, ValueError, RecursionError, MemoryError):
+        return {}
+    nodes = [node for node in ast.walk(tree) if isinstance(node, ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef)]
+    return {min([node.lineno, *(decorator.lineno for decorator in node.decorator_list)]): node for node in nodes}
