@@ -19,6 +19,7 @@ class Budget(msgspec.Struct, frozen=True):
         sweep: steps spent on trying rare actions along the longest episode.
         looks: numbers of episodes after which a statistical verdict is looked at.
         steps: the length of an episode under a contract without a limit.
+        patience: how many times the limits' total time all jobs of one subject may take together.
     """
 
     name: str
@@ -32,6 +33,7 @@ class Budget(msgspec.Struct, frozen=True):
     sweep: int
     looks: tuple[int, ...]
     steps: int
+    patience: int = 1
 
 
 BUDGETS = {
@@ -39,6 +41,6 @@ BUDGETS = {
     for budget in (
         Budget("quick", 3, 1, 8, 0, (1, 200), (2_000, 1), 2_000, 0, (6, 12, 24), 300),
         Budget("standard", 6, 3, 20, 20, (3, 500), (6_000, 2), 20_000, 4_000, (6, 12, 24), 1_000),
-        Budget("thorough", 24, 12, 20, 60, (8, 1_000), (40_000, 6), 100_000, 40_000, (6, 12, 24, 48, 96), 2_000),
+        Budget("thorough", 24, 12, 20, 60, (8, 1_000), (40_000, 6), 100_000, 40_000, (6, 12, 24, 48, 96), 2_000, 4),
     )
 }

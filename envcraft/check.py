@@ -48,11 +48,13 @@ class Check(ABC):
         name: how ``--checks`` names it.
         rules: the codes that it can report.
         always: run even when not selected, since no verdict can be trusted without it.
+        hash_seeds: PYTHONHASHSEED of each worker that it is sure to need besides the ordinary ones.
     """
 
     name: str
     rules: tuple[Rule, ...]
     always: bool = False
+    hash_seeds: tuple[int, ...] = ()
 
     @abstractmethod
     def judge(self, subject: Subject) -> Iterator[Finding]:

@@ -5,11 +5,11 @@ Importing this module, and loading the plugins, must import neither NumPy nor Gy
 
 from __future__ import annotations
 
-import difflib
+import contextlib
+import signal
 import sys
-import tomllib
-import traceback
-from collections.abc import Iterable
+import threading
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +18,7 @@ import click
 from envcraft import __version__
 from envcraft.errors import EnvCraftError, ExitCode, UsageError
 from envcraft.plugins import plugins
+from envcraft.pyproject import settings
 
 INTERRUPTED = 130
 
@@ -52,6 +53,8 @@ class PluginGroup(click.Group):
             raise
         except Exception as error:
             # Python's own status for this is 1, which would count the environment as bad.
+            import traceback
+
             traceback.print_exc()
             click.echo(
                 f"Error: EnvCraft itself broke ({type(error).__name__}); please report the lines above", err=True
@@ -86,25 +89,35 @@ def configuration(folder: Path, options: dict[str, str]) -> dict[str, Any]:
 
     `options` are the names that settings may have, with the parameter that each sets.
     """
-    for parent in (folder, *folder.parents):
-        path = parent / "pyproject.toml"
-        if path.is_file():
-            break
-    else:
-        return {}
-    try:
-        table = tomllib.loads(path.read_text("utf-8")).get("tool", {}).get("envcraft", {})
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError, AttributeError) as error:
-        raise UsageError(f"{path} cannot be read as configuration: {error}") from None
-    if not isinstance(table, dict):
-        raise UsageError(f"{path}: [tool.envcraft] must be a table")
-    settings = {}
+    path, table = settings(folder)
+    found = {}
     for key, value in table.items():
+        if key == "contracts":
+            continue
         name = key.replace("_", "-")
         if name not in options:
             raise UsageError(f"{path}: [tool.envcraft] has no setting {unknown(key, options)}")
-        settings[options[name]] = ",".join(map(str, value)) if isinstance(value, list) else value
-    return settings
+        found[options[name]] = ",".join(map(str, value)) if isinstance(value, list) else value
+    return found
+
+
+@contextlib.contextmanager
+def uninterrupted() -> Iterator[None]:
+    """Put Ctrl-C and SIGTERM off to the end: an extension module that is interrupted while it is imported may swallow
+    the exception. Only the main thread is interrupted.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    caught: list[int] = []
+    usual = {number: signal.signal(number, lambda n, _: caught.append(n)) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield
+    finally:
+        for number, handler in usual.items():
+            signal.signal(number, handler)
+    if caught:
+        raise KeyboardInterrupt
 
 
 def offered(hook: str) -> list[Any]:
@@ -121,6 +134,8 @@ def offered(hook: str) -> list[Any]:
 
 def unknown(name: str, known: Iterable[str]) -> str:
     """Words for a name that does not exist: the name, and the nearest that does, or all of them."""
+    import difflib
+
     known = list(known)
     near = difflib.get_close_matches(name.lower(), [other.lower() for other in known], n=1, cutoff=0.5)
     if near:

@@ -9,6 +9,13 @@ import msgspec
 from envcraft.plugins import hookimpl
 
 
+class Success(msgspec.Struct, frozen=True):
+    """What winning is: `key` of the last info where it is there; else, with `sign`, a positive return at the end."""
+
+    key: str = "is_success"
+    sign: bool = True
+
+
 class Contract(msgspec.Struct, frozen=True, kw_only=True):
     """What an environment promises.
 
@@ -23,6 +30,8 @@ class Contract(msgspec.Struct, frozen=True, kw_only=True):
         render: whether ``render()`` must give the observation.
         libraries: what an environment may import besides the standard library, or None for whatever is installed.
         adapter: wrappers that the worker applies: ``{"resize": [height, width], "limit": steps}``.
+        success: what winning is.
+        without: codes that the contract does not hold an environment to.
         consistently: the share of episodes above which a player wins "consistently".
         at_once: losing within this many steps is losing at once.
     """
@@ -37,12 +46,19 @@ class Contract(msgspec.Struct, frozen=True, kw_only=True):
     render: bool = False
     libraries: tuple[str, ...] | None = None
     adapter: dict[str, Any] = {}
+    success: Success = Success()
+    without: tuple[str, ...] = ()
     consistently: float = 0.8
     at_once: int = 30
 
     def for_worker(self) -> dict[str, Any]:
         """The part that the worker needs."""
-        return {"action": self.action, "adapter": self.adapter}
+        return {
+            "action": self.action,
+            "adapter": self.adapter,
+            "success": self.success.key,
+            "sign": self.success.sign,
+        }
 
 
 _FRAME = {"type": "Box", "low": 0, "high": 255, "shape": [84, 84, 3], "dtype": "uint8"}
@@ -70,6 +86,10 @@ ARCADE_NATIVE = msgspec.structs.replace(
 GYMNASIUM = Contract(
     name="gymnasium",
     summary="any spaces that Gymnasium has, any length; API, determinism and finite rewards still hold",
+    # The sign of a return means nothing where rewards may be of any size.
+    success=Success(sign=False),
+    # One fixed level is as good as any, and what comes after the end is undefined.
+    without=("EC209", "EC505"),
 )
 
 

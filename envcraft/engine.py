@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
+import os
 import queue
-import threading
 import time
-import weakref
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Generator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 
 import msgspec
@@ -14,15 +14,21 @@ import msgspec
 from envcraft.budget import Budget
 from envcraft.check import Check, Skip
 from envcraft.contract import Contract
-from envcraft.errors import EnvCraftError, WorkerLost
+from envcraft.errors import EnvCraftError
 from envcraft.events import CheckFinished, CheckStarted, Event, Finished, SubjectFinished, SubjectStarted
-from envcraft.sandbox import Availability, Driver, Limits, Worker
-from envcraft.subject import PolicyFile, Subject, Target, elapsed
-from envcraft.verdict import CheckReport, Finding, Report, Severity, SubjectReport, Verdict, overall
+from envcraft.pool import Pool
+from envcraft.sandbox import Driver, Limits, driver_for
+from envcraft.subject import Subject, elapsed
+from envcraft.target import PolicyFile, Target
+from envcraft.verdict import CheckReport, Finding, Report, SandboxReport, Severity, SubjectReport, Verdict, overall
 
 
 class Plan(msgspec.Struct, frozen=True):
-    """What to judge, and how."""
+    """What to judge, and how.
+
+    `lanes` is the number of jobs of one subject that run side by side; None shares the machine's cores out among the
+    subjects that do. No verdict depends on it.
+    """
 
     targets: Sequence[Target]
     contract: Contract
@@ -32,51 +38,65 @@ class Plan(msgspec.Struct, frozen=True):
     seed: int = 0
     policy: PolicyFile | None = None
     limits: Limits = Limits()
+    lanes: int | None = None
 
 
-def validate(plan: Plan, workers: int = 1) -> Generator[Event, None, None]:
-    """Judge every target, up to `workers` side by side. A sandbox that fails or a check that breaks is an ``error``.
+def cores() -> int:
+    """How many processors this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
-    Closing the iterator, or an exception such as KeyboardInterrupt, ends every worker that is still running.
+
+def validate(plan: Plan, workers: int | None = None, pool: Pool | None = None) -> Generator[Event, None, None]:
+    """Judge every target, up to `workers` side by side: by default as many as there are cores.
+
+    `pool` may have been opened before, with the plan's driver (which must see what the targets need,
+    :func:`envcraft.sandbox.driver_for`), limits and number of targets, so that the first workers are under way; it is
+    ended here. A sandbox that fails or a check that breaks is an ``error``. Closing the iterator,
+    or an exception such as KeyboardInterrupt, ends every worker that is still running.
     """
+    workers = max(min(workers or cores(), len(plan.targets)), 1)
+    driver = driver_for(plan.driver, plan.targets) if pool is None else plan.driver
+    plan = msgspec.structs.replace(plan, driver=driver, lanes=plan.lanes or max(cores() // workers, 1))
     reports: dict[int, SubjectReport] = {}
-    with Leash(plan.driver) as leash:
-        plan = msgspec.structs.replace(plan, driver=leash)
-        for number, event in _in_turn(plan) if workers <= 1 else _side_by_side(plan, workers, leash):
-            if isinstance(event, SubjectFinished):
-                reports[number] = event.report
-            yield event
+    with pool or Pool(plan.driver, plan.limits, len(plan.targets)) as pool:
+        running = _in_turn(plan, pool) if workers == 1 else _side_by_side(plan, pool, workers)
+        with contextlib.closing(running):
+            for number, event in running:
+                if isinstance(event, SubjectFinished):
+                    reports[number] = event.report
+                yield event
     ordered = [reports[number] for number in sorted(reports)]
     yield Finished(Report(plan.contract.name, plan.seed, ordered, budget=plan.budget.name))
 
 
-def _in_turn(plan: Plan) -> Iterator[tuple[int, Event]]:
+def _in_turn(plan: Plan, pool: Pool) -> Generator[tuple[int, Event], None, None]:
     for number, target in enumerate(plan.targets, 1):
         yield number, SubjectStarted(target.path, number, len(plan.targets))
-        for event in judge(plan, target):
-            yield number, event
+        with contextlib.closing(judge(plan, target, pool)) as events:
+            for event in events:
+                yield number, event
 
 
-def _side_by_side(plan: Plan, workers: int, leash: Leash) -> Iterator[tuple[int, Event]]:
+def _side_by_side(plan: Plan, pool: Pool, workers: int) -> Generator[tuple[int, Event], None, None]:
     events: queue.SimpleQueue[tuple[int, Event] | BaseException | None] = queue.SimpleQueue()
 
     def run(number: int, target: Target) -> None:
         try:
-            if not leash.ended:
+            if not pool.ended:
                 events.put((number, SubjectStarted(target.path, number, len(plan.targets))))
-                for event in judge(plan, target):
+                for event in judge(plan, target, pool):
                     events.put((number, event))
-                    if leash.ended:
+                    if pool.ended:
                         break
         except BaseException as error:
             events.put(error)
         finally:
             events.put(None)
 
-    with ThreadPoolExecutor(workers, "envcraft-judge") as pool:
+    with ThreadPoolExecutor(workers, "envcraft-judge") as threads:
         try:
             for number, target in enumerate(plan.targets, 1):
-                pool.submit(run, number, target)
+                threads.submit(run, number, target)
             running = len(plan.targets)
             while running:
                 event = events.get()
@@ -87,54 +107,15 @@ def _side_by_side(plan: Plan, workers: int, leash: Leash) -> Iterator[tuple[int,
                 else:
                     yield event
         finally:
-            # Leaving the pool waits for its threads: without workers they have nothing left to do.
-            leash.end()
+            # Leaving waits for the threads: without workers they have nothing left to do.
+            pool.end()
 
 
-class Leash(Driver):
-    """A driver that remembers its workers, so that one call ends them all, whichever thread they serve."""
-
-    def __init__(self, driver: Driver) -> None:
-        self.name, self.isolation, self.rank = driver.name, driver.isolation, driver.rank
-        self.ended = False
-        self._driver = driver
-        self._workers: weakref.WeakSet[Worker] = weakref.WeakSet()
-        self._lock = threading.Lock()
-
-    def __enter__(self) -> Leash:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.end()
-
-    def probe(self) -> Availability:
-        return self._driver.probe()
-
-    def launch(self, *, hash_seed: int, limits: Limits) -> Worker:
-        if self.ended:
-            raise WorkerLost("the validation was ended")
-        worker = self._driver.launch(hash_seed=hash_seed, limits=limits)
-        with self._lock:
-            self._workers.add(worker)
-        if self.ended:
-            worker.close()
-            raise WorkerLost("the validation was ended")
-        return worker
-
-    def end(self) -> None:
-        """Close every worker and launch no more."""
-        self.ended = True
-        with self._lock:
-            workers = list(self._workers)
-        for worker in workers:
-            worker.close()
-
-
-def judge(plan: Plan, target: Target) -> Iterator[Event]:
+def judge(plan: Plan, target: Target, pool: Pool) -> Generator[Event, None, None]:
     """Judge one target by all checks. Once ``source`` fails there is nothing that the others could run."""
     started = time.monotonic()
     done: list[CheckReport] = []
-    with open_subject(plan, target) as subject:
+    with pool.turn() as driver, open_subject(msgspec.structs.replace(plan, driver=driver), target) as subject:
         blocked = ""
         for check in plan.checks:
             if blocked and not check.always:
@@ -143,8 +124,11 @@ def judge(plan: Plan, target: Target) -> Iterator[Event]:
                 yield CheckStarted(target.path, check.name)
                 report = run_check(check, subject)
             if check.name == "source" and report.verdict in (Verdict.FAIL, Verdict.ERROR):
-                blocked = "the file did not get past the check source"
+                blocked = "it did not get past the check source"
             done.append(report)
+            if len(done) == 2 and not blocked:
+                # Not sooner: workers that start would hold up the first episodes.
+                driver.expect(seed for later in plan.checks for seed in later.hash_seeds)
             yield CheckFinished(target.path, report)
         verdict = overall(done)
         reason = next((report.reason for report in done if report.verdict is Verdict.ERROR), "")
@@ -152,7 +136,7 @@ def judge(plan: Plan, target: Target) -> Iterator[Event]:
             SubjectReport(
                 path=target.path,
                 env_class=subject.env_class,
-                source_sha256=target.sha256,
+                source_sha256=subject.source_sha256,
                 verdict=verdict,
                 isolation=plan.driver.isolation,
                 seconds=elapsed(started),
@@ -161,13 +145,19 @@ def judge(plan: Plan, target: Target) -> Iterator[Event]:
                 driver=plan.driver.name,
                 reason=reason,
                 policy=plan.policy.path if plan.policy else None,
+                sandbox=SandboxReport.of(plan.driver, subject.about),
+                kind=target.kind,
+                module=subject.module,
+                kwargs=target.kwargs,
+                wrappers=list(target.wrappers),
             )
         )
 
 
 def open_subject(plan: Plan, target: Target) -> Subject:
     """The subject of a target under a plan."""
-    return Subject(target, plan.contract, plan.driver, plan.budget, plan.seed, plan.policy, plan.limits)
+    lanes = plan.lanes or cores()
+    return Subject(target, plan.contract, plan.driver, plan.budget, plan.seed, plan.policy, plan.limits, lanes)
 
 
 def run_check(check: Check, subject: Subject) -> CheckReport:
@@ -175,7 +165,7 @@ def run_check(check: Check, subject: Subject) -> CheckReport:
     started = time.monotonic()
     findings: list[Finding] = []
     try:
-        findings.extend(check.judge(subject))
+        findings.extend(found for found in check.judge(subject) if found.code not in subject.contract.without)
         failed = any(finding.severity is Severity.ERROR for finding in findings)
         verdict, reason = Verdict.FAIL if failed else Verdict.PASS, ""
     except Skip as skip:
@@ -185,4 +175,6 @@ def run_check(check: Check, subject: Subject) -> CheckReport:
         verdict, reason = Verdict.ERROR, str(error)
     except Exception as error:
         verdict, reason = Verdict.ERROR, f"the check broke: {type(error).__name__}: {error}"
+    finally:
+        subject.forget()
     return CheckReport(check.name, verdict, elapsed(started), findings, reason)

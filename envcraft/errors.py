@@ -32,3 +32,7 @@ class SandboxUnavailable(EnvCraftError):
 
 class WorkerLost(EnvCraftError):
     """The worker itself, not the code that it ran, stopped answering."""
+
+
+class MalformedValue(ValueError):
+    """A value from the worker, its layout or its bytes are not what the protocol allows."""

@@ -7,12 +7,17 @@ process that dies with it. A job's messages go to a :class:`Recorder` as they ar
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterable
 from enum import StrEnum
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import msgspec
 
-from envcraft.errors import SandboxUnavailable
+from envcraft.errors import SandboxUnavailable, UsageError
+from envcraft.installed import Installed, installed
+
+if TYPE_CHECKING:
+    from envcraft.target import Target
 
 
 class Isolation(StrEnum):
@@ -27,15 +32,17 @@ class Limits(msgspec.Struct, frozen=True):
     """What one job may use. Times are wall-clock seconds, sizes bytes.
 
     `call` bounds the time between two signs of life, so any one call; `loading` does so while the file is imported;
-    `job` bounds the whole.
+    `job` bounds one job, which is an episode or a search; `total` all jobs of one subject together.
     """
 
     call: float = 5.0
     loading: float = 10.0
     job: float = 300.0
+    total: float = 3600.0
     memory: int = 2 * 1024**3
     cpu: int = 600
     file: int = 16 * 1024**2
+    disk: int = 96 * 1024**2
     descriptors: int = 256
     processes: int = 64
     output: int = 64 * 1024
@@ -43,12 +50,16 @@ class Limits(msgspec.Struct, frozen=True):
 
 
 class Availability(msgspec.Struct, frozen=True):
-    """Whether a driver works here; when not, why, and what to do. `layers` are the protections in force."""
+    """Whether a driver works here; when not, why, and what to do.
+
+    `layers` are the protections in force, `missing` those that this machine lacks.
+    """
 
     works: bool
     reason: str = ""
     fix: str = ""
     layers: list[str] = []
+    missing: list[str] = []
 
 
 class How(StrEnum):
@@ -59,11 +70,17 @@ class How(StrEnum):
     DIED = "died"  #: the process ended without saying so
     FORGED = "forged"  #: its messages break the protocol
     FLOOD = "flood"  #: it printed more than the limit
+    MEMORY = "memory"  #: it held more memory than the limit
+    PROCESSES = "processes"  #: it ran more threads than the limit
+    DISK = "disk"  #: it wrote more to files than the limit
     STOPPED = "stopped"  #: the recorder wanted no more
 
 
 class JobEnd(msgspec.Struct, frozen=True):
-    """The end of a job. `signal` or `exit_code` is set when it died; `output` is the head of what it printed."""
+    """The end of a job. `signal` or `exit_code` is set when it died; `output` is the head of what it printed.
+
+    `cpu` is the processor time of its processes, in seconds.
+    """
 
     how: How
     phase: str
@@ -73,6 +90,7 @@ class JobEnd(msgspec.Struct, frozen=True):
     detail: str = ""
     output: str = ""
     output_bytes: int = 0
+    cpu: float = 0.0
 
 
 class Stop(Exception):
@@ -94,6 +112,7 @@ class Recorder(Protocol):
     def acted(self, action: Any) -> None: ...
     def fault(self, report: dict[str, Any]) -> None: ...
     def result(self, outcome: dict[str, Any]) -> None: ...
+    def end(self) -> None: ...
 
 
 class Step(msgspec.Struct, frozen=True):
@@ -117,7 +136,7 @@ class Step(msgspec.Struct, frozen=True):
 class Worker(ABC):
     """A running worker."""
 
-    #: What the worker says of itself: versions, and the layers that its jobs run under.
+    #: What the worker says of itself: versions, and the layers that its jobs run under (``layers``, ``missing``).
     about: dict[str, Any]
 
     @abstractmethod
@@ -153,14 +172,33 @@ class Driver(ABC):
     def launch(self, *, hash_seed: int, limits: Limits) -> Worker:
         """Start a worker whose PYTHONHASHSEED is `hash_seed`. Raises SandboxUnavailable."""
 
+    def begin(self, *, hash_seed: int, limits: Limits) -> Callable[[], Worker]:
+        """Start a worker without waiting for it, where that is possible; what is returned waits, and gives it.
+
+        Raises SandboxUnavailable, now or then.
+        """
+        return lambda: self.launch(hash_seed=hash_seed, limits=limits)
+
+    def under(self, runtime: str) -> Driver:
+        """This driver with another container runtime. Raises UsageError where there are no containers."""
+        raise UsageError(f"--runtime {runtime} goes with the docker sandbox, and this one is {self.name}")
+
+    def seeing(self, found: Installed) -> Driver:
+        """This driver, its workers able to import what is installed on the host. Drivers whose workers have a file
+        system of their own give themselves: what they hold is all that there is.
+        """
+        return self
+
+    def sweep(self) -> None:  # noqa: B027 (most drivers leave nothing)
+        """Remove what processes that were killed have left behind; cheap where there is nothing, and never fails."""
+
     def close(self) -> None:  # noqa: B027 (most drivers hold nothing)
         """End whatever the driver itself still holds."""
 
 
 def choose(drivers: list[Driver], name: str) -> Driver:
-    """Pick the driver called `name`, or for ``auto`` the strongest that works here.
-
-    Raises SandboxUnavailable with the reason and the next step.
+    """Pick the driver called `name`, whether it works here or not (:func:`ensure`), or for ``auto`` the strongest that
+    does. Raises SandboxUnavailable with the next step.
     """
     ranked = sorted(drivers, key=lambda driver: -driver.rank)
     if name == "auto":
@@ -170,8 +208,17 @@ def choose(drivers: list[Driver], name: str) -> Driver:
         raise SandboxUnavailable("no sandbox works on this machine; `envcraft doctor` tells what each one needs")
     for driver in ranked:
         if driver.name == name:
-            available = driver.probe()
-            if available.works:
-                return driver
-            raise SandboxUnavailable(f"the {name} sandbox does not work here: {available.reason}; {available.fix}")
+            return driver
     raise SandboxUnavailable(f"no sandbox is called {name}; there are {', '.join(d.name for d in ranked)}")
+
+
+def ensure(driver: Driver) -> None:
+    """Raises SandboxUnavailable, with the reason and the next step, where a driver does not work here."""
+    told = driver.probe()
+    if not told.works:
+        raise SandboxUnavailable(f"the {driver.name} sandbox does not work here: {told.reason}; {told.fix}")
+
+
+def driver_for(driver: Driver, targets: Iterable[Target]) -> Driver:
+    """The driver whose workers see what these targets need: untrusted files alone see no more than the libraries."""
+    return driver.seeing(installed()) if any(target.installed for target in targets) else driver

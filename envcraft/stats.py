@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from math import sqrt
-from statistics import NormalDist
 
 #: Two-sided 95% over three looks, by Bonferroni: the normal quantile of 1 - 0.05 / 6.
 Z = 2.394
@@ -50,18 +49,27 @@ class Proportion:
 
 
 def settle(
-    trial: Callable[[int], bool], threshold: float, looks: tuple[int, ...] = LOOKS
+    trial: Callable[[int], bool],
+    threshold: float,
+    looks: tuple[int, ...] = LOOKS,
+    foresee: Callable[[range], object] = lambda numbers: None,
 ) -> tuple[bool | None, Proportion]:
     """Run `trial` 0, 1, 2, … until its rate is settled to lie above or below `threshold`.
+
+    `foresee` is told which trials will be run up to the next look, before the first of them.
 
     Gives True (above), False (below) or None (the last look settles nothing), and the proportion. The interval at each
     look is wide enough that all looks together err at most once in twenty.
     """
     hits = done = 0
     # Two-sided 95% over all looks, by Bonferroni.
+    # Here, because only judging needs it and commands are to start fast.
+    from statistics import NormalDist
+
     z = NormalDist().inv_cdf(1 - 0.05 / (2 * len(looks)))
     rate = Proportion(0, 0, z)
     for look in looks:
+        foresee(range(done, look))
         while done < look:
             hits += trial(done)
             done += 1

@@ -2,63 +2,76 @@
 
 from __future__ import annotations
 
-import ast
-import hashlib
 import time
+import weakref
 from collections.abc import Iterable, Sequence
-from pathlib import Path
+from dataclasses import dataclass
+from functools import cached_property
 from types import TracebackType
 from typing import Any
 
 import msgspec
 
-from envcraft import actions, spaces
+from envcraft import spaces
 from envcraft.budget import Budget
 from envcraft.check import Skip
 from envcraft.contract import Contract
-from envcraft.errors import UsageError, WorkerLost
+from envcraft.description import Description, Outcome
+from envcraft.errors import EnvCraftError
+from envcraft.lanes import Lanes, Place, Task
+from envcraft.players import Players
 from envcraft.rollout import Action, Conditions, Rollout
-from envcraft.sandbox import Driver, How, JobEnd, Limits, Worker
+from envcraft.sandbox import Driver, How, Isolation, JobEnd, Limits, Worker
+from envcraft.target import Kind, PolicyFile, Target, imported
 from envcraft.trace import Recording, Trace
 
-#: Larger files are not read: no environment of this kind is anywhere near.
-MAX_SOURCE = 2 * 1024**2
-#: So many hung episodes are waited for, then no more are begun.
+#: What a search has found by this share of a job's time is all that it finds, so that slow steps cost no more.
+_SEARCH_SHARE = 0.2
+#: So many hung jobs are waited for, then no more are begun.
 _PATIENCE = 3
-
-
-class Target(msgspec.Struct, frozen=True):
-    """A file to judge. `env_class` picks one of several classes."""
-
-    path: str
-    source: bytes
-    env_class: str | None = None
-
-    @property
-    def sha256(self) -> str:
-        return hashlib.sha256(self.source).hexdigest()
-
-
-class PolicyFile(msgspec.Struct, frozen=True):
-    """A privileged policy to run in the worker."""
-
-    path: str
-    source: str
 
 
 class Loaded(msgspec.Struct, frozen=True):
     """What loading the file in the worker gave. `description` is the worker's own words, `trace` holds a fault."""
 
-    description: dict[str, Any]
+    description: Description
     trace: Trace
     end: JobEnd
 
 
+class Search(msgspec.Struct, frozen=True):
+    """A search in the worker, of `budget` environment steps at the most; `path` is what it follows, if anything."""
+
+    kind: str
+    seed: int
+    budget: int
+    path: list[Action] = []
+
+    def key(self) -> bytes:
+        return msgspec.json.encode((self.kind, self.seed, self.budget, self.path))
+
+
+@dataclass(frozen=True)
+class Begun:
+    """A rollout or a search that was handed to the lanes. Nothing of it counts before a check asks for it."""
+
+    recording: Recording
+    task: Task
+
+
 class Subject:
-    """Runs rollouts of one target and remembers every trace.
+    """Runs rollouts of one target, up to `lanes` at a time, and remembers every trace.
+
+    A rollout counts when a check asks for it, whenever it ran: what the checks see never depends on which job ends
+    first, nor on the number of lanes.
 
     Use as a context manager: leaving it ends the workers. Methods that run something raise WorkerLost when the sandbox
     itself fails, which is never the environment's fault.
+
+    Attributes:
+        steps: environment steps that were asked for.
+        seconds: what the jobs that were asked for took, all together.
+        about: what the first worker said of itself (:attr:`envcraft.sandbox.Worker.about`), {} before there is one.
     """
 
     def __init__(
@@ -70,6 +83,7 @@ class Subject:
         seed: int = 0,
         policy: PolicyFile | None = None,
         limits: Limits | None = None,
+        lanes: int = 1,
     ) -> None:
         self.target = target
         self.contract = contract
@@ -80,10 +94,14 @@ class Subject:
         self.limits = limits or Limits()
         self.env_class = target.env_class
         self.steps = 0
+        self.seconds = 0.0
+        self.about: dict[str, Any] = {}
         self._timeouts = 0
-        self._workers: dict[int, Worker] = {}
+        self._lanes = Lanes(self._launch, lanes)
+        self._ahead: dict[tuple[bytes, bool], Begun] = {}
+        self._prepared: weakref.WeakSet[Worker] = weakref.WeakSet()
         self._traces: dict[bytes, Trace] = {}
-        self._searches: dict[tuple[str, int, int], dict[str, Any]] = {}
+        self._searches: dict[bytes, Outcome] = {}
         self._loaded: Loaded | None = None
 
     def __enter__(self) -> Subject:
@@ -94,33 +112,46 @@ class Subject:
 
     def close(self) -> None:
         """End the workers."""
-        while self._workers:
-            _, worker = self._workers.popitem()
-            worker.close()
+        self._lanes.close()
 
     @property
     def text(self) -> str:
         """The source as text. Raises UnicodeDecodeError."""
-        return self.target.source.decode("utf-8-sig")
+        return self.target.text
+
+    @property
+    def source_sha256(self) -> str:
+        """The digest of the file that the class comes from: for what is installed, as the worker says."""
+        told = self._loaded.description.get("sha256") if self._loaded is not None else None
+        return told if told and self.target.kind is not Kind.SOURCE else self.target.sha256
+
+    @property
+    def module(self) -> str | None:
+        """The module of an installed class, whose file has the lines that findings name."""
+        told = self._loaded.description.get("module") if self._loaded is not None else None
+        return told if told and self.target.kind is not Kind.SOURCE else None
 
     @property
     def traces(self) -> list[Trace]:
-        """Every trace so far, in the order in which they were run."""
+        """Every trace so far, in the order in which they were asked for."""
         return list(self._traces.values())
 
     # What the file defines
 
     def find_modules(self, names: list[str]) -> tuple[list[str], list[str]]:
         """Ask the worker which modules it lacks; with any missing, also which it has."""
-        return self._worker(0).find(names)
+        found: tuple[list[str], list[str]] = self._lanes.wait(
+            self._lanes.submit(Place(), lambda worker: worker.find(names))
+        )
+        return found
 
     def load(self) -> Loaded:
         """Load the file in the worker and construct one instance. The result is kept."""
         if self._loaded is None:
             recording = Recording(Rollout(0, []), None, None)
-            end = self._run(self._worker(0), self._job("describe"), recording)
+            end = recording.trace.end = self._end(self._submit(Place(), self._job("describe"), recording))
             self._loaded = Loaded(recording.description, recording.trace, end)
-            recording.trace.end = end
+            self._prepared.clear()
             self.env_class = recording.description.get("class", self.env_class)
         return self._loaded
 
@@ -131,28 +162,58 @@ class Subject:
 
     @property
     def action_space(self) -> spaces.Space:
-        return self.contract.action or self._own_space("action_space")
+        """The space that actions are drawn from. Raises Skip where it is of a kind that only its package knows."""
+        space = self.contract.action or self._own_space("action_space")
+        if not spaces.known(space):
+            raise Skip(f"no actions can be drawn from the action space, {spaces.describe(space)}")
+        return space
+
+    @property
+    def renders(self) -> bool:
+        """Whether render() is to give frames: the contract wants it, or the environment says so."""
+        return self.contract.render or "rgb_array" in self.load().description.get("render_modes", ())
 
     def line_of(self, method: str) -> int | None:
         """The line at which the class defines a method."""
-        line = (self.load().description.get("lines") or {}).get(method)
-        return line if isinstance(line, int) else None
+        return self.load().description.get("lines", {}).get(method)
 
     # Episodes
+
+    @cached_property
+    def players(self) -> Players:
+        """The episodes to ask for."""
+        return Players(self.contract, self.budget, self.seed, self.action_space)
 
     @property
     def length(self) -> int:
         """How many actions an episode is given."""
-        return self.contract.limit or self.budget.steps
+        return self.players.length
 
     @property
     def choices(self) -> list[Action]:
         """The joint actions, or a sample of them where they cannot be counted; first the one that does nothing."""
-        return spaces.enumerate_actions(self.action_space)
+        return self.players.choices
 
     def episode_seed(self, number: int) -> int:
         """The seed of the episode with this number, away from the seeds of another ``--seed``."""
-        return self.seed * 100_003 + number
+        return self.players.episode_seed(number)
+
+    def foresee(self, requests: Iterable[Rollout | Search], again: bool = False) -> None:
+        """Begin what is nearly sure to be asked for, in this order, and come back at once.
+
+        With `again` it is :meth:`rerun` that will ask. What is never asked for counts nowhere.
+        """
+        if self._refusal:
+            return
+        for request in requests:
+            key = (request.key(), again)
+            known = not again and (key[0] in self._traces or key[0] in self._searches)
+            if not known and key not in self._ahead:
+                self._ahead[key] = self._begin(request, again)
+
+    def forget(self) -> None:
+        """Begin nothing more of what was foreseen."""
+        self._ahead = {key: begun for key, begun in self._ahead.items() if not self._lanes.drop(begun.task)}
 
     def rollout(self, rollout: Rollout) -> Trace:
         """Run one rollout, or give its trace again."""
@@ -161,208 +222,221 @@ class Subject:
             self._traces[key] = self._record(rollout)
         return self._traces[key]
 
+    def rollouts(self, rollouts: Sequence[Rollout]) -> list[Trace]:
+        """Run several rollouts side by side."""
+        self.foresee(rollouts)
+        return [self.rollout(rollout) for rollout in rollouts]
+
     def rerun(self, rollout: Rollout) -> Trace:
-        """Run one rollout even if its trace is known."""
-        return self._record(rollout)
+        """Run one rollout even if its trace is known; a fresh one in a worker of its own."""
+        return self._record(rollout, again=True)
 
-    def random(self, number: int, length: int | None = None) -> Trace:
+    def random(self, number: int) -> Trace:
         """Random play on the episode seed `number`."""
-        seed, length = self.episode_seed(number), length or self.length
-        return self.rollout(
-            Rollout(seed, actions.random_actions(self.action_space, seed, length), player="random play")
-        )
-
-    def sticky(self, number: int) -> Trace:
-        """Random play with held actions."""
-        seed = self.episode_seed(number)
-        drawn = actions.sticky_actions(self.action_space, seed, self.length)
-        return self.rollout(Rollout(seed, drawn, player="random play with held actions"))
-
-    def hold(self, action: Action, number: int = 0, length: int | None = None) -> Trace:
-        """One action throughout."""
-        held = actions.held_action(action, length or self.length)
-        player = "doing nothing" if action == self.contract.noop else f"holding {action}"
-        return self.rollout(Rollout(self.episode_seed(number), held, player=player))
+        return self.rollout(self.players.random(number))
 
     def noop(self, number: int = 0, length: int | None = None) -> Trace:
         """Doing nothing. Raises Skip under a contract that knows no such action."""
-        if self.contract.noop is None:
-            raise Skip(f"the contract {self.contract.name} names no action that does nothing")
-        return self.hold(self.contract.noop, number, length)
-
-    def rotation(self, offset: int) -> Trace:
-        """Every joint action in a shuffled order, begun at `offset`."""
-        choices = self.choices
-        number, offset = divmod(offset, len(choices))
-        seed = self.episode_seed(number)
-        order = actions.rotation(choices, offset, seed, self.length)
-        return self.rollout(Rollout(seed, order, player="every action in turn"))
+        return self.rollout(self.players.noop(number, length))
 
     def played(self) -> list[Trace]:
         """The episodes that several checks share: random, sticky, held and doing nothing. Run once."""
-        found = [self.random(number) for number in range(self.budget.random)]
-        found += [self.sticky(number) for number in range(self.budget.sticky)]
-        found += self.held()
-        if self.contract.noop is not None:
-            found += [self.noop(number) for number in range(1, 3)]
-        return found
+        return self.rollouts(self.players.all())
 
     def held(self) -> list[Trace]:
         """Each joint action (as many as the budget allows) held on the first seed."""
-        choices = self.choices
-        stride = max(len(choices) // self.budget.held, 1)
-        return [self.hold(action) for action in choices[::stride]]
+        return self.rollouts(self.players.held())
 
     def act(self, number: int) -> Trace:
         """The privileged policy on the episode seed `number`."""
-        rollout = Rollout(self.episode_seed(number), [], player="the policy", policy=True, max_steps=self.length)
-        return self.rollout(rollout)
+        return self.rollout(self.players.policy(number))
 
     # Searches in the worker: advice, to be confirmed by a rollout
 
-    def explore(self, number: int = 0) -> dict[str, Any]:
+    def explore(self, number: int = 0) -> Outcome:
         """Search from the episode seed `number` for crashes and wins (see the worker's ``explore``)."""
-        return self._search("explore", number, self.budget.explore[0])
+        return self._search(self._exploration(number))
+
+    def explorations(self) -> list[Search]:
+        """What :meth:`explored` asks for first."""
+        return [self._exploration(number) for number in range(self.budget.explore[1])]
 
     def explored(self) -> list[Trace]:
         """The wins, or else the best episodes, that exploration found, stepped: some things only show there."""
-        found = []
-        for number in range(self.budget.explore[1]):
-            told = self.explore(number)
-            if chosen := told.get("win") or told.get("best"):
-                found.append(self.scripted(number, chosen, "exploration"))
-        return found
+        self.foresee(self.explorations())
+        told = [self.explore(number) for number in range(self.budget.explore[1])]
+        chosen = [outcome.get("win") or outcome.get("best") for outcome in told]
+        return self.rollouts([self.script(number, path, "exploration") for number, path in enumerate(chosen) if path])
 
-    def exhaust(self, number: int = 0) -> dict[str, Any]:
+    def exhaust(self, number: int = 0) -> Outcome:
         """Search through all states that can be reached."""
-        return self._search("exhaust", number, self.budget.exhaust)
+        return self._search(Search("exhaust", self.episode_seed(number), self.budget.exhaust))
 
-    def greedy(self, number: int = 0) -> dict[str, Any]:
+    def greedy(self, number: int = 0) -> Outcome:
         """Five moves, each with the highest immediate reward."""
-        return self._search("greedy", number, 10_000)
+        return self._search(self.greed(number))
 
-    def sweep(self, path: list[Action], seed: int) -> dict[str, Any]:
+    def greed(self, number: int) -> Search:
+        """What :meth:`greedy` asks for."""
+        return Search("greedy", self.episode_seed(number), 10_000)
+
+    def sweep(self, path: list[Action], seed: int) -> Outcome:
         """Try actions on copies of the states along a path."""
-        return self._search("sweep", seed - self.episode_seed(0), self.budget.sweep, path)
+        return self._search(Search("sweep", seed, self.budget.sweep, path))
+
+    def script(self, number: int, chosen: Sequence[Action], player: str) -> Rollout:
+        """An action list that a search found, to be stepped for real."""
+        return Rollout(self.episode_seed(number), list(chosen), player=player)
 
     def scripted(self, number: int, chosen: Sequence[Action], player: str) -> Trace:
         """An action list that a search found, stepped for real."""
-        return self.rollout(Rollout(self.episode_seed(number), list(chosen), player=player))
+        return self.rollout(self.script(number, chosen, player))
 
-    def _search(self, kind: str, number: int, budget: int, path: list[Action] | None = None) -> dict[str, Any]:
-        key = (kind, number, hash(str(path)))
+    def _exploration(self, number: int) -> Search:
+        return Search("explore", self.episode_seed(number), self.budget.explore[0])
+
+    def _search(self, search: Search) -> Outcome:
+        key = search.key()
         if key not in self._searches:
-            seed = self.episode_seed(number)
-            job = self._job("search", search=kind, seed=seed, actions=self.choices)
-            job |= {"path": path or [], "max_steps": budget, "limit": self.length}
-            recording = Recording(Rollout(seed, []), None, None)
-            self._run(self._worker(0), job, recording)
-            self._searches[key] = recording.trace.result or {}
-            self.steps += int(self._searches[key].get("steps", 0))
+            trace = self._ask(search)
+            self._searches[key] = trace.result or {}
+            self.steps += min(max(self._searches[key].get("steps", 0), 0), search.budget)
         return self._searches[key]
 
+    @property
+    def overrun(self) -> bool:
+        """Whether the subject's jobs have taken all the time that they may take together."""
+        return self.seconds > self.limits.total * self.budget.patience
+
     def _own_space(self, name: str) -> spaces.Space:
-        space = self.load().description.get(name)
-        if not isinstance(space, dict) or "type" not in space:
+        space: spaces.Space | None = self.load().description.get(name)  # type: ignore[assignment]
+        if space is None:
             raise Skip(f"the environment could not be constructed, so its {name} is not known")
         return space
 
-    def _record(self, rollout: Rollout) -> Trace:
+    def _record(self, rollout: Rollout, again: bool = False) -> Trace:
+        trace = self._ask(rollout, again)
+        if trace.end is not None and (
+            trace.end.how is How.DIED or (trace.end.how is How.TIMEOUT and self._timeouts == 1)
+        ):
+            # Batches hide how far it came: the same episode once more, every step sent at once, tells.
+            slow = self._result(self._begin(rollout, again, every_step=True))
+            if slow.end is not None and slow.end.how is trace.end.how:
+                trace = slow
+        self.steps += trace.steps
+        return trace
+
+    @property
+    def _refusal(self) -> str:
+        """Why nothing more is run, if so."""
         if self._timeouts >= _PATIENCE:
-            raise Skip(f"{self._timeouts} episodes hung; the check sandbox tells where")
-        recording = Recording(rollout, self.observation_space, self.action_space)
+            return f"{self._timeouts} episodes or searches hung; the check sandbox tells where"
+        return f"its episodes took {self.seconds:.0f} s together; the check sandbox tells more" if self.overrun else ""
+
+    def _ask(self, request: Rollout | Search, again: bool = False) -> Trace:
+        """Wait for what a check asks for. Whatever depends on the order of asking is done here. Raises Skip."""
+        if refusal := self._refusal:
+            raise Skip(refusal)
+        begun = self._ahead.pop((request.key(), again), None) or self._begin(request, again)
+        trace = self._result(begun)
+        if isinstance(request, Rollout):
+            # Foreseen it may have had another name.
+            trace.rollout = request
+        self._timeouts += trace.end is not None and trace.end.how is How.TIMEOUT
+        if self._refusal:
+            self.forget()
+        return trace
+
+    def _result(self, begun: Begun) -> Trace:
+        begun.recording.trace.end = self._end(begun)
+        return begun.recording.trace
+
+    def _end(self, begun: Begun) -> JobEnd:
+        try:
+            end: JobEnd = self._lanes.wait(begun.task)
+        except EnvCraftError:
+            # The sandbox failed: what was foreseen would only fail again.
+            self.forget()
+            raise
+        self.seconds += end.seconds
+        return end
+
+    def _begin(self, request: Rollout | Search, again: bool = False, every_step: bool = False) -> Begun:
+        if isinstance(request, Search):
+            job = self._job("search", search=request.kind, seed=request.seed, actions=self.choices)
+            job |= {"path": request.path, "max_steps": request.budget, "limit": self.length}
+            job["seconds"] = self.limits.job * _SEARCH_SHARE
+            asked = Rollout(request.seed, [], max_steps=self.length)
+            return self._submit(Place(), job, Recording(asked, None, self.action_space))
+        conditions = request.conditions
         job = self._job(
             "rollout",
-            seed=rollout.seed,
-            actions=rollout.actions,
-            max_steps=rollout.max_steps,
-            conditions=rollout.conditions.to_json(),
+            seed=request.seed,
+            actions=request.actions,
+            max_steps=request.max_steps,
+            conditions=conditions.to_json(),
         )
-        if rollout.conditions.options:
+        if conditions.options:
             job["options"] = {}
-        if rollout.policy and self.policy is not None:
+        if request.policy and self.policy is not None:
             job["policy"] = {"source": self.policy.source, "filename": "<envcraft_policy>"}
-        end = self._under(rollout.conditions, job, recording)
-        self._timeouts += end.how is How.TIMEOUT
-        if end.how is How.DIED or (end.how is How.TIMEOUT and self._timeouts == 1):
-            # Batches hide how far it came: the same episode once more, every step sent at once, tells.
-            again = Recording(rollout, self.observation_space, self.action_space)
-            end_again = self._under(rollout.conditions, {**job, "every_step": True}, again)
-            if end_again.how is end.how:
-                recording, end = again, end_again
-        recording.trace.end = end
-        self.steps += recording.trace.steps
-        return recording.trace
+        if every_step:
+            job["every_step"] = True
+        if conditions.fresh or conditions.hash_seed:
+            own = conditions.fresh and again
+            place = Place(conditions.hash_seed, apart=not own, own=own)
+        else:
+            # Conditions are compared with the plain run: in its worker nothing else differs.
+            place = Place(home=request.under(Conditions()).key())
+        recording = Recording(
+            request,
+            self.observation_space,
+            self.action_space,
+            exact=self.contract.observation is not None,
+            success=self.contract.success,
+        )
+        return self._submit(place, job, recording)
 
-    def _under(self, conditions: Conditions, job: dict[str, Any], recording: Recording) -> JobEnd:
-        if not conditions.fresh:
-            return self._run(self._worker(conditions.hash_seed), job, recording)
-        worker = self._launch(conditions.hash_seed)
-        try:
-            return self._run(worker, job, recording)
-        finally:
-            worker.close()
+    def _submit(self, place: Place, job: dict[str, Any], recording: Recording) -> Begun:
+        return Begun(recording, self._lanes.submit(place, lambda worker: self._run(worker, job, recording)))
 
     def _run(self, worker: Worker, job: dict[str, Any], recording: Recording) -> JobEnd:
-        try:
-            return worker.run(job, recording, self.limits)
-        except WorkerLost:
-            self.close()
-            raise
+        if worker not in self._prepared:
+            self._prepared.add(worker)
+            # Not before a job has shown that they can be imported; and where the fork server has no isolation of its
+            # own, jobs import them one by one.
+            if self._modules and self.driver.isolation is not Isolation.PROCESS:
+                worker.preload(self._modules)
+        return worker.run(job, recording, self.limits)
 
-    def _worker(self, hash_seed: int) -> Worker:
-        if hash_seed not in self._workers:
-            self._workers[hash_seed] = self._launch(hash_seed)
-        return self._workers[hash_seed]
+    @property
+    def _modules(self) -> list[str]:
+        """What an installed environment imports, as the worker says."""
+        if self._loaded is None:
+            return []
+        told = self._loaded.description
+        # A process with threads must not be forked.
+        return told.get("modules", []) if told.get("effects", {}).get("threads") == 0 else []
 
     def _launch(self, hash_seed: int) -> Worker:
         worker = self.driver.launch(hash_seed=hash_seed, limits=self.limits)
+        self.about = self.about or worker.about
         libraries = sorted(set(imported(self.target.source)) & set(self.contract.libraries or ()))
         if libraries:
-            worker.preload(libraries)
+            try:
+                worker.preload(libraries)
+            except BaseException:
+                worker.close()
+                raise
         return worker
 
     def _job(self, kind: str, **fields: Any) -> dict[str, Any]:
         return {
             "kind": kind,
-            "filename": Path(self.target.path).name,
-            "source": self.text,
-            "class": self.env_class,
+            "target": msgspec.structs.replace(self.target, env_class=self.env_class).for_worker(),
             "contract": self.contract.for_worker(),
             **fields,
         }
-
-
-def imported(source: bytes) -> Iterable[str]:
-    """The top-level modules that a source imports anywhere; none where it does not parse."""
-    try:
-        tree = ast.parse(source)
-    except (SyntaxError, ValueError, RecursionError, MemoryError):
-        return
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Import):
-            yield from (alias.name.partition(".")[0] for alias in node.names)
-        elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
-            yield node.module.partition(".")[0]
-
-
-def read_target(path: str, env_class: str | None = None) -> Target:
-    """Read a file to judge. Raises UsageError when it cannot be read."""
-    try:
-        with open(path, "rb") as stream:
-            return Target(path, stream.read(MAX_SOURCE + 1), env_class)
-    except OSError as error:
-        raise UsageError(f"{path} cannot be read: {error.strerror}") from None
-
-
-def read_policy(path: str) -> PolicyFile:
-    """Read a privileged policy. Raises UsageError when it cannot be read or is no text."""
-    try:
-        return PolicyFile(path, Path(path).read_text("utf-8"))
-    except OSError as error:
-        raise UsageError(f"the policy {path} cannot be read: {error.strerror}") from None
-    except UnicodeDecodeError:
-        raise UsageError(f"the policy {path} is not Python text") from None
 
 
 def elapsed(since: float) -> float:

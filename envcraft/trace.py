@@ -15,12 +15,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from envcraft import spaces
+from envcraft.contract import Success
+from envcraft.description import Description, Outcome, describe
+from envcraft.description import outcome as read_outcome
+from envcraft.errors import MalformedValue
+from envcraft.membership import problem, refuse
 from envcraft.rollout import Rollout
 from envcraft.sandbox import How, JobEnd, Step, Stop
-from envcraft.values import Layout, MalformedValue
+from envcraft.values import Layout
 
 _MAX_PROBLEMS = 3
 _MAX_LAYOUTS = 4096
+#: Layouts of one job, counting the parts of each.
+_MAX_PARTS = 100_000
+#: Bytes of info, and of frames, that one trace keeps as they are.
+_MAX_INFOS = 256 * 1024
+_MAX_FRAMES = 64 * 1024 * 1024
+_MAX_OUTPUT = 2000
 
 
 class Ending(StrEnum):
@@ -45,6 +56,7 @@ class Fault:
     malformed: str = ""
     line: int | None = None
     memory: bool = False
+    errno: int | None = None
     traceback: str = ""
 
     def __str__(self) -> str:
@@ -62,7 +74,11 @@ class Problem:
 
 @dataclass
 class Trace:
-    """One episode. Index 0 of `observations` and `infos` is the reset, of rewards and flags step 1."""
+    """One episode. Index 0 of `observations` and `infos` is the reset, of rewards and flags step 1.
+
+    Observations are digests. Infos are JSON as it came, the last one always; once an episode has given much of it the
+    others are digests too.
+    """
 
     rollout: Rollout
     observations: list[bytes] = field(default_factory=list)
@@ -85,8 +101,9 @@ class Trace:
     fault: Fault | None = None
     refused: str = ""
     end: JobEnd | None = None
-    result: dict[str, Any] | None = None
+    result: Outcome | None = None
     earlier: Trace | None = None
+    rule: Success = field(default_factory=Success)
 
     @property
     def steps(self) -> int:
@@ -129,8 +146,13 @@ class Trace:
         """The return: the undiscounted sum of rewards."""
         return float(sum(self.rewards))
 
+    @property
+    def printed(self) -> dict[str, Any]:
+        """The end of what the code printed, as evidence: never parsed, and {} for nothing."""
+        return {"output": self.end.output[-_MAX_OUTPUT:]} if self.end is not None and self.end.output.strip() else {}
+
     def info(self, step: int = -1) -> dict[str, Any]:
-        """The info of one step (0 is the reset), or {} where it is no JSON object."""
+        """The info of one step (0 is the reset), or {} where it is no JSON object or was not kept."""
         try:
             value = json.loads(self.infos[step] or b"{}")
         except (ValueError, IndexError, RecursionError):
@@ -141,20 +163,25 @@ class Trace:
     def success(self) -> bool | None:
         """Success by ``info["is_success"]`` where given, else by the return's sign at a terminated end.
 
-        None where neither says anything: no ``is_success`` and no terminated end.
+        None where neither says anything, or the contract lets neither: no ``is_success`` and no terminated end.
         """
-        told = self.info().get("is_success") if self.infos else None
+        told = self.told
         if told is not None:
             return bool(told)
-        if self.ending is Ending.TERMINATED:
+        if self.ending is Ending.TERMINATED and self.rule.sign:
             return self.total > 0
         return None
 
     @property
+    def told(self) -> Any:
+        """What the last info says of success; None for nothing."""
+        return self.info().get(self.rule.key) if self.infos else None
+
+    @property
     def positive(self) -> bool:
         """A positive outcome: success, or without ``is_success`` a positive return at any end."""
-        told = self.info().get("is_success") if self.infos else None
-        return bool(told) if told is not None else self.ended and self.total > 0
+        told = self.told
+        return bool(told) if told is not None else self.rule.sign and self.ended and self.total > 0
 
 
 #: The fields of a trace that must be equal under the same seed, in the order in which a step gives them.
@@ -189,7 +216,7 @@ def diverge(first: Trace, second: Trace) -> Divergence | None:
                 one, two = getattr(first, name)[step - 1], getattr(second, name)[step - 1]
                 if one != two and not (one != one and two != two):
                     return Divergence(step, name.removesuffix("s"), one, two)
-        if first.infos[step] != second.infos[step]:
+        if not _same_info(first.infos[step], second.infos[step]):
             return Divergence(step, "info", *_first_difference(first.info(step), second.info(step)))
     return None
 
@@ -197,7 +224,8 @@ def diverge(first: Trace, second: Trace) -> Divergence | None:
 class Recording:
     """Receives a job's messages (:class:`envcraft.sandbox.Recorder`) and builds a :class:`Trace`.
 
-    `observation_space` and `action_space` are what the values are checked against. Raises MalformedValue on bytes that
+    `observation_space` and `action_space` are what the values are checked against, the former exactly as the contract
+    says or as its environment means it; `success` tells what winning is. Raises MalformedValue on bytes that
     no layout allows.
     """
 
@@ -206,24 +234,35 @@ class Recording:
         rollout: Rollout,
         observation_space: dict[str, Any] | None,
         action_space: dict[str, Any] | None,
+        *,
+        exact: bool = True,
+        success: Success | None = None,
     ) -> None:
-        self.trace = Trace(rollout)
-        self.description: dict[str, Any] = {}
+        self._success = success or Success()
+        self._exact_space = exact
+        self.trace = Trace(rollout, rule=self._success)
+        self.description: Description = {}
         self._observation_space = observation_space
         self._action_space = action_space
         self._layouts: list[Layout] = []
         self._exact: list[bool] = []
+        self._parts = 0
+        self._infos = 0
+        self._frames = 0
 
     def phase(self, name: str) -> None:
         pass
 
     def loaded(self, description: dict[str, Any]) -> None:
-        self.description = description
+        self.description = describe(description)
 
     def layout(self, description: dict[str, Any]) -> None:
         if len(self._layouts) >= _MAX_LAYOUTS:
             raise MalformedValue(f"more than {_MAX_LAYOUTS} layouts")
         layout = Layout(description)
+        self._parts += layout.parts
+        if self._parts > _MAX_PARTS:
+            raise MalformedValue(f"layouts of more than {_MAX_PARTS} parts")
         self._layouts.append(layout)
         self._exact.append(self._is_any_frame(layout))
 
@@ -231,7 +270,7 @@ class Recording:
         if self.trace.observations:
             if self.trace.earlier is not None or not self.trace.rollout.conditions.again:
                 raise MalformedValue("a second reset")
-            self.trace = Trace(self.trace.rollout, earlier=self.trace)
+            self.trace = Trace(self.trace.rollout, earlier=self.trace, rule=self._success)
         self._observe(step)
 
     def step(self, step: Step) -> None:
@@ -255,7 +294,7 @@ class Recording:
         if len(self.trace.chosen) >= self.trace.rollout.max_steps:
             raise MalformedValue("an action that was not asked for")
         self.trace.chosen.append(action)
-        if self._action_space is not None and (wrong := _refuse(self._action_space, action)):
+        if self._action_space is not None and (wrong := refuse(self._action_space, action)):
             self.trace.refused = wrong
             raise Stop
 
@@ -280,17 +319,18 @@ class Recording:
             self.trace.overwritten.append(self.trace.steps + 1)
 
     def acted(self, action: Any) -> None:
-        number = self.trace.steps
-        given = self.trace.chosen if self.trace.rollout.policy else self.trace.rollout.actions
-        if number < len(given) and not _equal(given[number], action):
-            self.trace.acted.append((number + 1, action))
+        if not isinstance(action, dict):
+            raise MalformedValue("an action that is not told before and after")
+        if len(self.trace.acted) < _MAX_PROBLEMS and action.get("before") != action.get("now"):
+            self.trace.acted.append((self.trace.steps + 1, action.get("now")))
 
     def fault(self, report: dict[str, Any]) -> None:
         if report.get("note"):
             if len(self.trace.info_notes) < _MAX_PROBLEMS:
-                self.trace.info_notes.append((self.trace.steps, report))
+                note: dict[str, Any] = {key: str(report[key])[:200] for key in ("type", "key") if key in report}
+                self.trace.info_notes.append((self.trace.steps, note))
             return
-        line = report.get("line")
+        line, errno = report.get("line"), report.get("errno")
         self.trace.fault = Fault(
             phase=str(report.get("phase")),
             step=self.trace.steps + (report.get("phase") == "step"),
@@ -299,11 +339,24 @@ class Recording:
             malformed=str(report.get("malformed", ""))[:200],
             line=line if isinstance(line, int) else None,
             memory=bool(report.get("memory")),
+            errno=errno if isinstance(errno, int) else None,
             traceback=str(report.get("traceback", ""))[:8000],
         )
 
     def result(self, outcome: dict[str, Any]) -> None:
-        self.trace.result = outcome
+        if self._action_space is None:
+            raise MalformedValue("a search's result without a search")
+        self.trace.result = read_outcome(outcome, self._action_space, self.trace.rollout.max_steps)
+
+    def end(self) -> None:
+        """The job says that it is complete: then the whole episode must have come, or what stopped it."""
+        trace, rollout = self.trace, self.trace.rollout
+        wanted = rollout.max_steps if rollout.policy else len(rollout.actions)
+        stopped = trace.fault is not None or trace.refused or trace.ended or trace.result is not None
+        if not stopped and trace.steps < wanted:
+            raise MalformedValue(f"an end after {trace.steps} of {wanted} steps")
+        if not stopped and rollout.conditions.again and trace.earlier is None:
+            raise MalformedValue("an end before the second episode")
 
     def _observe(self, step: Step) -> None:
         trace = self.trace
@@ -316,19 +369,30 @@ class Recording:
             raise MalformedValue(f"{len(step.data)} bytes for {layout}")
         trace.micros += step.micros
         trace.observations.append(_digest(layout, step.data))
-        # Most environments repeat their info: share it.
-        info = trace.infos[-1] if trace.infos and trace.infos[-1] == step.info else step.info
-        trace.infos.append(info)
-        if len(trace.frames) < trace.rollout.keep and layout.kind == "array":
+        self._keep_info(step.info)
+        wanted = layout.kind == "array" and len(trace.frames) < trace.rollout.keep
+        if wanted and self._frames + layout.size <= _MAX_FRAMES:
+            self._frames += layout.size
             trace.frames.append(np.array(layout.decode(step.data)))
+
+    def _keep_info(self, info: bytes) -> None:
+        infos = self.trace.infos
+        if infos and infos[-1] == info:
+            # Most environments repeat their info: share it.
+            infos.append(infos[-1])
+            return
+        if infos and self._infos > _MAX_INFOS:
+            infos[-1] = _info_digest(infos[-1])
+        self._infos += len(info)
+        infos.append(info)
 
     def _problems(self, layout: Layout, value: Any) -> list[tuple[str, str]]:
         space = self._observation_space
-        if layout.kind == "other":
+        if layout.kind == "other" and (space is None or space["type"] in spaces.KNOWN):
             return [("type", f"the observation is {layout}")]
         if space is None:
             return []
-        found = [spaces.problem(space, value)]
+        found = [problem(space, value, exact=self._exact_space)]
         if (
             found[0]
             and space["type"] == "Box"
@@ -336,7 +400,7 @@ class Recording:
             and layout.dtype is not None
         ):
             # A wrong dtype hides whether the numbers are in range.
-            found.append(spaces.problem({**space, "dtype": str(layout.dtype)}, value))
+            found.append(problem({**space, "dtype": str(layout.dtype)}, value, exact=self._exact_space))
         return list(dict.fromkeys(problem for problem in found if problem))
 
     def _is_any_frame(self, layout: Layout) -> bool:
@@ -367,24 +431,13 @@ def _digest(layout: Layout, data: memoryview) -> bytes:
     return hashlib.blake2b(data, digest_size=16, key=layout.tag).digest()
 
 
-def _refuse(space: dict[str, Any], action: Any) -> str:
-    """Say why an action that a policy chose is not in the space, or nothing."""
-    kind = space["type"]
-    try:
-        value: Any = np.asarray(action) if kind in ("MultiDiscrete", "MultiBinary") else action
-        if kind == "Box":
-            value = np.asarray(action, dtype=space["dtype"])
-        found = spaces.problem(space, value, "the action")
-    except (ValueError, TypeError):
-        return f"the action {_short(action)} is not in {spaces.describe(space)}"
-    return f"{found[1]}, in {spaces.describe(space)}" if found else ""
+def _info_digest(info: bytes) -> bytes:
+    """What stands for a long info: no JSON, so that it reads as none."""
+    return b"#" + hashlib.blake2b(info, digest_size=16).digest() if len(info) > 17 else info
 
 
-def _equal(given: Any, now: Any) -> bool:
-    if isinstance(given, list) and isinstance(now, list):
-        return len(given) == len(now) and all(map(_equal, given, now))
-    near = isinstance(given, float) and isinstance(now, int | float) and abs(given - now) < 1e-6
-    return near or bool(given == now)
+def _same_info(one: bytes, two: bytes) -> bool:
+    return one == two or _info_digest(one) == two or one == _info_digest(two)
 
 
 def _first_difference(one: dict[str, Any], two: dict[str, Any]) -> tuple[Any, Any]:

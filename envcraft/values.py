@@ -8,22 +8,23 @@ from typing import Any
 
 import numpy as np
 
+from envcraft.errors import MalformedValue
+
 MAX_BYTES = 8 * 1024 * 1024
 _MAX_DEPTH = 9
 _MAX_ITEMS = 4096
 _KINDS = "biufcSU"
 
 
-class MalformedValue(ValueError):
-    """A layout or its bytes are not what the protocol allows."""
-
-
 class Layout:
-    """The shape of one value. `size` is the number of its bytes; `tag` tells layouts apart in digests."""
+    """The shape of one value. `size` is the number of its bytes, `parts` of the layouts in it, itself included; `tag`
+    tells layouts apart in digests.
+    """
 
-    __slots__ = ("dtype", "items", "kind", "name", "shape", "size", "tag")
+    __slots__ = ("dtype", "items", "kind", "name", "parts", "shape", "size", "tag")
 
     size: int
+    parts: int
     tag: bytes
 
     def __init__(self, spec: Any, depth: int = 0) -> None:
@@ -58,6 +59,7 @@ class Layout:
             self.name = str(spec.get("type"))[:200]
         else:
             raise MalformedValue(f"layout kind {self.kind[:40]!r}")
+        self.parts = 1 + sum(item.parts for _, item in self.items)
         if self.size > MAX_BYTES:
             raise MalformedValue(f"a value of {self.size} bytes")
         identity = (self.kind, str(self.dtype), self.shape, self.name, [(name, item.tag) for name, item in self.items])

@@ -6,12 +6,17 @@ The field names are the public JSON of ``envcraft validate --format json``.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from enum import StrEnum
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 
 from envcraft import __version__
+from envcraft.target import Kind
+
+if TYPE_CHECKING:
+    from envcraft.sandbox import Driver
 
 SCHEMA = 1
 
@@ -65,8 +70,34 @@ class CheckReport(msgspec.Struct):
     reason: str = ""
 
 
+class SandboxReport(msgspec.Struct, frozen=True):
+    """What the code ran in: the driver, its protections in force, those that this machine lacks, and the digest of the
+    container's image.
+    """
+
+    driver: str = ""
+    layers: list[str] = []
+    missing: list[str] = []
+    image: str | None = None
+
+    @classmethod
+    def of(cls, driver: Driver, about: Mapping[str, Any]) -> SandboxReport:
+        """What `driver` says of itself, and a worker of its (:attr:`envcraft.sandbox.Worker.about`) found inside."""
+        available = driver.probe()
+        layers = dict.fromkeys([*available.layers, *map(str, about.get("layers", ()))])
+        missing = dict.fromkeys([*available.missing, *map(str, about.get("missing", ()))])
+        image = about.get("image")
+        # What holds on either side of the boundary is not missing.
+        missing = {layer: None for layer in missing if layer not in layers}
+        return cls(driver.name, list(layers), list(missing), None if image is None else str(image))
+
+
 class SubjectReport(msgspec.Struct):
-    """All checks' verdicts on one subject; `steps` are environment steps, `seconds` wall time."""
+    """All checks' verdicts on one subject; `steps` are environment steps, `seconds` wall time.
+
+    `path`, `kind`, `kwargs` and `wrappers` are those of the target. `module` is that of an installed class: lines of
+    findings are lines of its file, which `source_sha256` is of.
+    """
 
     path: str
     env_class: str | None
@@ -79,6 +110,16 @@ class SubjectReport(msgspec.Struct):
     driver: str = ""
     reason: str = ""
     policy: str | None = None
+    sandbox: SandboxReport = SandboxReport()
+    kind: Kind = Kind.SOURCE
+    module: str | None = None
+    kwargs: dict[str, Any] = {}
+    wrappers: list[str] = []
+
+    @property
+    def file(self) -> str:
+        """What the lines of findings are counted in."""
+        return self.module or self.path
 
 
 class Report(msgspec.Struct):
@@ -112,7 +153,7 @@ def plain(value: Any) -> Any:
         order = sorted(fields, key=lambda name: _ORDER.index(name) if name in _ORDER else len(_ORDER))
         return {name: plain(fields[name]) for name in order}
     if isinstance(value, dict):
-        return {str(key): plain(item) for key, item in value.items()}
+        return {plain(str(key)): plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
         return [plain(item) for item in value]
     if isinstance(value, float) and not math.isfinite(value):

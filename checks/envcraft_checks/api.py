@@ -24,8 +24,9 @@ def step(self, action):
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from envcraft.check import Check, Rule
 from envcraft.plugins import hookimpl
@@ -41,6 +42,9 @@ _INSPECT = Conditions(reread=True, options=True)
 _RENDER = Conditions(render=True)
 _INSPECTED = 200
 _CALLS = {"reset": "EC104", "earlier reset": "EC104", "step": "EC107", "render": "EC112", "close": "EC113"}
+
+#: What graphics libraries say where there is no screen: nothing about the environment.
+_NO_SCREEN = re.compile(r"OpenGL|\bGL context|gladLoad|\bdisplay\b|\bEGL\b|OSMesa|GLFW", re.IGNORECASE)
 
 
 class Api(Check):
@@ -121,7 +125,7 @@ class Api(Check):
             given = told.get(name)
             if not isinstance(given, dict) or "type" not in given:
                 continue
-            if promised is None and given["type"] not in spaces.KNOWN:
+            if promised is None and given["type"] not in spaces.KNOWN and not given.get("custom"):
                 yield self.finding(
                     code, f"{name} is {given['type']}, no space of Gymnasium", line=subject.line_of("__init__")
                 )
@@ -136,19 +140,21 @@ class Api(Check):
         """What every kind of play gives, the cheapest first, so that a plain defect is found at once."""
         from envcraft.rollout import Episode
 
-        first = subject.random(0)
-        yield first
+        players = subject.players
+        first = players.random(0)
         told = subject.load().description
-        base = Rollout(first.rollout.seed, first.rollout.actions[:_INSPECTED], player="random play")
+        base = first.cut(_INSPECTED)
         options = "options" in told.get("reset", ("options",))
-        yield subject.rollout(base.under(_INSPECT if options else Conditions(reread=True)))
-        if subject.contract.render or "rgb_array" in told.get("render_modes", ()):
-            yield subject.rollout(base.under(_RENDER))
-        again = Conditions(before=[Episode(first.rollout.seed, first.rollout.actions[:_INSPECTED])])
-        yield subject.rollout(base.cut(5).under(again))
-        yield from subject.played()
-        for offset in range(subject.budget.rotations):
-            yield subject.rotation(offset)
+        rollouts = [first, base.under(_INSPECT if options else Conditions(reread=True))]
+        if subject.renders:
+            rollouts.append(base.under(_RENDER))
+        rollouts.append(base.cut(5).under(Conditions(before=[Episode(base.seed, base.actions)])))
+        subject.foresee(rollouts)
+        # The longest jobs are not left to the end, where they would run alone.
+        subject.foresee(subject.explorations())
+        rollouts += [*players.all(), *players.rotations()]
+        subject.foresee(rollouts)
+        yield from map(subject.rollout, rollouts)
 
     def _search_crash(self, subject: Subject) -> Trace | None:
         """A trace that ends in an exception, found by search and confirmed by a rollout."""
@@ -160,7 +166,7 @@ class Api(Check):
         longest = max(
             (trace for trace in subject.played() if trace.usable), key=lambda trace: trace.steps, default=None
         )
-        reached = min((subject.rotation(offset).steps for offset in range(subject.budget.rotations)), default=0)
+        reached = min((trace.steps for trace in subject.rollouts(subject.players.rotations())), default=0)
         # Where each rotation lives as long, every action has been tried at every step already.
         if not subject.budget.sweep or longest is None or reached >= longest.steps:
             return None
@@ -186,7 +192,7 @@ class Api(Check):
             yield self.finding("EC110", words, line=subject.line_of("step"), step=step)
         if trace.acted:
             step, now = trace.acted[0]
-            words = f"step {step} changed its action to {now}"
+            words = f"step {step} changed its action to {str(now)[:200]}"
             yield self.finding("EC111", words, line=subject.line_of("step"), step=step)
         for problem in trace.render_problems:
             if problem.kind == "type":
@@ -204,10 +210,13 @@ class Api(Check):
             return self.finding(code, words, line=line, step=fault.step)
         if fault.phase not in _CALLS:
             return None
+        if fault.phase == "render" and _NO_SCREEN.search(f"{fault.type} {fault.message}"):
+            return None
         code = _CALLS[fault.phase]
         where = f"step {fault.step}" if fault.phase == "step" else f"{fault.phase.removeprefix('earlier ')}()"
         words = f"{where} raises {fault} (under {trace.rollout.player})"
-        return self.finding(code, words, line=line, step=fault.step, type=fault.type, traceback=fault.traceback)
+        raised: dict[str, Any] = {"type": fault.type, "traceback": fault.traceback, **trace.printed}
+        return self.finding(code, words, line=line, step=fault.step, **raised)
 
     def _smallest(self, subject: Subject, trace: Trace, finding: Finding) -> Finding:
         """The finding with a reproduction that is as short and as idle as a few tries make it."""
@@ -217,7 +226,9 @@ class Api(Check):
             return any(found.code == finding.code for found in self.find(subject, subject.rollout(rollout)))
 
         small = shrink(trace.rollout, finding.evidence.get("step", trace.steps), shows, subject.contract.noop)
-        return msgspec.structs.replace(finding, repro=repro(small))
+        # It may show at another step than the first time.
+        again = (found for found in self.find(subject, subject.rollout(small)) if found.code == finding.code)
+        return msgspec.structs.replace(next(again, finding), repro=repro(small))
 
 
 def _at(step: int) -> str:

@@ -24,6 +24,7 @@ def reset(self, *, seed=None, options=None):
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
@@ -44,10 +45,13 @@ _LOGICAL = ClockShift(offset=0.0, rate=0.0)
 _OTHER_HASHES = 20_241
 _OTHER_STATE = 1_000_003
 _BEFORE_STEPS = 200
+#: A number drawn from a few comes out the same by chance: so often it is drawn again before that means anything.
+_AGAIN = 3
 
 
 class Determinism(Check):
     name = "determinism"
+    hash_seeds = (_OTHER_HASHES,)
     rules = (
         Rule(
             "EC201", "run-again", "The same seed gives another trace when run again.", "Draw from self.np_random only."
@@ -106,13 +110,18 @@ class Determinism(Check):
     )
 
     def judge(self, subject: Subject) -> Iterator[Finding]:
+        if subject.load().description.get("nondeterministic"):
+            raise Skip("its registration says that it is nondeterministic")
         seeds, length = subject.budget.probes
+        players = subject.players
+        plays = subject.rollouts([(players.sticky if n % 2 else players.random)(n) for n in range(seeds)])
+        reset = list(itertools.takewhile(lambda play: play.observations, plays))
+        probes = [play.rollout.cut(min(length, max(play.steps, 1))) for play in reset]
+        for rollout in probes:
+            subject.foresee([rollout, rollout.under(self._together(subject, rollout))])
+            subject.foresee([rollout], again=True)
         told: set[str] = set()
-        for number in range(seeds):
-            play = subject.random(number) if number % 2 == 0 else subject.sticky(number)
-            if not play.observations:
-                raise Skip("reset() gives no observation")
-            rollout = play.rollout.cut(min(length, max(play.steps, 1)))
+        for rollout in probes:
             for finding in self._probe(subject, rollout):
                 if finding.code not in told:
                     told.add(finding.code)
@@ -120,6 +129,8 @@ class Determinism(Check):
             if told - {"EC210"}:
                 # What differs on one seed costs every further one all conditions again.
                 return
+        if len(reset) < seeds:
+            raise Skip("reset() gives no observation")
         yield from self._judge_seeds(subject)
 
     def confirm(self, subject: Subject, finding: Finding) -> Finding | None:
@@ -142,11 +153,7 @@ class Determinism(Check):
         if (found := _diverge(base, subject.rerun(rollout))) is not None:
             yield self._attribute_repeat(subject, rollout, found)
             return
-        alone = self._conditions(subject, rollout)
-        together = msgspec.structs.replace(
-            Conditions(fresh=True, heap=1, hash_seed=_OTHER_HASHES, render=True),
-            **{name: getattr(conditions, name) for _, conditions, name in alone if name not in ("hash_seed", "render")},
-        )
+        together = self._together(subject, rollout)
         everything = subject.rollout(rollout.under(together))
         found = _diverge(base, everything)
         if found is None and not _interrupted(everything):
@@ -157,6 +164,8 @@ class Determinism(Check):
             if (again := _diverge(base, subject.rerun(rollout.under(fresh)))) is not None:
                 yield self._found(subject, "EC202", rollout, fresh, again)
                 return
+        alone = self._alone(subject, rollout)
+        subject.foresee(rollout.under(conditions) for _, conditions, _ in alone)
         for code, conditions, _ in alone:
             if (again := _diverge(base, subject.rollout(rollout.under(conditions)))) is not None:
                 reported = True
@@ -166,7 +175,15 @@ class Determinism(Check):
         if found is not None and not reported:
             yield self._found(subject, "EC206", rollout, together, found)
 
-    def _conditions(self, subject: Subject, rollout: Rollout) -> list[tuple[str, Conditions, str]]:
+    def _together(self, subject: Subject, rollout: Rollout) -> Conditions:
+        """All conditions at the same time."""
+        alone = self._alone(subject, rollout)
+        return msgspec.structs.replace(
+            Conditions(fresh=True, heap=1, hash_seed=_OTHER_HASHES, render=subject.renders),
+            **{name: getattr(conditions, name) for _, conditions, name in alone if name not in ("hash_seed", "render")},
+        )
+
+    def _alone(self, subject: Subject, rollout: Rollout) -> list[tuple[str, Conditions, str]]:
         """Each condition alone: the code that it would give, the condition, and its field."""
         from envcraft import actions
 
@@ -175,6 +192,7 @@ class Determinism(Check):
             seed = rollout.seed + 7_919 + number
             return Episode(seed, make(subject.action_space, seed, _BEFORE_STEPS))
 
+        rendered = [("EC208", Conditions(render=True), "render")] if subject.renders else []
         before = [episode(0), episode(1, sticky=True), episode(2)]
         return [
             ("EC203", Conditions(hash_seed=_OTHER_HASHES), "hash_seed"),
@@ -182,19 +200,23 @@ class Determinism(Check):
             ("EC205", Conditions(clock=_SHIFTED), "clock"),
             ("EC206", Conditions(before=before), "before"),
             ("EC207", Conditions(companion=episode(3)), "companion"),
-            ("EC208", Conditions(render=True), "render"),
+            *rendered,
         ]
 
     def _attribute_repeat(self, subject: Subject, rollout: Rollout, found: Divergence) -> Finding:
         """The plain repetition differs: is it the clock, the process, or the run itself?"""
         logical = rollout.under(Conditions(clock=_LOGICAL))
-        if _diverge(subject.rerun(logical), subject.rerun(logical)) is None:
+        first = subject.rerun(logical)
+        if all(_diverge(first, subject.rerun(logical)) is None for _ in range(_AGAIN)):
             code = "EC210" if found.field == "info" else "EC205"
             return self._found(subject, code, rollout, Conditions(clock=_SHIFTED), found)
         again = Conditions(again=True)
-        twice = subject.rerun(rollout.under(again))
-        within = _diverge(twice.earlier, twice) if twice.earlier is not None else found
-        if within is None:
+        for _ in range(_AGAIN):
+            twice = subject.rerun(rollout.under(again))
+            within = _diverge(twice.earlier, twice) if twice.earlier is not None else found
+            if within is not None:
+                break
+        else:
             return self._found(subject, "EC202", rollout, Conditions(fresh=True, heap=1), found)
         return self._found(subject, "EC201", rollout, again, within)
 
@@ -226,9 +248,9 @@ class Determinism(Check):
 
     def _judge_seeds(self, subject: Subject) -> Iterator[Finding]:
         length = subject.budget.probes[1]
-        plays = [subject.random(number).rollout.cut(length) for number in range(3)]
+        plays = [subject.players.random(number).cut(length) for number in range(3)]
         same = [msgspec.structs.replace(play, actions=plays[0].actions) for play in plays]
-        traces = [subject.rollout(rollout) for rollout in same]
+        traces = subject.rollouts(same)
         if all(_alike(traces[0], trace) for trace in traces[1:]):
             seeds = [rollout.seed for rollout in same]
             yield self.finding(

@@ -68,13 +68,21 @@ class Difficulty(Check):
     def judge(self, subject: Subject) -> Iterator[Finding]:
         if not any(trace.usable and trace.steps for trace in subject.played()):
             raise Skip("no episode could be stepped")
+        success = subject.contract.success
+        if not success.sign and all(trace.told is None for trace in subject.played()):
+            raise Skip(f"info has no {success.key}, and without it nothing tells what winning is")
         policy_wins = False
         if subject.policy is not None:
             wrong = self._judge_policy(subject)
             if wrong is not None:
                 yield wrong
             else:
-                verdict, rate = settle(lambda number: subject.act(number).positive, 0.0, subject.budget.looks[:2])
+                verdict, rate = settle(
+                    lambda number: subject.act(number).positive,
+                    0.0,
+                    subject.budget.looks[:2],
+                    lambda numbers: subject.foresee(map(subject.players.policy, numbers)),
+                )
                 policy_wins = verdict is True or rate.hits > 0
                 if not policy_wins:
                     yield from self._compare(subject, rate)
@@ -94,8 +102,7 @@ class Difficulty(Check):
         return super().confirm(subject, finding)
 
     def _judge_policy(self, subject: Subject) -> Finding | None:
-        for number in range(3):
-            trace = subject.act(number)
+        for trace in subject.rollouts([subject.players.policy(number) for number in range(3)]):
             if trace.refused:
                 return self.finding("EC805", f"the policy's move {len(trace.chosen)} is refused: {trace.refused}")
             if trace.fault is not None and (
@@ -122,10 +129,11 @@ class Difficulty(Check):
     def _compare(self, subject: Subject, rate: Proportion) -> Iterator[Finding]:
         """Hold a policy that never wins against random play and doing nothing, by mean return on the same seeds."""
         numbers = range(rate.n)
-        players = {"the policy": subject.act, "random play": subject.random}
+        ask = {"the policy": subject.players.policy, "random play": subject.players.random}
         if subject.contract.noop is not None:
-            players["doing nothing"] = subject.noop
-        means = {name: sum(play(number).total for number in numbers) / rate.n for name, play in players.items()}
+            ask["doing nothing"] = subject.players.noop
+        played = {name: subject.rollouts([play(number) for number in numbers]) for name, play in ask.items()}
+        means = {name: sum(trace.total for trace in traces) / rate.n for name, traces in played.items()}
         others = max(mean for name, mean in means.items() if name != "the policy")
         if means["the policy"] <= others:
             words = ", ".join(f"{name} {mean:.3g}" for name, mean in means.items())
@@ -145,10 +153,10 @@ class Difficulty(Check):
             return ""
         if any(subject.explore(number).get("crash") for number in range(subject.budget.explore[1])):
             return "exploration ends in a crash, so what can be reached is not known"
-        told: dict[str, Any] = {}
         for number in range(subject.budget.explore[1]):
             told = subject.exhaust(number)
-            if told.get("win") and subject.scripted(number, told["win"], "search through all states").positive:
+            win = told.get("win")
+            if win and subject.scripted(number, win, "search through all states").positive:
                 return ""
             if not told.get("exhausted"):
                 why = "the game draws random numbers while it is stepped" if told.get("stochastic") else "more remain"
@@ -183,9 +191,12 @@ class Difficulty(Check):
             action = trace.rollout.actions[0]
 
             def won(number: int, action: Any = action) -> bool:
-                return bool(subject.hold(action, number).success)
+                return bool(subject.rollout(subject.players.hold(action, number)).success)
 
-            verdict, rate = settle(won, subject.contract.consistently, subject.budget.looks)
+            def foresee(numbers: range, action: Any = action) -> None:
+                subject.foresee(subject.players.hold(action, number) for number in numbers)
+
+            verdict, rate = settle(won, subject.contract.consistently, subject.budget.looks, foresee)
             if verdict is True and not self._beaten(subject, trace):
                 return self.finding(
                     "EC802",
@@ -198,7 +209,7 @@ class Difficulty(Check):
 
     def _beaten(self, subject: Subject, trace: Trace) -> bool:
         """Whether other play clearly earns more, where a positive return is all that winning means."""
-        if "is_success" in trace.info():
+        if trace.told is not None:
             return False
         best = max(other.total for other in [*subject.played(), *subject.explored()])
         return best > 1.25 * trace.total
@@ -208,11 +219,16 @@ class Difficulty(Check):
             chosen = subject.greedy(number).get("best") or []
             return bool(chosen) and bool(subject.scripted(number, chosen, "the greedy player").success)
 
-        verdict, rate = settle(won, subject.contract.consistently, subject.budget.looks)
+        verdict, rate = settle(
+            won,
+            subject.contract.consistently,
+            subject.budget.looks,
+            lambda numbers: subject.foresee(map(subject.greed, numbers)),
+        )
         if verdict is not True:
             return None
         first = next(number for number in range(rate.n) if won(number))
-        trace = subject.scripted(first, subject.greedy(first)["best"], "the greedy player")
+        trace = subject.scripted(first, subject.greedy(first).get("best") or [], "the greedy player")
         return self.finding(
             "EC803",
             f"the moves with the best immediate reward win {rate} within {_GREEDY_MOVES} steps",

@@ -49,7 +49,10 @@ class InstaDeath(Check):
         def lost(number: int) -> bool:
             return _lost(subject.noop(number, within))
 
-        verdict, rate = settle(lost, _MOST, subject.budget.looks)
+        def foresee(numbers: range) -> None:
+            subject.foresee(subject.players.noop(number, within) for number in numbers)
+
+        verdict, rate = settle(lost, _MOST, subject.budget.looks, foresee)
         # An episode that is over before anything can be done is the check termination's.
         if verdict is True:
             shortest = min((subject.noop(number, within) for number in range(rate.n)), key=lambda trace: trace.steps)

@@ -48,16 +48,22 @@ class InstaWin(Check):
     def judge(self, subject: Subject) -> Iterator[Finding]:
         if not any(trace.ended for trace in subject.played()):
             raise Skip("no episode ends by itself")
-        yield from self._judge_random(subject)
+        if wins_told(subject):
+            yield from self._judge_random(subject)
         yield from self._judge_paid(subject)
 
     def _judge_random(self, subject: Subject) -> Iterator[Finding]:
         consistently = subject.contract.consistently
-        verdict, rate = settle(lambda number: bool(subject.random(number).success), consistently, subject.budget.looks)
+        verdict, rate = settle(
+            lambda number: bool(subject.random(number).success),
+            consistently,
+            subject.budget.looks,
+            lambda numbers: subject.foresee(map(subject.players.random, numbers)),
+        )
         if verdict is not True:
             return
         wins = [trace for trace in map(subject.random, range(rate.n)) if trace.success]
-        if not all("is_success" in trace.info() for trace in wins):
+        if not all(trace.told is not None for trace in wins):
             usual = sum(trace.total for trace in wins) / len(wins)
             best = max(trace.total for trace in [*subject.played(), *subject.explored()])
             if best > max(_CLEARLY * usual, usual + 1e-9):
@@ -72,7 +78,8 @@ class InstaWin(Check):
         )
 
     def _judge_paid(self, subject: Subject) -> Iterator[Finding]:
-        traces = [trace for trace in subject.played() if trace.ended]
+        # Play that comes to no end, where a goal is all that ends an episode, is not paid as play that does.
+        traces = [trace for trace in subject.played() if trace.usable]
         by_seed: dict[int, list[Trace]] = {}
         for trace in [*traces, *(trace for trace in subject.explored() if trace.ended)]:
             by_seed.setdefault(trace.rollout.seed, []).append(trace)
@@ -90,6 +97,11 @@ class InstaWin(Check):
             episodes=len(traces),
             earned=earned,
         )
+
+
+def wins_told(subject: Subject) -> bool:
+    """Whether anything tells a win: the return's sign, or else some episode's info."""
+    return subject.contract.success.sign or any(trace.told is not None for trace in subject.played())
 
 
 def _same_returns(traces: list[Trace]) -> bool:

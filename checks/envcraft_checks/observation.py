@@ -27,8 +27,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
-import msgspec
-
 from envcraft.check import Check, Rule, Skip
 from envcraft.plugins import hookimpl
 from envcraft.rollout import Conditions, Rollout
@@ -59,6 +57,11 @@ class Observation(Check):
         if not traces:
             raise Skip("no episode came to a second observation")
         longest = max(traces, key=lambda trace: trace.steps)
+        subject.foresee(
+            [self._watch(subject, subject.choices[0]), self._rendered(traces[0])][: 1 + subject.contract.render]
+        )
+        if _only_value(subject.observation_space):
+            raise Skip("the observation space has one value only")
         if all(len(set(trace.observations)) == 1 for trace in traces):
             yield self.finding(
                 "EC401",
@@ -74,9 +77,11 @@ class Observation(Check):
         yield from self._find_unlike_render(subject, traces[0])
 
     def _find_noise(self, subject: Subject) -> Finding | None:
+        if not _pictures(subject.observation_space):
+            return None
         watched = []
         for action in (subject.choices[0], subject.choices[-1]):
-            rollout = Rollout(subject.episode_seed(0), [action] * _WATCHED, player=f"holding {action}", keep=_WATCHED)
+            rollout = self._watch(subject, action)
             trace = subject.rollout(rollout)
             measured = noise(trace.frames)
             if measured is None or not measured[0]:
@@ -93,6 +98,12 @@ class Observation(Check):
             correlation=correlation,
         )
 
+    def _watch(self, subject: Subject, action: Any) -> Rollout:
+        return Rollout(subject.episode_seed(0), [action] * _WATCHED, player=f"holding {action}", keep=_WATCHED)
+
+    def _rendered(self, play: Trace) -> Rollout:
+        return play.rollout.cut(_RENDERED).under(Conditions(render=True))
+
     def _find_unresponsive(self, subject: Subject, traces: list[Trace]) -> Finding | None:
         compared, longest = 0, None
         by_seed: dict[int, list[Trace]] = {}
@@ -103,6 +114,9 @@ class Observation(Check):
                 if trace.rollout.actions == same[0].rollout.actions:
                     continue
                 if any(one != two for one, two in zip(same[0].observations, trace.observations, strict=False)):
+                    return None
+                if subject.contract.observation is None and _paid_apart(same[0], trace):
+                    # As in a bandit, or where something is to be remembered: the reward tells what was done.
                     return None
                 compared += 1
                 longest = trace if longest is None or trace.steps > longest.steps else longest
@@ -120,7 +134,7 @@ class Observation(Check):
     def _find_unlike_render(self, subject: Subject, play: Trace) -> Iterator[Finding]:
         if not subject.contract.render:
             return
-        rollout = msgspec.structs.replace(play.rollout.cut(_RENDERED), conditions=Conditions(render=True))
+        rollout = self._rendered(play)
         trace = subject.rollout(rollout)
         differing = [problem for problem in trace.render_problems if problem.kind == "differs"]
         # An observation that fails the contract's type is api's finding, not a disagreement of two good pictures.
@@ -136,6 +150,21 @@ class Observation(Check):
                 repro=repro(rollout.cut(step)),
                 step=step,
             )
+
+
+def _paid_apart(one: Trace, two: Trace) -> bool:
+    return any(first != second for first, second in zip(one.rewards, two.rewards, strict=False))
+
+
+def _pictures(space: dict[str, Any]) -> bool:
+    """Whether observations are pictures: a few numbers may well be drawn anew at each step, as in a bandit."""
+    return bool(space["type"] == "Box" and len(space["shape"]) >= 2 and space["dtype"] == "uint8")
+
+
+def _only_value(space: dict[str, Any]) -> bool:
+    if space["type"] == "Box":
+        return bool(space["low"] == space["high"] and space["low"] is not None) and not isinstance(space["low"], list)
+    return bool(space["type"] == "Discrete" and space["n"] == 1)
 
 
 def noise(frames: Sequence[Any]) -> tuple[bool, float, float] | None:

@@ -17,10 +17,11 @@ while not self._free(x, y):     # EC901: never ends once the board is full
 
 from __future__ import annotations
 
+import errno
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-from envcraft.check import Check, Rule
+from envcraft.check import Check, Rule, Skip
 from envcraft.plugins import hookimpl
 from envcraft.rollout import Conditions, Rollout
 from envcraft.sandbox import How
@@ -31,7 +32,20 @@ if TYPE_CHECKING:
     from envcraft.subject import Subject
     from envcraft.trace import Trace
 
+#: Exceptions of code that asks for the network, and the errors of sockets that are refused.
 _NETWORK = ("gaierror", "herror", "URLError", "ConnectionRefusedError", "ConnectionError")
+_NO_NETWORK = (errno.ENETUNREACH, errno.ENETDOWN)
+_NO_PROCESS = errno.EAGAIN
+_NO_SPACE = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+_ENDS = {
+    How.TIMEOUT: "EC901",
+    How.MEMORY: "EC902",
+    How.PROCESSES: "EC903",
+    How.FLOOD: "EC904",
+    How.DISK: "EC904",
+    How.DIED: "EC906",
+    How.FORGED: "EC907",
+}
 
 
 class SandboxEvents(Check):
@@ -40,8 +54,8 @@ class SandboxEvents(Check):
     rules = (
         Rule("EC901", "deadline", "A call did not end within its deadline.", "Bound the loop that the call is in."),
         Rule("EC902", "memory", "The memory limit was reached.", "Keep no more than an episode needs."),
-        Rule("EC903", "processes", "The process or thread limit was reached.", "Start no processes or threads."),
-        Rule("EC904", "output", "More output was printed than the limit.", "Print nothing in step()."),
+        Rule("EC903", "processes", "A process was started, or too many threads.", "Start no processes or threads."),
+        Rule("EC904", "output", "More was printed or written than the limit.", "Print and write nothing in step()."),
         Rule("EC905", "network", "The network was asked for.", "Bring what is needed in the file."),
         Rule("EC906", "died", "The process died.", "Never call os._exit or native code that crashes."),
         Rule("EC907", "forged", "Messages broke the protocol.", "Leave the worker's descriptors alone."),
@@ -54,8 +68,15 @@ class SandboxEvents(Check):
             if finding is not None and finding.code not in seen:
                 seen.add(finding.code)
                 yield finding
+        if subject.overrun and "EC901" not in seen:
+            words = f"all episodes together took {subject.seconds:.0f} s, and the rest was not played"
+            slowest = sorted(subject.traces, key=lambda trace: trace.end.seconds if trace.end else 0.0)[-1:]
+            shown = repro(slowest[0].rollout) if slowest else None
+            yield self.finding("EC901", words, line=subject.line_of("step"), repro=shown, seconds=subject.seconds)
 
     def confirm(self, subject: Subject, finding: Finding) -> Finding | None:
+        if "seconds" in finding.evidence:
+            raise Skip("it took all episodes together; validate again to see it")
         conditions = Conditions.from_json(finding.repro.conditions)
         found = self.find(subject, subject.rollout(Rollout(finding.repro.seed, finding.repro.actions, conditions)))
         return found if found is not None and found.code == finding.code else None
@@ -65,19 +86,26 @@ class SandboxEvents(Check):
         end, fault = trace.end, trace.fault
         if fault is not None and fault.memory:
             return self._found(subject, trace, "EC902", f"{fault.phase} ran out of memory: {fault.message}")
-        if fault is not None and (fault.type == "BlockingIOError" or "can't start new thread" in fault.message):
-            return self._found(subject, trace, "EC903", f"{fault.phase} could start no more processes or threads")
-        if fault is not None and fault.type.rpartition(".")[2] in _NETWORK:
+        if fault is not None and (fault.errno == _NO_PROCESS or "can't start new thread" in fault.message):
+            return self._found(
+                subject, trace, "EC903", f"{fault.phase} started a process, or too many threads: {fault}"
+            )
+        if fault is not None and fault.errno in _NO_SPACE:
+            return self._found(subject, trace, "EC904", f"{fault.phase} wrote more than it may: {fault}")
+        if fault is not None and (fault.errno in _NO_NETWORK or fault.type.rpartition(".")[2] in _NETWORK):
             return self._found(subject, trace, "EC905", f"{fault.phase} asked for the network: {fault}")
         if end is None or end.how in (How.DONE, How.STOPPED):
             return None
-        code = {How.TIMEOUT: "EC901", How.DIED: "EC906", How.FORGED: "EC907", How.FLOOD: "EC904"}[end.how]
+        code = _ENDS[end.how]
         where = f"step {trace.steps + 1}" if end.phase == "step" else end.phase
         words = {
             How.TIMEOUT: f"{where} did not end: {end.detail}",
             How.DIED: f"the process died in {where} ({end.detail})",
             How.FORGED: f"messages were forged in {where}: {end.detail}",
             How.FLOOD: f"{where} printed {end.detail}",
+            How.MEMORY: f"{where} took {end.detail}",
+            How.PROCESSES: f"{where} ran {end.detail}",
+            How.DISK: f"{where} wrote {end.detail}",
         }[end.how]
         return self._found(subject, trace, code, words)
 
@@ -88,7 +116,7 @@ class SandboxEvents(Check):
             f"{words} (under {trace.rollout.player})",
             line=subject.line_of(phase) if subject.env_class else None,
             repro=repro(trace.rollout.cut(trace.steps + 1)),
-            output=trace.end.output[-2000:] if trace.end else "",
+            **trace.printed,
         )
 
 

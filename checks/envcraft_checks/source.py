@@ -9,6 +9,9 @@ Imports under `try: ... except ImportError`, `if TYPE_CHECKING:` and `if __name_
 bases, wrappers, private classes (`_Base`) and helper classes do not count as environments; `--class` picks one of
 several.
 
+Of an installed package's class or a registered id only what keeps it from being made is judged: an import that
+raises, a class that is missing or no `gymnasium.Env`, a constructor that raises or lacks arguments.
+
 ## Why is this bad?
 What cannot be loaded cannot be trained on. A library that the next machine lacks, or code that runs for minutes at
 import, breaks every worker of a cluster.
@@ -28,16 +31,18 @@ from __future__ import annotations
 import ast
 import difflib
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from envcraft.check import Check, Rule
 from envcraft.errors import WorkerLost
 from envcraft.plugins import hookimpl
-from envcraft.sandbox import How
+from envcraft.sandbox import How, Isolation
 from envcraft.verdict import Finding, Severity
 
 if TYPE_CHECKING:
+    from envcraft.description import Description, Effects
     from envcraft.subject import Loaded, Subject
+    from envcraft.trace import Fault
 
 _OLD_NAMES = {"gym": "gymnasium", "pygame_ce": "pygame", "np": "numpy"}
 _SLOW_IMPORT = 3.0
@@ -85,8 +90,11 @@ class Source(Check):
     )
 
     def judge(self, subject: Subject) -> Iterator[Finding]:
-        from envcraft.subject import MAX_SOURCE
+        from envcraft.target import MAX_SOURCE, Kind
 
+        if subject.target.kind is not Kind.SOURCE:
+            yield from self._judge_installed(subject, subject.load())
+            return
         if len(subject.target.source) > MAX_SOURCE:
             yield self.finding("EC010", f"the file has more than {MAX_SOURCE // 1024**2} MiB")
             return
@@ -135,21 +143,43 @@ class Source(Check):
         if fault is not None and fault.phase == "import":
             yield self.finding("EC003", f"importing raises {fault}", line=fault.line, traceback=fault.traceback)
             return
-        yield from self._judge_effects(told.get("effects") or {}, end.output)
-        classes = [str(entry.get("name")) for entry in told.get("classes") or []]
+        yield from self._judge_effects(told.get("effects", {}), end.output)
+        classes = [entry["name"] for entry in told.get("classes", [])]
         if subject.target.env_class is None and len(classes) != 1:
             yield self._wrong_count(classes, told)
             return
         if subject.target.env_class is not None and "class" not in told:
             yield self.finding("EC005", f"the file defines no class {subject.target.env_class}", classes=classes)
             return
-        line = told.get("line") if isinstance(told.get("line"), int) else None
         if told.get("required"):
-            needed = ", ".join(map(str, told["required"]))
-            yield self.finding("EC007", f"{subject.env_class}() needs {needed}", line=line, required=told["required"])
+            yield self._needs(subject.env_class, told)
         elif fault is not None:
             words = f"{subject.env_class}() raises {fault}"
-            yield self.finding("EC008", words, line=fault.line or line, traceback=fault.traceback)
+            yield self.finding("EC008", words, line=fault.line or told.get("line"), traceback=fault.traceback)
+
+    def _judge_installed(self, subject: Subject, loaded: Loaded) -> Iterator[Finding]:
+        """Of an installed package only what keeps an environment from being made: how it is written is its own."""
+        fault, told, name = loaded.trace.fault, loaded.description, subject.target.path
+        if loaded.end.how is not How.DONE:
+            yield self._broken(loaded)
+        elif fault is not None and _absent(fault, name):
+            raise WorkerLost(f"{fault.message}{_put_there(subject)}")
+        elif fault is not None and fault.type.endswith("NoSuchEnvironment"):
+            yield self.finding("EC005", fault.message)
+        elif fault is not None and fault.phase == "import":
+            yield self.finding("EC003", f"importing raises {fault}", line=fault.line, traceback=fault.traceback)
+        elif told.get("required"):
+            yield self._needs(name, told)
+        elif told.get("environment") is False:
+            words = f"{name} makes a {told.get('made')}, which does not derive from gymnasium.Env"
+            yield self.finding("EC005", words, line=told.get("line"))
+        elif fault is not None:
+            line = fault.line or told.get("line")
+            yield self.finding("EC008", f"making {name} raises {fault}", line=line, traceback=fault.traceback)
+
+    def _needs(self, name: str | None, told: Description) -> Finding:
+        needed = ", ".join(told["required"])
+        return self.finding("EC007", f"{name}() needs {needed}", line=told.get("line"), required=told["required"])
 
     def _broken(self, loaded: Loaded) -> Finding:
         end = loaded.end
@@ -160,26 +190,26 @@ class Source(Check):
         code = "EC008" if end.phase == "construct" else "EC003"
         return self.finding(code, f"{where} ended the process ({end.how}: {end.detail})", output=end.output[-2000:])
 
-    def _judge_effects(self, effects: dict[str, Any], output: str) -> Iterator[Finding]:
+    def _judge_effects(self, effects: Effects, output: str) -> Iterator[Finding]:
         found = []
         if output.strip():
             found.append(f"prints {output.strip().splitlines()[0][:60]!r}")
         if effects.get("random") or effects.get("numpy_random"):
             found.append("changes the global random generators")
-        if (effects.get("threads") or 0) > 0:
-            found.append(f"starts {effects['threads']} threads")
-        seconds = effects.get("seconds") or 0.0
+        if (threads := effects.get("threads", 0)) > 0:
+            found.append(f"starts {threads} threads")
+        seconds = effects.get("seconds", 0.0)
         if seconds > _SLOW_IMPORT:
             found.append(f"takes {seconds:.1f} s")
         if found:
             yield self.finding("EC009", f"loading the file {' and '.join(found)}", **effects)
 
-    def _wrong_count(self, classes: list[str], told: dict[str, Any]) -> Finding:
+    def _wrong_count(self, classes: list[str], told: Description) -> Finding:
         if classes:
             return self.finding(
                 "EC006", f"the file defines {len(classes)} environments: {', '.join(classes)}", classes=classes
             )
-        alike = ", ".join(map(str, told.get("lookalikes") or []))
+        alike = ", ".join(told.get("lookalikes", []))
         hint = f"; {alike} has reset and step but does not derive from gymnasium.Env" if alike else ""
         return self.finding("EC005", f"no concrete subclass of gymnasium.Env with reset and step{hint}")
 
@@ -208,6 +238,22 @@ def required_imports(tree: ast.AST) -> dict[str, int]:
                 found[top] = min(found.get(top, line), line)
             pending += ast.iter_child_nodes(node)
     return found
+
+
+def _absent(fault: Fault, name: str) -> bool:
+    """Whether what the target names is not installed at all: the mistake of whoever asks, or of the worker's maker."""
+    if fault.phase == "import" and fault.type == "ModuleNotFoundError":
+        module = name.partition(":")[0]
+        parents = [module.rsplit(".", number)[0] for number in range(module.count(".") + 1)]
+        return any(fault.message == f"No module named {parent!r}" for parent in parents)
+    return fault.type.endswith("NoSuchEnvironment") and fault.message.startswith("no installed package")
+
+
+def _put_there(subject: Subject) -> str:
+    """What to do about a package that the worker lacks."""
+    if subject.driver.isolation is Isolation.CONTAINER:
+        return "; the image must hold the package: `envcraft sandbox build --packages FILE`, or use another --sandbox"
+    return "; install the package beside EnvCraft, then judge again"
 
 
 def is_standard(name: str) -> bool:

@@ -65,7 +65,7 @@ class Termination(Check):
     )
 
     def judge(self, subject: Subject) -> Iterator[Finding]:
-        traces = [*subject.played(), *(subject.rotation(offset) for offset in range(min(subject.budget.rotations, 4)))]
+        traces = subject.rollouts([*subject.players.all(), *subject.players.rotations()[:4]])
         usable = [trace for trace in traces if trace.usable and trace.steps]
         if not usable:
             raise Skip("no episode could be stepped")
@@ -104,7 +104,7 @@ class Termination(Check):
             )
         # One game may be lost at the very last step; several, all by termination, are the limit itself.
         last = [trace for trace in traces if trace.ended and trace.steps == limit]
-        mistaken = [trace for trace in last if not trace.truncated[-1] and not trace.info().get("is_success")]
+        mistaken = [trace for trace in last if not trace.truncated[-1] and not trace.told]
         if len(mistaken) >= 2 and len(mistaken) == len(last):
             yield self.finding(
                 "EC502",
@@ -118,9 +118,11 @@ class Termination(Check):
         ended = [trace for trace in traces if trace.ended]
         if len(ended) < 6 or max(trace.steps for trace in traces) > _PLAYABLE:
             return
-        by_seed: dict[int, set[float]] = {}
+        by_seed: dict[int, set[tuple[float, int]]] = {}
         for trace in ended:
-            by_seed.setdefault(trace.rollout.seed, set()).add(trace.total)
+            # Where a contract knows no length, a short game is one as long as what is played decides how long.
+            length = trace.steps if subject.contract.limit is None else 0
+            by_seed.setdefault(trace.rollout.seed, set()).add((trace.total, length))
         # A game of one decision ends at once by itself, and its return tells choices apart; a time limit is no game.
         if any(len(totals) > 1 for totals in by_seed.values()) and not any(trace.truncated[-1] for trace in ended):
             return

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from pathlib import Path
 from typing import Any
 
 import click
@@ -11,8 +12,9 @@ from envcraft.check import Check, Rule
 from envcraft.cli import offered, unknown
 from envcraft.contract import Contract
 from envcraft.errors import SandboxUnavailable, UsageError
+from envcraft.own_contracts import own_contracts
 from envcraft.reports import Reporter
-from envcraft.sandbox import Driver, Isolation, choose
+from envcraft.sandbox import Driver, Isolation, choose, ensure
 
 #: No verdict can be trusted where this check did not run: it says whether there is an environment at all.
 FIRST = "source"
@@ -51,9 +53,15 @@ def split(names: str | None) -> list[str]:
     return [name.strip() for name in (names or "").split(",") if name.strip()]
 
 
+def all_contracts() -> list[Contract]:
+    """The plugins' contracts, and those of the nearest pyproject.toml. Raises UsageError where these make no sense."""
+    found: list[Contract] = list(offered("envcraft_contracts"))
+    return found + own_contracts(Path.cwd(), found)
+
+
 def contract_named(name: str) -> Contract:
     """Raises UsageError, naming the nearest."""
-    found: Contract = _named("contract", name, {contract.name: contract for contract in offered("envcraft_contracts")})
+    found: Contract = _named("contract", name, {contract.name: contract for contract in all_contracts()})
     return found
 
 
@@ -65,15 +73,31 @@ def reporter_named(name: str) -> type[Reporter]:
     return found
 
 
-def driver_named(name: str, least: str | None = None) -> Driver:
-    """The sandbox that ``--sandbox`` names, at least as strong as `least`; a word on stderr where it is the weakest.
+#: ``--runtime``, for every command that takes ``--sandbox``.
+runtime_option = click.option(
+    "--runtime", metavar="NAME", help="Container runtime of the docker sandbox, such as runsc for gVisor."
+)
 
-    Raises UsageError on an unknown name, SandboxUnavailable where there is none.
+
+def driver_named(name: str, least: str | None = None, runtime: str | None = None, probe: bool = True) -> Driver:
+    """The sandbox that ``--sandbox`` names, at least as strong as `least` and under `runtime`; a word on stderr where
+    it is the weakest. What runs that were killed have left behind is removed first.
+
+    Without `probe`, one that is named is not tried: that is left to the caller, to do while a worker starts.
+    Raises UsageError on an unknown name, or one that knows no runtimes; SandboxUnavailable where there is none.
     """
     drivers = offered("envcraft_sandbox_drivers")
     if name != "auto":
         _named("sandbox", name, {"auto": None, **{driver.name: driver for driver in drivers}})
+    for driver in drivers:
+        driver.sweep()
+    if runtime is not None:
+        drivers = under(runtime, drivers, name)
+        # With one left, its own words say more than those of "auto".
+        name = drivers[0].name if len(drivers) == 1 else name
     driver = choose(drivers, name)
+    if probe:
+        ensure(driver)
     levels = list(Isolation)
     if least is not None and levels.index(driver.isolation) > levels.index(Isolation(least)):
         raise SandboxUnavailable(
@@ -89,6 +113,21 @@ def driver_named(name: str, least: str | None = None) -> Driver:
             err=True,
         )
     return driver
+
+
+def under(runtime: str, drivers: Iterable[Driver], name: str = "auto") -> list[Driver]:
+    """Those drivers that know container runtimes, under this one. Raises UsageError where `name` is not among them."""
+    found, refusals = [], {}
+    for driver in drivers:
+        try:
+            found.append(driver.under(runtime))
+        except UsageError as error:
+            refusals[driver.name] = error
+    if name in refusals:
+        raise refusals[name]
+    if not found:
+        raise UsageError(f"--runtime {runtime} goes with the docker sandbox, and no plugin here has one")
+    return found
 
 
 def _named(kind: str, name: str, known: Mapping[str, Any]) -> Any:

@@ -6,10 +6,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from envcraft.cli import offered
 from envcraft.plugins import plugins as loaded_plugins
 
-from .choices import all_checks
+from .choices import all_checks, all_contracts
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -36,7 +35,7 @@ def checks(form: str) -> None:
 @_FORMAT
 def contracts(form: str) -> None:
     """List the contracts that --contract can name."""
-    found = offered("envcraft_contracts")
+    found = all_contracts()
     if form == "json":
         _print_json(found)
         return

@@ -16,9 +16,12 @@ from envcraft.budget import BUDGETS
 from envcraft.check import Check, Skip
 from envcraft.errors import EnvCraftError, ExitCode, UsageError
 from envcraft.reports import one_line
+from envcraft.sandbox import driver_for
+from envcraft.target import Kind, Target, kind_of, read_target
 from envcraft.verdict import SCHEMA, CheckReport, Finding, Report, SubjectReport
 
-from .choices import all_checks, contract_named, driver_named
+from .choices import all_checks, contract_named, driver_named, runtime_option
+from .validate import read_wrappers
 
 if TYPE_CHECKING:
     from envcraft.engine import Plan
@@ -50,9 +53,18 @@ class Numbered:
 @click.option("--finding", "number", type=click.IntRange(1), metavar="K", help="Only the K-th finding of the report.")
 @click.option("--gif", metavar="FILE", help="Write the finding's episode as an animated picture.")
 @click.option("--sandbox", default="auto", show_default=True, metavar="NAME", help="Where the environments run.")
+@runtime_option
 @click.option("--anyway", is_flag=True, help="Replay even where the source has changed since the report.")
 @click.pass_context
-def replay(ctx: click.Context, report: str, number: int | None, gif: str | None, sandbox: str, anyway: bool) -> None:
+def replay(
+    ctx: click.Context,
+    report: str,
+    number: int | None,
+    gif: str | None,
+    sandbox: str,
+    runtime: str | None,
+    anyway: bool,
+) -> None:
     """Run the reproductions in a report again, each in fresh workers, and say whether the defect shows.
 
     \b
@@ -69,7 +81,7 @@ def replay(ctx: click.Context, report: str, number: int | None, gif: str | None,
     if gif:
         _import_pillow()
     statuses: set[ExitCode] = set()
-    with contextlib.closing(driver_named(sandbox)) as driver:
+    with contextlib.closing(driver_named(sandbox, runtime=runtime)) as driver:
         checks = {check.name: check for check in all_checks()}
         for subject_report in read.reports:
             findings = [item for item in chosen if item.subject is subject_report]
@@ -123,7 +135,7 @@ def _all_findings(report: Report) -> Iterator[Numbered]:
 def _plan(report: Report, driver: Any, subject: SubjectReport, checks: list[Check]) -> Plan:
     """The plan under which the report was made, but for the targets."""
     from envcraft.engine import Plan
-    from envcraft.subject import read_policy
+    from envcraft.target import read_policy
 
     if report.budget not in BUDGETS:
         raise UsageError(f"the report names the budget {one_line(report.budget)}, which there is not")
@@ -136,28 +148,45 @@ def _replay_subject(
 ) -> Iterator[ExitCode]:
     """Replay the findings of one subject, a subject's workers and rollouts shared among them."""
     from envcraft.engine import open_subject
-    from envcraft.subject import Target, read_target
 
     told = chosen[0].subject
-    path = _find(told.path, report)
     try:
-        target = read_target(path)
+        target = _target(told, report)
     except UsageError as error:
         yield _could_not(chosen, str(error))
         return
-    if target.sha256 != told.source_sha256 and not anyway:
-        yield _could_not(chosen, f"{one_line(path)} has changed since the report; --anyway replays all the same")
+    changed = f"{one_line(told.file)} has changed since the report; --anyway replays all the same"
+    if target.kind is Kind.SOURCE and target.sha256 != told.source_sha256 and not anyway:
+        yield _could_not(chosen, changed)
         return
+    plan = msgspec.structs.replace(plan, driver=driver_for(plan.driver, [target]))
     for several in (False, True):
         # A finding about several classes shows only where none of them is picked.
         findings = [item for item in chosen if (item.finding.code == "EC006") is several]
         if findings:
-            picked = Target(told.path, target.source, None if several else told.env_class)
+            picked = msgspec.structs.replace(target, env_class=None if several else told.env_class)
             with open_subject(plan, picked) as subject:
+                if target.kind is not Kind.SOURCE and not anyway:
+                    # Which file an installed class comes from is known once it is loaded.
+                    subject.load()
+                    if subject.source_sha256 != told.source_sha256:
+                        yield _could_not(findings, changed)
+                        continue
                 for item in findings:
                     yield _replay(subject, item, checks.get(item.check.check))
                     if gif:
                         write_gif(subject, item.finding, gif)
+
+
+def _target(told: SubjectReport, report: str) -> Target:
+    """The target that a report is about. Raises UsageError where its file cannot be read, or makes no sense."""
+    if told.kind is Kind.SOURCE:
+        source = read_target(_find(told.path, report)).source
+    elif kind_of(told.path) is told.kind:
+        source = b""
+    else:
+        raise UsageError(f"{one_line(told.path)} is no {told.kind}")
+    return Target(told.path, source, None, told.kind, told.kwargs, read_wrappers(tuple(told.wrappers)))
 
 
 def _find(path: str, report: str) -> str:

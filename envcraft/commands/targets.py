@@ -1,4 +1,4 @@
-"""From the TARGETs of the command line to the files to judge."""
+"""From the TARGETs of the command line to what is judged: files, classes of installed packages, registered ids."""
 
 from __future__ import annotations
 
@@ -6,12 +6,9 @@ import os
 import re
 import stat
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
 
 from envcraft.errors import UsageError
-
-if TYPE_CHECKING:
-    from envcraft.subject import Target
+from envcraft.target import MAX_SOURCE, Kind, Target, kind_of, read_target
 
 #: What a file in a folder must have to be taken for an environment: a class, and Gymnasium by either name.
 _CLASS = re.compile(rb"^class\s", re.MULTILINE)
@@ -20,13 +17,19 @@ _PASSED_OVER = {"__pycache__", "node_modules", "site-packages", "build", "dist"}
 
 
 def resolve(path: str, env_class: str | None = None) -> list[Target]:
-    """The file at `path`, or the environments in that folder. Raises UsageError."""
-    from envcraft.subject import MAX_SOURCE, read_target
-
+    """The file at `path`, the environments in that folder, or the class or id of that name. Raises UsageError."""
     try:
         mode = os.stat(path).st_mode
     except FileNotFoundError:
-        raise UsageError(f"{path} does not exist; give a Python file, or a folder with some") from None
+        if (kind := kind_of(path)) is None:
+            raise UsageError(
+                f"{path} does not exist; give a Python file, a folder with some, package.module:Class or an id like "
+                "CartPole-v1"
+            ) from None
+        if env_class is not None:
+            words = "names its class itself" if kind is Kind.MODULE else "has one class"
+            raise UsageError(f"{path} {words}: leave out --class {env_class}") from None
+        return [Target(path, kind=kind)]
     except (OSError, ValueError) as error:
         raise UsageError(f"{path} cannot be read: {getattr(error, 'strerror', None) or error}") from None
     if stat.S_ISREG(mode):

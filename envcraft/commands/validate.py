@@ -3,29 +3,33 @@
 from __future__ import annotations
 
 import contextlib
+import json
 import sys
-from typing import TYPE_CHECKING, TextIO
+from typing import Any, TextIO
 
 import click
+import msgspec
 
 from envcraft.budget import BUDGETS
-from envcraft.cli import Configured
+from envcraft.cli import Configured, uninterrupted
 from envcraft.errors import ExitCode, UsageError
-from envcraft.sandbox import Isolation
+from envcraft.pool import Pool
+from envcraft.sandbox import Isolation, Limits, driver_for, ensure
+from envcraft.target import Kind, Target, kind_of, read_policy
 from envcraft.verdict import Report, Verdict
 
-from .choices import all_checks, contract_named, driver_named, reporter_named, rules_of, select_checks
+from .choices import all_checks, contract_named, driver_named, reporter_named, rules_of, runtime_option, select_checks
 from .targets import resolve
-
-if TYPE_CHECKING:
-    from envcraft.subject import Target
 
 
 @click.command(cls=Configured)
 @click.argument("targets", nargs=-1, required=True, metavar="TARGET...")
 @click.option("--contract", default="arcade", show_default=True, metavar="NAME", help="What the environments promise.")
 @click.option("--class", "env_class", metavar="NAME", help="Judge this class, where a file defines several.")
+@click.option("--kwargs", metavar="JSON", help="Arguments for the constructors, as a JSON object.")
+@click.option("--wrap", multiple=True, metavar="MODULE:FUNC", help="Wrap each instance by this; repeat for several.")
 @click.option("--sandbox", default="auto", show_default=True, metavar="NAME", help="Where the environments run.")
+@runtime_option
 @click.option(
     "--require-isolation",
     type=click.Choice([level.value for level in Isolation]),
@@ -39,7 +43,10 @@ if TYPE_CHECKING:
 )
 @click.option("--policy", metavar="FILE", help="A privileged policy that difficulty plays with.")
 @click.option(
-    "--workers", type=click.IntRange(1, 64), default=1, show_default=True, help="Environments judged side by side."
+    "--workers",
+    type=click.IntRange(1, 64),
+    show_default="as many as cores",
+    help="Environments judged side by side; they share the cores.",
 )
 @click.option("--format", "form", default="console", show_default=True, metavar="NAME", help="How to report.")
 @click.option("--output", metavar="FILE", help="Where to report, in place of standard output.")
@@ -50,19 +57,22 @@ def validate(
     targets: tuple[str, ...],
     contract: str,
     env_class: str | None,
+    kwargs: str | None,
+    wrap: tuple[str, ...],
     sandbox: str,
+    runtime: str | None,
     require_isolation: str | None,
     checks: str | None,
     skip: str | None,
     budget: str,
     seed: int,
     policy: str | None,
-    workers: int,
+    workers: int | None,
     form: str,
     output: str | None,
     exit_zero: bool,
 ) -> None:
-    """Judge environments: Python files, or folders with some.
+    """Judge environments: Python files, folders with some, package.module:Class, or ids like CartPole-v1.
 
     \b
     Exit status: 0 every environment passes    1 at least one fails
@@ -70,25 +80,31 @@ def validate(
     """
     reporter_class, promised = reporter_named(form), contract_named(contract)
     selected = select_checks(checks, skip)
-    files, unusable = _files(targets, env_class)
+    files, unusable = _files(targets, env_class, read_kwargs(kwargs), read_wrappers(wrap))
     if not files:
         ctx.exit(ExitCode.USAGE)
-
-    from envcraft.engine import Plan
-    from envcraft.engine import validate as judge
-    from envcraft.progress import Progress
-    from envcraft.subject import read_policy
 
     privileged = read_policy(policy) if policy else None
     report = None
     with contextlib.ExitStack() as stack:
         stream: TextIO = stack.enter_context(_open(output)) if output else sys.stdout
-        driver = driver_named(sandbox, require_isolation)
+        driver = driver_for(driver_named(sandbox, require_isolation, runtime, probe=False), files)
         stack.callback(driver.close)
+        pool = stack.enter_context(Pool(driver, Limits(), len(files)))
+        # The first worker is starting: now is the time for all that takes time.
+        with uninterrupted():
+            from envcraft.engine import Plan
+            from envcraft.engine import validate as judge
+            from envcraft.progress import Progress
+        ensure(driver)
         plan = Plan(files, promised, driver, selected, BUDGETS[budget], seed, privileged)
         progress = stack.enter_context(Progress())
         reporter = reporter_class(stream, rules_of(all_checks()))
-        for event in stack.enter_context(contextlib.closing(judge(plan, workers))):
+        if reporter.wants_frames:
+            from envcraft.frames import Film
+
+            reporter.frames = stack.enter_context(Film(plan))
+        for event in stack.enter_context(contextlib.closing(judge(plan, workers, pool))):
             progress.handle(event)
             reporter.handle(event)
             report = getattr(event, "report", None)
@@ -104,13 +120,35 @@ def exit_code(report: Report, exit_zero: bool = False) -> ExitCode:
     return ExitCode.ERROR if Verdict.ERROR in verdicts else ExitCode.PASS
 
 
-def _files(targets: tuple[str, ...], env_class: str | None) -> tuple[list[Target], bool]:
-    """Every file to judge, once; and whether some target could not be used, of which stderr has a sentence."""
+def read_kwargs(text: str | None) -> dict[str, Any]:
+    """The constructor's arguments that ``--kwargs`` gives. Raises UsageError."""
+    try:
+        value = json.loads(text or "{}")
+    except (ValueError, RecursionError) as error:
+        raise UsageError(f"--kwargs {text} is not JSON: {error}") from None
+    if not isinstance(value, dict):
+        raise UsageError(f"--kwargs {text} is no JSON object; write it like '{{\"size\": 8}}'")
+    return value
+
+
+def read_wrappers(names: tuple[str, ...]) -> tuple[str, ...]:
+    """What ``--wrap`` names. Raises UsageError where one is not ``module:func``."""
+    for name in names:
+        if kind_of(name) is not Kind.MODULE:
+            raise UsageError(f"--wrap {name} is not MODULE:FUNC, such as gymnasium.wrappers:FlattenObservation")
+    return names
+
+
+def _files(
+    targets: tuple[str, ...], env_class: str | None, kwargs: dict[str, Any], wrappers: tuple[str, ...]
+) -> tuple[list[Target], bool]:
+    """Everything to judge, once; and whether some target could not be used, of which stderr has a sentence."""
     files: dict[str, Target] = {}
     unusable = False
     for path in targets:
         try:
-            files.update((target.path, target) for target in resolve(path, env_class) if target.path not in files)
+            for target in resolve(path, env_class):
+                files.setdefault(target.path, msgspec.structs.replace(target, kwargs=kwargs, wrappers=wrappers))
         except UsageError as error:
             click.echo(f"Error: {error}", err=True)
             unusable = True

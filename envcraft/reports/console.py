@@ -5,32 +5,24 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping
 from itertools import groupby
-from typing import TYPE_CHECKING, Any, TextIO
+from typing import TYPE_CHECKING, TextIO
 
-from rich.console import Console
-from rich.text import Text
-
-from envcraft.events import Event, Finished, SubjectFinished
+from envcraft.events import Event, Finished, SubjectFinished, SubjectStarted
 from envcraft.plugins import hookimpl
-from envcraft.reports import Reporter, one_line, plural
-from envcraft.verdict import CheckReport, Finding, Report, Repro, Severity, SubjectReport, Verdict
+from envcraft.reports import Reporter, one_line, plural, repro_words
+from envcraft.verdict import CheckReport, Finding, Report, Severity, SubjectReport, Verdict
 
 if TYPE_CHECKING:
+    from rich.console import Console
+    from rich.text import Text
+
     from envcraft.check import Rule
 
 _STYLES = {Verdict.PASS: "green", Verdict.FAIL: "red", Verdict.SKIP: "bright_black", Verdict.ERROR: "magenta"}
 _BADGES = {verdict: f"bold white on {style}" for verdict, style in _STYLES.items()}
 _SIGNS = {Verdict.PASS: "✓", Verdict.FAIL: "✗", Verdict.SKIP: "-", Verdict.ERROR: "!"}
 _WARNING = "yellow"
-#: Conditions of a reproduction whose field names say too little.
-_CONDITIONS = {
-    "before": "after other episodes",
-    "companion": "beside another instance",
-    "again": "played twice",
-    "clock": "another clock",
-    "fresh": "fresh worker",
-    "render": "with render() in between",
-}
+_PRINTED_LINES, _PRINTED_WIDTH = 3, 200
 
 
 class ConsoleReporter(Reporter):
@@ -41,18 +33,30 @@ class ConsoleReporter(Reporter):
 
     def __init__(self, output: TextIO, rules: Mapping[str, Rule], console: Console | None = None) -> None:
         super().__init__(output, rules)
+        # Not needed by other formats, and slow to import.
+        from rich.console import Console
+
         self._console = console or Console(file=output, highlight=False, markup=False, emoji=False)
         self._signs = self._console.encoding.lower().startswith("utf")
         self._findings = 0
+        self._numbers: dict[str, int] = {}
+        self._waiting: dict[int, SubjectReport] = {}
+        self._shown = 0
 
     def handle(self, event: Event) -> None:
-        if isinstance(event, SubjectFinished):
-            self._subject(event.report)
+        if isinstance(event, SubjectStarted):
+            self._numbers[event.path] = event.number
+        elif isinstance(event, SubjectFinished):
+            # In the order of the report, whichever ends first: findings are numbered through.
+            self._waiting[self._numbers.get(event.report.path, self._shown + 1)] = event.report
+            while (report := self._waiting.pop(self._shown + 1, None)) is not None:
+                self._shown += 1
+                self._subject(report)
         elif isinstance(event, Finished):
             self._summary(event.report)
 
     def _subject(self, report: SubjectReport) -> None:
-        title = Text()
+        title = _text()
         title.append(f" {report.verdict.upper():<5}", _BADGES[report.verdict])
         title.append("  ").append(one_line(report.path), "bold")
         self._say(title)
@@ -62,25 +66,27 @@ class ConsoleReporter(Reporter):
             f"{report.seconds:.1f} s",
             plural(report.steps, "step"),
         ]
-        self._say(Text(f" {self._dot} ".join(facts), "bright_black"), 2)
+        self._say(_text(f" {self._dot} ".join(facts), "bright_black"), 2)
+        if missing := report.sandbox.missing:
+            self._say(_text(f"not in force on this machine: {one_line('; '.join(missing))}", _WARNING), 2, hang=2)
         for reason, group in groupby(report.checks, lambda check: check.verdict is Verdict.SKIP and check.reason):
             checks = list(group)
             if reason and len(checks) > 1:
                 self._skipped(checks)
             else:
                 for check in checks:
-                    self._check(check, report.path)
-        self._say(Text())
+                    self._check(check, report.file)
+        self._say(_text())
 
     def _skipped(self, checks: list[CheckReport]) -> None:
         """Checks skipped for the same reason, in one paragraph."""
         names = ", ".join(check.check for check in checks)
         sign = _SIGNS[Verdict.SKIP] if self._signs else f"{Verdict.SKIP:<5}"
-        self._say(Text(f"{sign} {names}: {one_line(checks[0].reason)}", _STYLES[Verdict.SKIP]), 2, hang=2)
+        self._say(_text(f"{sign} {names}: {one_line(checks[0].reason)}", _STYLES[Verdict.SKIP]), 2, hang=2)
 
     def _check(self, check: CheckReport, path: str) -> None:
         style = _STYLES[check.verdict]
-        line = Text()
+        line = _text()
         line.append(_SIGNS[check.verdict] if self._signs else f"{check.verdict:<5}", style).append(" ")
         line.append(f"{check.check:<12}", "" if check.verdict is not Verdict.SKIP else style)
         line.append(f"{check.seconds:6.2f} s", "bright_black")
@@ -94,7 +100,7 @@ class ConsoleReporter(Reporter):
     def _finding(self, finding: Finding, path: str) -> None:
         style = "red" if finding.severity is Severity.ERROR else _WARNING
         rule = self.rules.get(finding.code)
-        head = Text()
+        head = _text()
         head.append(finding.code, f"bold {style}").append(" ")
         if rule is not None:
             head.append(rule.name, style).append(" ")
@@ -102,16 +108,18 @@ class ConsoleReporter(Reporter):
             head.append("(warning) ", style)
         head.append(one_line(path) + (f":{finding.line}" if finding.line else ""), "cyan")
         self._say(head, 4)
-        self._say(Text(one_line(finding.message)), 6)
+        self._say(_text(one_line(finding.message)), 6)
         if rule is not None:
-            self._say(Text.assemble(("fix: ", "green"), rule.fix), 6, hang=5)
-        self._say(Text(f"#{self._findings}: {repro_words(finding.repro)}", "bright_black"), 6, hang=4)
+            self._say(_text().append("fix: ", "green").append(rule.fix), 6, hang=5)
+        for line in printed(finding):
+            self._say(_text().append("printed: ", "bright_black").append(line), 6, hang=9)
+        self._say(_text(f"#{self._findings}: {repro_words(finding.repro)}", "bright_black"), 6, hang=4)
 
     def _summary(self, report: Report) -> None:
         verdicts = Counter(subject.verdict for subject in report.reports)
         findings = [finding for subject in report.reports for check in subject.checks for finding in check.findings]
         errors = sum(finding.severity is Severity.ERROR for finding in findings)
-        line = Text()
+        line = _text()
         for verdict, word in zip(Verdict, ("passed", "failed", "skipped", "could not be judged"), strict=True):
             if verdicts[verdict]:
                 line.append(", " if line.plain else "").append(
@@ -125,7 +133,7 @@ class ConsoleReporter(Reporter):
         self._say(line)
         if findings:
             how = "To see finding #K again: add --format json --output report.json, then envcraft replay report.json "
-            self._say(Text(how + "--finding K. To read about a rule: envcraft explain CODE.", "bright_black"))
+            self._say(_text(how + "--finding K. To read about a rule: envcraft explain CODE.", "bright_black"))
 
     @property
     def _dot(self) -> str:
@@ -134,8 +142,11 @@ class ConsoleReporter(Reporter):
     def _say(self, text: Text, indent: int = 0, hang: int = 0) -> None:
         """Print a paragraph, on a terminal wrapped with its indent (and further lines `hang` more)."""
         console = self._console
+        if not self._signs:
+            # One for one, so that styles stay where they are.
+            text.plain = text.plain.encode(console.encoding, "replace").decode(console.encoding)
         if not console.is_terminal:
-            console.print(Text(" " * indent) + text, soft_wrap=True)
+            console.print(_text(" " * indent) + text, soft_wrap=True)
             return
         # A hang that leaves no room is worse than none.
         hang = hang if indent + hang < console.width // 2 else 2
@@ -146,20 +157,19 @@ class ConsoleReporter(Reporter):
             lines = [lines[0], *rest.wrap(console, max(console.width - indent - hang, 20))]
         for number, line in enumerate(lines):
             line.rstrip()
-            console.print(Text(" " * (indent + hang * bool(number))) + line, soft_wrap=True)
+            console.print(_text(" " * (indent + hang * bool(number))) + line, soft_wrap=True)
 
 
-def repro_words(repro: Repro) -> str:
-    """A reproduction in a few words: ``seed 0, 41 actions, hash_seed 1``."""
-    parts = [f"seed {repro.seed}", plural(len(repro.actions), "action") if repro.actions else "no action"]
-    parts += [f"{_CONDITIONS.get(name, name)} {_condition(value)}".strip() for name, value in repro.conditions.items()]
-    return one_line(", ".join(parts))
+def printed(finding: Finding) -> list[str]:
+    """The last lines that the code printed before the finding, where it tells; the JSON has more of them."""
+    lines = [line for line in str(finding.evidence.get("output", "")).splitlines() if line.strip()]
+    return [one_line(line)[:_PRINTED_WIDTH] for line in lines[-_PRINTED_LINES:]]
 
 
-def _condition(value: Any) -> str:
-    if value is True or isinstance(value, dict | list):
-        return ""
-    return str(value)
+def _text(words: str = "", style: str = "") -> Text:
+    from rich.text import Text
+
+    return Text(words, style)
 
 
 @hookimpl

@@ -1,4 +1,8 @@
-"""Every fixture is judged exactly as its header says: no defect missed, no false alarm, no other reason."""
+"""Every fixture is judged exactly as its header says: no defect missed, no false alarm, no other reason.
+
+Good ones are judged by all checks, bad ones by those whose codes they expect; ``python -m benchmarks.detection`` judges
+all by all.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +17,7 @@ ALL = fixtures()
 
 @pytest.fixture(scope="session")
 def reports() -> dict[str, SubjectReport]:
-    return {str(fixture.policy or fixture.path): report for fixture, report in judge(ALL)}
+    return {str(fixture.policy or fixture.path): report for fixture, report in judge(ALL, narrow=True)}
 
 
 @pytest.mark.parametrize("fixture", ALL, ids=lambda fixture: f"{fixture.check}/{(fixture.policy or fixture.path).name}")

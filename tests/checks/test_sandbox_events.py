@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from pathlib import Path
 
+import msgspec
 import pytest
 
 from benchmarks.judge import failing
@@ -14,7 +15,7 @@ from envcraft.engine import Plan, validate
 from envcraft.events import SubjectFinished
 from envcraft.plugins import plugins
 from envcraft.sandbox import Limits, choose
-from envcraft.subject import MAX_SOURCE, read_target
+from envcraft.target import MAX_SOURCE, read_target
 from envcraft.verdict import SubjectReport, Verdict
 
 GAME = (Path(__file__).resolve().parents[2] / "examples" / "sokoban.py").read_text()
@@ -22,12 +23,12 @@ STEP = "        self.steps += 1\n"
 LIMITS = Limits(call=1.0, loading=5.0, memory=512 * 1024**2, output_total=256 * 1024)
 
 
-def judged(tmp_path: Path, source: str) -> SubjectReport:
+def judged(tmp_path: Path, source: str, limits: Limits = LIMITS) -> SubjectReport:
     path = tmp_path / "game.py"
     path.write_text(source)
     driver = choose(plugins().collect("envcraft_sandbox_drivers"), "process")
     checks = plugins().collect("envcraft_checks")
-    plan = Plan([read_target(str(path))], ARCADE, driver, checks, BUDGETS["quick"], limits=LIMITS)
+    plan = Plan([read_target(str(path))], ARCADE, driver, checks, BUDGETS["quick"], limits=limits)
     return next(event.report for event in validate(plan) if isinstance(event, SubjectFinished))
 
 
@@ -36,7 +37,10 @@ def judged(tmp_path: Path, source: str) -> SubjectReport:
     [
         ("EC901", "while self.steps > 30: pass"),
         ("EC902", "self.kept = getattr(self, 'kept', []) + [bytearray(64 * 1024**2)]"),
+        ("EC903", "__import__('os').fork()"),
         ("EC904", "print('x' * 65536)"),
+        ("EC904", "open(str(self.steps), 'wb').write(bytes(32 * 1024**2))"),
+        ("EC905", "__import__('socket').socket()"),
         ("EC906", "self.steps > 30 and __import__('os')._exit(3)"),
         ("EC907", "self.steps > 30 and __import__('os').write(3, b'pass' * 64)"),
     ],
@@ -50,6 +54,14 @@ def test_event(tmp_path: Path, code: str, statement: str) -> None:
     assert time.monotonic() - started < 60
 
 
+@pytest.mark.parametrize("statement", ["[].remove(0)", "__import__('os')._exit(3)"])
+def test_what_was_printed_is_shown_with_the_finding(tmp_path: Path, statement: str) -> None:
+    statement = f"print('about to fail', self.steps, flush=True); self.steps > 30 and {statement}"
+    report = judged(tmp_path, GAME.replace(STEP, f"        {statement}\n{STEP}", 1))
+    shown = [finding.evidence.get("output", "") for check in report.checks for finding in check.findings]
+    assert any("about to fail 31" in output for output in shown)
+
+
 def test_the_hanging_step_is_named(tmp_path: Path) -> None:
     report = judged(tmp_path, GAME.replace(STEP, f"        while self.steps > 30: pass\n{STEP}", 1))
     (finding,) = next(check for check in report.checks if check.check == "sandbox").findings
@@ -61,3 +73,12 @@ def test_a_large_file_fails_source(tmp_path: Path) -> None:
     report = judged(tmp_path, "#" * (MAX_SOURCE + 1))
     assert failing(report) == {"EC010"}
     assert report.steps == 0
+
+
+def test_all_episodes_together_have_a_limit(tmp_path: Path) -> None:
+    slow = GAME.replace(STEP, f"        __import__('time').sleep(0.003)\n{STEP}", 1)
+    report = judged(tmp_path, slow, msgspec.structs.replace(LIMITS, total=3.0))
+    (finding,) = next(check for check in report.checks if check.check == "sandbox").findings
+    assert finding.code == "EC901"
+    assert finding.message.startswith("all episodes together took")
+    assert any("together" in check.reason for check in report.checks if check.verdict is Verdict.SKIP)

@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -15,8 +16,15 @@ import click
 import pytest
 
 from envcraft import __version__
-from envcraft.cli import configuration, unknown
-from envcraft.errors import UsageError
+from envcraft.cli import configuration, offered, unknown
+from envcraft.errors import SandboxUnavailable, UsageError
+from envcraft.sandbox import Availability, Driver, Isolation, Limits, Worker
+
+
+def offering(drivers: list[Any]) -> Callable[[str], list[Any]]:
+    """The plugins' hooks, with these drivers in place of theirs."""
+    return lambda hook: drivers if hook == "envcraft_sandbox_drivers" else offered(hook)
+
 
 HEAVY = ("numpy", "gymnasium", "torch", "scipy", "stable_baselines3", "PIL")
 QUICK = ("--sandbox", "process", "--budget", "quick", "--checks", "source")
@@ -64,7 +72,8 @@ def test_missing_path_is_a_sentence_and_the_others_are_judged(invoke: Any, good:
     result = invoke("validate", "nowhere.py", bad, good, *QUICK, "--format", "json", "--exit-zero")
     assert result.exit_code == 2
     assert result.stderr.splitlines() == [
-        "Error: nowhere.py does not exist; give a Python file, or a folder with some",
+        "Error: nowhere.py does not exist; give a Python file, a folder with some, package.module:Class or an id like "
+        "CartPole-v1",
     ]
     assert [Path(subject["path"]).name for subject in json.loads(result.stdout)["reports"]] == ["bad.py", "walk.py"]
 
@@ -157,11 +166,82 @@ def test_no_engine_is_a_sentence_and_exit_3(invoke: Any, good: Path, monkeypatch
     assert len(result.stderr.splitlines()) == 1
 
 
-def test_required_isolation_fails_closed(invoke: Any, good: Path) -> None:
-    result = invoke("validate", good, "--sandbox", "process", "--require-isolation", "container")
+class Stub(Driver):
+    """A driver that is there, or is not, and launches nothing."""
+
+    rank = 10
+
+    def __init__(self, isolation: Isolation, works: bool = True) -> None:
+        self.name, self.isolation, self.works = f"by-{isolation}", isolation, works
+        self.swept = False
+
+    def probe(self) -> Availability:
+        return Availability(self.works, "" if self.works else "it is broken", "" if self.works else "mend it")
+
+    def launch(self, *, hash_seed: int, limits: Limits) -> Worker:
+        raise SandboxUnavailable(f"launched {self.name}")
+
+    def sweep(self) -> None:
+        self.swept = True
+
+
+@pytest.mark.parametrize("has", Isolation)
+@pytest.mark.parametrize("asked", Isolation)
+@pytest.mark.parametrize("how", ["auto", "named"])
+def test_required_isolation_fails_closed(
+    invoke: Any, good: Path, monkeypatch: pytest.MonkeyPatch, has: Isolation, asked: Isolation, how: str
+) -> None:
+    levels = list(Isolation)
+    # What is stronger is broken, as on a machine that lost its engine.
+    stubs = [Stub(level, works=levels.index(level) >= levels.index(has)) for level in levels]
+    for rank, stub in enumerate(reversed(stubs)):
+        stub.rank = rank
+    monkeypatch.setattr("envcraft.commands.choices.offered", offering(stubs))
+    name = "auto" if how == "auto" else f"by-{has}"
+    result = invoke("validate", good, "--sandbox", name, "--require-isolation", asked.value)
     assert result.exit_code == 3
-    assert "--require-isolation asks for container" in result.stderr
-    assert result.stdout == ""
+    enough = levels.index(has) <= levels.index(asked)
+    assert (f"--require-isolation asks for {asked}" in result.stderr) is not enough
+    # Nothing was judged where it does not hold; where it does, the worker was asked for.
+    assert (f"launched by-{has}" in result.stdout) is enough
+    assert enough or result.stdout == ""
+
+
+def test_every_driver_sweeps_before_anything_is_judged(
+    invoke: Any, good: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stubs = [Stub(level) for level in Isolation]
+    monkeypatch.setattr("envcraft.commands.choices.offered", offering(stubs))
+    invoke("validate", good, "--sandbox", "by-process")
+    assert all(stub.swept for stub in stubs)
+
+
+@pytest.mark.parametrize("command", ["validate", "replay"])
+@pytest.mark.parametrize("name", ["process", "bubblewrap"])
+def test_a_runtime_needs_the_docker_sandbox(invoke: Any, good: Path, bad: Path, command: str, name: str) -> None:
+    target = good
+    if command == "replay":
+        target = bad.with_suffix(".json")
+        invoke("validate", bad, *QUICK, "--format", "json", "--output", target)
+    result = invoke(command, target, "--sandbox", name, "--runtime", "runsc")
+    assert result.exit_code == 2
+    assert result.stderr == f"Error: --runtime runsc goes with the docker sandbox, and this one is {name}\n"
+
+
+def test_a_runtime_that_cannot_be_had_is_exit_3(invoke: Any, good: Path) -> None:
+    result = invoke("validate", good, "--runtime", "no-such-runtime")
+    assert result.exit_code == 3
+    assert result.stderr.startswith("Error: the docker sandbox does not work here: ")
+
+
+def test_the_report_says_what_the_code_ran_in(invoke: Any, good: Path) -> None:
+    (report,) = json.loads(invoke("validate", good, *QUICK, "--format", "json").stdout)["reports"]
+    told = report["sandbox"]
+    assert told["driver"] == report["driver"] == "process"
+    # The driver's own, and what the worker found inside.
+    assert {"own process", "rlimits"} <= set(told["layers"])
+    assert not set(told["layers"]) & set(told["missing"])
+    assert told["image"] is None
 
 
 def test_class_picks_one_of_several(invoke: Any, good: Path, tmp_path: Path) -> None:

@@ -8,9 +8,9 @@ import pytest
 from rich.console import Console
 
 from envcraft.check import Rule
-from envcraft.events import Finished, SubjectFinished
+from envcraft.events import Finished, SubjectFinished, SubjectStarted
 from envcraft.reports.console import ConsoleReporter
-from envcraft.verdict import CheckReport, Finding, Report, Repro, Severity, SubjectReport, Verdict
+from envcraft.verdict import CheckReport, Finding, Report, Repro, SandboxReport, Severity, SubjectReport, Verdict
 
 RULES = {
     "EC203": Rule(
@@ -35,6 +35,7 @@ def report(message: str = LONG) -> Report:
     ]
     good = SubjectReport("good.py", "Good", "0" * 64, Verdict.PASS, "container", 1.0, 20480, checks[:1], "docker")
     bad = SubjectReport("games/bad.py", "Bad", "0" * 64, Verdict.FAIL, "process", 1.0, 1, checks, "process")
+    bad.sandbox = SandboxReport("process", ["rlimits"], ["Landlock", "system call \x1b[2Jfilter"])
     return Report("arcade", 3, [good, bad])
 
 
@@ -65,6 +66,7 @@ def test_everything_is_said_in_plain_text() -> None:
         "20,480 steps",
         "1 step\n",
         "container isolation by docker",
+        "not in force on this machine: Landlock; system call \N{REPLACEMENT CHARACTER}[2Jfilter",
         "#1: seed 0, 12 actions, hash_seed 1, fresh worker",
         "#2: ",
         "difficulty",
@@ -75,6 +77,7 @@ def test_everything_is_said_in_plain_text() -> None:
         "envcraft replay",
     ):
         assert words in text, words
+    assert text.count("not in force") == 1
     assert not [line for line in text.splitlines() if line != line.rstrip()]
 
 
@@ -107,3 +110,27 @@ def test_terminals_without_unicode_get_words() -> None:
     reporter.handle(Finished(report()))
     stream.seek(0)
     assert "fail  determinism" in stream.read()
+
+
+def test_the_end_of_what_was_printed_is_shown_with_the_finding() -> None:
+    made = report()
+    found = made.reports[1].checks[1].findings
+    output = "\n".join([*(f"line {number}" for number in range(9)), "", "\x1b[2Jlast " + "x" * 999])
+    found[0] = Finding("EC203", Severity.ERROR, "it died", evidence={"output": output})
+    said = rendered(made)
+    assert "printed: line 7\n" in said
+    assert "line 6" not in said
+    assert "\x1b" not in said
+    assert max(map(len, said.splitlines())) < 250
+
+
+def test_subjects_are_shown_in_the_order_of_the_report() -> None:
+    made = report()
+    stream = io.StringIO()
+    reporter = ConsoleReporter(stream, RULES)
+    for number, subject in enumerate(made.reports, 1):
+        reporter.handle(SubjectStarted(subject.path, number, 2))
+    reporter.handle(SubjectFinished(made.reports[1]))
+    assert stream.getvalue() == ""
+    reporter.handle(SubjectFinished(made.reports[0]))
+    assert stream.getvalue().index("good.py") < stream.getvalue().index("bad.py")

@@ -8,14 +8,16 @@ from typing import Any
 
 import pytest
 
+from envcraft import engine
 from envcraft.budget import BUDGETS
 from envcraft.check import Check, Rule, Skip
 from envcraft.contract import ARCADE
-from envcraft.engine import Leash, Plan, validate
+from envcraft.engine import Plan, validate
 from envcraft.errors import WorkerLost
 from envcraft.events import Event, Finished, SubjectFinished
 from envcraft.sandbox import Availability, Driver, Isolation, JobEnd, Limits, Recorder, Worker
-from envcraft.subject import Subject, Target
+from envcraft.subject import Subject
+from envcraft.target import Target
 from envcraft.verdict import Finding, Report, Severity, Verdict
 
 
@@ -142,8 +144,32 @@ def test_closing_the_events_ends_every_worker(workers: int) -> None:
     assert all(worker.closed for worker in driver.workers)
 
 
-def test_nothing_is_launched_after_the_end() -> None:
-    leash = Leash(StubDriver())
-    leash.end()
-    with pytest.raises(WorkerLost):
-        leash.launch(hash_seed=0, limits=Limits())
+def test_events_of_one_subject_stay_in_order_and_every_subject_gets_its_own() -> None:
+    files = [Target(f"{n}.py", b"") for n in range(12)]
+    checks = [StubCheck("one", "launch"), StubCheck("two", "EC902")]
+    seen: dict[str, list[str]] = {}
+    for event in validate(Plan(files, ARCADE, StubDriver(), checks, BUDGETS["quick"]), 4):
+        path = event.report.path if isinstance(event, SubjectFinished) else getattr(event, "path", "")
+        seen.setdefault(path, []).append(type(event).__name__)
+    order = ["SubjectStarted", *["CheckStarted", "CheckFinished"] * 2, "SubjectFinished"]
+    assert seen == {"": ["Finished"], **{file.path: order for file in files}}
+
+
+@pytest.mark.parametrize(
+    ("workers", "targets", "lanes"), [(None, 1, 6), (None, 2, 3), (4, 9, 1), (None, 50, 1), (2, 9, 3)]
+)
+def test_subjects_share_the_cores(
+    monkeypatch: pytest.MonkeyPatch, workers: int | None, targets: int, lanes: int
+) -> None:
+    monkeypatch.setattr("envcraft.engine.cores", lambda: 6)
+    given: list[int | None] = []
+    opened = engine.open_subject
+
+    def spy(plan: Plan, target: Target) -> Subject:
+        given.append(plan.lanes)
+        return opened(plan, target)
+
+    monkeypatch.setattr("envcraft.engine.open_subject", spy)
+    files = [Target(f"{n}.py", b"") for n in range(targets)]
+    assert list(validate(Plan(files, ARCADE, StubDriver(), [StubCheck("one")], BUDGETS["quick"]), workers))
+    assert given == [lanes] * targets

@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+import os
+import shutil
+import subprocess
+import sys
 import types
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import click
@@ -83,3 +88,45 @@ def test_the_command_line_warns_in_one_line_and_works(
     assert len(warnings) == 1
     assert "bad" in warnings[0]
     assert "no luck" in warnings[0]
+
+
+@pytest.fixture
+def package(tmp_path: Path) -> Path:
+    """A folder with one installed package that has a plugin."""
+    (tmp_path / "third_party.py").write_text(
+        "from envcraft.contract import ARCADE\nfrom envcraft.plugins import hookimpl\nimport msgspec\n\n"
+        "@hookimpl\ndef envcraft_contracts():\n    return [msgspec.structs.replace(ARCADE, name='third-party')]\n"
+    )
+    about = tmp_path / "third_party-1.0.dist-info"
+    about.mkdir()
+    (about / "METADATA").write_text("Metadata-Version: 2.1\nName: third-party\nVersion: 1.0\n")
+    (about / "entry_points.txt").write_text("[envcraft]\nthird = third_party\n")
+    return tmp_path
+
+
+def listed_from(path: Path) -> str:
+    """What ``envcraft contracts`` lists when `path` is on Python's path."""
+    folders = [str(path), *filter(None, sys.path)]
+    done = subprocess.run(
+        [sys.executable, "-m", "envcraft", "contracts"],
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(folders)},
+        capture_output=True,
+        check=True,
+        text=True,
+    )
+    assert "Warning" not in done.stderr
+    return done.stdout
+
+
+def test_an_installed_package_brings_its_plugin(package: Path) -> None:
+    assert "third-party" in listed_from(package)
+
+
+def test_a_package_in_an_archive_brings_its_plugin(package: Path, tmp_path_factory: pytest.TempPathFactory) -> None:
+    archive = shutil.make_archive(str(tmp_path_factory.mktemp("archive") / "packages"), "zip", package)
+    assert "third-party" in listed_from(Path(archive))
+
+
+def test_other_packages_bring_none(package: Path) -> None:
+    (package / "third_party-1.0.dist-info" / "entry_points.txt").write_text("[console_scripts]\nx = y:z\n")
+    assert "third-party" not in listed_from(package)

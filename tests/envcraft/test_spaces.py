@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from envcraft import spaces
+from envcraft.membership import problem
 
 FRAME = {"type": "Box", "low": 0, "high": 255, "shape": [2, 3], "dtype": "uint8"}
 REAL = {"type": "Box", "low": -1.0, "high": [0.0, 1.0], "shape": [2], "dtype": "float32"}
@@ -56,7 +57,7 @@ BOTH = {"type": "Dict", "spaces": [["frame", FRAME], ["pair", {"type": "Tuple", 
     ],
 )
 def test_problem(space: dict[str, Any], value: Any, kind: str | None, words: str) -> None:
-    found = spaces.problem(space, value)
+    found = problem(space, value)
     assert (found and found[0]) == kind
     if found:
         assert re.search(words, found[1])
@@ -67,7 +68,7 @@ def test_samples_are_inside(space: dict[str, Any], seed: int) -> None:
     value = spaces.sample(space, np.random.default_rng(seed))
     if space["type"] in ("Box", "MultiDiscrete", "MultiBinary"):
         value = np.asarray(value, dtype=space.get("dtype", "int8"))
-    assert spaces.problem(space, value) is None
+    assert problem(space, value) is None
 
 
 def test_every_joint_action_once_and_nothing_first() -> None:

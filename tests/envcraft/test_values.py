@@ -10,7 +10,8 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
-from envcraft.values import MAX_BYTES, Layout, MalformedValue
+from envcraft.errors import MalformedValue
+from envcraft.values import MAX_BYTES, Layout
 
 json_values = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=8),

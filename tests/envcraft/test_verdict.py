@@ -11,7 +11,17 @@ import numpy as np
 import pytest
 
 from envcraft import __version__
-from envcraft.verdict import CheckReport, Finding, Report, Repro, Severity, SubjectReport, Verdict, overall
+from envcraft.verdict import (
+    CheckReport,
+    Finding,
+    Report,
+    Repro,
+    SandboxReport,
+    Severity,
+    SubjectReport,
+    Verdict,
+    overall,
+)
 
 _FINDING = {
     "type": "object",
@@ -44,12 +54,22 @@ _CHECK = {
 }
 _SUBJECT = {
     "type": "object",
-    "required": ["path", "env_class", "source_sha256", "verdict", "isolation", "seconds", "steps", "checks"],
+    "required": ["path", "env_class", "source_sha256", "verdict", "isolation", "seconds", "steps", "checks", "sandbox"],
     "properties": {
         "source_sha256": {"type": "string", "pattern": "^[0-9a-f]{64}$"},
         "isolation": {"enum": ["container", "namespace", "process"]},
         "steps": {"type": "integer"},
         "checks": {"type": "array", "items": _CHECK},
+        "sandbox": {
+            "type": "object",
+            "required": ["driver", "layers", "missing", "image"],
+            "properties": {
+                "driver": {"type": "string"},
+                "layers": {"type": "array", "items": {"type": "string"}},
+                "missing": {"type": "array", "items": {"type": "string"}},
+                "image": {"type": ["string", "null"], "pattern": "^sha256:[0-9a-f]{64}$"},
+            },
+        },
     },
 }
 SCHEMA = {
@@ -70,7 +90,8 @@ def report(**evidence: Any) -> Report:
         "EC301", Severity.ERROR, "the reward is nan", 4, evidence, Repro(1, [[0, 0, 0]], {"render": True})
     )
     check = CheckReport("reward", Verdict.FAIL, 0.5, [finding])
-    subject = SubjectReport("a.py", "A", "0" * 64, Verdict.FAIL, "process", 1.0, 7, [check], "process")
+    ran_in = SandboxReport("docker", ["no network"], ["swap limit"], "sha256:" + "0" * 64)
+    subject = SubjectReport("a.py", "A", "0" * 64, Verdict.FAIL, "container", 1.0, 7, [check], "docker", sandbox=ran_in)
     return Report("arcade", 0, [subject])
 
 

@@ -1,0 +1,85 @@
+"""Who plays: the episodes that checks ask for, as rollouts that nobody has run yet."""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+from envcraft import actions, spaces
+from envcraft.budget import Budget
+from envcraft.check import Skip
+from envcraft.contract import Contract
+from envcraft.rollout import Action, Rollout
+
+
+class Players:
+    """The rollouts of one subject. `seed` is that of the validation; `space` holds the actions."""
+
+    def __init__(self, contract: Contract, budget: Budget, seed: int, space: spaces.Space) -> None:
+        self.contract = contract
+        self.budget = budget
+        self.seed = seed
+        self.space = space
+
+    @property
+    def length(self) -> int:
+        """How many actions an episode is given."""
+        return self.contract.limit or self.budget.steps
+
+    @cached_property
+    def choices(self) -> list[Action]:
+        """The joint actions, or a sample of them where they cannot be counted; first the one that does nothing."""
+        return spaces.enumerate_actions(self.space)
+
+    def episode_seed(self, number: int) -> int:
+        """The seed of the episode with this number, away from the seeds of another ``--seed``."""
+        return self.seed * 100_003 + number
+
+    def random(self, number: int, length: int | None = None) -> Rollout:
+        """Random play on the episode seed `number`."""
+        seed = self.episode_seed(number)
+        return Rollout(seed, actions.random_actions(self.space, seed, length or self.length), player="random play")
+
+    def sticky(self, number: int) -> Rollout:
+        """Random play with held actions."""
+        seed = self.episode_seed(number)
+        drawn = actions.sticky_actions(self.space, seed, self.length)
+        return Rollout(seed, drawn, player="random play with held actions")
+
+    def hold(self, action: Action, number: int = 0, length: int | None = None) -> Rollout:
+        """One action throughout."""
+        player = "doing nothing" if action == self.contract.noop else f"holding {action}"
+        return Rollout(self.episode_seed(number), actions.held_action(action, length or self.length), player=player)
+
+    def noop(self, number: int = 0, length: int | None = None) -> Rollout:
+        """Doing nothing. Raises Skip under a contract that knows no such action."""
+        if self.contract.noop is None:
+            raise Skip(f"the contract {self.contract.name} names no action that does nothing")
+        return self.hold(self.contract.noop, number, length)
+
+    def rotation(self, offset: int) -> Rollout:
+        """Every joint action in a shuffled order, begun at `offset`."""
+        number, offset = divmod(offset, len(self.choices))
+        seed = self.episode_seed(number)
+        order = actions.rotation(self.choices, offset, seed, self.length)
+        return Rollout(seed, order, player="every action in turn")
+
+    def rotations(self) -> list[Rollout]:
+        return [self.rotation(offset) for offset in range(self.budget.rotations)]
+
+    def held(self) -> list[Rollout]:
+        """Each joint action (as many as the budget allows) held on the first seed."""
+        stride = max(len(self.choices) // self.budget.held, 1)
+        return [self.hold(action) for action in self.choices[::stride]]
+
+    def policy(self, number: int) -> Rollout:
+        """The privileged policy on the episode seed `number`."""
+        return Rollout(self.episode_seed(number), [], player="the policy", policy=True, max_steps=self.length)
+
+    def all(self) -> list[Rollout]:
+        """The episodes that several checks share: random, sticky, held and doing nothing."""
+        found = [self.random(number) for number in range(self.budget.random)]
+        found += [self.sticky(number) for number in range(self.budget.sticky)]
+        found += self.held()
+        if self.contract.noop is not None:
+            found += [self.noop(number) for number in range(1, 3)]
+        return found

@@ -1,0 +1,192 @@
+"""Under the contract ``gymnasium``: good environments of every kind pass, and what is wrong is still found."""
+
+from __future__ import annotations
+
+import textwrap
+
+import pytest
+
+from benchmarks.judge import failing
+from envcraft.budget import BUDGETS
+from envcraft.contract import GYMNASIUM
+from envcraft.engine import Plan, validate
+from envcraft.events import SubjectFinished
+from envcraft.plugins import plugins
+from envcraft.sandbox import choose
+from envcraft.target import Target
+from envcraft.verdict import SubjectReport, Verdict
+
+_TEMPLATE = """
+import gymnasium as gym
+import numpy as np
+from gymnasium import spaces
+
+class Game(gym.Env):
+    observation_space = {observation}
+    action_space = {action}
+
+    def observe(self):
+        return {observe}
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        self.steps, self.last, self.total = 0, 0, 0.0
+        self.card = int(self.np_random.integers(1, 11))
+{reset}
+        return self.observe(), {{}}
+
+    def step(self, action):
+        self.steps += 1
+        reward, terminated, truncated, info = 0.0, False, False, {{}}
+{step}
+        return self.observe(), reward, terminated, truncated, info
+"""
+_FLOATS = "spaces.Box(-np.inf, np.inf, (3,), np.float64)"
+_STATE = "np.array([self.steps, self.card, self.total])"
+
+
+def source(
+    step: str, observation: str = _FLOATS, observe: str = _STATE, action: str = "spaces.Discrete(3)", reset: str = ""
+) -> str:
+    inner = [textwrap.indent(textwrap.dedent(lines), " " * 8) for lines in (reset, step)]
+    return _TEMPLATE.format(observation=observation, observe=observe, action=action, reset=inner[0], step=inner[1])
+
+
+#: Draws a card or stays: over in a step or two, and often with the same result.
+SHORT = source("""
+    self.total += self.card if action else 0
+    self.card = int(self.np_random.integers(1, 11))
+    terminated = action == 0 or self.total > 9
+    reward = float(np.sign(self.total - 7)) if terminated else 0.0
+""")
+#: A context without memory, one decision each, never ends.
+BANDIT = source(
+    """
+    reward = float(action == self.card % 3) * 1e9
+    self.card = int(self.np_random.integers(1, 11))
+    """,
+    observe="self.np_random.normal(size=3)",
+)
+#: One observation for good, and a price for the right arm; ten pulls.
+ARMS = source("reward, truncated = float(action), self.steps == 10", "spaces.Discrete(1)", "0")
+#: Only the goal ends it, always with the same reward; no seed matters; it goes on after its end.
+GOAL = source(
+    """
+    self.total = max(self.total + (1 if action == 1 else -1), 0.0)
+    terminated = self.total >= 4
+    reward = float(terminated)
+    """,
+    observe="np.array([0.0, 0.0, self.total])",
+)
+#: Every return is negative, and there is nothing wrong with that.
+COSTS = source("""
+    self.total += action
+    reward, terminated = -1e6, self.total > 30
+""")
+#: Rounding takes it past its bound; int32 casts safely; info has what JSON has not.
+ROUGH = source(
+    """
+    self.total += 0.1 * action
+    info = {"array": np.ones(3), "nan": float("nan"), "object": object, "set": {1, 2}}
+    """,
+    observation="spaces.Dict(angle=spaces.Box(-np.pi, np.pi, (1,), np.float32),"
+    " at=spaces.Box(0, 1e6, (1,), np.float64), pair=spaces.Tuple((spaces.Discrete(99999), spaces.MultiBinary(2))))",
+    observe='{"angle": np.array([np.float32(np.pi) * np.float32(1 + 1e-6)], np.float32),'
+    ' "at": np.array([self.steps], np.int32), "pair": (self.card + int(self.total), np.array([1, 0], np.int8))}',
+)
+#: Spaces of changing length, as observation and as action.
+GRAPHS = source(
+    """
+    assert isinstance(action, tuple) and all(isinstance(item, spaces.GraphInstance) for item in action)
+    self.total += len(action)
+    """,
+    observation="spaces.Graph(spaces.Box(-1, 1, (2,)), spaces.Discrete(5))",
+    observe="spaces.GraphInstance(np.full((3, 2), np.cos(self.total), np.float32), np.array([self.card % 5]),"
+    " np.array([[0, 2]], np.int32))",
+    action="spaces.Sequence(spaces.Graph(spaces.Box(0, 1, (1,)), None))",
+)
+CHOICES = source(
+    """
+    kind, value = action
+    self.total += kind + (len(value["words"]) if kind == 1 else float(value[0, 0]))
+    """,
+    observation="spaces.Sequence(spaces.OneOf((spaces.Discrete(11), spaces.Text(4))))",
+    observe='((0, self.card), (1, "ab"), (0, int(abs(self.total)) % 11))',
+    action="spaces.OneOf((spaces.Sequence(spaces.Box(-np.inf, 5, (2,)), stack=True),"
+    " spaces.Dict(words=spaces.Text(9))))",
+)
+#: A kind of space that only the package knows.
+OWN = source("self.total += action", "Mood()", "f'mood {self.total}'").replace(
+    "class Game",
+    "class Mood(spaces.Space):\n    def contains(self, x):\n        return isinstance(x, str)\n\nclass Game",
+)
+#: Actions of more numbers than a message shows.
+WIDE = source("self.total += float(action['push'].sum())", action="spaces.Dict(push=spaces.Box(-1, 1, (10, 10)))")
+WRITES = WIDE.replace("self.total +=", "action['push'][3, 3] = 0; self.total +=")
+GOOD = {
+    "wide": WIDE,
+    "short": SHORT,
+    "bandit": BANDIT,
+    "arms": ARMS,
+    "goal": GOAL,
+    "costs": COSTS,
+    "rough": ROUGH,
+    "graphs": GRAPHS,
+    "choices": CHOICES,
+    "own": OWN,
+}
+BAD = {
+    "EC109 past the bound": ("EC109", ROUGH.replace("1e-6", "1e-3")),
+    "EC108 no safe cast": ("EC108", ROUGH.replace("np.float32(1 + 1e-6)], np.float32)", "np.float32(1)], np.float64)")),
+    "EC109 no such node": ("EC109", GRAPHS.replace("[[0, 2]]", "[[0, 3]]")),
+    "EC108 edges without links": ("EC108", GRAPHS.replace("np.array([[0, 2]], np.int32)", "None")),
+    "EC109 no such choice": ("EC109", CHOICES.replace("(0, self.card)", "(2, self.card)")),
+    "EC108 list for a sequence": ("EC108", CHOICES.replace("return ((0", "return [(0").replace("% 11))", "% 11)]")),
+    "EC111 writes into the action": ("EC111", WRITES),
+    "EC201 unseeded": ("EC201", SHORT.replace("self.np_random.integers", "np.random.default_rng().integers")),
+    "EC204 global state": ("EC204", SHORT.replace("self.np_random.integers", "np.random.randint")),
+    "EC206 carried over": ("EC206", COSTS.replace("self.total = 0, 0, 0.0", "_ = 0, 0, 0.0").replace(
+        "observation_space =", "total = 0.0\n    observation_space =")),
+    "EC301 NaN": ("EC301", COSTS.replace("-1e6", "-1e6 if self.total < 9 else np.float64('nan')")),
+    "EC302 array": ("EC302", COSTS.replace("-1e6", "np.ones(1)")),
+    "EC401 constant": ("EC401", COSTS.replace(_STATE, "np.zeros(3)")),
+    "EC403 unresponsive": ("EC403", COSTS.replace(_STATE, "np.array([self.steps, self.card, 0.0])").replace(
+        "self.total > 30", "self.steps > 30")),
+    "EC503 over at once": ("EC503", COSTS.replace("self.total > 30", "self.steps == 2")),
+    "EC504 flag": ("EC504", COSTS.replace("self.total > 30", "int(self.total > 30)")),
+    "EC601 random wins": ("EC601 EC802", COSTS.replace("{}\n", '{"is_success": True}\n')),
+    "EC602 paid": ("EC602", COSTS.replace("-1e6, self.total > 30", "1.0, self.steps == 30")),
+}  # fmt: skip
+
+
+def judged(text: str) -> SubjectReport:
+    registered = plugins()
+    plan = Plan(
+        [Target("game.py", text.encode())],
+        GYMNASIUM,
+        choose(registered.collect("envcraft_sandbox_drivers"), "process"),
+        registered.collect("envcraft_checks"),
+        BUDGETS["quick"],
+    )
+    return next(event.report for event in validate(plan) if isinstance(event, SubjectFinished))
+
+
+@pytest.mark.parametrize("name", GOOD)
+def test_good_environments_have_no_finding_at_all(name: str) -> None:
+    report = judged(GOOD[name])
+    assert not [f"{found.code} {found.message}" for check in report.checks for found in check.findings]
+    assert report.verdict is Verdict.PASS
+    assert report.steps > 200
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_what_is_wrong_is_found(name: str) -> None:
+    code, text = BAD[name]
+    assert failing(judged(text)) == set(code.split())
+
+
+def test_actions_of_an_unknown_space_are_not_drawn() -> None:
+    report = judged(OWN.replace("action_space = spaces.Discrete(3)", "action_space = Mood()"))
+    reasons = {check.check: check.reason for check in report.checks}
+    assert "no actions can be drawn" in reasons["api"]
+    assert report.verdict is Verdict.PASS

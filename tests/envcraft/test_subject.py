@@ -1,0 +1,226 @@
+"""What counts of the jobs that run side by side: what was asked for, in the order of asking."""
+
+from __future__ import annotations
+
+import random
+import threading
+import time
+from typing import Any
+
+import pytest
+
+from envcraft.budget import BUDGETS
+from envcraft.check import Skip
+from envcraft.contract import ARCADE
+from envcraft.errors import WorkerLost
+from envcraft.rollout import Conditions, Rollout
+from envcraft.sandbox import Availability, Driver, How, Isolation, JobEnd, Limits, Recorder, Step, Worker
+from envcraft.subject import Subject
+from envcraft.target import Target
+
+ACTION = [0, 0, 0]
+
+
+class Game(Worker):
+    """An environment that never ends, on a machine of no constant speed.
+
+    Seeds from 100 on hang, from 200 on die, from 300 on lose the worker.
+    """
+
+    def __init__(self, driver: Arcade, hash_seed: int) -> None:
+        self.about = {"number": len(driver.games)}
+        self.driver = driver
+        self.hash_seed = hash_seed
+        self.served: list[dict[str, Any]] = []
+        self.ended = threading.Event()
+
+    def preload(self, modules: list[str]) -> list[str]:
+        return modules
+
+    def find(self, modules: list[str]) -> tuple[list[str], list[str]]:
+        return [], []
+
+    def run(self, job: dict[str, Any], recorder: Recorder, limits: Limits) -> JobEnd:
+        self.served.append(job)
+        time.sleep(random.random() * 0.002)
+        if self.ended.is_set() or job.get("seed", 0) >= 300:
+            raise WorkerLost("the worker is gone")
+        hangs = 100 <= job.get("seed", 0) < 200
+        if job["kind"] == "search":
+            recorder.result({"steps": 5, "seed": job["seed"]})
+        elif job["kind"] == "describe":
+            recorder.loaded({"class": "Game"})
+        else:
+            recorder.layout({"k": "array", "dtype": "uint8", "shape": [2]})
+            for number in range(len(job["actions"]) + 1):
+                data = memoryview(bytes([job["seed"] % 256, number % 256]))
+                step = Step(False, False, "bool", "bool", "float", 1.0, 1, 0, data, b"")
+                (recorder.step if number else recorder.reset)(step)
+        died = 200 <= job.get("seed", 0) < 300
+        return JobEnd(How.TIMEOUT if hangs else How.DIED if died else How.DONE, "step", 1.0)
+
+    def close(self) -> None:
+        self.ended.set()
+
+
+class Arcade(Driver):
+    name = "arcade"
+    isolation = Isolation.PROCESS
+    rank = 1
+
+    def __init__(self) -> None:
+        self.games: list[Game] = []
+
+    def probe(self) -> Availability:
+        return Availability(True)
+
+    def launch(self, *, hash_seed: int, limits: Limits) -> Worker:
+        self.games.append(Game(self, hash_seed))
+        return self.games[-1]
+
+    @property
+    def served(self) -> list[dict[str, Any]]:
+        return [job for game in self.games for job in game.served]
+
+
+def subject_of(driver: Driver, lanes: int, limits: Limits | None = None) -> Subject:
+    return Subject(Target("game.py", b""), ARCADE, driver, BUDGETS["quick"], limits=limits, lanes=lanes)
+
+
+def play(seed: int, steps: int = 3, conditions: Conditions | None = None) -> Rollout:
+    return Rollout(seed, [ACTION] * steps, conditions or Conditions())
+
+
+@pytest.mark.parametrize("lanes", [1, 3])
+def test_what_counts_is_what_was_asked_for_in_that_order(lanes: int) -> None:
+    with subject_of(Arcade(), lanes) as subject:
+        subject.foresee([play(seed, steps=seed) for seed in range(30)])
+        asked = [7, 3, 3, 29, 0, 11]
+        traces = [subject.rollout(play(seed, steps=seed)) for seed in asked]
+        assert [trace.rollout.seed for trace in subject.traces] == [7, 3, 29, 0, 11]
+        assert traces[1] is traces[2]
+        assert subject.steps == 7 + 3 + 29 + 0 + 11
+        assert subject.seconds == 5
+
+
+def test_the_lanes_share_the_work() -> None:
+    driver = Arcade()
+    with subject_of(driver, 3) as subject:
+        subject.rollouts([play(seed) for seed in range(60)])
+    assert len(driver.games) == 3
+    assert len(driver.served) == 60
+    assert all(len(game.served) > 5 for game in driver.games)
+    assert all(game.ended.is_set() for game in driver.games)
+
+
+def test_a_foreseen_trace_has_the_name_that_it_is_asked_for_under() -> None:
+    with subject_of(Arcade(), 2) as subject:
+        subject.foresee([Rollout(1, [ACTION], player="somebody")])
+        assert subject.rollout(Rollout(1, [ACTION], player="me")).rollout.player == "me"
+
+
+def test_what_is_forgotten_does_not_run_but_can_be_asked_for() -> None:
+    driver = Arcade()
+    with subject_of(driver, 1) as subject:
+        subject.foresee([play(seed) for seed in range(100)])
+        subject.forget()
+        assert subject.rollout(play(99)).steps == 3
+    assert len(driver.served) < 100
+    assert len(subject.traces) == 1
+
+
+@pytest.mark.parametrize("lanes", [1, 3])
+def test_patience_is_counted_in_the_order_of_asking(lanes: int) -> None:
+    asked = [play(seed) for seed in (1, 101, 2, 102, 3, 103, 4, 5)]
+    with subject_of(Arcade(), lanes) as subject:
+        subject.foresee(asked)
+        time.sleep(0.02)
+        for rollout in asked[:6]:
+            subject.rollout(rollout)
+        with pytest.raises(Skip, match="3 episodes or searches hung"):
+            subject.rollout(asked[6])
+        # What is known stays known.
+        assert subject.rollout(asked[0]).rollout.seed == 1
+        assert [trace.rollout.seed for trace in subject.traces] == [1, 101, 2, 102, 3, 103]
+
+
+def test_hung_searches_use_up_patience_too() -> None:
+    with subject_of(Arcade(), 2) as subject:
+        for seed in (100, 101, 102):
+            subject.sweep([ACTION], seed)
+        with pytest.raises(Skip, match="hung"):
+            subject.rollout(play(0))
+
+
+@pytest.mark.parametrize(("seed", "times"), [(0, 1), (100, 2), (200, 2)])
+def test_what_hangs_first_or_dies_runs_again_step_by_step(seed: int, times: int) -> None:
+    driver = Arcade()
+    with subject_of(driver, 2) as subject:
+        subject.foresee([play(seed)])
+        subject.rollout(play(seed))
+    assert [bool(job.get("every_step")) for job in driver.served] == [False, True][:times]
+
+
+@pytest.mark.parametrize("lanes", [1, 3])
+def test_time_runs_out_by_what_was_asked_for(lanes: int) -> None:
+    with subject_of(Arcade(), lanes, Limits(total=3.5)) as subject:
+        subject.foresee([play(seed) for seed in range(50)])
+        for seed in range(4):
+            assert not subject.overrun
+            subject.rollout(play(seed))
+        assert subject.overrun
+        with pytest.raises(Skip, match="4 s"):
+            subject.rollout(play(4))
+
+
+def test_a_lost_worker_is_an_error_for_who_asked_and_a_rollout_can_be_asked_for_again() -> None:
+    driver = Arcade()
+    with subject_of(driver, 2) as subject:
+        subject.foresee([play(seed) for seed in (1, 300, 2)])
+        assert subject.rollout(play(1)).steps == 3
+        assert subject.rollout(play(2)).steps == 3
+        for _ in range(2):
+            with pytest.raises(WorkerLost):
+                subject.rollout(play(300))
+        assert subject.rollout(play(3)).steps == 3
+        assert [trace.rollout.seed for trace in subject.traces] == [1, 2, 3]
+    assert all(game.ended.is_set() for game in driver.games)
+
+
+def test_conditions_run_beside_the_plain_rollout_and_fresh_ones_apart() -> None:
+    driver = Arcade()
+    with subject_of(driver, 3) as subject:
+        for seed in range(9):
+            subject.foresee([play(seed), play(seed, conditions=Conditions(render=True))])
+            subject.foresee([play(seed)], again=True)
+            subject.foresee([play(seed, conditions=Conditions(fresh=True, hash_seed=5))])
+        for seed in range(9):
+            subject.rollout(play(seed))
+            subject.rerun(play(seed))
+            subject.rollout(play(seed, conditions=Conditions(render=True)))
+            subject.rollout(play(seed, conditions=Conditions(fresh=True, hash_seed=5)))
+            subject.rollout(play(seed, conditions=Conditions(hash_seed=5)))
+    (apart,) = (game for game in driver.games if game.hash_seed == 5)
+    assert len(apart.served) == 18
+    for seed in range(9):
+        homes = [game for game in driver.games for job in game.served if job["seed"] == seed and game is not apart]
+        assert len(homes) == 3
+        assert len(set(homes)) == 1
+
+
+def test_a_fresh_rerun_has_a_worker_of_its_own_each_time() -> None:
+    driver = Arcade()
+    fresh = play(0, conditions=Conditions(fresh=True, heap=1))
+    with subject_of(driver, 1) as subject:
+        subject.rollout(play(0))
+        for _ in range(3):
+            subject.rerun(fresh)
+    assert [len(game.served) for game in driver.games] == [1, 1, 1, 1]
+
+
+def test_about_is_the_first_worker_s() -> None:
+    with subject_of(Arcade(), 3) as subject:
+        assert subject.about == {}
+        subject.find_modules([])
+        subject.rollouts([play(seed) for seed in range(30)])
+        assert subject.about == {"number": 0}
