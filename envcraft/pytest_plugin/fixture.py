@@ -1,0 +1,109 @@
+"""The fixture `envcraft` and the marker of the same name."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from os import PathLike
+from typing import Any, NoReturn, TypedDict, Unpack
+
+import pytest
+
+from envcraft.commands.choices import select_checks
+from envcraft.errors import EnvCraftError, UsageError
+from envcraft.verdict import CheckReport, SubjectReport, Verdict
+
+from . import SETTINGS, words
+from .items import could_not_judge, settle
+from .judging import Case, Judged, judge_of, settings, spec_of
+
+Judgeable = type | str | PathLike[str]
+
+
+class Options(TypedDict, total=False):
+    """What a call may set; names of checks in a list, or with commas between them."""
+
+    checks: str | Iterable[str]
+    skip: str | Iterable[str]
+    contract: str
+    budget: str
+    seed: int
+    sandbox: str
+
+
+class EnvCraft:
+    """Judges environments from within a test.
+
+    What the test's marker gives is the default of each call. Calls that ask the same share one sandbox run.
+
+    Attributes:
+        report: in a test that stands for one check, what the check found; else None.
+    """
+
+    def __init__(self, request: pytest.FixtureRequest) -> None:
+        self._node: pytest.Item = request.node
+        self.report: CheckReport | None = None
+        if isinstance(case := getattr(request, "param", None), Case):
+            self.report = settle(self._node, case).own
+
+    def judge(self, target: Judgeable | None = None, **options: Unpack[Options]) -> SubjectReport:
+        """Judge an environment, and leave it to the test what to make of the report."""
+        return self._judge(target, options).report
+
+    def check(self, target: Judgeable | None = None, **options: Unpack[Options]) -> SubjectReport:
+        """Judge an environment, and fail the test if it fails.
+
+        A check that could not judge makes the test an error.
+        """
+        judged = self._judge(target, options)
+        if judged.report.verdict is Verdict.FAIL:
+            pytest.fail(words.failure(judged, judged.report.checks), pytrace=False)
+        if judged.report.verdict is Verdict.ERROR:
+            raise could_not_judge(words.error(judged, judged.report.checks))
+        return judged.report
+
+    def _judge(self, target: Judgeable | None, options: Options) -> Judged:
+        config = self._node.config
+        given = marked(self._node) | {name: value for name, value in options.items() if value is not None}
+        marker_target = given.pop("target", None)
+        target = marker_target if target is None else target
+        if unknown := sorted(set(given) - set(SETTINGS)):
+            raise TypeError(f"there is no option {unknown[0]!r}; there are {', '.join(SETTINGS)}")
+        try:
+            if target is None:
+                raise UsageError("there is no target: give one here or in the marker envcraft")
+            return judge_of(config).subject(spec_of(target, config.rootpath), settings(config, given))
+        except EnvCraftError as error:
+            raise could_not_judge(words.unjudged(error)) from None
+
+
+def cases(test: pytest.Item) -> list[Case]:
+    """What a test with the marker becomes: one case for each check, none where the marker names no target."""
+    marker = marked(test)
+    target = marker.pop("target", None)
+    if target is None:
+        return []
+    try:
+        chosen = settings(test.config, marker)
+        spec = spec_of(target, test.config.rootpath)
+        return [Case(spec, chosen.for_one(), check.name) for check in select_checks(chosen.checks, chosen.skip)]
+    except EnvCraftError as error:
+        _wrong_marker(test, f"cannot be followed: {error}")
+
+
+def marked(test: pytest.Item) -> dict[str, Any]:
+    """What a test's markers say, the nearest first: the target and settings."""
+    found: dict[str, Any] = {}
+    for marker in test.iter_markers("envcraft"):
+        given = dict(marker.kwargs)
+        if unknown := sorted(set(given) - {"target", *SETTINGS}):
+            _wrong_marker(test, f"has no {unknown[0]}; it takes target, {', '.join(SETTINGS)}")
+        if len(marker.args) + ("target" in given) > 1:
+            _wrong_marker(test, "takes one target")
+        if marker.args:
+            given["target"] = marker.args[0]
+        found = {name: value for name, value in given.items() if value is not None} | found
+    return found
+
+
+def _wrong_marker(test: pytest.Item, words: str) -> NoReturn:
+    pytest.fail(f"the marker envcraft of {test.name} {words}", pytrace=False)

@@ -1,0 +1,89 @@
+"""The tests that stand for one check: judged in their setup, concluded when they are called."""
+
+from __future__ import annotations
+
+import warnings
+from pathlib import Path
+
+import pytest
+
+from envcraft.errors import EnvCraftError
+from envcraft.reports import one_line
+from envcraft.verdict import Severity, Verdict
+
+from . import EnvCraftWarning, words
+from .judging import CASE, Case, Outcome, judge_of
+
+_OUTCOME = pytest.StashKey[Outcome]()
+_UNJUDGED = "envcraft_unjudged"
+
+
+class CheckItem(pytest.Item):
+    """One check of one environment file, whose class is at `line`."""
+
+    line: int = 1
+
+    def setup(self) -> None:
+        settle(self, self.stash[CASE])
+
+    def runtest(self) -> None:
+        """Nothing: the plugin's ``pytest_runtest_call`` concludes every test that stands for a check."""
+
+    def reportinfo(self) -> tuple[Path, int, str]:
+        return self.path, self.line - 1, f"{self.name} of {self.parent.nodeid if self.parent else self.path}"
+
+
+def settle(item: pytest.Item, case: Case) -> Outcome:
+    """Judge what a test stands for; what could not be judged is an error."""
+    try:
+        outcome = judge_of(item.config).case(item.session, case)
+    except EnvCraftError as error:
+        raise could_not_judge(words.unjudged(error)) from None
+    item.stash[_OUTCOME] = outcome
+    # Once, also where a test is run again.
+    known = [*item.user_properties]
+    item.user_properties += [pair for pair in words.properties(outcome.judged, outcome.reports) if pair not in known]
+    if outcome.verdict is Verdict.ERROR:
+        raise could_not_judge(words.error(outcome.judged, outcome.reports))
+    return outcome
+
+
+def conclude(item: pytest.Item) -> None:
+    """Fail or skip a test as its check does, and show warnings, before its own code runs."""
+    outcome = item.stash.get(_OUTCOME, None)
+    if outcome is None:
+        return
+    for finding in outcome.own.findings:
+        if finding.severity is Severity.WARNING:
+            message = EnvCraftWarning(words.warning(outcome.judged, finding))
+            try:
+                warnings.warn_explicit(message, EnvCraftWarning, outcome.judged.report.path, finding.line or 1)
+            except EnvCraftWarning as error:
+                # As a filter wants it.
+                pytest.fail(str(error), pytrace=False)
+    if outcome.verdict is Verdict.FAIL:
+        pytest.fail(words.failure(outcome.judged, outcome.reports), pytrace=False)
+    if outcome.verdict is Verdict.SKIP:
+        pytest.skip(one_line(outcome.own.reason))
+
+
+def could_not_judge(message: str) -> BaseException:
+    """What to raise where nothing can be said about the environment: the test is then an error, in any phase."""
+    failed = pytest.fail.Exception(message, pytrace=False)
+    setattr(failed, _UNJUDGED, True)
+    return failed
+
+
+def amend(item: pytest.Item, call: pytest.CallInfo[None], report: pytest.TestReport) -> None:
+    """Give a report the check's own time and place, and make what could not be judged an error."""
+    if call.excinfo is not None and hasattr(call.excinfo.value, _UNJUDGED):
+        # pytest calls a failure an error in every phase but the call.
+        report.when = "setup"
+    outcome = item.stash.get(_OUTCOME, None)
+    if outcome is None:
+        return
+    if call.when == "setup":
+        report.duration = outcome.own.seconds
+    elif report.skipped and outcome.verdict is Verdict.SKIP:
+        path, line, _ = item.reportinfo()
+        report.longrepr = (str(path), (line or 0) + 1, f"Skipped: {one_line(outcome.own.reason)}")

@@ -1,0 +1,327 @@
+"""One sandbox run a subject: what was judged is remembered, and under xdist shared by the workers."""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import inspect
+import os
+import sys
+import warnings
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import click
+import msgspec
+import pytest
+
+from envcraft.budget import BUDGETS
+from envcraft.cli import configuration, offered, unknown
+from envcraft.commands.choices import contract_named, driver_named, select_checks, split
+from envcraft.commands.targets import resolve
+from envcraft.errors import EnvCraftError, UsageError
+from envcraft.reports import relative
+from envcraft.verdict import CheckReport, SubjectReport, Verdict, overall, plain
+
+from . import SETTINGS
+
+if TYPE_CHECKING:
+    from envcraft.sandbox import Driver
+    from envcraft.target import Target
+
+_MAX_SEED = 2**31 - 1
+
+
+class Settings(NamedTuple):
+    """How to judge. `checks` and `skip` are names that commas separate, None for all and none."""
+
+    contract: str = "arcade"
+    budget: str = "standard"
+    sandbox: str = "auto"
+    seed: int = 0
+    checks: str | None = None
+    skip: str | None = None
+    runtime: str | None = None
+    least: str | None = None
+
+    def for_one(self) -> Settings:
+        """The same but for the selection of checks: what a single check is judged under."""
+        return self._replace(checks=None, skip=None)
+
+
+class Spec(NamedTuple):
+    """What to judge: an absolute path or whatever else ``envcraft validate`` takes, and the class in it."""
+
+    target: str
+    env_class: str | None = None
+
+
+class Case(NamedTuple):
+    """One check of one subject."""
+
+    spec: Spec
+    settings: Settings
+    check: str
+
+
+class Judged(NamedTuple):
+    """A subject's report, and what gave it."""
+
+    spec: Spec
+    settings: Settings
+    report: SubjectReport
+
+
+class Outcome(NamedTuple):
+    """What a case came to. `riders` are the reports of checks that ran though nobody selected them, since every
+    verdict rests on them, and that do not pass.
+    """
+
+    judged: Judged
+    own: CheckReport
+    riders: list[CheckReport]
+
+    @property
+    def reports(self) -> list[CheckReport]:
+        return [*self.riders, self.own]
+
+    @property
+    def verdict(self) -> Verdict:
+        verdict = overall(self.reports)
+        return self.own.verdict if verdict is Verdict.PASS else verdict
+
+
+class Judge:
+    """Judges subjects for one session of pytest, each with all the checks that its tests want, once."""
+
+    def __init__(self, config: pytest.Config) -> None:
+        self._config = config
+        self._reports: dict[str, SubjectReport | EnvCraftError] = {}
+        self._drivers: dict[tuple[str, str | None, str | None], Driver | EnvCraftError] = {}
+        self._wanted: dict[tuple[Spec, Settings], set[str]] | None = None
+        worker: dict[str, Any] = getattr(config, "workerinput", {})
+        self._lanes_of = int(worker.get("workercount", 1))
+        self._shared = _usable(worker.get("envcraft_shared"))
+
+    def case(self, session: pytest.Session, case: Case) -> Outcome:
+        """One check's outcome. Raises EnvCraftError where nothing could be judged."""
+        if self._wanted is None:
+            self._wanted = {}
+            for found in filter(None, map(case_of, session.items)):
+                self._wanted.setdefault((found.spec, found.settings), set()).add(found.check)
+        wanted = self._wanted.get((case.spec, case.settings), set()) | {case.check}
+        judged = self.subject(case.spec, case.settings._replace(checks=",".join(sorted(wanted))))
+        reports = judged.report.checks
+        own = next(report for report in reports if report.check == case.check)
+        return Outcome(judged, own, riders(reports, wanted, case.check))
+
+    def subject(self, spec: Spec, settings: Settings) -> Judged:
+        """A whole subject. Raises EnvCraftError where nothing could be judged."""
+        target = self._target(spec)
+        names = [check.name for check in select_checks(settings.checks, settings.skip)]
+        asked = (target, settings.for_one(), names)
+        key = hashlib.sha256(msgspec.json.encode(asked)).hexdigest()
+        if key not in self._reports:
+            try:
+                self._reports[key] = self._share(key, lambda: self._judge(target, settings))
+            except EnvCraftError as error:
+                self._reports[key] = error
+        found = self._reports[key]
+        if isinstance(found, EnvCraftError):
+            raise found
+        return Judged(spec, settings, found)
+
+    def close(self) -> None:
+        """End what the sandboxes hold."""
+        for driver in self._drivers.values():
+            if not isinstance(driver, EnvCraftError):
+                driver.close()
+
+    def _target(self, spec: Spec) -> Target:
+        targets = resolve(spec.target, spec.env_class)
+        if len(targets) != 1:
+            raise UsageError(
+                f"{spec.target} holds {len(targets)} environments, and a test judges one: name its file, or let "
+                "`pytest --envcraft` collect the folder"
+            )
+        [target] = targets
+        if os.path.isabs(target.path):
+            # As somebody would type it where pytest was started.
+            return msgspec.structs.replace(target, path=relative(target.path, str(self._config.invocation_params.dir)))
+        return target
+
+    def _judge(self, target: Target, settings: Settings) -> SubjectReport:
+        from envcraft.engine import Plan, cores, validate
+        from envcraft.events import Finished
+
+        plan = Plan(
+            [target],
+            contract_named(settings.contract),
+            self._driver(settings),
+            select_checks(settings.checks, settings.skip),
+            BUDGETS[settings.budget],
+            settings.seed,
+            lanes=max(cores() // self._lanes_of, 1),
+        )
+        with warnings.catch_warnings():
+            # pytest's filters are for the tests' own code; no verdict may depend on them.
+            warnings.simplefilter("ignore")
+            with contextlib.closing(validate(plan, 1)) as events:
+                [report] = [event.report for event in events if isinstance(event, Finished)]
+        return report.reports[0]
+
+    def _driver(self, settings: Settings) -> Driver:
+        key = settings.sandbox, settings.least, settings.runtime
+        if key not in self._drivers:
+            try:
+                self._drivers[key] = driver_named(*key)
+            except EnvCraftError as error:
+                # Asking again takes as long, and the answer is the same.
+                self._drivers[key] = error
+        found = self._drivers[key]
+        if isinstance(found, EnvCraftError):
+            raise found
+        return found
+
+    def _share(self, key: str, judge: Callable[[], SubjectReport]) -> SubjectReport:
+        """Judge, or take over what another worker of xdist has judged or is just judging."""
+        if self._shared is None:
+            return judge()
+        import fcntl
+
+        file = self._shared / f"{key}.json"
+        with (self._shared / f"{key}.lock").open("w") as lock:
+            # Let go by the system should this process die.
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            if file.exists():
+                return msgspec.json.decode(file.read_bytes(), type=SubjectReport)
+            report = judge()
+            written = file.with_suffix(".part")
+            written.write_bytes(msgspec.json.encode(plain(report)))
+            written.replace(file)
+            return report
+
+
+_JUDGE = pytest.StashKey[Judge]()
+CASE = pytest.StashKey[Case]()
+
+
+def judge_of(config: pytest.Config) -> Judge:
+    """The judge of this session."""
+    if _JUDGE not in config.stash:
+        config.stash[_JUDGE] = Judge(config)
+    return config.stash[_JUDGE]
+
+
+def close(config: pytest.Config) -> None:
+    """End what the session's judge holds, if there is one."""
+    if judge := config.stash.get(_JUDGE, None):
+        judge.close()
+
+
+def case_of(item: pytest.Item) -> Case | None:
+    """The check that a test stands for, if it does."""
+    callspec = getattr(item, "callspec", None)
+    found = item.stash.get(CASE, None) or (callspec and callspec.params.get("envcraft"))
+    return found if isinstance(found, Case) else None
+
+
+def riders(reports: Iterable[CheckReport], wanted: set[str], check: str) -> list[CheckReport]:
+    """The reports that the test of `check` carries besides its own: of each check that is not wanted and does not
+    pass, in the test of the next one that is, or else of the last.
+    """
+    reports = list(reports)
+    order = [report.check for report in reports if report.check in wanted]
+    carried = []
+    for number, report in enumerate(reports):
+        if report.check not in wanted and report.verdict in (Verdict.FAIL, Verdict.ERROR):
+            later = [other.check for other in reports[number:] if other.check in wanted]
+            if check == (later[0] if later else order[-1]):
+                carried.append(report)
+    return carried
+
+
+def spec_of(target: object, root: Path) -> Spec:
+    """What a class, path or name stands for; paths are taken from `root`. Raises UsageError."""
+    if inspect.isclass(target):
+        return _class_spec(target)
+    if not isinstance(target, str | os.PathLike) or not os.fspath(target):
+        raise UsageError(f"{target!r} is no target: give an environment class, a path, or a name as envcraft validate")
+    path = os.path.join(root, target)
+    return Spec(path if os.path.exists(path) else os.fspath(target))
+
+
+def _class_spec(target: type) -> Spec:
+    name = f"{target.__module__}.{target.__qualname__}"
+    module = sys.modules.get(target.__module__)
+    file = getattr(module, "__file__", None)
+    if file is None or not os.path.isfile(file):
+        raise UsageError(f"{name} is defined in no file that could be judged; save it in one")
+    if target.__qualname__ != target.__name__:
+        raise UsageError(f"{name} is defined within a function or class; move it to the top of its file")
+    return Spec(os.path.abspath(file), target.__name__)
+
+
+def settings(config: pytest.Config, given: dict[str, Any] | None = None) -> Settings:
+    """The settings that hold, those `given` first. Raises UsageError on a value that does not exist."""
+    found = _of_project(config.rootpath)
+    for name in SETTINGS:
+        for value in (
+            (given or {}).get(name),
+            config.getoption(f"envcraft_{name}"),
+            config.getini(f"envcraft_{name}"),
+        ):
+            if value is not None and value != "":
+                found[name] = value
+                break
+    chosen = Settings(**{name: _plain(name, value) for name, value in found.items() if value is not None})
+    contract_named(chosen.contract)
+    select_checks(chosen.checks, chosen.skip)
+    if chosen.budget not in BUDGETS:
+        raise UsageError(f"there is no budget {unknown(chosen.budget, BUDGETS)}")
+    if chosen.sandbox != "auto":
+        # Only then: loading the drivers takes longer than collecting a folder.
+        drivers = ["auto", *(driver.name for driver in offered("envcraft_sandbox_drivers"))]
+        if chosen.sandbox not in drivers:
+            raise UsageError(f"there is no sandbox {unknown(chosen.sandbox, drivers)}")
+    return chosen
+
+
+def _of_project(folder: Path) -> dict[str, Any]:
+    """What ``[tool.envcraft]`` says for ``envcraft validate`` and goes for tests, too."""
+    from envcraft.commands.validate import validate
+
+    options = {
+        option.removeprefix("--"): str(param.name)
+        for param in validate.params
+        if isinstance(param, click.Option)
+        for option in param.opts
+    }
+    table = configuration(folder, options)
+    table["least"] = table.get("require_isolation")
+    return {name: value for name, value in table.items() if name in Settings._fields}
+
+
+def _plain(name: str, value: Any) -> Any:
+    """A setting in its own type."""
+    if name == "seed":
+        if not str(value).isdecimal() or int(value) > _MAX_SEED:
+            raise UsageError(f"the seed {value!r} is no whole number from 0 to {_MAX_SEED}")
+        return int(value)
+    names = [value] if isinstance(value, str) else value
+    if name in ("checks", "skip"):
+        return ",".join(split(",".join(map(str, names)))) or None
+    if not isinstance(value, str):
+        raise UsageError(f"{name} must be a name, and is {value!r}")
+    return value
+
+
+def _usable(folder: str | None) -> Path | None:
+    """The folder that xdist's workers share, unless this one runs on another machine."""
+    if folder is None:
+        return None
+    with contextlib.suppress(OSError):
+        if os.stat(folder).st_uid == os.getuid():
+            return Path(folder)
+    return None

@@ -1,0 +1,113 @@
+"""What is printed of findings, and what reports carry of them."""
+
+from __future__ import annotations
+
+import shlex
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
+from itertools import chain
+
+from envcraft.commands.choices import all_checks, rules_of
+from envcraft.reports import one_line, plural, printable, repro_words
+from envcraft.verdict import CheckReport, Finding, Severity, Verdict
+
+from .judging import Judged
+
+
+def failure(judged: Judged, reports: Iterable[CheckReport]) -> str:
+    """The findings that fail `reports`, each with its fix and reproduction, and the commands that show them again."""
+    numbers = {id(finding): number for number, finding in enumerate(_findings(judged.report.checks), 1)}
+    failing = [finding for finding in _findings(reports) if finding.severity is Severity.ERROR]
+    blocks = [_block(judged, finding) for finding in failing]
+    blocks += [one_line(report.reason) for report in reports if report.verdict is Verdict.FAIL and report.reason]
+    if failing:
+        replays = (f"envcraft replay report.json --finding {numbers[id(finding)]}" for finding in failing)
+        commands = [f"{command(judged)} --format json --output report.json", *replays]
+        blocks.append("\n".join(["To see it again:", *(f"  {line}" for line in commands)]))
+    return "\n\n".join(blocks)
+
+
+def error(judged: Judged, reports: Iterable[CheckReport]) -> str:
+    """Why checks could not judge, and what to do."""
+    lines = [
+        f"the check {report.check} could not judge {one_line(judged.report.path)}, which says nothing against it: "
+        f"{one_line(report.reason)}"
+        for report in reports
+        if report.verdict is Verdict.ERROR
+    ]
+    return "\n".join([*lines, f"Try it by itself: {command(judged)}"])
+
+
+def unjudged(reason: Exception) -> str:
+    """Why nothing could be judged at all."""
+    return f"nothing was judged: {one_line(reason)}"
+
+
+def warning(judged: Judged, finding: Finding) -> str:
+    """A finding in one line."""
+    rule = rules_of(all_checks()).get(finding.code)
+    fix = f" (fix: {rule.fix})" if rule else ""
+    return f"{_head(judged, finding)}: {one_line(finding.message)}{fix}"
+
+
+def command(judged: Judged) -> str:
+    """What to type to judge the same again."""
+    settings, path = judged.settings, judged.report.path
+    words = ["envcraft", "validate", f"./{path}" if path.startswith("-") else path]
+    words += ["--class", judged.spec.env_class] if judged.spec.env_class else []
+    ran = [report.check for report in judged.report.checks]
+    if set(ran) != {check.name for check in all_checks()}:
+        words += ["--checks", ",".join(ran)]
+    words += ["--contract", settings.contract, "--budget", settings.budget, "--seed", str(settings.seed)]
+    words += ["--sandbox", settings.sandbox] if settings.sandbox != "auto" else []
+    return printable(shlex.join(words))
+
+
+def properties(judged: Judged, reports: Iterable[CheckReport]) -> Iterator[tuple[str, str]]:
+    """What JUnit XML carries."""
+    report, settings = judged.report, judged.settings
+    found = {
+        "subject": report.path,
+        "class": report.env_class or "",
+        "source_sha256": report.source_sha256,
+        "contract": settings.contract,
+        "budget": settings.budget,
+        "seed": settings.seed,
+        "isolation": report.isolation,
+        "driver": report.driver,
+        "steps": report.steps,
+        "codes": " ".join(dict.fromkeys(finding.code for finding in _findings(reports))),
+    }
+    for name, value in found.items():
+        yield f"envcraft_{name}", one_line(value)
+
+
+def summary(subjects: Sequence[dict[str, str]]) -> str:
+    """How many environments were judged, and how far they were isolated, from the properties of each."""
+    levels = Counter((subject["envcraft_isolation"], subject["envcraft_driver"]) for subject in subjects)
+    isolated = ", ".join(
+        f"{isolation} isolation" + (f" by {driver}" if driver != isolation else "") for isolation, driver in levels
+    )
+    weak = "; that holds against accidents, not against malice: `envcraft doctor` tells what is missing"
+    process = any(isolation == "process" for isolation, _ in levels)
+    return f"envcraft: {plural(len(subjects), 'environment')} judged, {isolated}{weak if process else ''}"
+
+
+def _block(judged: Judged, finding: Finding) -> str:
+    from envcraft.reports.console import printed
+
+    rule = rules_of(all_checks()).get(finding.code)
+    lines = [_head(judged, finding), f"  {one_line(finding.message)}"]
+    lines += [f"  fix: {rule.fix}"] if rule else []
+    lines += [f"  printed: {line}" for line in printed(finding)]
+    return "\n".join([*lines, f"  reproduction: {repro_words(finding.repro)}"])
+
+
+def _head(judged: Judged, finding: Finding) -> str:
+    rule = rules_of(all_checks()).get(finding.code)
+    line = f":{finding.line}" if finding.line else ""
+    return f"{one_line(finding.code)}{f' {rule.name}' if rule else ''} {one_line(judged.report.file)}{line}"
+
+
+def _findings(reports: Iterable[CheckReport]) -> Iterator[Finding]:
+    return chain.from_iterable(report.findings for report in reports)
