@@ -1,0 +1,81 @@
+"""The report as workflow commands, which GitHub Actions shows as annotations at the lines that they are about."""
+
+from __future__ import annotations
+
+import os
+
+from envcraft.events import Event, Finished, SubjectFinished
+from envcraft.plugins import hookimpl
+from envcraft.reports import Reporter, one_line, relative, summary_words
+from envcraft.target import Kind
+from envcraft.verdict import Finding, Severity, SubjectReport, Verdict
+
+
+class GitHubReporter(Reporter):
+    """An annotation for each finding and each check that could not judge, as its subject ends, and a summary.
+
+    GitHub shows ten errors and ten warnings of one step; all of them are in the log.
+    """
+
+    name = "github"
+    summary = "annotations of a GitHub Actions run"
+
+    def handle(self, event: Event) -> None:
+        if isinstance(event, SubjectFinished):
+            self._subject(event.report)
+        elif isinstance(event, Finished):
+            missing = {layer for subject in event.report.reports for layer in subject.sandbox.missing}
+            words = f"{summary_words(event.report)} (contract {one_line(event.report.contract)})"
+            if missing:
+                words += f"\nNot in force on this machine: {one_line('; '.join(sorted(missing)))}"
+            self._annotate("notice", words, title="EnvCraft")
+
+    def _subject(self, report: SubjectReport) -> None:
+        # What is installed has no file in the repository to annotate: there the message names it.
+        own = report.kind is Kind.SOURCE
+        file = one_line(relative(report.path, os.environ.get("GITHUB_WORKSPACE"))) if own else ""
+        named = "" if own else f"{one_line(report.path)}: "
+        for check in report.checks:
+            for finding in check.findings:
+                self._finding(report, file, finding)
+            if check.verdict is Verdict.ERROR:
+                title = f"EnvCraft: {one_line(check.check)} could not judge"
+                self._annotate("error", named + one_line(check.reason), file=file, title=title)
+        if report.verdict is Verdict.ERROR and not any(check.verdict is Verdict.ERROR for check in report.checks):
+            self._annotate("error", named + one_line(report.reason), file=file, title="EnvCraft: could not be judged")
+
+    def _finding(self, report: SubjectReport, file: str, finding: Finding) -> None:
+        rule = self.rules.get(finding.code)
+        line = str(finding.line) if finding.line else ""
+        message = one_line(finding.message)
+        if not file:
+            message = f"{one_line(report.file)}{line and f':{line}'}: {message}"
+        if rule is not None:
+            message += f"\nFix: {rule.fix}\nMore: envcraft explain {rule.code}"
+        self._annotate(
+            "error" if finding.severity is Severity.ERROR else "warning",
+            message,
+            file=file,
+            line=line if file else "",
+            title=" ".join(["EnvCraft", one_line(finding.code), rule.name if rule else ""]).rstrip(),
+        )
+
+    def _annotate(self, command: str, message: str, **properties: str) -> None:
+        given = ",".join(f"{name}={_property(value)}" for name, value in properties.items() if value)
+        # An empty message is none, and would not be shown.
+        self.write(f"::{command} {given}::{_data(message or 'no message')}\n")
+
+
+def _data(text: str) -> str:
+    """Escape a command's message, so that it stays one line."""
+    return text.replace("%", "%25").replace("\r", "%0D").replace("\n", "%0A")
+
+
+def _property(text: str) -> str:
+    """Escape a command's property, which commas and colons end."""
+    return _data(text).replace(":", "%3A").replace(",", "%2C")
+
+
+@hookimpl
+def envcraft_reporters() -> list[type[Reporter]]:
+    return [GitHubReporter]

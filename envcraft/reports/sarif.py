@@ -1,0 +1,181 @@
+"""The report as SARIF 2.1.0, for code scanning and editors."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from collections import Counter
+from typing import TYPE_CHECKING, Any
+from urllib.parse import quote
+
+from envcraft.errors import ExitCode
+from envcraft.events import Event, Finished
+from envcraft.plugins import hookimpl
+from envcraft.reports import Numbered, Reporter, numbered, one_line, relative
+from envcraft.verdict import Report, SubjectReport, Verdict, plain
+
+if TYPE_CHECKING:
+    from envcraft.check import Rule
+
+#: The schema's name, which consumers ask for; nothing is fetched from there.
+SCHEMA = "https://docs.oasis-open.org/sarif/sarif/v2.1.0/errata01/os/schemas/sarif-schema-2.1.0.json"
+#: What relative locations count from; its place on this machine is nobody's business.
+_BASE = "SRCROOT"
+_STATUS = {
+    ExitCode.PASS: "every environment passes",
+    ExitCode.FAIL: "at least one environment fails",
+    ExitCode.ERROR: "something could not be judged",
+}
+
+
+class SarifReporter(Reporter):
+    """One run with every rule declared, a result for each finding, and a notification for what could not be judged.
+
+    The exit code is the one that ``envcraft validate`` has without ``--exit-zero``.
+    """
+
+    name = "sarif"
+    summary = "SARIF 2.1.0, for code scanning and editors"
+
+    def handle(self, event: Event) -> None:
+        if isinstance(event, Finished):
+            log = {"$schema": SCHEMA, "version": "2.1.0", "runs": [self._run(event.report)]}
+            self.output.write(json.dumps(plain(log), indent=1, allow_nan=False) + "\n")
+
+    def _run(self, report: Report) -> dict[str, Any]:
+        codes = {code: index for index, code in enumerate(self.rules)}
+        seen: Counter[tuple[str, str]] = Counter()
+        results = []
+        for item in numbered(report):
+            # The same rule broken twice gives two results, told apart by their order.
+            nth = (item.subject.path, item.finding.code)
+            results.append(_result(item, codes, seen[nth]))
+            seen[nth] += 1
+        return {
+            "tool": {
+                "driver": {
+                    "name": "EnvCraft",
+                    "version": report.envcraft,
+                    "rules": [_rule(rule) for rule in self.rules.values()],
+                }
+            },
+            "invocations": [_invocation(report)],
+            "originalUriBaseIds": {_BASE: {"description": {"text": "The folder in which envcraft ran."}}},
+            "artifacts": [_artifact(subject, number) for number, subject in enumerate(report.reports, 1)],
+            "results": results,
+            "properties": {"contract": report.contract, "budget": report.budget, "seed": report.seed},
+        }
+
+
+def _rule(rule: Rule) -> dict[str, Any]:
+    return {
+        "id": rule.code,
+        "name": rule.name,
+        "shortDescription": {"text": rule.summary},
+        "fullDescription": {"text": rule.summary},
+        "help": {
+            "text": f"{rule.summary}\n\nFix: {rule.fix}\n\nMore: envcraft explain {rule.code}",
+            "markdown": f"{rule.summary}\n\n**Fix:** {rule.fix}\n\n**More:** `envcraft explain {rule.code}`",
+        },
+        "defaultConfiguration": {"level": rule.severity.value},
+        "properties": {"tags": ["environment", "reinforcement-learning"], "problem.severity": rule.severity.value},
+    }
+
+
+def _result(item: Numbered, codes: dict[str, int], nth: int) -> dict[str, Any]:
+    finding, subject = item.finding, item.subject
+    location = _location(subject, item.place)
+    if subject.module is not None:
+        # Lines are those of a file that the report's reader need not have.
+        location["logicalLocations"] = [{"fullyQualifiedName": f"{subject.module}.{subject.env_class}"}]
+    elif finding.line is not None and finding.line > 0:
+        location["physicalLocation"]["region"] = {"startLine": finding.line}
+    rule = {"ruleIndex": codes[finding.code]} if finding.code in codes else {}
+    # Measured values and line numbers change with each edit of the file; the identity of a finding must not.
+    identity = "\0".join((_uri(subject.path)[0], finding.code, str(nth))).encode("utf-8", "backslashreplace")
+    return {
+        "ruleId": finding.code,
+        **rule,
+        "level": finding.severity.value,
+        "message": _message(finding.message),
+        "locations": [location],
+        "partialFingerprints": {"envcraft/v1": hashlib.sha256(identity).hexdigest()},
+        "properties": {
+            "number": item.number,
+            "check": item.check.check,
+            "evidence": finding.evidence,
+            "reproduction": finding.repro,
+        },
+    }
+
+
+def _invocation(report: Report) -> dict[str, Any]:
+    verdicts = {subject.verdict for subject in report.reports}
+    failed = Verdict.FAIL in verdicts
+    status = ExitCode.FAIL if failed else ExitCode.ERROR if Verdict.ERROR in verdicts else ExitCode.PASS
+    notifications = [
+        {"level": "error", "message": _message(words), "locations": [_location(subject, place)]}
+        for place, subject in enumerate(report.reports)
+        for words in _troubles(subject)
+    ]
+    return {
+        "executionSuccessful": not notifications,
+        "exitCode": status.value,
+        "exitCodeDescription": _STATUS[status],
+        "toolExecutionNotifications": notifications,
+    }
+
+
+def _troubles(subject: SubjectReport) -> list[str]:
+    """Why a subject, or some of it, could not be judged."""
+    broken = [check for check in subject.checks if check.verdict is Verdict.ERROR]
+    if not broken and subject.verdict is Verdict.ERROR:
+        return [f"could not be judged: {subject.reason or 'no reason was given'}"]
+    return [f"the check {check.check} could not judge: {check.reason}" for check in broken]
+
+
+def _artifact(subject: SubjectReport, number: int) -> dict[str, Any]:
+    skipped = {check.check: check.reason for check in subject.checks if check.verdict is Verdict.SKIP}
+    return {
+        "location": _place(subject),
+        "roles": ["analysisTarget"],
+        "sourceLanguage": "python",
+        "hashes": {"sha-256": subject.source_sha256},
+        "properties": {
+            "number": number,
+            "class": subject.env_class,
+            "verdict": subject.verdict,
+            "seconds": subject.seconds,
+            "steps": subject.steps,
+            "isolation": subject.isolation,
+            "sandbox": subject.sandbox,
+            "skipped": skipped,
+        },
+    }
+
+
+def _location(subject: SubjectReport, index: int) -> dict[str, Any]:
+    return {"physicalLocation": {"artifactLocation": {**_place(subject), "index": index}}}
+
+
+def _place(subject: SubjectReport) -> dict[str, Any]:
+    uri, inside = _uri(subject.path)
+    return {"uri": uri, "uriBaseId": _BASE} if inside else {"uri": uri}
+
+
+def _uri(path: str) -> tuple[str, bool]:
+    """A path as a URI, and whether that is relative to the working directory."""
+    seen = relative(path)
+    encoded = quote(os.fsencode(seen))
+    return (f"file://{encoded}", False) if os.path.isabs(seen) else (encoded, True)
+
+
+def _message(text: str) -> dict[str, str]:
+    """Words of an environment, which must not become a link."""
+    return {"text": one_line(text).replace("](", "] (")}
+
+
+@hookimpl
+def envcraft_reporters() -> list[type[Reporter]]:
+    return [SarifReporter]

@@ -1,0 +1,60 @@
+"""Findings about an installed environment name lines of its module, and no file of the repository."""
+
+from __future__ import annotations
+
+import json
+import shlex
+
+import pytest
+
+from envcraft.reports import Reporter, numbered, replay_command
+from envcraft.reports.console import ConsoleReporter
+from envcraft.reports.github import GitHubReporter
+from envcraft.reports.html import HtmlReporter
+from envcraft.reports.junit import JUnitReporter
+from envcraft.reports.markdown import MarkdownReporter
+from envcraft.reports.sarif import SarifReporter
+from envcraft.target import Kind
+from envcraft.verdict import CheckReport, Finding, Report, Severity, Verdict
+from tests.envcraft.report_samples import rendered, subject
+
+FINDING = Finding("EC107", Severity.ERROR, "step 155 raises IndexError", 91)
+REPORT = Report(
+    "gymnasium",
+    0,
+    [
+        subject(
+            "Maze-v1",
+            [CheckReport("api", Verdict.FAIL, 0.1, [FINDING])],
+            kind=Kind.ID,
+            module="mazes.envs",
+            kwargs={"size": 8},
+            wrappers=["mazes.wrap:Flat"],
+        )
+    ],
+)
+
+
+@pytest.mark.parametrize("kind", [ConsoleReporter, GitHubReporter, HtmlReporter, JUnitReporter, MarkdownReporter])
+def test_a_line_is_one_of_the_module(kind: type[Reporter]) -> None:
+    text = rendered(kind, REPORT)
+    assert "mazes.envs:91" in text
+    assert "Maze-v1:91" not in text
+
+
+def test_no_file_of_the_repository_is_annotated() -> None:
+    assert "file=" not in rendered(GitHubReporter, REPORT)
+
+
+def test_sarif_names_the_class_and_no_line() -> None:
+    [result] = json.loads(rendered(SarifReporter, REPORT))["runs"][0]["results"]
+    [location] = result["locations"]
+    assert location["logicalLocations"] == [{"fullyQualifiedName": "mazes.envs.Game"}]
+    assert "region" not in location["physicalLocation"]
+
+
+def test_the_command_gives_the_same_arguments() -> None:
+    [item] = numbered(REPORT)
+    words = shlex.split(replay_command(REPORT, item).splitlines()[0])
+    assert json.loads(words[words.index("--kwargs") + 1]) == {"size": 8}
+    assert words[words.index("--wrap") + 1] == "mazes.wrap:Flat"
