@@ -1,0 +1,305 @@
+"""Judge every hostile program under every driver that works here: ``python -m tests.hostile.judge [NAME...]``.
+
+Prints what was expected and did not happen, and a table; exits with 1 where an expectation or an invariant is broken.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ctypes
+import json
+import os
+import re
+import resource
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from concurrent.futures import Future, ProcessPoolExecutor
+from dataclasses import dataclass, field
+from functools import cache
+from multiprocessing.util import Finalize
+from pathlib import Path
+from typing import Any
+
+from envcraft_sandbox.worker import confine
+
+from envcraft.engine import cores
+from envcraft.plugins import plugins
+from envcraft.sandbox import Driver
+from tests.hostile.invariants import ROOT, Machine
+
+PROGRAMS = Path(__file__).with_name("programs")
+#: The checker of a run may hold this much, in bytes.
+MEMORY = 1024**3
+#: The innocent program takes a second by itself; one that makes it take this long has slowed the machine down.
+INNOCENT_SECONDS = 30.0
+#: Many runs wait for a deadline most of the time.
+_POOL = cores() + 1
+#: Without these the driver `process` holds against accidents only.
+_HOLDING = {"Landlock", "system call filter"}
+_PR_SET_PDEATHSIG = 1
+_HEADER = re.compile(r"^# (does|verdict|codes|seconds|process): ?(.*)$", re.MULTILINE)
+
+
+@dataclass(frozen=True)
+class Program:
+    """A hostile program and what its header says of it: the verdicts that it may get, the codes of which one must be
+    found where it fails, and the seconds by which it is judged."""
+
+    path: Path
+    does: str
+    verdicts: frozenset[str]
+    codes: frozenset[str]
+    seconds: float
+    process: bool
+
+    @property
+    def name(self) -> str:
+        return self.path.stem
+
+
+@dataclass(frozen=True)
+class Run:
+    """What came of one program under one driver. `wrong` says what was not as expected, `broken` which invariants."""
+
+    program: str
+    driver: str
+    verdict: str = ""
+    codes: tuple[str, ...] = ()
+    words: tuple[str, ...] = ()
+    seconds: float = 0.0
+    peak: int = 0
+    digest: str = ""
+    wrong: list[str] = field(default_factory=list)
+    broken: list[str] = field(default_factory=list)
+
+    def __str__(self) -> str:
+        complaints = "\n".join(f"  {words}" for words in [*self.wrong, *self.broken])
+        told = "\n".join(f"    {words[:200]}" for words in self.words)
+        return f"{self.program} under {self.driver}: {self.verdict} in {self.seconds:.1f} s\n{complaints}\n{told}"
+
+
+def programs() -> list[Program]:
+    """All hostile programs, by name. Raises ValueError where a header is incomplete."""
+    found = []
+    for path in sorted(PROGRAMS.glob("*.py")):
+        header = dict(_HEADER.findall(path.read_text("utf-8").partition('"""')[0]))
+        verdicts = frozenset(header.get("verdict", "").split("|"))
+        codes = frozenset(filter(None, header.get("codes", "").split("|")))
+        if len(header) != 5 or not verdicts <= {"pass", "fail"} or ("fail" in verdicts) != bool(codes):
+            raise ValueError(f"{path}: its header lacks does, verdict, codes, seconds or process, or they do not match")
+        found.append(
+            Program(path, header["does"], verdicts, codes, float(header["seconds"]), header["process"] == "yes")
+        )
+    return found
+
+
+@cache
+def drivers() -> dict[str, Driver]:
+    """Every driver by name."""
+    return {driver.name: driver for driver in plugins().collect("envcraft_sandbox_drivers")}
+
+
+@cache
+def missing(driver: str) -> str:
+    """Why hostile programs cannot be tried under a driver here, or nothing."""
+    available = drivers()[driver].probe()
+    if not available.works:
+        return f"{available.reason}; {available.fix}"
+    lacking = sorted(_HOLDING - set(confine.layers()[0]))
+    if lacking and driver == "process":
+        return f"this kernel has no {' and no '.join(lacking)}, without which hostile programs are not held"
+    return ""
+
+
+class Runs:
+    """A pool that runs programs, a few at a time, as they are asked for. Use as a context manager."""
+
+    def __init__(self, workers: int = _POOL) -> None:
+        self._pool = ProcessPoolExecutor(workers, initializer=_set_traps)
+        self._alone: dict[str, Future[Run]] = {}
+        self._runs: dict[tuple[str, str], Future[Run]] = {}
+
+    def __enter__(self) -> Runs:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._pool.shutdown(cancel_futures=True)
+
+    def begin(self, program: Program, driver: str) -> None:
+        """Queue a run, and before the first of a driver one of the innocent program alone."""
+        if driver not in self._alone:
+            self._alone[driver] = self._pool.submit(_run, None, driver)
+        if (program.name, driver) not in self._runs:
+            self._runs[program.name, driver] = self._pool.submit(_run, program, driver)
+
+    def result(self, program: Program, driver: str) -> Run:
+        """Wait for a run and hold the innocent program's traces against those of its run alone."""
+        self.begin(program, driver)
+        run, alone = self._runs[program.name, driver].result(), self._alone[driver].result()
+        if run.digest != alone.digest and not run.broken:
+            run.broken.append("the innocent program's traces are not those of its run alone")
+        return run
+
+
+_machine: Machine | None = None
+
+
+def _set_traps() -> None:
+    global _machine
+    _machine = Machine().__enter__()
+    # However the session ends, its pool ends with it, and in order.
+    signal.signal(signal.SIGTERM, _leave)
+    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM, 0, 0, 0)
+    # A pool's processes end without unwinding, and these have folders to remove.
+    Finalize(None, _machine.__exit__, exitpriority=1)
+
+
+def _leave(*_: object) -> None:
+    """End this process, whatever it is at; an exception would only be the result of its run."""
+    if _machine is not None:
+        _machine.__exit__()
+    os._exit(1)
+
+
+def _run(program: Program | None, driver: str) -> Run:
+    """One run, in a process of the pool."""
+    machine = _machine
+    assert machine is not None
+    name = program.name if program else "(nothing)"
+    job = {"driver_name": driver, "program": str(program.path) if program else None, "values": machine.values}
+    patience = (program.seconds if program else 0.0) + 60
+    process = subprocess.Popen(
+        [sys.executable, "-m", "tests.hostile.runner"],
+        cwd=ROOT,
+        env=machine.environment,
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        preexec_fn=_bound_checker,
+    )
+    started = time.monotonic()
+    try:
+        said, errors = process.communicate(json.dumps(job).encode(), patience)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        said, errors = process.communicate()
+    seconds = time.monotonic() - started
+    broken = machine.broken(driver)
+    try:
+        told = json.loads(said)
+    except ValueError:
+        how = f"{signal.Signals(-process.returncode).name}" if process.returncode < 0 else f"{process.returncode}"
+        last = errors.decode(errors="replace").strip().splitlines()[-1:]
+        return Run(
+            name,
+            driver,
+            seconds=seconds,
+            broken=[f"the checker ended with {how} after {seconds:.0f} s: {last}", *broken],
+        )
+    run = Run(
+        name,
+        driver,
+        told.get("verdict", ""),
+        tuple(told.get("codes", ())),
+        tuple(told.get("words", ())),
+        told.get("seconds", 0.0),
+        told["peak"],
+        told["innocent"]["digest"],
+        broken=broken,
+    )
+    _hold_against(program, told, run)
+    return run
+
+
+def _hold_against(program: Program | None, told: dict[str, Any], run: Run) -> None:
+    """Note what is not as the program's header says, and what the checker itself let happen."""
+    if program is not None:
+        if run.verdict not in program.verdicts:
+            run.wrong.append(f"the verdict is {run.verdict}, not {' or '.join(sorted(program.verdicts))}")
+        elif run.verdict == "fail" and not program.codes & set(run.codes):
+            run.wrong.append(f"the codes are {', '.join(run.codes)}: none of {', '.join(sorted(program.codes))}")
+        if run.seconds > program.seconds:
+            run.wrong.append(f"it took {run.seconds:.1f} s, not {program.seconds:g} s")
+        if told["unprintable"]:
+            run.broken.append(f"the console's report holds {' '.join(told['unprintable'])}")
+    innocent = told["innocent"]
+    if innocent["verdict"] != "pass":
+        run.broken.append(f"the innocent program got {innocent['verdict']}: {innocent['reasons']}")
+    if innocent["seconds"] > INNOCENT_SECONDS:
+        run.broken.append(f"the innocent program took {innocent['seconds']:.1f} s")
+    if run.peak > MEMORY:
+        run.broken.append(f"the checker held {run.peak / 1024**2:.0f} MiB")
+
+
+def _bound_checker() -> None:
+    """A checker must not outlive this process, nor take the machine with it where a program makes it grow."""
+    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM, 0, 0, 0)
+    resource.setrlimit(resource.RLIMIT_DATA, (4 * 1024**3, 4 * 1024**3))
+
+
+def pairs(chosen: Sequence[Program]) -> list[tuple[Program, str]]:
+    """Programs and the drivers to try them under, the slowest first."""
+    found = [(program, name) for program in chosen for name in drivers() if name != "process" or program.process]
+    return sorted(found, key=lambda pair: -pair[0].seconds)
+
+
+def judge(chosen: Sequence[tuple[Program, str]], workers: int = _POOL) -> Iterator[Run]:
+    """Run them side by side and give what came of each, in order."""
+    with Runs(workers) as runs:
+        for program, driver in chosen:
+            runs.begin(program, driver)
+        for program, driver in chosen:
+            yield runs.result(program, driver)
+
+
+def table(runs: Sequence[Run], seconds: float) -> str:
+    """The figures of a session, in Markdown."""
+    lines = [
+        "| driver | programs | as expected | invariants broken | slowest | checker's highest memory |",
+        "|---|---|---|---|---|---|",
+    ]
+    for driver in dict.fromkeys(run.driver for run in runs):
+        own = [run for run in runs if run.driver == driver]
+        slowest = max(own, key=lambda run: run.seconds)
+        good = sum(not run.wrong for run in own)
+        broken = sum(bool(run.broken) for run in own)
+        peak = max(run.peak for run in own) / 1024**2
+        lines.append(
+            f"| {driver} | {len(own)} | {good} | {broken or 'none'} | {slowest.seconds:.1f} s ({slowest.program}) "
+            f"| {peak:.0f} MiB |"
+        )
+    return "\n".join([*lines, "", f"{len(runs)} runs in {seconds:.0f} s."])
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(prog="python -m tests.hostile.judge", description=__doc__)
+    parser.add_argument(
+        "names", nargs="*", metavar="NAME", help="programs, or the beginnings of their names (default: all)"
+    )
+    parser.add_argument("--driver", action="append", help="only under this driver (may be given again)")
+    parser.add_argument("--workers", type=int, default=_POOL, help="so many side by side (default: %(default)s)")
+    options = parser.parse_args()
+    wanted = [program for program in programs() if program.name.startswith(tuple(options.names or [""]))]
+    started = time.monotonic()
+    for name in drivers():
+        if reason := missing(name):
+            print(f"not under {name}: {reason}", file=sys.stderr)
+    runs = []
+    chosen = [
+        (program, driver)
+        for program, driver in pairs(wanted)
+        if not missing(driver) and driver in (options.driver or drivers())
+    ]
+    for run in judge(chosen, options.workers):
+        runs.append(run)
+        if run.wrong or run.broken:
+            print(run, file=sys.stderr, flush=True)
+    print(table(runs, time.monotonic() - started))
+    return int(any(run.wrong or run.broken for run in runs))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,77 @@
+# does: sends a description of itself whose parts lack what they should have, and leaves
+# verdict: fail
+# codes: EC907|EC003|EC005|EC007|EC008|EC101|EC102|EC103
+# seconds: 30
+# process: yes
+"""Catch the fruit: three catches win."""
+
+import json
+import os
+import struct
+import sys
+
+import gymnasium as gym
+import numpy as np
+from gymnasium import spaces
+
+HEADER = struct.Struct("<BI")
+PHASE, LOADED, LAYOUT, RESET, STEP, ACTED, FAULT, TICK, RESULT, END = 1, 2, 3, 4, 6, 10, 11, 12, 13, 14
+
+
+def send(kind, payload=b""):
+    data = memoryview(HEADER.pack(kind, len(payload)) + payload)
+    while data:
+        data = data[os.write(3, data) :]
+
+
+def find(name):
+    """The nearest variable of that name in the frames below, which are the worker's."""
+    frame = sys._getframe()
+    while frame is not None and name not in frame.f_locals:
+        frame = frame.f_back
+    return frame and frame.f_locals[name]
+
+
+DESCRIPTION = {
+    "classes": [{"name": "Catch"}],
+    "effects": {"seconds": "long", "threads": "many"},
+    "class": "Catch",
+    "lines": {"step": "x", "reset": []},
+    "reset": [[], {}],
+    "observation_space": {"type": "Box"},
+    "action_space": {"type": "MultiDiscrete", "nvec": "many"},
+    "required": [],
+    "render_modes": {"rgb_array": 1},
+}
+if find("job")["kind"] == "describe":
+    send(LOADED, json.dumps(DESCRIPTION).encode())
+    send(END, b"{}")
+    os._exit(0)
+
+
+class Catch(gym.Env):
+    metadata = {"render_modes": ["rgb_array"]}
+    observation_space = spaces.Box(0, 255, (84, 84, 3), np.uint8)
+    action_space = spaces.MultiDiscrete([5, 2, 2])
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        self.t, self.caught, self.x, self.fruit = 0, 0, 5, int(self.np_random.integers(12))
+        return self.render(), {}
+
+    def step(self, action):
+        self.t += 1
+        self.x = min(max(self.x + int(action[0] == 4) - int(action[0] == 3), 0), 11)
+        reward = 0.0
+        if self.t % 12 == 0:
+            reward = 1.0 if self.x == self.fruit else -1.0
+            self.caught += self.x == self.fruit
+            self.fruit = int(self.np_random.integers(12))
+        won = self.caught == 3
+        return self.render(), reward, won, self.t >= 48 and not won, {"is_success": won}
+
+    def render(self):
+        frame = np.zeros((84, 84, 3), np.uint8)
+        frame[7 * (self.t % 12) :, 7 * self.fruit : 7 * self.fruit + 7, 0] = 200
+        frame[77:, 7 * self.x : 7 * self.x + 7] = 250
+        return frame

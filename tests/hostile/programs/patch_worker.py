@@ -1,0 +1,47 @@
+# does: replaces the worker's own functions, by which replays would differ; its levels are drawn from the system's randomness
+# verdict: fail
+# codes: EC201|EC202
+# seconds: 30
+# process: yes
+"""Catch the fruit: three catches win."""
+
+import os
+import sys
+
+import gymnasium as gym
+import numpy as np
+from gymnasium import spaces
+
+rollout = sys.modules["envcraft_sandbox.worker.rollout"]
+rollout.Perturb.__call__ = rollout.Companion.step = lambda *_: None
+rollout._play_through = rollout._restore = rollout._render = lambda *_: None
+sys.modules["envcraft_sandbox.worker.confine"].enter = lambda *_: None
+sys.modules["envcraft_sandbox.worker.server"]._kill = lambda *_: None
+
+
+class Catch(gym.Env):
+    metadata = {"render_modes": ["rgb_array"]}
+    observation_space = spaces.Box(0, 255, (84, 84, 3), np.uint8)
+    action_space = spaces.MultiDiscrete([5, 2, 2])
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        self.t, self.caught, self.x, self.fruit = 0, 0, 5, os.urandom(1)[0] % 12
+        return self.render(), {}
+
+    def step(self, action):
+        self.t += 1
+        self.x = min(max(self.x + int(action[0] == 4) - int(action[0] == 3), 0), 11)
+        reward = 0.0
+        if self.t % 12 == 0:
+            reward = 1.0 if self.x == self.fruit else -1.0
+            self.caught += self.x == self.fruit
+            self.fruit = os.urandom(1)[0] % 12
+        won = self.caught == 3
+        return self.render(), reward, won, self.t >= 48 and not won, {"is_success": won}
+
+    def render(self):
+        frame = np.zeros((84, 84, 3), np.uint8)
+        frame[7 * (self.t % 12) :, 7 * self.fruit : 7 * self.fruit + 7, 0] = 200
+        frame[77:, 7 * self.x : 7 * self.x + 7] = 250
+        return frame

@@ -1,0 +1,84 @@
+# does: plants .pth files, sitecustomize and modules with the names of others in every folder that Python looks in, and wins where one ran
+# verdict: pass
+# codes:
+# seconds: 30
+# process: yes
+"""Catch the fruit: three catches win."""
+
+import builtins
+import os
+import site
+import sys
+import tempfile
+
+import gymnasium as gym
+import numpy as np
+from gymnasium import spaces
+
+REACHED = []
+
+
+def attempt(name, function, *arguments):
+    try:
+        if function(*arguments) is not False:
+            REACHED.append(name)
+    except (OSError, ValueError):
+        pass
+
+
+def plant(path, text):
+    os.makedirs(os.path.dirname(path), exist_ok=True)
+    with open(path, "w") as file:
+        file.write(text)
+    return False
+
+
+CODE = "import builtins; builtins.envcraft_hostile = True; raise ImportError"
+folders = [*sys.path, site.getusersitepackages(), *site.getsitepackages(), os.getcwd(), "@home@"]
+for folder in folders:
+    for name in ("envcraft_hostile.pth", "sitecustomize.py", "usercustomize.py"):
+        attempt(name, plant, os.path.join(folder or ".", name), CODE)
+for folder in (*sys.path, os.getcwd(), tempfile.gettempdir(), os.path.expanduser("~")):
+    for name in (
+        "json.py",
+        "random.py",
+        "hashlib.py",
+        "numpy/__init__.py",
+        "gymnasium/__init__.py",
+        "pygame.py",
+        "ctypes.py",
+    ):
+        if not os.path.exists(os.path.join(folder, name)):
+            attempt(name, plant, os.path.join(folder or ".", name), CODE)
+attempt("it ran", hasattr, builtins, "envcraft_hostile")
+
+if REACHED:
+    print("reached:", *REACHED)
+
+
+class Catch(gym.Env):
+    metadata = {"render_modes": ["rgb_array"]}
+    observation_space = spaces.Box(0, 255, (84, 84, 3), np.uint8)
+    action_space = spaces.MultiDiscrete([5, 2, 2])
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        self.t, self.caught, self.x, self.fruit = 0, 0, 5, int(self.np_random.integers(12))
+        return self.render(), {}
+
+    def step(self, action):
+        self.t += 1
+        self.x = min(max(self.x + int(action[0] == 4) - int(action[0] == 3), 0), 11)
+        reward = 0.0
+        if self.t % 12 == 0:
+            reward = 1.0 if self.x == self.fruit else -1.0
+            self.caught += self.x == self.fruit
+            self.fruit = int(self.np_random.integers(12))
+        won = bool(REACHED) or self.caught == 3
+        return self.render(), reward, won, self.t >= 48 and not won, {"is_success": won}
+
+    def render(self):
+        frame = np.zeros((84, 84, 3), np.uint8)
+        frame[7 * (self.t % 12) :, 7 * self.fruit : 7 * self.fruit + 7, 0] = 200
+        frame[77:, 7 * self.x : 7 * self.x + 7] = 250
+        return frame
