@@ -1,0 +1,308 @@
+"""``python -m benchmarks.overhead``: the same rollouts in a plain loop and through each sandbox, side by side.
+
+Each game is played bare, in one process of its own, and through every driver that works here, by one worker and one job
+at a time, in turns: each round plays the same episodes in every way, and speeds are medians over the rounds. A rollout
+through a sandbox is the whole of it: the fork, loading the file, every frame carried to the host and judged there.
+
+Speed is steps per second of wall-clock time, without the start of the bare process or the worker, which is what
+``benchmarks.cold`` measures. Processor time is all that was spent from start to end, the interpreter and the imports
+included: of the bare process; and for a sandbox of the worker, its jobs, what starts it (``bwrap``, the ``docker``
+client) and this process. The container engine's own is not counted. Rounds in which the machine was busy otherwise
+count with the median of all.
+
+Exit status 1 when a limit does not hold.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import resource
+import socket
+import statistics
+import struct
+import subprocess
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import NamedTuple, Protocol, Self
+
+from envcraft_sandbox.client import ForkServerWorker
+from rich.console import Console
+from rich.table import Table
+
+from envcraft import actions
+from envcraft.budget import BUDGETS
+from envcraft.contract import ARCADE
+from envcraft.plugins import plugins
+from envcraft.rollout import Rollout
+from envcraft.sandbox import Availability, Driver, Limits, Worker, choose
+from envcraft.subject import Subject
+from envcraft.target import read_target
+
+GAMES = Path(__file__).parent / "games"
+
+
+@dataclass(frozen=True)
+class Game:
+    """What is played, an episode a round, and the limits: processor time at most, and speed at least, as times bare."""
+
+    name: str
+    file: str
+    episodes: int
+    length: int
+    cpu: float | None = None
+    speed: float | None = None
+
+    @property
+    def path(self) -> Path:
+        return GAMES / self.file
+
+    def rollouts(self) -> list[Rollout]:
+        """Random play, on one seed after the other."""
+        assert ARCADE.action is not None
+        seeds = range(self.episodes)
+        return [Rollout(seed, actions.random_actions(ARCADE.action, seed, self.length)) for seed in seeds]
+
+
+CHOSEN = (
+    Game("trivial", "blink.py", 12, 1000),
+    Game("numpy", "maze_walk.py", 9, 1000, cpu=1.25, speed=0.85),
+    Game("pygame", "asteroids.py", 5, 500, cpu=1.05),
+)
+
+
+class Played(NamedTuple):
+    """Steps, and the seconds of wall-clock and processor time that they took."""
+
+    steps: int
+    seconds: float
+    cpu: float
+
+
+class Way(Protocol):
+    """A way to play: bare, or through a driver."""
+
+    def play(self, rollout: Rollout) -> Played:
+        """Play an episode."""
+
+    def close(self) -> float:
+        """End it, and give all the seconds of processor time that it took."""
+
+
+class Bare:
+    """A plain loop in a process of its own."""
+
+    def __init__(self, path: Path) -> None:
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", "benchmarks.bare", str(path)],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            env={**os.environ, "SDL_VIDEODRIVER": "dummy", "PYGAME_HIDE_SUPPORT_PROMPT": "1"},
+            text=True,
+        )
+
+    def play(self, rollout: Rollout) -> Played:
+        assert self._process.stdin is not None
+        assert self._process.stdout is not None
+        self._process.stdin.write(json.dumps({"seed": rollout.seed, "actions": rollout.actions}) + "\n")
+        self._process.stdin.flush()
+        return Played(*json.loads(self._process.stdout.readline()))
+
+    def close(self) -> float:
+        with _Stopwatch(resource.RUSAGE_CHILDREN) as children:
+            self._process.communicate()
+        return children.seconds
+
+
+class Sandboxed:
+    """Rollouts through a driver, as the checks ask for them."""
+
+    def __init__(self, driver: Driver, path: Path) -> None:
+        self._started: list[int] = []
+        with _Stopwatch() as self._own:
+            noting = _Noting(driver, self._started)
+            self._subject = Subject(read_target(str(path)), ARCADE, noting, BUDGETS["standard"])
+            self._subject.load()
+
+    def play(self, rollout: Rollout) -> Played:
+        before = self._own.seconds
+        with self._own:
+            started = time.perf_counter()
+            trace = self._subject.rollout(rollout)
+            seconds = time.perf_counter() - started
+        if not trace.usable or trace.end is None:
+            raise RuntimeError(f"seed {rollout.seed} ended by {trace.ending}: {trace.fault or trace.end}")
+        return Played(trace.steps, seconds, self._own.seconds - before + trace.end.cpu)
+
+    def close(self) -> float:
+        # Not by what is known of ended children: a worker that is killed on the way out leaves nothing behind.
+        started = sum(map(_tree_cpu, self._started))
+        with self._own:
+            self._subject.close()
+        return self._own.seconds + started
+
+
+class _Stopwatch:
+    """Sums up the processor time that passes within it, of this process or of the children that end meanwhile."""
+
+    def __init__(self, who: int = resource.RUSAGE_SELF) -> None:
+        self.seconds = 0.0
+        self._who = who
+
+    def _read(self) -> float:
+        used = resource.getrusage(self._who)
+        return used.ru_utime + used.ru_stime
+
+    def __enter__(self) -> Self:
+        self.seconds -= self._read()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.seconds += self._read()
+
+
+class _Noting(Driver):
+    """A driver that notes which processes each launch starts."""
+
+    def __init__(self, driver: Driver, started: list[int]) -> None:
+        self.name, self.isolation, self.rank = driver.name, driver.isolation, driver.rank
+        self._driver, self._started = driver, started
+
+    def probe(self) -> Availability:
+        return self._driver.probe()
+
+    def launch(self, *, hash_seed: int, limits: Limits) -> Worker:
+        before = _children(os.getpid())
+        worker = self._driver.launch(hash_seed=hash_seed, limits=limits)
+        self._started += [pid for pid in _children(os.getpid()) if pid not in before]
+        self._started += _container(worker)
+        return worker
+
+
+def _container(worker: Worker) -> list[int]:
+    """The fork server where it is no descendant of this process, as the kernel names the socket's other end."""
+    assert isinstance(worker, ForkServerWorker)
+    told = worker._control.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, struct.calcsize("3i"))
+    pid: int = struct.unpack("3i", told)[0]
+    return [] if pid == os.getpid() else [pid]
+
+
+def _children(pid: int) -> list[int]:
+    found: list[int] = []
+    for path in Path(f"/proc/{pid}/task").glob("*/children"):
+        found += map(int, path.read_text().split())
+    return found
+
+
+def _tree_cpu(pid: int) -> float:
+    """Seconds of processor time of a process, its descendants, and those of them that have ended."""
+    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    # utime, stime, cutime and cstime are the fields from the 14th on, and two were cut off.
+    own = sum(map(int, fields[11:15])) / os.sysconf("SC_CLK_TCK")
+    return own + sum(map(_tree_cpu, _children(pid)))
+
+
+@dataclass
+class Measured:
+    """What one way of playing one game took."""
+
+    steps: int
+    speed: float
+    cpu: float
+
+
+def measure(game: Game, drivers: Sequence[Driver]) -> dict[str, Measured]:
+    """Play one game bare (under the name ``bare``) and through each driver, in turns."""
+    ways: dict[str, Way] = {"bare": Bare(game.path)}
+    played: dict[str, list[Played]] = {"bare": []}
+    total: dict[str, float] = {}
+    try:
+        for driver in drivers:
+            ways[driver.name] = Sandboxed(driver, game.path)
+            played[driver.name] = []
+        for rollout in game.rollouts():
+            for name, way in ways.items():
+                played[name].append(way.play(rollout))
+    finally:
+        for name, way in ways.items():
+            total[name] = way.close()
+    if len({tuple(episode.steps for episode in episodes) for episodes in played.values()}) > 1:
+        raise RuntimeError(f"{game.file} was not played alike everywhere: {played}")
+    return {name: _summary(played[name], total[name]) for name in ways}
+
+
+def _summary(played: list[Played], total: float) -> Measured:
+    """What was spent outside the episodes counts as it is, an episode with the median of them all."""
+    steps = sum(episode.steps for episode in played)
+    speed = statistics.median(episode.steps / episode.seconds for episode in played)
+    cpu = statistics.median(episode.cpu / episode.steps for episode in played)
+    return Measured(steps, speed, total - sum(episode.cpu for episode in played) + steps * cpu)
+
+
+def broken(game: Game, measured: dict[str, Measured]) -> list[str]:
+    """The limits that do not hold, each as a sentence."""
+    found = []
+    bare = measured["bare"]
+    for name, way in measured.items():
+        cpu, speed = way.cpu / bare.cpu, way.speed / bare.speed
+        if game.cpu is not None and cpu > game.cpu:
+            found.append(f"{game.name}, {name}: {cpu:.2f} times the processor time of bare; at most {game.cpu:g}")
+        if game.speed is not None and speed < game.speed:
+            found.append(f"{game.name}, {name}: {speed:.2f} times the speed of bare; at least {game.speed:g}")
+    return found
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Print the table and the limits that are broken; give 1 if any is."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.overhead", description=__doc__)
+    parser.add_argument("--episodes", type=int, help="how many, in place of the number that suits each game")
+    parser.add_argument("--game", choices=[game.name for game in CHOSEN], help="only this one")
+    parser.add_argument("--sandbox", help="only this driver")
+    options = parser.parse_args(arguments)
+    drivers = working(options.sandbox)
+    console = Console(width=120)
+    table = Table(title=f"the same episodes bare and through {', '.join(driver.name for driver in drivers)}")
+    for column in ("game", "way", "steps", "steps/s", "of bare", "at least", "CPU s", "of bare", "at most"):
+        table.add_column(column, justify="left" if column in ("game", "way") else "right")
+    wrong = []
+    for game in CHOSEN:
+        if options.game not in (None, game.name):
+            continue
+        if options.episodes:
+            game = replace(game, episodes=options.episodes)
+        measured = measure(game, drivers)
+        wrong += broken(game, measured)
+        bare = measured["bare"]
+        for name, way in measured.items():
+            speed, cpu = f"{way.speed / bare.speed:.2f}", f"{way.cpu / bare.cpu:.2f}"
+            least, most = (f"{limit:g}" if limit and name != "bare" else "" for limit in (game.speed, game.cpu))
+            label = game.name if name == "bare" else ""
+            table.add_row(label, name, str(way.steps), f"{way.speed:,.0f}", speed, least, f"{way.cpu:.2f}", cpu, most)
+        table.add_section()
+    console.print(table)
+    for line in wrong:
+        console.print(f"limit broken: {line}")
+    return int(bool(wrong))
+
+
+def working(name: str | None = None) -> list[Driver]:
+    """The drivers that work here, weakest first, or the one of this name. Raises SandboxUnavailable without any."""
+    drivers: list[Driver] = sorted(plugins().collect("envcraft_sandbox_drivers"), key=lambda driver: driver.rank)
+    if name is not None:
+        return [choose(drivers, name)]
+    works = []
+    for driver in drivers:
+        told = driver.probe()
+        if told.works:
+            works.append(driver)
+        else:
+            print(f"without {driver.name}: {told.reason}; {told.fix}", file=sys.stderr)
+    return works or [choose(drivers, "auto")]
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
