@@ -6,6 +6,8 @@
 PYTHON ?= python3
 BIN := .venv/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet --constraint constraints.txt
+# A worker writes nothing, and would compile its modules at each start.
+COMPILE := $(BIN)/python -m compileall -q envcraft checks sandbox
 
 .PHONY: demo test lint types bench picture docs clean
 
@@ -25,6 +27,10 @@ types: .venv/dev.stamp
 
 bench: .venv/dev.stamp
 	$(BIN)/python -m benchmarks.detection
+	$(BIN)/python -m tests.hostile.judge
+	$(BIN)/python -m benchmarks.overhead
+	$(BIN)/python -m benchmarks.cold
+	$(BIN)/python -m benchmarks.memory
 
 picture: .venv/core.stamp
 	$(BIN)/python -m benchmarks.picture
@@ -45,8 +51,10 @@ clean:
 
 .venv/core.stamp: .venv/pip.stamp pyproject.toml constraints.txt
 	$(PIP) --editable .
+	$(COMPILE)
 	@touch $@
 
 .venv/dev.stamp: .venv/pip.stamp pyproject.toml constraints.txt
 	$(PIP) --editable '.[dev]'
+	$(COMPILE)
 	@touch $@ .venv/core.stamp
