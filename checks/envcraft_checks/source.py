@@ -29,7 +29,6 @@ class Snake(gym.Env):
 from __future__ import annotations
 
 import ast
-import difflib
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
@@ -278,6 +277,9 @@ def _is_optional(test: ast.expr) -> bool:
 def _nearest(name: str, known: list[str]) -> str | None:
     if name in _OLD_NAMES:
         return _OLD_NAMES[name]
+    # Slow to import, and most imports are known.
+    import difflib
+
     close = difflib.get_close_matches(name, known, n=1, cutoff=0.75)
     return close[0] if close else None
 

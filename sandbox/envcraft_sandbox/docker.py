@@ -14,8 +14,10 @@ import platform
 import secrets
 import socket
 import subprocess
+import threading
 import time
 import weakref
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -81,18 +83,26 @@ class DockerDriver(Driver):
         return Availability(True, layers=layers, missing=missing)
 
     def launch(self, *, hash_seed: int, limits: Limits) -> Worker:
+        return self.begin(hash_seed=hash_seed, limits=limits)()
+
+    def begin(self, *, hash_seed: int, limits: Limits) -> Callable[[], Worker]:
         name = f"envcraft-{secrets.token_hex(8)}"
         try:
-            image = self._image.id
-            client, control = self._start(name, hash_seed, limits)
+            self._ask()
+            listener, client = self._start(name, hash_seed, limits)
         except OSError as error:
             raise _unavailable(str(error)) from None
         except EngineError as error:
             raise _unavailable(error.reason) from None
-        try:
-            return DockerWorker(client, name, control, limits, image)
-        except WorkerLost as error:
-            raise self._refusal(_end(client, name, control) or str(error)) from None
+
+        def wait() -> Worker:
+            control = self._accept(listener, client, name)
+            try:
+                return DockerWorker(client, name, control, limits, self._image.id)
+            except WorkerLost as error:
+                raise self._refusal(_end(client, name, control) or str(error)) from None
+
+        return wait
 
     def under(self, runtime: str) -> DockerDriver:
         return DockerDriver(runtime)
@@ -101,30 +111,49 @@ class DockerDriver(Driver):
         # For the other drivers of this package, too: there is one folder for all of them.
         leftovers.sweep()
 
-    def _start(self, name: str, hash_seed: int, limits: Limits) -> tuple[subprocess.Popen[bytes], socket.socket]:
-        """Start a container, and give its client and the socket to its worker. Raises SandboxUnavailable, OSError."""
-        with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as listener:
-            path = leftovers.containers() / name / "control.sock"
-            path.parent.mkdir(mode=0o700)
-            try:
-                _bind(listener, path)
-                # For the container's user: only the socket is mounted, and nobody else can enter the folder.
-                path.chmod(0o666)
-                listener.listen(1)
-                client = self._run(name, path, launch.environment(hash_seed), limits)
-            except BaseException:
-                leftovers.remove(path.parent)
-                raise
+    def _ask(self) -> None:
+        """Ask the engine both questions at once: each starts a command. Raises EngineError."""
+        asked = threading.Thread(target=self._tell)
+        asked.start()
+        try:
+            _ = self._image
+        finally:
+            asked.join()
+        _ = self._info
+
+    def _tell(self) -> None:
+        with contextlib.suppress(EngineError):
+            # Asked again, and refused again, by whoever needs the answer.
+            _ = self._info
+
+    def _start(self, name: str, hash_seed: int, limits: Limits) -> tuple[socket.socket, subprocess.Popen[bytes]]:
+        """Start a container; give the socket that its worker will connect to, and its client. Raises OSError."""
+        listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        path = leftovers.containers() / name / "control.sock"
+        path.parent.mkdir(mode=0o700)
+        try:
+            _bind(listener, path)
+            # For the container's user: only the socket is mounted, and nobody else can enter the folder.
+            path.chmod(0o666)
+            listener.listen(1)
+            return listener, self._run(name, path, launch.environment(hash_seed), limits)
+        except BaseException:
+            listener.close()
+            leftovers.remove(path.parent)
+            raise
+
+    def _accept(self, listener: socket.socket, client: subprocess.Popen[bytes], name: str) -> socket.socket:
+        """The socket to the container's worker, which is waited for. Raises SandboxUnavailable."""
+        with listener:
             try:
                 control = _accept(listener, client)
             except BaseException:
                 listener.close()
                 _end(client, name)
                 raise
-            if control is None:
-                listener.close()
-                raise self._refusal(_end(client, name) or f"nothing connected within {_START_SECONDS:.0f} s")
-            return client, control
+        if control is None:
+            raise self._refusal(_end(client, name) or f"nothing connected within {_START_SECONDS:.0f} s")
+        return control
 
     def _refusal(self, words: str) -> SandboxUnavailable:
         """Why no container started, and for a runtime that is known to want arguments which ones."""

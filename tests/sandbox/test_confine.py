@@ -132,7 +132,7 @@ def test_landlock_leaves_what_it_was_shown(tmp_path_factory: pytest.TempPathFact
         import ctypes, os
         from envcraft_sandbox.worker import landlock
         ctypes.CDLL(None).prctl(38, 1, 0, 0, 0)
-        landlock.restrict([{str(shown)!r}, "/no/such/path"], [{str(own)!r}])
+        landlock.restrict(landlock.ruleset([{str(shown)!r}, "/no/such/path"], [{str(own)!r}]))
         for path, mode in (
             ({str(shown / "file")!r}, "r"), ({str(shown / "file")!r}, "w"), ({str(hidden / "file")!r}, "r"),
             ({str(own / "new")!r}, "w"), ({str(own / "new")!r}, "r"),

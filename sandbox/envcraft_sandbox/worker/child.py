@@ -26,16 +26,19 @@ from .clock import Clock
 from .subject import Fault, Subject
 
 
-def main(data_fd: int, output_fd: int, limits: dict[str, Any], folder: str, read: list[str]) -> NoReturn:
-    """Run the job that waits on `data_fd`; never returns, and never unwinds into the server's stack."""
+def main(data_fd: int, output_fd: int, limits: dict[str, Any], folder: str, shown: int | None) -> NoReturn:
+    """Run the job that waits on `data_fd`; never returns, and never unwinds into the server's stack.
+
+    `shown` is what :func:`envcraft_sandbox.worker.confine.prepare` gave.
+    """
     code = 0
     try:
         os.setsid()
-        _keep_only(data_fd, output_fd)
+        shown = _keep_only(data_fd, output_fd, shown)
         os.chdir(folder)
         sock = socket.socket(fileno=3)
         job = _receive(sock)
-        confine.enter(limits, folder, read)
+        confine.enter(limits, shown)
         channel = Channel(sock, every_step=bool(job.get("every_step")))
         _run(job, channel)
         channel.flush()
@@ -47,19 +50,25 @@ def main(data_fd: int, output_fd: int, limits: dict[str, Any], folder: str, read
         os._exit(code)
 
 
-def _keep_only(data_fd: int, output_fd: int) -> None:
-    """Leave descriptors 0 (empty), 1 and 2 (the output pipe) and 3 (the data socket), and no other."""
-    data, output = os.dup(data_fd), os.dup(output_fd)
-    while data <= 3 or output <= 3:
-        data, output = os.dup(data), os.dup(output)
+def _keep_only(data_fd: int, output_fd: int, shown: int | None) -> int | None:
+    """Leave descriptors 0 (empty), 1 and 2 (the output pipe), 3 (the data socket) and, where there is one, 4 (`shown`),
+    and no other; give the last.
+    """
+    kept = [data_fd, output_fd] if shown is None else [data_fd, output_fd, shown]
+    while min(kept) <= 4:
+        kept = [os.dup(number) for number in kept]
+    data, output = kept[:2]
     null = os.open(os.devnull, os.O_RDONLY)
     os.dup2(null, 0)
     os.dup2(output, 1)
     os.dup2(output, 2)
     os.dup2(data, 3, inheritable=False)
-    os.closerange(4, max(data, output, null, 256) + 1)
+    if shown is not None:
+        os.dup2(kept[2], 4, inheritable=False)
+    os.closerange(4 if shown is None else 5, max(*kept, null, 256) + 1)
     sys.stdout = open(1, "w", buffering=1, errors="backslashreplace", closefd=False)  # noqa: SIM115
     sys.stderr = open(2, "w", buffering=1, errors="backslashreplace", closefd=False)  # noqa: SIM115
+    return None if shown is None else 4
 
 
 def _receive(sock: socket.socket) -> dict[str, Any]:

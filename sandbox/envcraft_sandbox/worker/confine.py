@@ -12,7 +12,6 @@ import resource
 import struct
 import sys
 from collections.abc import Iterable
-from pathlib import Path
 from typing import Any
 
 from . import landlock, seccomp
@@ -38,10 +37,20 @@ def layers() -> tuple[list[str], list[str]]:
     return [name for name, there in offered.items() if there], [name for name, there in offered.items() if not there]
 
 
-def enter(limits: dict[str, Any], folder: str, read: Iterable[str] = ()) -> None:
-    """Apply `limits` (``memory`` and ``file`` in bytes, ``cpu`` in seconds, ``descriptors`` as a count), and leave the
-    process `folder` alone to write in; `read` is what it may read besides the libraries. Raises OSError when a layer
-    that the kernel has cannot be applied.
+def prepare(folder: str, read: Iterable[str] = ()) -> int | None:
+    """What is the same for every job, made before the first is forked: a descriptor for :func:`enter`, or None without
+    Landlock. Jobs may write in `folder` alone, and read the libraries and `read`. Raises OSError.
+    """
+    if seccomp.available():
+        seccomp.prepare()
+    if not landlock.version():
+        return None
+    return landlock.ruleset([*_SYSTEM, *_KERNEL, *_libraries(), *read], [folder, "/dev/null"])
+
+
+def enter(limits: dict[str, Any], shown: int | None) -> None:
+    """Apply `limits` (``memory`` and ``file`` in bytes, ``cpu`` in seconds, ``descriptors`` as a count) and what
+    :func:`prepare` gave, whose descriptor is closed. Raises OSError when a layer that the kernel has cannot be applied.
     """
     if sys.platform == "linux":
         _offer_to_the_oom_killer()
@@ -55,8 +64,8 @@ def enter(limits: dict[str, Any], folder: str, read: Iterable[str] = ()) -> None
         return
     _drop_capabilities()
     _prctl(_PR_SET_NO_NEW_PRIVS, 1)
-    if landlock.version():
-        landlock.restrict([*_SYSTEM, *_KERNEL, *_libraries(), *read], [folder, "/dev/null"])
+    if shown is not None:
+        landlock.restrict(shown)
     if seccomp.available():
         seccomp.restrict()
 
@@ -90,7 +99,11 @@ def _offer_to_the_oom_killer() -> None:
     # The files in /proc of a process that is not dumpable belong to root.
     set_dumpable(True)
     with contextlib.suppress(OSError):
-        Path("/proc/self/oom_score_adj").write_text("1000")
+        adjustment = os.open("/proc/self/oom_score_adj", os.O_WRONLY)
+        try:
+            os.write(adjustment, b"1000")
+        finally:
+            os.close(adjustment)
     set_dumpable(False)
 
 

@@ -37,11 +37,10 @@ def version() -> int:
     return max(int(ctypes.CDLL(None).syscall(_CREATE_RULESET, None, 0, _VERSION)), 0)
 
 
-def restrict(read: Iterable[str], write: Iterable[str]) -> None:
-    """Restrict this process, and all that it starts, for good. Raises OSError.
+def ruleset(read: Iterable[str], write: Iterable[str]) -> int:
+    """The descriptor of a set of rules for :func:`restrict`. Raises OSError.
 
-    `read` are files and folders to be read, `write` those to be written as well; missing ones are left out. No new
-    privileges must have been set.
+    `read` are files and folders to be read, `write` those to be written as well; missing ones are left out.
     """
     abi = version()
     handled = _FIRST
@@ -51,23 +50,35 @@ def restrict(read: Iterable[str], write: Iterable[str]) -> None:
         "<QQQ", handled, _BIND_CONNECT_TCP if abi >= 4 else 0, _ABSTRACT_SOCKETS_SIGNALS if abi >= 6 else 0
     )
     size = 24 if abi >= 6 else 16 if abi >= 4 else 8
-    ruleset = _call(_CREATE_RULESET, attributes, size, 0)
+    made = _call(_CREATE_RULESET, attributes, size, 0)
     try:
         for paths, rights in ((read, _READ_FILE | _READ_DIR), (write, handled & ~_EXECUTE & ~_DEVICES_AND_SOCKETS)):
             for path in paths:
                 with contextlib.suppress(FileNotFoundError, NotADirectoryError, PermissionError):
-                    _allow(ruleset, path, rights & handled)
-        _call(_RESTRICT_SELF, ruleset, 0)
+                    _allow(made, path, rights & handled)
+    except BaseException:
+        os.close(made)
+        raise
+    return made
+
+
+def restrict(rules: int) -> None:
+    """Put this process, and all that it starts, under `rules` for good, and close them. Raises OSError.
+
+    No new privileges must have been set.
+    """
+    try:
+        _call(_RESTRICT_SELF, rules, 0)
     finally:
-        os.close(ruleset)
+        os.close(rules)
 
 
-def _allow(ruleset: int, path: str, rights: int) -> None:
+def _allow(rules: int, path: str, rights: int) -> None:
     descriptor = os.open(path, os.O_PATH | os.O_CLOEXEC)
     try:
         if not os.path.isdir(path):
             rights &= _READ_FILE | _WRITE_FILE | _TRUNCATE
-        _call(_ADD_RULE, ruleset, _PATH_BENEATH, struct.pack("<Qi", rights, descriptor), 0)
+        _call(_ADD_RULE, rules, _PATH_BENEATH, struct.pack("<Qi", rights, descriptor), 0)
     finally:
         os.close(descriptor)
 

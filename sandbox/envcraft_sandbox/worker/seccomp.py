@@ -18,6 +18,7 @@ import platform
 import struct
 import sys
 from collections.abc import Iterable
+from functools import cache
 
 #: By machine: the architecture as audit.h names it, and the column of the numbers below.
 _MACHINES = {"x86_64": (0xC000003E, 0), "aarch64": (0xC00000B7, 1)}
@@ -92,6 +93,7 @@ _PR_GET_SECCOMP = 21
 _MODE_FILTER = 2
 
 Instruction = tuple[int, int, int, int]
+_INSTRUCTION = struct.Struct("<HBBI")
 
 
 def available() -> bool:
@@ -101,20 +103,24 @@ def available() -> bool:
     return int(ctypes.CDLL(None).prctl(_PR_GET_SECCOMP, 0, 0, 0, 0)) >= 0
 
 
+def prepare() -> None:
+    """Make what is the same for every process, so that those that are forked have it made."""
+    _listed(*_MACHINES[platform.machine()])
+
+
 def restrict() -> None:
     """Put this process, and all that it starts, under the filter for good. Raises OSError.
 
     No new privileges must have been set. The process may signal itself by the id that it has now.
     """
     architecture, column = _MACHINES[platform.machine()]
-    filtered = program(architecture, column, os.getpid())
-    code = b"".join(struct.pack("<HBBI", *instruction) for instruction in filtered)
+    code = _listed(architecture, column) + _encode(_judged(column, os.getpid()))
     instructions = ctypes.create_string_buffer(code, len(code))
 
     class Program(ctypes.Structure):
         _fields_ = [("length", ctypes.c_ushort), ("filter", ctypes.c_void_p)]
 
-    given = Program(len(filtered), ctypes.addressof(instructions))
+    given = Program(len(code) // _INSTRUCTION.size, ctypes.addressof(instructions))
     libc = ctypes.CDLL(None, use_errno=True)
     if libc.prctl(_PR_SET_SECCOMP, _MODE_FILTER, ctypes.byref(given), 0, 0):
         raise OSError(ctypes.get_errno(), "no seccomp filter can be set")
@@ -122,7 +128,13 @@ def restrict() -> None:
 
 def program(architecture: int, column: int, pid: int) -> list[Instruction]:
     """The filter in classic BPF, for a machine's `architecture` and `column` of numbers, and the process `pid`."""
-    number = dict(_numbers(_CONDITIONAL, column))
+    code = _listed(architecture, column) + _encode(_judged(column, pid))
+    return list(_INSTRUCTION.iter_unpack(code))
+
+
+@cache
+def _listed(architecture: int, column: int) -> bytes:
+    """The first part: calls that are allowed or refused whatever their arguments."""
     code: list[Instruction] = [
         *((_LOAD, 0, 0, _ARCH), (_JEQ, 1, 0, architecture), _return(_KILL)),
         *((_LOAD, 0, 0, _NR), (_JGE, 0, 1, _X32), _return(_KILL)),
@@ -132,6 +144,12 @@ def program(architecture: int, column: int, pid: int) -> list[Instruction]:
     for names, error in _REFUSED.items():
         for _, refused in _numbers(names, column):
             code += [(_JEQ, 0, 1, refused), _return(_ERRNO | error)]
+    return _encode(code)
+
+
+def _judged(column: int, pid: int) -> list[Instruction]:
+    """The second: calls that are judged by an argument, and all others."""
+    number = dict(_numbers(_CONDITIONAL, column))
     denied = _return(_ERRNO | errno.EPERM)
     judged = {
         "kill": _argument(0, [pid], denied),
@@ -148,9 +166,14 @@ def program(architecture: int, column: int, pid: int) -> list[Instruction]:
         ],
         "socketpair": _argument(0, [_AF_UNIX], _return(_ERRNO | errno.ENETUNREACH)),
     }
+    code: list[Instruction] = []
     for name, instructions in judged.items():
         code += [(_JEQ, 0, len(instructions), number[name]), *instructions]
     return [*code, (_JGT, 0, 1, _NEWER_THAN), _return(_ERRNO | errno.ENOSYS), denied]
+
+
+def _encode(code: Iterable[Instruction]) -> bytes:
+    return b"".join(_INSTRUCTION.pack(*instruction) for instruction in code)
 
 
 def _numbers(text: str, column: int) -> Iterable[tuple[str, int]]:

@@ -17,7 +17,6 @@ from __future__ import annotations
 import contextlib
 import gc
 import importlib
-import importlib.metadata
 import importlib.util
 import json
 import os
@@ -29,7 +28,6 @@ import socket
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy
@@ -42,7 +40,7 @@ def serve(control: socket.socket, folder: str, read: list[str]) -> None:
     """Serve jobs on `control` until the host closes it. They may write below `folder`, and read `read`."""
     import gymnasium
 
-    server = Server(control, JobFolder(folder), read)
+    server = Server(control, JobFolder(folder), confine.prepare(folder, read))
     # Jobs must not trace or read the memory of the process that runs the next one.
     confine.set_dumpable(False)
     confine.adopt_orphans()
@@ -75,10 +73,10 @@ class _Job:
 class Server:
     """Jobs under way, by process."""
 
-    def __init__(self, control: socket.socket, folder: JobFolder, read: list[str]) -> None:
+    def __init__(self, control: socket.socket, folder: JobFolder, shown: int | None) -> None:
         self._control = control
         self._folder = folder
-        self._read = read
+        self._shown = shown
         self._jobs: dict[int, _Job] = {}
         self._wake, self._waker = os.pipe()
         os.set_blocking(self._waker, False)
@@ -136,7 +134,7 @@ class Server:
             os.close(self._wake)
             os.close(self._waker)
             self._control.close()
-            child.main(data_fd, output_fd, job.limits, self._folder.path, self._read)
+            child.main(data_fd, output_fd, job.limits, self._folder.path, self._shown)
         os.close(data_fd)
         os.close(output_fd)
         self._jobs[pid] = job
@@ -192,7 +190,8 @@ def _kill_leftovers() -> None:
 
 def _children() -> list[int]:
     """Raises OSError where the kernel does not list them."""
-    return [int(pid) for pid in Path(f"/proc/self/task/{os.getpid()}/children").read_text().split()]
+    with open(f"/proc/self/task/{os.getpid()}/children") as listed:
+        return [int(pid) for pid in listed.read().split()]
 
 
 def _kill(kill: Callable[[int, int], None], target: int) -> None:
@@ -218,6 +217,9 @@ def _find(modules: list[str]) -> dict[str, Any]:
     missing = [name for name in modules if name not in sys.builtin_module_names and not _importable(name)]
     known: list[str] = []
     if missing:
+        # Slow to import, and mostly nothing is missing.
+        import importlib.metadata
+
         known = sorted({*sys.stdlib_module_names, *importlib.metadata.packages_distributions()})
     return {"missing": missing, "known": known}
 

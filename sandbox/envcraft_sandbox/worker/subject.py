@@ -11,7 +11,6 @@ import threading
 import time
 import traceback
 from collections.abc import Callable
-from pathlib import Path
 from types import CodeType, ModuleType
 from typing import Any
 
@@ -250,7 +249,10 @@ def _source_file(value: Any) -> str | None:
 
 
 def _digest_of(path: str | None) -> str | None:
+    if path is None:
+        return None
     try:
-        return hashlib.sha256(Path(path).read_bytes()).hexdigest() if path else None
+        with open(path, "rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
     except OSError:
         return None

@@ -6,10 +6,8 @@ Everything here imports and calls untrusted code, and runs in a job: whoever cal
 from __future__ import annotations
 
 import ast
-import difflib
 import functools
 import importlib
-import importlib.metadata
 import importlib.util
 import inspect
 import linecache
@@ -187,6 +185,9 @@ def _look_up(name: str) -> Any:
 
 def _packages_like(name: str) -> list[str]:
     """Top-level modules whose name begins as `name` does, or the other way about; the likeliest first."""
+    # Slow to import, and only what is not registered yet is looked for.
+    import importlib.metadata
+
     plain = _plain(re.split(r"-v?\d|-", name)[0]) or _plain(name)
     found = [package for package in importlib.metadata.packages_distributions() if package.isidentifier()]
     alike = [
@@ -208,6 +209,8 @@ def _plain(name: str) -> str:
 
 def _register(package: str | None) -> None:
     """Call the entry points by which packages register their environments; those of one package, or of all."""
+    import importlib.metadata
+
     for point in importlib.metadata.entry_points(group="gymnasium.envs"):
         if package is None or point.module.partition(".")[0] == package:
             try:
@@ -234,6 +237,8 @@ def _importable(module: str) -> bool:
 
 
 def _suggest(name: str, known: list[str]) -> str:
+    import difflib
+
     near = difflib.get_close_matches(name, known, n=1, cutoff=0.6)
     return f"; did you mean {near[0]}?" if near else ""
 

@@ -6,7 +6,6 @@ Limits of the kernel are for one process or one user, and count neither shared m
 from __future__ import annotations
 
 import os
-from pathlib import Path
 from typing import Any
 
 from .folder import JobFolder
@@ -41,7 +40,8 @@ def exceeded(pid: int, limits: dict[str, Any], folder: JobFolder) -> str | None:
 def _status(pid: int) -> tuple[int, int] | None:
     """Threads and resident bytes of a process; None where the kernel does not tell, or it has ended."""
     try:
-        fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+        with open(f"/proc/{pid}/stat", errors="replace") as told:
+            fields = told.read().rpartition(")")[2].split()
         return int(fields[_THREADS]), int(fields[_RESIDENT]) * _PAGE
     except (OSError, ValueError, IndexError):
         return None
