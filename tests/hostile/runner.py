@@ -31,10 +31,10 @@ from envcraft.verdict import Finding, Report, Severity
 
 #: Tight, so that hangs and bombs cost seconds.
 LIMITS = Limits(call=1.5, loading=3.0, job=5.0, total=30.0, memory=256 * 1024**2, output_total=1024**2)
-INNOCENT = Path(__file__).resolve().parents[2] / "examples" / "sokoban.py"
+INNOCENT = Path(__file__).resolve().parents[2] / "examples" / "lander.py"
 #: Of the innocent program only the traces matter, and few of them.
 _GLANCE = Budget("glance", 1, 0, 2, 0, (1, 100), (200, 1), 0, 0, (6,), 100)
-_GLANCES = ("source", "reward")
+_GLANCES = ("source",)
 #: Of a hostile program, too: a bomb goes off in each episode, and a few show as much as fifty.
 _HOSTILE = Budget("hostile", 2, 1, 3, 0, (1, 60), (400, 1), 400, 0, (6, 12, 24), 100)
 

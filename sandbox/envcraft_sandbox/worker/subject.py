@@ -221,7 +221,7 @@ def _reset_parameters(env: Any) -> list[str]:
         parameters = inspect.signature(env.unwrapped.reset).parameters
     except (ValueError, TypeError, AttributeError):
         return ["seed", "options"]
-    if any(parameter.kind is parameter.VAR_KEYWORD for parameter in parameters.values()):
+    if inspect.Parameter.VAR_KEYWORD in [parameter.kind for parameter in parameters.values()]:
         return ["seed", "options"]
     return [name for name in ("seed", "options") if name in parameters]
 

@@ -254,7 +254,7 @@ def _rendering(creator: Any, given: dict[str, Any]) -> dict[str, Any]:
     metadata = getattr(creator, "metadata", None)
     modes = metadata.get("render_modes") if isinstance(metadata, dict) else None
     takes = "render_mode" in parameters
-    passes = any(parameter.kind is parameter.VAR_KEYWORD for parameter in parameters.values())
+    passes = inspect.Parameter.VAR_KEYWORD in [parameter.kind for parameter in parameters.values()]
     offers = "rgb_array" in modes if isinstance(modes, list | tuple | set) and modes else takes
     return {"render_mode": "rgb_array"} if (takes or (passes and modes)) and offers else {}
 
