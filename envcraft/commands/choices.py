@@ -21,8 +21,8 @@ FIRST = "source"
 
 
 def all_checks() -> list[Check]:
-    """Every check, in the order in which they run."""
-    return list(offered("envcraft_checks"))
+    """Every check, in the order in which they run: last those that judge what the others ran into."""
+    return sorted(offered("envcraft_checks"), key=lambda check: check.always)
 
 
 def rules_of(checks: Iterable[Check]) -> dict[str, Rule]:
