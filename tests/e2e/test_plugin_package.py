@@ -14,6 +14,8 @@ from pathlib import Path
 
 import pytest
 
+from envcraft import hookspecs
+
 PACKAGE = Path(__file__).resolve().parents[1] / "plugin_package"
 GAMES = PACKAGE / "tests" / "games"
 SANDBOX = ("--sandbox", "process")
@@ -27,9 +29,9 @@ class Installed:
     site: Path
     folder: Path
 
-    def run(self, *arguments: str | Path, module: str = "envcraft") -> subprocess.CompletedProcess[str]:
+    def run(self, *arguments: str | Path, module: str = "envcraft", **more: str) -> subprocess.CompletedProcess[str]:
         command = [self.python, "-m", module, *arguments]
-        variables = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
+        variables = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"} | more
         return subprocess.run(
             command, cwd=self.folder, env=variables, capture_output=True, text=True, timeout=300, check=False
         )
@@ -79,7 +81,9 @@ def test_it_is_listed_with_its_distribution_and_all_its_hooks(installed: Install
     assert told["broken"] == []
     (own,) = [plugin for plugin in told["plugins"] if plugin["plugin"] == "lantern"]
     assert own["distribution"] == "envcraft-lantern"
-    assert own["hooks"] == ["envcraft_checks", "envcraft_commands", "envcraft_contracts", "envcraft_reporters"]
+    hooks = [name for name, spec in vars(hookspecs).items() if hasattr(spec, "envcraft_spec")]
+    # All that there are: what a third party can do, this package shows.
+    assert own["hooks"] == sorted(hooks)
     assert "envcraft-lantern" in installed.listed("plugins")
 
 
@@ -151,6 +155,25 @@ def test_its_command_counts_what_its_reporter_wrote(installed: Installed, tmp_pa
     done = installed.run("census", lines)
     assert done.returncode == 2
     assert "line 5" in done.stderr
+
+
+def test_environments_are_judged_in_its_sandbox(installed: Installed) -> None:
+    options = ("--checks", "reward", "--budget", "quick", "--format", "json", "--sandbox", "nice")
+    done = installed.run("validate", GAMES / "good" / "torch.py", *options)
+    (report,) = json.loads(done.stdout)["reports"]
+    assert (report["verdict"], report["driver"], report["isolation"]) == ("pass", "nice", "process")
+    assert "lowest priority" in report["sandbox"]["layers"]
+    assert "nice" in installed.listed("doctor")
+
+
+def test_its_sandbox_conforms(installed: Installed, root: Path) -> None:
+    """To a part of the suite, for the sake of time; docs/driver.md says how to run the whole of it."""
+    parts = " or ".join(("TestOrdinaryJobs", "TestOutput", "TestConditions", "TestNothingRemains", "TestForgery"))
+    suite = (root / "tests" / "sandbox" / "test_conformance.py", "-k", parts, "-q", "-p", "no:cacheprovider")
+    named = "envcraft_lantern.nice:NiceDriver"
+    done = installed.run("--rootdir", root, *suite, module="pytest", ENVCRAFT_CONFORMANCE_DRIVER=named)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "skipped" not in done.stdout
 
 
 def test_its_own_tests_pass(installed: Installed) -> None:

@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from envcraft.check import Check
     from envcraft.contract import Contract
     from envcraft.reports import Reporter
+    from envcraft.sandbox import Driver
 
 # Loaded in every run of the command: each hook imports what it gives when it is called.
 
@@ -28,6 +29,13 @@ def envcraft_contracts() -> list[Contract]:
     from .large import ARCADE_LARGE
 
     return [ARCADE_LARGE]
+
+
+@hookimpl
+def envcraft_sandbox_drivers() -> list[Driver]:
+    from .nice import NiceDriver
+
+    return [NiceDriver()]
 
 
 @hookimpl
