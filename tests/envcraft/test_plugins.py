@@ -16,8 +16,10 @@ import pluggy
 import pytest
 
 from envcraft import hookspecs
-from envcraft.commands.choices import all_checks
+from envcraft.commands.choices import all_checks, driver_named
+from envcraft.errors import SandboxUnavailable
 from envcraft.plugins import DEFAULT_PLUGINS, GROUP, Plugins, hookimpl, plugins
+from envcraft.sandbox import Availability, Driver, Isolation, Limits, Worker
 
 
 @pytest.fixture
@@ -125,6 +127,34 @@ def test_checks_that_always_run_come_last(empty: Plugins, monkeypatch: pytest.Mo
     empty.register("foreign", "foreign-dist", plugin("foreign", "envcraft_checks", lambda: [own]))
     monkeypatch.setattr("envcraft.cli.plugins", lambda: empty)
     assert [check.name for check in all_checks()] == ["own", "last"]
+
+
+class Works(Driver):
+    name, isolation, rank = "works", Isolation.NAMESPACE, 1
+
+    def probe(self) -> Availability:
+        return Availability(True)
+
+    def launch(self, *, hash_seed: int, limits: Limits) -> Worker:
+        raise NotImplementedError
+
+
+class Breaks(Works):
+    name, rank = "breaks", 99
+
+    def probe(self) -> Availability:
+        raise RuntimeError("no luck")
+
+    def sweep(self) -> None:
+        raise RuntimeError("no luck")
+
+
+def test_a_driver_that_breaks_leaves_the_others(empty: Plugins, monkeypatch: pytest.MonkeyPatch) -> None:
+    empty.register("drivers", "dist", plugin("drivers", "envcraft_sandbox_drivers", lambda: [Breaks(), Works()]))
+    monkeypatch.setattr("envcraft.cli.plugins", lambda: empty)
+    assert driver_named("auto").name == "works"
+    with pytest.raises(SandboxUnavailable, match="no luck"):
+        driver_named("breaks")
 
 
 def test_listing_names_distribution_and_hooks(empty: Plugins) -> None:
