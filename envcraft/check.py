@@ -23,7 +23,7 @@ class Rule(msgspec.Struct, frozen=True):
     """One code that a check can report.
 
     Attributes:
-        code: stable identifier, ``EC`` and three digits.
+        code: stable identifier, capitals and digits: ``EC`` and three digits for those of EnvCraft itself.
         name: a few words in kebab-case.
         summary: what the rule says, in one sentence.
         fix: what usually mends it, in one sentence.
@@ -47,7 +47,7 @@ class Check(ABC):
     Attributes:
         name: how ``--checks`` names it.
         rules: the codes that it can report.
-        always: run even when not selected, since no verdict can be trusted without it.
+        always: run even when not selected, since no verdict can be trusted without it, and after all others.
         hash_seeds: PYTHONHASHSEED of each worker that it is sure to need besides the ordinary ones.
     """
 

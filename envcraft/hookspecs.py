@@ -39,7 +39,7 @@ def envcraft_sandbox_drivers() -> list[Driver]:
 
 @hookspec
 def envcraft_checks() -> list[Check]:
-    """Rules that judge a subject. They run in the order of registration."""
+    """Rules that judge a subject. They run in the order of registration, those that always run last."""
 
 
 @hookspec

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
@@ -209,7 +210,7 @@ def _check(contract: Contract) -> None:
     if not 0 < contract.consistently < 1:
         raise ValueError(f"consistently is {contract.consistently:g}; it is a share, between 0 and 1")
     for code in contract.without:
-        if not (len(code) == 5 and code.startswith("EC") and code[2:].isdigit()):
+        if not re.fullmatch(r"[A-Z]+[0-9]+", code):
             raise ValueError(f"without: {code!r} is no code such as EC505; `envcraft checks` lists them")
     if contract.noop is None:
         return

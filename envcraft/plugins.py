@@ -68,30 +68,43 @@ class Plugins:
     _distributions: dict[str, str] = field(default_factory=dict)
 
     def collect(self, hook: str) -> list[Any]:
-        """Call one hook of each plugin in turn and join the lists that they give; a plugin that raises is noted."""
+        """Call one hook of each plugin in turn and join the lists that they give. A plugin that raises is noted, and so
+        is one that gives what has the name, or a code, of what an earlier one gives; that is left out.
+        """
         found: list[Any] = []
+        taken: dict[str, str] = {}
         for implementation in getattr(self.manager.hook, hook).get_hookimpls():
+            plugin = implementation.plugin_name
             try:
-                found.extend(implementation.function())
+                for item in implementation.function():
+                    names = [item.name, *(rule.code for rule in getattr(item, "rules", ()))]
+                    if clash := next((name for name in names if name in taken), None):
+                        self.note(plugin, LookupError(f"{hook}: {clash} is taken by the plugin {taken[clash]}"))
+                    else:
+                        taken.update(dict.fromkeys(names, plugin))
+                        found.append(item)
             except Exception as error:
-                self.note(implementation.plugin_name, error)
+                self.note(plugin, error)
         return found
 
-    def note(self, plugin: str, error: Exception) -> None:
+    def note(self, plugin: str, error: BaseException) -> None:
         """Remember that a plugin broke."""
         self.broken.append(Broken(plugin, f"{type(error).__name__}: {error}"))
 
     def register(self, name: str, distribution: str, load: Any) -> None:
         """Load and register one plugin; a failure, or a hook that no specification knows, is noted."""
+        plugin = None
         try:
             plugin = load()
             self.manager.register(plugin, name)
             # pluggy keeps quiet about a hook that no specification knows: most likely it is misspelt.
             unknown = [hook.name for hook in self.manager.get_hookcallers(plugin) or [] if not hook.has_spec()]
             if unknown:
-                self.manager.unregister(plugin)
                 raise LookupError(f"no hook is called {', '.join(unknown)}")
-        except Exception as error:
+        except (Exception, SystemExit) as error:
+            if plugin is not None and self.manager.get_plugin(name) is plugin:
+                # pluggy keeps the hooks that came before the one that it refused.
+                self.manager.unregister(plugin)
             self.note(name, error)
         else:
             self._distributions[name] = distribution

@@ -203,7 +203,7 @@ def choose(drivers: list[Driver], name: str) -> Driver:
     ranked = sorted(drivers, key=lambda driver: -driver.rank)
     if name == "auto":
         for driver in ranked:
-            if driver.probe().works:
+            if _look(driver).works:
                 return driver
         raise SandboxUnavailable("no sandbox works on this machine; `envcraft doctor` tells what each one needs")
     for driver in ranked:
@@ -214,9 +214,17 @@ def choose(drivers: list[Driver], name: str) -> Driver:
 
 def ensure(driver: Driver) -> None:
     """Raises SandboxUnavailable, with the reason and the next step, where a driver does not work here."""
-    told = driver.probe()
+    told = _look(driver)
     if not told.works:
         raise SandboxUnavailable(f"the {driver.name} sandbox does not work here: {told.reason}; {told.fix}")
+
+
+def _look(driver: Driver) -> Availability:
+    """What a driver says of itself. One that raises does not work, and the others may."""
+    try:
+        return driver.probe()
+    except Exception as error:
+        return Availability(False, f"it broke ({type(error).__name__}: {error})", "`envcraft doctor` tells more")
 
 
 def driver_for(driver: Driver, targets: Iterable[Target]) -> Driver:

@@ -16,7 +16,10 @@ import pluggy
 import pytest
 
 from envcraft import hookspecs
+from envcraft.commands.choices import all_checks, driver_named
+from envcraft.errors import SandboxUnavailable
 from envcraft.plugins import DEFAULT_PLUGINS, GROUP, Plugins, hookimpl, plugins
+from envcraft.sandbox import Availability, Driver, Isolation, Limits, Worker
 
 
 @pytest.fixture
@@ -38,8 +41,11 @@ def raises() -> Any:
     raise RuntimeError("no luck")
 
 
+RULE = types.SimpleNamespace(name="a check", rules=[types.SimpleNamespace(code="XX001")])
+
+
 def gives() -> Any:
-    return ["a rule"]
+    return [RULE]
 
 
 def test_built_in_plugins_all_load() -> None:
@@ -50,7 +56,7 @@ def test_built_in_plugins_all_load() -> None:
 def test_a_hook_that_raises_is_named_and_the_rest_go_on(empty: Plugins) -> None:
     empty.register("bad", "bad-dist", plugin("bad", "envcraft_checks", raises))
     empty.register("good", "good-dist", plugin("good", "envcraft_checks", gives))
-    assert empty.collect("envcraft_checks") == ["a rule"]
+    assert empty.collect("envcraft_checks") == [RULE]
     assert [(broken.plugin, broken.error) for broken in empty.broken] == [("bad", "RuntimeError: no luck")]
 
 
@@ -67,6 +73,88 @@ def test_a_misspelt_hook_is_reported(empty: Plugins) -> None:
     empty.register("typo", "typo-dist", plugin("typo", "envcraft_cheks", gives))
     assert "envcraft_cheks" in empty.broken[0].error
     assert empty.list() == []
+
+
+def test_a_hook_with_an_argument_that_there_is_not_leaves_nothing_of_its_plugin(empty: Plugins) -> None:
+    module = plugin("half", "envcraft_checks", gives)()
+
+    def envcraft_reporters(config: Any) -> Any: ...
+
+    module.envcraft_reporters = hookimpl(envcraft_reporters)  # type: ignore[attr-defined]
+    empty.register("half", "half-dist", lambda: module)
+    assert "config" in empty.broken[0].error
+    assert empty.list() == []
+    assert empty.collect("envcraft_checks") == []
+
+
+def test_a_plugin_that_exits_when_it_is_imported_is_named(empty: Plugins) -> None:
+    empty.register("quits", "quits-dist", lambda: sys.exit(7))
+    assert empty.broken[0].error == "SystemExit: 7"
+
+
+@pytest.mark.parametrize(
+    ("name", "codes"), [("a check", ["YY001"]), ("another", ["YY001", "XX001"])], ids=["name", "code"]
+)
+def test_the_first_to_give_a_name_or_a_code_keeps_it(empty: Plugins, name: str, codes: list[str]) -> None:
+    clashing = types.SimpleNamespace(name=name, rules=[types.SimpleNamespace(code=code) for code in codes])
+    other = types.SimpleNamespace(name="other", rules=[])
+    empty.register("first", "first-dist", plugin("first", "envcraft_checks", gives))
+    empty.register("second", "second-dist", plugin("second", "envcraft_checks", lambda: [clashing, other]))
+    assert empty.collect("envcraft_checks") == [RULE, other]
+    (broken,) = empty.broken
+    assert broken.plugin == "second"
+    assert broken.error.endswith("is taken by the plugin first")
+
+
+def test_a_second_plugin_of_a_name_changes_nothing_of_the_first(empty: Plugins) -> None:
+    empty.register("twin", "one", plugin("one", "envcraft_checks", gives))
+    empty.register("twin", "two", plugin("two", "envcraft_contracts", gives))
+    (listed,) = empty.list()
+    assert (listed.distribution, listed.hooks) == ("one", ["envcraft_checks"])
+    assert empty.collect("envcraft_checks") == [RULE]
+
+
+def test_what_gives_no_named_things_is_named(empty: Plugins) -> None:
+    empty.register("odd", "odd-dist", plugin("odd", "envcraft_checks", lambda: ["a check"]))
+    assert empty.collect("envcraft_checks") == []
+    assert "name" in empty.broken[0].error
+
+
+def test_checks_that_always_run_come_last(empty: Plugins, monkeypatch: pytest.MonkeyPatch) -> None:
+    last = types.SimpleNamespace(name="last", rules=[], always=True)
+    own = types.SimpleNamespace(name="own", rules=[], always=False)
+    empty.register("built-in", "envcraft-rl", plugin("built-in", "envcraft_checks", lambda: [last]))
+    empty.register("foreign", "foreign-dist", plugin("foreign", "envcraft_checks", lambda: [own]))
+    monkeypatch.setattr("envcraft.cli.plugins", lambda: empty)
+    assert [check.name for check in all_checks()] == ["own", "last"]
+
+
+class Works(Driver):
+    name, isolation, rank = "works", Isolation.NAMESPACE, 1
+
+    def probe(self) -> Availability:
+        return Availability(True)
+
+    def launch(self, *, hash_seed: int, limits: Limits) -> Worker:
+        raise NotImplementedError
+
+
+class Breaks(Works):
+    name, rank = "breaks", 99
+
+    def probe(self) -> Availability:
+        raise RuntimeError("no luck")
+
+    def sweep(self) -> None:
+        raise RuntimeError("no luck")
+
+
+def test_a_driver_that_breaks_leaves_the_others(empty: Plugins, monkeypatch: pytest.MonkeyPatch) -> None:
+    empty.register("drivers", "dist", plugin("drivers", "envcraft_sandbox_drivers", lambda: [Breaks(), Works()]))
+    monkeypatch.setattr("envcraft.cli.plugins", lambda: empty)
+    assert driver_named("auto").name == "works"
+    with pytest.raises(SandboxUnavailable, match="no luck"):
+        driver_named("breaks")
 
 
 def test_listing_names_distribution_and_hooks(empty: Plugins) -> None:

@@ -14,6 +14,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from pkgutil import resolve_name
 from typing import Any
 
 import msgspec
@@ -24,14 +25,20 @@ from envcraft_sandbox.process import ProcessDriver
 from envcraft_sandbox.wire import HEADER, Kind
 
 from envcraft.errors import WorkerLost
-from envcraft.sandbox import Driver, How, Limits, Worker
+from envcraft.sandbox import Driver, How, Isolation, Limits, Worker
 from envcraft.trace import Ending
 
-DRIVERS = {
-    "docker": pytest.param(DockerDriver, marks=pytest.mark.docker, id="docker"),
-    "bubblewrap": pytest.param(BubblewrapDriver, marks=pytest.mark.bubblewrap, id="bubblewrap"),
-    "process": pytest.param(ProcessDriver, id="process"),
-}
+#: ``ENVCRAFT_CONFORMANCE_DRIVER=package.module:Class`` asks another driver in place of the built-in ones.
+NAMED = os.environ.get("ENVCRAFT_CONFORMANCE_DRIVER")
+DRIVERS = (
+    [pytest.param(resolve_name(NAMED), id=NAMED)]
+    if NAMED
+    else [
+        pytest.param(DockerDriver, marks=pytest.mark.docker, id="docker"),
+        pytest.param(BubblewrapDriver, marks=pytest.mark.bubblewrap, id="bubblewrap"),
+        pytest.param(ProcessDriver, id="process"),
+    ]
+)
 
 #: Gives the process the name TOKEN, as /proc shows it on the host too.
 _NAME_ITSELF = """
@@ -42,12 +49,12 @@ _NAME_ITSELF = """
 Environment = Callable[..., str]
 
 
-@pytest.fixture(scope="module", params=DRIVERS.values())
+@pytest.fixture(scope="module", params=DRIVERS)
 def driver(request: pytest.FixtureRequest) -> Iterator[Driver]:
     made: Driver = request.param()
     available = made.probe()
     if not available.works:
-        pytest.skip(f"{available.reason}; {available.fix}")
+        (pytest.fail if NAMED else pytest.skip)(f"{available.reason}; {available.fix}")
     yield made
     made.close()
 
@@ -55,8 +62,8 @@ def driver(request: pytest.FixtureRequest) -> Iterator[Driver]:
 @pytest.fixture(scope="module")
 def isolating(driver: Driver) -> Driver:
     """The driver where it has namespaces."""
-    if driver.name == "process":
-        pytest.skip("the process sandbox shares the machine's files, network and processes")
+    if driver.isolation is Isolation.PROCESS:
+        pytest.skip("isolation by process shares the machine's files, network and processes")
     return driver
 
 
@@ -740,7 +747,7 @@ class TestIsolation:
         )
         found = play(worker, source).facts
         ids = set(found.pop("ids"))
-        assert ids == {65534} or driver.name == "process"
+        assert ids == {65534} or driver.isolation is Isolation.PROCESS
         assert set(found.pop("capabilities")) == {0}
         assert found.pop("no new privileges") == 1
         assert set(found.values()) == {-1}

@@ -1,0 +1,52 @@
+"""What EnvCraft loads: the entry point of the group ``envcraft`` in pyproject.toml names this module."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from envcraft.plugins import hookimpl
+
+if TYPE_CHECKING:
+    import click
+
+    from envcraft.check import Check
+    from envcraft.contract import Contract
+    from envcraft.reports import Reporter
+    from envcraft.sandbox import Driver
+
+# Loaded in every run of the command: each hook imports what it gives when it is called.
+
+
+@hookimpl
+def envcraft_checks() -> list[Check]:
+    from .brightness import Brightness
+
+    return [Brightness()]
+
+
+@hookimpl
+def envcraft_contracts() -> list[Contract]:
+    from .large import ARCADE_LARGE
+
+    return [ARCADE_LARGE]
+
+
+@hookimpl
+def envcraft_sandbox_drivers() -> list[Driver]:
+    from .nice import NiceDriver
+
+    return [NiceDriver()]
+
+
+@hookimpl
+def envcraft_reporters() -> list[type[Reporter]]:
+    from .jsonl import JsonLinesReporter
+
+    return [JsonLinesReporter]
+
+
+@hookimpl
+def envcraft_commands() -> list[click.Command]:
+    from .census import census
+
+    return [census]
