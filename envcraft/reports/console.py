@@ -123,8 +123,10 @@ class ConsoleReporter(Reporter):
         for verdict, word in zip(Verdict, ("passed", "failed", "skipped", "could not be judged"), strict=True):
             if verdicts[verdict]:
                 line.append(", " if line.plain else "").append(f"{verdicts[verdict]} {word}", f"bold {STYLES[verdict]}")
+        if not line.plain:
+            line.append("nothing judged")
         line.append(
-            f"{f' {self._dot} ' if line.plain else ''}{plural(errors, 'finding')}, "
+            f" {self._dot} {plural(errors, 'finding')}, "
             f"{plural(len(findings) - errors, 'warning')} {self._dot} contract {report.contract}, "
             f"budget {report.budget}, seed {report.seed}"
         )

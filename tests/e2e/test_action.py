@@ -109,7 +109,7 @@ def test_the_action_installs_its_own_checkout(root: Path, action: dict[str, Any]
     shim.chmod(0o755)
     process, _ = run(action, {**install, "run": f'PATH="{shim.parent}:$PATH"\n{install["run"]}'}, folder)
     words = process.stdout.splitlines()
-    assert words[:2] == ["-m", "pip"]
+    assert words[:3] == ["-P", "-m", "pip"]
     assert words[-1] == str(folder / "the action")
     # What pip would install from there has the module that the next step runs.
     project = tomllib.loads((root / "pyproject.toml").read_text())
@@ -149,6 +149,17 @@ def test_inputs_come_before_the_settings(action: dict[str, Any], folder: Path) -
     assert process.returncode == 0
     assert "contract gymnasium" in process.stdout
     assert run(action, step, folder, targets="bad.py", sandbox="none such")[0].returncode == 2
+
+
+def test_modules_of_the_checkout_are_not_imported(action: dict[str, Any], folder: Path) -> None:
+    for name in ("click", "envcraft", "pip", "sitecustomize"):
+        (folder / f"{name}.py").write_text("open('owned', 'w')\n")
+    for step in steps(action, "run"):
+        # Nothing is to be installed: pip's help will do.
+        script = step["run"].replace(" install ", " install --help ")
+        process, _ = run(action, {**step, "run": script}, folder, targets="some games/good.py")
+        assert process.returncode == 0, process.stderr
+    assert not (folder / "owned").exists()
 
 
 @pytest.mark.parametrize("words", HOSTILE)

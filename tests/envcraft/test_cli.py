@@ -316,6 +316,7 @@ def test_files_without_an_environment_are_left_out_where_that_is_asked_for(
     for nothing in (invoke("validate", helper, *asked), invoke("validate", helper, *asked, "--workers", 2)):
         assert nothing.exit_code == 0
         assert json.loads(nothing.stdout)["reports"] == []
+    assert "nothing judged" in invoke("validate", helper, *QUICK, "--environments-only").stdout
     assert invoke("validate", helper, "nowhere.py", *asked).exit_code == 2
 
 
