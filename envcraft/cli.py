@@ -9,7 +9,7 @@ import contextlib
 import signal
 import sys
 import threading
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -80,24 +80,29 @@ class Configured(click.Command):
             if isinstance(param, click.Option)
             for option in param.opts
         }
-        extra["default_map"] = configuration(Path.cwd(), options)
+        repeated = {str(param.name) for param in self.params if isinstance(param, click.Option) and param.multiple}
+        extra["default_map"] = configuration(Path.cwd(), options, repeated)
         return super().make_context(info_name, args, parent, **extra)
 
 
-def configuration(folder: Path, options: dict[str, str]) -> dict[str, Any]:
+def configuration(folder: Path, options: dict[str, str], repeated: Collection[str] = ()) -> dict[str, Any]:
     """Read ``[tool.envcraft]`` of the ``pyproject.toml`` in `folder` or the nearest one above. Raises UsageError.
 
-    `options` are the names that settings may have, with the parameter that each sets.
+    `options` are the names that settings may have, with the parameter that each sets; those parameters that are
+    `repeated` get a list, the others one value, of a list with commas in between.
     """
     path, table = settings(folder)
-    found = {}
+    found: dict[str, Any] = {}
     for key, value in table.items():
         if key == "contracts":
             continue
         name = key.replace("_", "-")
         if name not in options:
             raise UsageError(f"{path}: [tool.envcraft] has no setting {unknown(key, options)}")
-        found[options[name]] = ",".join(map(str, value)) if isinstance(value, list) else value
+        if options[name] in repeated:
+            found[options[name]] = value if isinstance(value, list) else [value]
+        else:
+            found[options[name]] = ",".join(map(str, value)) if isinstance(value, list) else value
     return found
 
 

@@ -6,7 +6,7 @@ import contextlib
 import os
 import queue
 import time
-from collections.abc import Generator, Sequence
+from collections.abc import Callable, Generator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 
 import msgspec
@@ -15,12 +15,15 @@ from envcraft.budget import Budget
 from envcraft.check import Check, Skip
 from envcraft.contract import Contract
 from envcraft.errors import EnvCraftError
-from envcraft.events import CheckFinished, CheckStarted, Event, Finished, SubjectFinished, SubjectStarted
+from envcraft.events import CheckFinished, CheckStarted, Event, Finished, StepsTaken, SubjectFinished, SubjectStarted
 from envcraft.pool import Pool
 from envcraft.sandbox import Driver, Limits, driver_for
 from envcraft.subject import Subject, elapsed
 from envcraft.target import PolicyFile, Target
 from envcraft.verdict import CheckReport, Finding, Report, SandboxReport, Severity, SubjectReport, Verdict, overall
+
+#: Seconds between two events about one subject's steps.
+_STEPS_EVERY = 0.25
 
 
 class Plan(msgspec.Struct, frozen=True):
@@ -58,34 +61,30 @@ def validate(plan: Plan, workers: int | None = None, pool: Pool | None = None) -
     driver = driver_for(plan.driver, plan.targets) if pool is None else plan.driver
     plan = msgspec.structs.replace(plan, driver=driver, lanes=plan.lanes or max(cores() // workers, 1))
     reports: dict[int, SubjectReport] = {}
-    with pool or Pool(plan.driver, plan.limits, len(plan.targets)) as pool:
-        running = _in_turn(plan, pool) if workers == 1 else _side_by_side(plan, pool, workers)
-        with contextlib.closing(running):
-            for number, event in running:
-                if isinstance(event, SubjectFinished):
-                    reports[number] = event.report
-                yield event
+    with (
+        pool or Pool(plan.driver, plan.limits, len(plan.targets)) as pool,
+        contextlib.closing(_side_by_side(plan, pool, workers)) as running,
+    ):
+        for number, event in running:
+            if isinstance(event, SubjectFinished):
+                reports[number] = event.report
+            yield event
     ordered = [reports[number] for number in sorted(reports)]
     yield Finished(Report(plan.contract.name, plan.seed, ordered, budget=plan.budget.name))
-
-
-def _in_turn(plan: Plan, pool: Pool) -> Generator[tuple[int, Event], None, None]:
-    for number, target in enumerate(plan.targets, 1):
-        yield number, SubjectStarted(target.path, number, len(plan.targets))
-        with contextlib.closing(judge(plan, target, pool)) as events:
-            for event in events:
-                yield number, event
 
 
 def _side_by_side(plan: Plan, pool: Pool, workers: int) -> Generator[tuple[int, Event], None, None]:
     events: queue.SimpleQueue[tuple[int, Event] | BaseException | None] = queue.SimpleQueue()
 
     def run(number: int, target: Target) -> None:
+        def tell(event: Event) -> None:
+            events.put((number, event))
+
         try:
             if not pool.ended:
-                events.put((number, SubjectStarted(target.path, number, len(plan.targets))))
-                for event in judge(plan, target, pool):
-                    events.put((number, event))
+                tell(SubjectStarted(target.path, number, len(plan.targets)))
+                for event in judge(plan, target, pool, tell):
+                    tell(event)
                     if pool.ended:
                         break
         except BaseException as error:
@@ -111,11 +110,18 @@ def _side_by_side(plan: Plan, pool: Pool, workers: int) -> Generator[tuple[int, 
             pool.end()
 
 
-def judge(plan: Plan, target: Target, pool: Pool) -> Generator[Event, None, None]:
-    """Judge one target by all checks. Once ``source`` fails there is nothing that the others could run."""
+def judge(
+    plan: Plan, target: Target, pool: Pool, tell: Callable[[Event], None] | None = None
+) -> Generator[Event, None, None]:
+    """Judge one target by all checks. Once ``source`` fails there is nothing that the others could run.
+
+    `tell` gets what happens within a check, while the generator cannot yield.
+    """
     started = time.monotonic()
     done: list[CheckReport] = []
     with pool.turn() as driver, open_subject(msgspec.structs.replace(plan, driver=driver), target) as subject:
+        if tell is not None:
+            subject.stepped = _now_and_then(target.path, tell)
         blocked = ""
         for check in plan.checks:
             if blocked and not check.always:
@@ -152,6 +158,20 @@ def judge(plan: Plan, target: Target, pool: Pool) -> Generator[Event, None, None
                 wrappers=list(target.wrappers),
             )
         )
+
+
+def _now_and_then(path: str, tell: Callable[[Event], None]) -> Callable[[int], None]:
+    """What tells of a subject's steps, but not more often than anybody can read."""
+    told = time.monotonic()
+
+    def stepped(steps: int) -> None:
+        nonlocal told
+        now = time.monotonic()
+        if now - told >= _STEPS_EVERY:
+            told = now
+            tell(StepsTaken(path, steps))
+
+    return stepped
 
 
 def open_subject(plan: Plan, target: Target) -> Subject:

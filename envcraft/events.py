@@ -23,6 +23,13 @@ class CheckStarted(msgspec.Struct, frozen=True):
     check: str
 
 
+class StepsTaken(msgspec.Struct, frozen=True):
+    """A subject has come to `steps` environment steps; said a few times a second at the most."""
+
+    path: str
+    steps: int
+
+
 class CheckFinished(msgspec.Struct, frozen=True):
     path: str
     report: CheckReport
@@ -38,4 +45,4 @@ class Finished(msgspec.Struct, frozen=True):
     report: Report
 
 
-Event = SubjectStarted | CheckStarted | CheckFinished | SubjectFinished | Finished
+Event = SubjectStarted | CheckStarted | StepsTaken | CheckFinished | SubjectFinished | Finished

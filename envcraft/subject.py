@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 import weakref
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from types import TracebackType
@@ -71,6 +71,7 @@ class Subject:
     Attributes:
         steps: environment steps that were asked for.
         seconds: what the jobs that were asked for took, all together.
+        stepped: called with `steps` whenever they have grown, which is once an episode or search.
         about: what the first worker said of itself (:attr:`envcraft.sandbox.Worker.about`), {} before there is one.
     """
 
@@ -95,6 +96,7 @@ class Subject:
         self.env_class = target.env_class
         self.steps = 0
         self.seconds = 0.0
+        self.stepped: Callable[[int], None] | None = None
         self.about: dict[str, Any] = {}
         self._timeouts = 0
         self._lanes = Lanes(self._launch, lanes)
@@ -300,7 +302,7 @@ class Subject:
         if key not in self._searches:
             trace = self._ask(search)
             self._searches[key] = trace.result or {}
-            self.steps += min(max(self._searches[key].get("steps", 0), 0), search.budget)
+            self._count(min(max(self._searches[key].get("steps", 0), 0), search.budget))
         return self._searches[key]
 
     @property
@@ -323,8 +325,13 @@ class Subject:
             slow = self._result(self._begin(rollout, again, every_step=True))
             if slow.end is not None and slow.end.how is trace.end.how:
                 trace = slow
-        self.steps += trace.steps
+        self._count(trace.steps)
         return trace
+
+    def _count(self, steps: int) -> None:
+        self.steps += steps
+        if self.stepped is not None:
+            self.stepped(self.steps)
 
     @property
     def _refusal(self) -> str:

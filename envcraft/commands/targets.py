@@ -16,8 +16,11 @@ _GYMNASIUM = re.compile(rb"\bgym(nasium)?\b")
 _PASSED_OVER = {"__pycache__", "node_modules", "site-packages", "build", "dist"}
 
 
-def resolve(path: str, env_class: str | None = None) -> list[Target]:
-    """The file at `path`, the environments in that folder, or the class or id of that name. Raises UsageError."""
+def resolve(path: str, env_class: str | None = None, environments_only: bool = False) -> list[Target]:
+    """The file at `path`, the environments in that folder, or the class or id of that name. Raises UsageError.
+
+    With `environments_only` a file is held to what a folder's are, and there may be nothing left.
+    """
     try:
         mode = os.stat(path).st_mode
     except FileNotFoundError:
@@ -33,7 +36,8 @@ def resolve(path: str, env_class: str | None = None) -> list[Target]:
     except (OSError, ValueError) as error:
         raise UsageError(f"{path} cannot be read: {getattr(error, 'strerror', None) or error}") from None
     if stat.S_ISREG(mode):
-        return [read_target(path, env_class)]
+        target = read_target(path, env_class)
+        return [] if environments_only and not _is_environment(target) else [target]
     if not stat.S_ISDIR(mode):
         raise UsageError(f"{path} is neither a file nor a folder; save the environment in a file first")
     found = []
@@ -42,11 +46,17 @@ def resolve(path: str, env_class: str | None = None) -> list[Target]:
             target = read_target(file, env_class)
         except UsageError:
             continue
-        if len(target.source) <= MAX_SOURCE and _CLASS.search(target.source) and _GYMNASIUM.search(target.source):
+        if _is_environment(target):
             found.append(target)
-    if not found:
+    if not found and not environments_only:
         raise UsageError(f"{path} holds no environment: no .py file below it has a class and names gymnasium")
     return found
+
+
+def _is_environment(target: Target) -> bool:
+    """Whether a file looks like one, as far as that can be told without running it."""
+    source = target.source
+    return len(source) <= MAX_SOURCE and bool(_CLASS.search(source) and _GYMNASIUM.search(source))
 
 
 def _python_files(folder: str) -> Iterator[str]:

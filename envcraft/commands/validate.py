@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import contextlib
 import json
+import os
 import sys
+from collections.abc import Iterable
 from typing import Any, TextIO
 
 import click
@@ -14,6 +16,7 @@ from envcraft.budget import BUDGETS
 from envcraft.cli import Configured, uninterrupted
 from envcraft.errors import ExitCode, UsageError
 from envcraft.pool import Pool
+from envcraft.reports import Reporter
 from envcraft.sandbox import Isolation, Limits, driver_for, ensure
 from envcraft.target import Kind, Target, kind_of, read_policy
 from envcraft.verdict import Report, Verdict
@@ -50,6 +53,14 @@ from .targets import resolve
 )
 @click.option("--format", "form", default="console", show_default=True, metavar="NAME", help="How to report.")
 @click.option("--output", metavar="FILE", help="Where to report, in place of standard output.")
+@click.option(
+    "--report",
+    "also",
+    multiple=True,
+    metavar="FORMAT:FILE",
+    help="Report in this format to this file, too; repeat for several.",
+)
+@click.option("--environments-only", is_flag=True, help="Leave out files that define no environment.")
 @click.option("--exit-zero", is_flag=True, help="Exit with 0 even if environments fail.")
 @click.pass_context
 def validate(
@@ -70,6 +81,8 @@ def validate(
     workers: int | None,
     form: str,
     output: str | None,
+    also: tuple[str, ...],
+    environments_only: bool,
     exit_zero: bool,
 ) -> None:
     """Judge environments: Python files, folders with some, package.module:Class, or ids like CartPole-v1.
@@ -78,16 +91,17 @@ def validate(
     Exit status: 0 every environment passes    1 at least one fails
                  2 wrong use                      3 something could not be judged
     """
-    reporter_class, promised = reporter_named(form), contract_named(contract)
+    wanted, promised = read_reports(form, output, also), contract_named(contract)
     selected = select_checks(checks, skip)
-    files, unusable = _files(targets, env_class, read_kwargs(kwargs), read_wrappers(wrap))
-    if not files:
+    changes = {"kwargs": read_kwargs(kwargs), "wrappers": read_wrappers(wrap)}
+    files, unusable = _files(targets, env_class, environments_only, changes)
+    if not files and (unusable or not environments_only):
         ctx.exit(ExitCode.USAGE)
 
     privileged = read_policy(policy) if policy else None
     report = None
     with contextlib.ExitStack() as stack:
-        stream: TextIO = stack.enter_context(_open(output)) if output else sys.stdout
+        streams = [stack.enter_context(_open(path)) if path else sys.stdout for _, path in wanted]
         driver = driver_for(driver_named(sandbox, require_isolation, runtime, probe=False), files)
         stack.callback(driver.close)
         pool = stack.enter_context(Pool(driver, Limits(), len(files)))
@@ -98,15 +112,20 @@ def validate(
             from envcraft.progress import Progress
         ensure(driver)
         plan = Plan(files, promised, driver, selected, BUDGETS[budget], seed, privileged)
-        progress = stack.enter_context(Progress())
-        reporter = reporter_class(stream, rules_of(all_checks()))
-        if reporter.wants_frames:
+        progress = stack.enter_context(Progress(streams[0]))
+        rules = rules_of(all_checks())
+        reporters = [kind(stream, rules) for (kind, _), stream in zip(wanted, streams, strict=True)]
+        filmed = [reporter for reporter in reporters if reporter.wants_frames]
+        if filmed:
             from envcraft.frames import Film
 
-            reporter.frames = stack.enter_context(Film(plan))
+            film = stack.enter_context(Film(plan))
+            for reporter in filmed:
+                reporter.frames = film
         for event in stack.enter_context(contextlib.closing(judge(plan, workers, pool))):
             progress.handle(event)
-            reporter.handle(event)
+            for reporter in reporters:
+                reporter.handle(event)
             report = getattr(event, "report", None)
     assert isinstance(report, Report)
     ctx.exit(ExitCode.USAGE if unusable else exit_code(report, exit_zero))
@@ -118,6 +137,23 @@ def exit_code(report: Report, exit_zero: bool = False) -> ExitCode:
     if Verdict.FAIL in verdicts and not exit_zero:
         return ExitCode.FAIL
     return ExitCode.ERROR if Verdict.ERROR in verdicts else ExitCode.PASS
+
+
+def read_reports(form: str, output: str | None, also: Iterable[str]) -> list[tuple[type[Reporter], str | None]]:
+    """The reporters that the options ask for, each with its file: the one of ``--format`` first, None being standard
+    output. Raises UsageError.
+    """
+    found = [(reporter_named(form), output)]
+    for words in also:
+        name, _, path = words.partition(":")
+        if not path:
+            raise UsageError(f"--report {words} is not FORMAT:FILE, such as sarif:report.sarif")
+        found.append((reporter_named(name), path))
+    files = [os.path.realpath(path) for _, path in found if path]
+    for path in files:
+        if files.count(path) > 1:
+            raise UsageError(f"two reports cannot be written to one file, {path}")
+    return found
 
 
 def read_kwargs(text: str | None) -> dict[str, Any]:
@@ -140,15 +176,15 @@ def read_wrappers(names: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def _files(
-    targets: tuple[str, ...], env_class: str | None, kwargs: dict[str, Any], wrappers: tuple[str, ...]
+    targets: tuple[str, ...], env_class: str | None, environments_only: bool, changes: dict[str, Any]
 ) -> tuple[list[Target], bool]:
     """Everything to judge, once; and whether some target could not be used, of which stderr has a sentence."""
     files: dict[str, Target] = {}
     unusable = False
     for path in targets:
         try:
-            for target in resolve(path, env_class):
-                files.setdefault(target.path, msgspec.structs.replace(target, kwargs=kwargs, wrappers=wrappers))
+            for target in resolve(path, env_class, environments_only):
+                files.setdefault(target.path, msgspec.structs.replace(target, **changes))
         except UsageError as error:
             click.echo(f"Error: {error}", err=True)
             unusable = True
@@ -159,4 +195,4 @@ def _open(path: str) -> TextIO:
     try:
         return open(path, "w", encoding="utf-8")
     except OSError as error:
-        raise UsageError(f"--output {path} cannot be written: {error.strerror}") from None
+        raise UsageError(f"the report {path} cannot be written: {error.strerror}") from None

@@ -18,9 +18,9 @@ if TYPE_CHECKING:
 
     from envcraft.check import Rule
 
-_STYLES = {Verdict.PASS: "green", Verdict.FAIL: "red", Verdict.SKIP: "bright_black", Verdict.ERROR: "magenta"}
-_BADGES = {verdict: f"bold white on {style}" for verdict, style in _STYLES.items()}
-_SIGNS = {Verdict.PASS: "✓", Verdict.FAIL: "✗", Verdict.SKIP: "-", Verdict.ERROR: "!"}
+STYLES = {Verdict.PASS: "green", Verdict.FAIL: "red", Verdict.SKIP: "bright_black", Verdict.ERROR: "magenta"}
+_BADGES = {verdict: f"bold white on {style}" for verdict, style in STYLES.items()}
+SIGNS = {Verdict.PASS: "✓", Verdict.FAIL: "✗", Verdict.SKIP: "-", Verdict.ERROR: "!"}
 _WARNING = "yellow"
 _PRINTED_LINES, _PRINTED_WIDTH = 3, 200
 
@@ -81,13 +81,13 @@ class ConsoleReporter(Reporter):
     def _skipped(self, checks: list[CheckReport]) -> None:
         """Checks skipped for the same reason, in one paragraph."""
         names = ", ".join(check.check for check in checks)
-        sign = _SIGNS[Verdict.SKIP] if self._signs else f"{Verdict.SKIP:<5}"
-        self._say(_text(f"{sign} {names}: {one_line(checks[0].reason)}", _STYLES[Verdict.SKIP]), 2, hang=2)
+        sign = SIGNS[Verdict.SKIP] if self._signs else f"{Verdict.SKIP:<5}"
+        self._say(_text(f"{sign} {names}: {one_line(checks[0].reason)}", STYLES[Verdict.SKIP]), 2, hang=2)
 
     def _check(self, check: CheckReport, path: str) -> None:
-        style = _STYLES[check.verdict]
+        style = STYLES[check.verdict]
         line = _text()
-        line.append(_SIGNS[check.verdict] if self._signs else f"{check.verdict:<5}", style).append(" ")
+        line.append(SIGNS[check.verdict] if self._signs else f"{check.verdict:<5}", style).append(" ")
         line.append(f"{check.check:<12}", "" if check.verdict is not Verdict.SKIP else style)
         line.append(f"{check.seconds:6.2f} s", "bright_black")
         if check.reason:
@@ -122,11 +122,11 @@ class ConsoleReporter(Reporter):
         line = _text()
         for verdict, word in zip(Verdict, ("passed", "failed", "skipped", "could not be judged"), strict=True):
             if verdicts[verdict]:
-                line.append(", " if line.plain else "").append(
-                    f"{verdicts[verdict]} {word}", f"bold {_STYLES[verdict]}"
-                )
+                line.append(", " if line.plain else "").append(f"{verdicts[verdict]} {word}", f"bold {STYLES[verdict]}")
+        if not line.plain:
+            line.append("nothing judged")
         line.append(
-            f"{f' {self._dot} ' if line.plain else ''}{plural(errors, 'finding')}, "
+            f" {self._dot} {plural(errors, 'finding')}, "
             f"{plural(len(findings) - errors, 'warning')} {self._dot} contract {report.contract}, "
             f"budget {report.budget}, seed {report.seed}"
         )

@@ -142,7 +142,11 @@ def test_a_pipe_is_refused_rather_than_waited_for(invoke: Any, tmp_path: Path) -
         (("--contract", "zzz"), "there are arcade"),
         (("--format", "jsn"), "did you mean json?"),
         (("--sandbox", "dokcer"), "did you mean docker?"),
-        (("--output", "missing/report.json"), "--output missing/report.json cannot be written"),
+        (("--output", "missing/report.json"), "the report missing/report.json cannot be written"),
+        (("--report", "missing/report.json"), "is not FORMAT:FILE"),
+        (("--report", "jsn:a"), "did you mean json?"),
+        (("--report", "json:missing/a"), "the report missing/a cannot be written"),
+        (("--report", "json:a", "--report", "sarif:./a"), "cannot be written to one file"),
         (("--policy", "missing.py"), "the policy missing.py cannot be read"),
         (("--seed", "-1"), "-1"),
         (("--workers", "0"), "0"),
@@ -278,6 +282,42 @@ def test_output_goes_to_the_file(invoke: Any, good: Path, tmp_path: Path) -> Non
     result = invoke("validate", good, *QUICK, "--format", "json", "--output", "report.json")
     assert result.stdout == ""
     assert json.loads((tmp_path / "report.json").read_text())["reports"][0]["verdict"] == "pass"
+
+
+def test_one_run_gives_several_reports(invoke: Any, good: Path, bad: Path, tmp_path: Path) -> None:
+    result = invoke("validate", good, bad, *QUICK, "--report", "json:a.json", "--report", "sarif:out:b.sarif")
+    assert result.exit_code == 1
+    assert "1 passed" in result.stdout
+    reports = json.loads((tmp_path / "a.json").read_text())["reports"]
+    assert [report["verdict"] for report in reports] == ["pass", "fail"]
+    assert json.loads((tmp_path / "out:b.sarif").read_text())["version"] == "2.1.0"
+
+
+def test_several_reports_may_be_settings(invoke: Any, good: Path, tmp_path: Path) -> None:
+    (tmp_path / "pyproject.toml").write_text(
+        '[tool.envcraft]\nsandbox = "process"\nchecks = ["source"]\nreport = ["json:a.json", "junit:b.xml"]\n'
+    )
+    assert invoke("validate", good).exit_code == 0
+    assert (tmp_path / "a.json").read_text().startswith("{")
+    assert (tmp_path / "b.xml").read_text().startswith("<?xml")
+
+
+def test_files_without_an_environment_are_left_out_where_that_is_asked_for(
+    invoke: Any, good: Path, bad: Path, tmp_path: Path
+) -> None:
+    helper = tmp_path / "helper.py"
+    helper.write_text("class Tiles:\n    size = 8\n")
+    assert invoke("validate", helper, *QUICK).exit_code == 1
+    asked = (*QUICK, "--environments-only", "--format", "json")
+    result = invoke("validate", helper, good, *asked)
+    assert result.exit_code == 0
+    assert [Path(report["path"]).name for report in json.loads(result.stdout)["reports"]] == ["walk.py"]
+    assert invoke("validate", helper, bad, *asked).exit_code == 1
+    for nothing in (invoke("validate", helper, *asked), invoke("validate", helper, *asked, "--workers", 2)):
+        assert nothing.exit_code == 0
+        assert json.loads(nothing.stdout)["reports"] == []
+    assert "nothing judged" in invoke("validate", helper, *QUICK, "--environments-only").stdout
+    assert invoke("validate", helper, "nowhere.py", *asked).exit_code == 2
 
 
 def test_settings_come_from_the_nearest_pyproject(invoke: Any, bad: Path, tmp_path: Path, monkeypatch: Any) -> None:

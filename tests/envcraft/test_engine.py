@@ -14,7 +14,7 @@ from envcraft.check import Check, Rule, Skip
 from envcraft.contract import ARCADE
 from envcraft.engine import Plan, validate
 from envcraft.errors import WorkerLost
-from envcraft.events import Event, Finished, SubjectFinished
+from envcraft.events import CheckStarted, Event, Finished, StepsTaken, SubjectFinished
 from envcraft.sandbox import Availability, Driver, Isolation, JobEnd, Limits, Recorder, Worker
 from envcraft.subject import Subject
 from envcraft.target import Target
@@ -153,6 +153,26 @@ def test_events_of_one_subject_stay_in_order_and_every_subject_gets_its_own() ->
         seen.setdefault(path, []).append(type(event).__name__)
     order = ["SubjectStarted", *["CheckStarted", "CheckFinished"] * 2, "SubjectFinished"]
     assert seen == {"": ["Finished"], **{file.path: order for file in files}}
+
+
+@pytest.mark.parametrize("every", [0.0, 60.0])
+@pytest.mark.parametrize("workers", [1, 2])
+def test_steps_are_told_within_a_check_but_not_too_often(
+    monkeypatch: pytest.MonkeyPatch, workers: int, every: float
+) -> None:
+    class Stepping(StubCheck):
+        def judge(self, subject: Subject) -> Iterator[Finding]:
+            assert subject.stepped is not None
+            for steps in (100, 200):
+                subject.stepped(steps)
+            yield from ()
+
+    monkeypatch.setattr("envcraft.engine._STEPS_EVERY", every)
+    files = [Target(f"{n}.py", b"") for n in range(2)]
+    plan = Plan(files, ARCADE, StubDriver(), [Stepping("one")], BUDGETS["quick"])
+    seen: list[Event] = [event for event in validate(plan, workers) if getattr(event, "path", "") == "1.py"]
+    told = [StepsTaken("1.py", steps) for steps in (100, 200)] if not every else []
+    assert seen[1:-1] == [CheckStarted("1.py", "one"), *told]
 
 
 @pytest.mark.parametrize(
