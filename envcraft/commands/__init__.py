@@ -11,7 +11,8 @@ from envcraft.plugins import hookimpl
 def envcraft_commands() -> list[click.Command]:
     from .explain import explain
     from .listings import checks, contracts, plugins
+    from .play import play
     from .replay import replay
     from .validate import validate
 
-    return [validate, replay, explain, checks, contracts, plugins]
+    return [validate, play, replay, explain, checks, contracts, plugins]

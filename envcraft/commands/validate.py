@@ -87,7 +87,7 @@ def validate(
     privileged = read_policy(policy) if policy else None
     report = None
     with contextlib.ExitStack() as stack:
-        stream: TextIO = stack.enter_context(_open(output)) if output else sys.stdout
+        stream: TextIO = stack.enter_context(open_output(output)) if output else sys.stdout
         driver = driver_for(driver_named(sandbox, require_isolation, runtime, probe=False), files)
         stack.callback(driver.close)
         pool = stack.enter_context(Pool(driver, Limits(), len(files)))
@@ -155,7 +155,8 @@ def _files(
     return list(files.values()), unusable
 
 
-def _open(path: str) -> TextIO:
+def open_output(path: str) -> TextIO:
+    """What ``--output`` names. Raises UsageError."""
     try:
         return open(path, "w", encoding="utf-8")
     except OSError as error:
