@@ -11,7 +11,7 @@ import msgspec
 
 from envcraft.budget import BUDGETS
 from envcraft.check import Skip
-from envcraft.cli import Configured, uninterrupted
+from envcraft.cli import Sharing, uninterrupted
 from envcraft.errors import ExitCode, UsageError
 from envcraft.playing.recorded import Played
 from envcraft.reports import one_line
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 _STEPS = 100_000
 
 
-@click.command(cls=Configured)
+@click.command(cls=Sharing)
 @click.argument("target", metavar="TARGET")
 @click.option("--contract", default="arcade", show_default=True, metavar="NAME", help="What the environment promises.")
 @click.option("--class", "env_class", metavar="NAME", help="Play this class, where a file defines several.")
