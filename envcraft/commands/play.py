@@ -100,7 +100,7 @@ def play(
             session.tell()
             if stream is not None:
                 stream.write(session.report().to_json().decode() + "\n")
-                click.echo(f"wrote {output}; `envcraft replay {output}` plays it again", err=True)
+                click.echo(f"wrote {output}; `envcraft replay {output}` plays the same again", err=True)
         ctx.exit(status)
 
 

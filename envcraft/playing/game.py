@@ -16,8 +16,8 @@ from .episode import Episode
 from .keys import AGAIN, QUIT, Keys
 from .screen import Screen
 
-#: Seconds between two looks at the keys.
-_LOOK = 0.01
+#: Seconds between two looks at the keys, while the player is waited for and while the environment is.
+_LOOK, _GLANCE = 0.01, 0.002
 
 
 class Wish(Enum):
@@ -47,7 +47,10 @@ class Game:
         # In turns a player may be ahead of the environment.
         chosen: deque[Any] = deque()
         while not episode.over:
-            for key in self._screen.pressed(_LOOK):
+            wait = _LOOK if episode.waiting else _GLANCE
+            if self._fps is not None and episode.waiting:
+                wait = min(wait, max(due - time.monotonic(), 0.0))
+            for key in self._screen.pressed(wait):
                 if key in QUIT:
                     return Wish.QUIT
                 if key == AGAIN:

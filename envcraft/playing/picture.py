@@ -19,7 +19,8 @@ def fit(picture: Picture, width: int, height: int) -> Picture:
         return larger
     rows, columns = (_weigh(length, max(round(length * scale), 1)) for length in (tall, wide))
     mean = np.einsum("hw,wvc,xv->hxc", rows, picture.astype(np.float32), columns, optimize=True)
-    return np.clip(np.rint(mean), 0, 255).astype(np.uint8)
+    smaller: Picture = np.clip(np.rint(mean), 0, 255).astype(np.uint8)
+    return smaller
 
 
 def half_blocks(picture: Picture) -> list[str]:
