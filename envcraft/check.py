@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import inspect
 from abc import ABC, abstractmethod
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING, Any
 
 import msgspec
@@ -17,6 +17,7 @@ from envcraft.verdict import Finding, Repro, Severity
 
 if TYPE_CHECKING:
     from envcraft.subject import Subject
+    from envcraft.trace import Trace
 
 
 class Rule(msgspec.Struct, frozen=True):
@@ -59,6 +60,10 @@ class Check(ABC):
     @abstractmethod
     def judge(self, subject: Subject) -> Iterator[Finding]:
         """Yield what is wrong with the subject. Raises Skip."""
+
+    def find(self, subject: Subject, trace: Trace) -> Iterable[Finding]:
+        """What one trace shows by itself, whatever else was played: by default nothing."""
+        return ()
 
     def confirm(self, subject: Subject, finding: Finding) -> Finding | None:
         """Run a finding's reproduction again: the finding if the defect shows, else None.

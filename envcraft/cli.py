@@ -85,6 +85,19 @@ class Configured(click.Command):
         return super().make_context(info_name, args, parent, **extra)
 
 
+class Sharing(click.Command):
+    """A command that takes from ``[tool.envcraft]`` what environments promise and where they run; the other settings
+    are those of judging.
+    """
+
+    def make_context(
+        self, info_name: str | None, args: list[str], parent: click.Context | None = None, **extra: Any
+    ) -> click.Context:
+        _, table = settings(Path.cwd())
+        extra["default_map"] = {name: table[name] for name in ("contract", "sandbox", "runtime") if name in table}
+        return super().make_context(info_name, args, parent, **extra)
+
+
 def configuration(folder: Path, options: dict[str, str], repeated: Collection[str] = ()) -> dict[str, Any]:
     """Read ``[tool.envcraft]`` of the ``pyproject.toml`` in `folder` or the nearest one above. Raises UsageError.
 

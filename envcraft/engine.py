@@ -20,6 +20,7 @@ from envcraft.pool import Pool
 from envcraft.sandbox import Driver, Limits, driver_for
 from envcraft.subject import Subject, elapsed
 from envcraft.target import PolicyFile, Target
+from envcraft.trace import Trace
 from envcraft.verdict import CheckReport, Finding, Report, SandboxReport, Severity, SubjectReport, Verdict, overall
 
 #: Seconds between two events about one subject's steps.
@@ -136,28 +137,30 @@ def judge(
                 # Not sooner: workers that start would hold up the first episodes.
                 driver.expect(seed for later in plan.checks for seed in later.hash_seeds)
             yield CheckFinished(target.path, report)
-        verdict = overall(done)
-        reason = next((report.reason for report in done if report.verdict is Verdict.ERROR), "")
-        yield SubjectFinished(
-            SubjectReport(
-                path=target.path,
-                env_class=subject.env_class,
-                source_sha256=subject.source_sha256,
-                verdict=verdict,
-                isolation=plan.driver.isolation,
-                seconds=elapsed(started),
-                steps=subject.steps,
-                checks=done,
-                driver=plan.driver.name,
-                reason=reason,
-                policy=plan.policy.path if plan.policy else None,
-                sandbox=SandboxReport.of(plan.driver, subject.about),
-                kind=target.kind,
-                module=subject.module,
-                kwargs=target.kwargs,
-                wrappers=list(target.wrappers),
-            )
-        )
+        yield SubjectFinished(report_on(plan, subject, done, started))
+
+
+def report_on(plan: Plan, subject: Subject, checks: list[CheckReport], started: float) -> SubjectReport:
+    """The report of a subject that was opened at `started`, a reading of ``time.monotonic``."""
+    target = subject.target
+    return SubjectReport(
+        path=target.path,
+        env_class=subject.env_class,
+        source_sha256=subject.source_sha256,
+        verdict=overall(checks),
+        isolation=plan.driver.isolation,
+        seconds=elapsed(started),
+        steps=subject.steps,
+        checks=checks,
+        driver=plan.driver.name,
+        reason=next((report.reason for report in checks if report.verdict is Verdict.ERROR), ""),
+        policy=plan.policy.path if plan.policy else None,
+        sandbox=SandboxReport.of(plan.driver, subject.about),
+        kind=target.kind,
+        module=subject.module,
+        kwargs=target.kwargs,
+        wrappers=list(target.wrappers),
+    )
 
 
 def _now_and_then(path: str, tell: Callable[[Event], None]) -> Callable[[int], None]:
@@ -180,12 +183,15 @@ def open_subject(plan: Plan, target: Target) -> Subject:
     return Subject(target, plan.contract, plan.driver, plan.budget, plan.seed, plan.policy, plan.limits, lanes)
 
 
-def run_check(check: Check, subject: Subject) -> CheckReport:
-    """Run one check guarded: an exception of its own is this check's error, not the subject's failure."""
+def run_check(check: Check, subject: Subject, trace: Trace | None = None) -> CheckReport:
+    """Run one check guarded, on `trace` alone if there is one: an exception of its own is this check's error, not the
+    subject's failure.
+    """
     started = time.monotonic()
     findings: list[Finding] = []
     try:
-        findings.extend(found for found in check.judge(subject) if found.code not in subject.contract.without)
+        judged = check.judge(subject) if trace is None else check.find(subject, trace)
+        findings.extend(found for found in judged if found.code not in subject.contract.without)
         failed = any(finding.severity is Severity.ERROR for finding in findings)
         verdict, reason = Verdict.FAIL if failed else Verdict.PASS, ""
     except Skip as skip:

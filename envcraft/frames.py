@@ -84,13 +84,17 @@ class Film:
 
 def pixels(frame: NDArray[Any]) -> NDArray[np.uint8] | None:
     """A frame as RGB pixels of moderate size, or None where the observation is no picture."""
+    thin = -(-max(frame.shape[:2], default=1) // _SIDE) or 1
+    return rgb(frame[::thin, ::thin] if frame.ndim > 1 else frame)
+
+
+def rgb(frame: NDArray[Any]) -> NDArray[np.uint8] | None:
+    """A frame as RGB pixels, or None where the observation is no picture."""
     if frame.dtype != np.uint8 or frame.ndim not in (2, 3) or not frame.size:
         return None
     grey = frame.ndim == 2 or frame.shape[2] == 1
     if not grey and frame.shape[2] != 3:
         return None
-    thin = -(-max(frame.shape[:2]) // _SIDE)
-    frame = frame[::thin, ::thin]
     return np.repeat(frame.reshape(*frame.shape[:2], 1), 3, axis=2) if grey else frame
 
 

@@ -75,8 +75,9 @@ class Conditions(msgspec.Struct, frozen=True, omit_defaults=True):
 class Rollout(msgspec.Struct, frozen=True):
     """One episode to run.
 
-    `player` names the action source in messages; `policy` asks for the privileged policy in place of `actions`, for
-    `max_steps`; `keep` holds on to the frames of the first so many observations.
+    `player` names the action source in messages; in place of `actions` come for `max_steps` those of the privileged
+    policy with `policy`, or those that the host is asked for one by one with `asked`; `keep` holds on to the frames of
+    the first so many observations.
     """
 
     seed: int
@@ -84,8 +85,14 @@ class Rollout(msgspec.Struct, frozen=True):
     conditions: Conditions = Conditions()
     player: str = "scripted"
     policy: bool = False
+    asked: bool = False
     max_steps: int = 0
     keep: int = 0
+
+    @property
+    def live(self) -> bool:
+        """Whether the actions are chosen while the episode is played."""
+        return self.policy or self.asked
 
     def key(self) -> bytes:
         """What the trace depends on; the player's name is not part of it."""

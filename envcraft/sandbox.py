@@ -94,7 +94,7 @@ class JobEnd(msgspec.Struct, frozen=True):
 
 
 class Stop(Exception):
-    """Raised by a recorder to end its job."""
+    """Raised by a recorder or a player to end its job."""
 
 
 class Recorder(Protocol):
@@ -113,6 +113,19 @@ class Recorder(Protocol):
     def fault(self, report: dict[str, Any]) -> None: ...
     def result(self, outcome: dict[str, Any]) -> None: ...
     def end(self) -> None: ...
+
+
+class Player(Protocol):
+    """Chooses the actions of a job that asks for them, in a thread of its own; the time that it takes is its own."""
+
+    def asked(self) -> None:
+        """The job waits for its next action."""
+
+    def fileno(self) -> int:
+        """A descriptor that can be read once :meth:`take` has something to give."""
+
+    def take(self) -> Any:
+        """The next action, as JSON. Raises Stop to end the job."""
 
 
 class Step(msgspec.Struct, frozen=True):
@@ -148,8 +161,10 @@ class Worker(ABC):
         """Give the modules that are not installed, and if there are any, all that are. Raises WorkerLost."""
 
     @abstractmethod
-    def run(self, job: dict[str, Any], recorder: Recorder, limits: Limits) -> JobEnd:
-        """Run a job to its end, whatever that is. Raises WorkerLost when the worker itself is gone."""
+    def run(self, job: dict[str, Any], recorder: Recorder, limits: Limits, player: Player | None = None) -> JobEnd:
+        """Run a job to its end, whatever that is; `player` chooses the actions of one that asks for them, which the
+        recorder is told. Raises WorkerLost when the worker itself is gone.
+        """
 
     @abstractmethod
     def close(self) -> None:

@@ -21,7 +21,7 @@ from envcraft.errors import EnvCraftError
 from envcraft.lanes import Lanes, Place, Task
 from envcraft.players import Players
 from envcraft.rollout import Action, Conditions, Rollout
-from envcraft.sandbox import Driver, How, Isolation, JobEnd, Limits, Worker
+from envcraft.sandbox import Driver, How, Isolation, JobEnd, Limits, Player, Worker
 from envcraft.target import Kind, PolicyFile, Target, imported
 from envcraft.trace import Recording, Trace
 
@@ -253,6 +253,20 @@ class Subject:
         """The privileged policy on the episode seed `number`."""
         return self.rollout(self.players.policy(number))
 
+    # Episodes whose actions are chosen while they are played
+
+    def begin(self, rollout: Rollout, player: Player, kind: type[Recording] = Recording) -> Begun:
+        """Begin an episode whose actions `player` is asked for, and come back at once."""
+        return self._begin(rollout, player=player, kind=kind)
+
+    def finish(self, begun: Begun) -> Trace:
+        """Wait for the end of such an episode; its trace is that of the same actions from a list, and is kept."""
+        trace = self._result(begun)
+        trace.rollout = msgspec.structs.replace(trace.rollout, actions=trace.actions, asked=False, max_steps=0)
+        self.steps += trace.steps
+        self._traces[trace.rollout.key()] = trace
+        return trace
+
     # Searches in the worker: advice, to be confirmed by a rollout
 
     def explore(self, number: int = 0) -> Outcome:
@@ -368,7 +382,14 @@ class Subject:
         self.seconds += end.seconds
         return end
 
-    def _begin(self, request: Rollout | Search, again: bool = False, every_step: bool = False) -> Begun:
+    def _begin(
+        self,
+        request: Rollout | Search,
+        again: bool = False,
+        every_step: bool = False,
+        player: Player | None = None,
+        kind: type[Recording] = Recording,
+    ) -> Begun:
         if isinstance(request, Search):
             job = self._job("search", search=request.kind, seed=request.seed, actions=self.choices)
             job |= {"path": request.path, "max_steps": request.budget, "limit": self.length}
@@ -389,32 +410,34 @@ class Subject:
             job["policy"] = {"source": self.policy.source, "filename": "<envcraft_policy>"}
         if every_step:
             job["every_step"] = True
+        if request.asked:
+            job["asked"] = True
         if conditions.fresh or conditions.hash_seed:
             own = conditions.fresh and again
             place = Place(conditions.hash_seed, apart=not own, own=own)
         else:
             # Conditions are compared with the plain run: in its worker nothing else differs.
             place = Place(home=request.under(Conditions()).key())
-        recording = Recording(
+        recording = kind(
             request,
             self.observation_space,
             self.action_space,
             exact=self.contract.observation is not None,
             success=self.contract.success,
         )
-        return self._submit(place, job, recording)
+        return self._submit(place, job, recording, player)
 
-    def _submit(self, place: Place, job: dict[str, Any], recording: Recording) -> Begun:
-        return Begun(recording, self._lanes.submit(place, lambda worker: self._run(worker, job, recording)))
+    def _submit(self, place: Place, job: dict[str, Any], recording: Recording, player: Player | None = None) -> Begun:
+        return Begun(recording, self._lanes.submit(place, lambda worker: self._run(worker, job, recording, player)))
 
-    def _run(self, worker: Worker, job: dict[str, Any], recording: Recording) -> JobEnd:
+    def _run(self, worker: Worker, job: dict[str, Any], recording: Recording, player: Player | None) -> JobEnd:
         if worker not in self._prepared:
             self._prepared.add(worker)
             # Not before a job has shown that they can be imported; and where the fork server has no isolation of its
             # own, jobs import them one by one.
             if self._modules and self.driver.isolation is not Isolation.PROCESS:
                 worker.preload(self._modules)
-        return worker.run(job, recording, self.limits)
+        return worker.run(job, recording, self.limits, player)
 
     @property
     def _modules(self) -> list[str]:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import struct
 from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any
@@ -39,7 +40,7 @@ class Ending(StrEnum):
 
     TERMINATED = "terminated"
     TRUNCATED = "truncated"
-    CUT = "cut"  #: the actions ran out first
+    CUT = "cut"  #: the actions ran out, or the player left
     RAISED = "raised"  #: the environment raised, or returned something of the wrong form
     BROKEN = "broken"  #: a sandbox event: deadline, death, flood, forged messages
     REFUSED = "refused"  #: the policy's action was refused
@@ -113,7 +114,7 @@ class Trace:
     @property
     def actions(self) -> list[Any]:
         """The actions that led to the trace, as far as it goes, and the one that broke it."""
-        given = self.chosen if self.rollout.policy else self.rollout.actions
+        given = self.chosen if self.rollout.live else self.rollout.actions
         extra = (self.fault is not None and self.fault.phase == "step") or self.ending is Ending.BROKEN
         return given[: self.steps + bool(extra)]
 
@@ -127,7 +128,7 @@ class Trace:
             return Ending.TRUNCATED
         if self.fault is not None:
             return Ending.RAISED
-        if self.end is not None and self.end.how is not How.DONE:
+        if self.end is not None and self.end.how not in (How.DONE, How.STOPPED):
             return Ending.BROKEN
         return Ending.CUT
 
@@ -182,6 +183,14 @@ class Trace:
         """A positive outcome: success, or without ``is_success`` a positive return at any end."""
         told = self.told
         return bool(told) if told is not None else self.rule.sign and self.ended and self.total > 0
+
+
+def digest(trace: Trace) -> str:
+    """A digest of what :func:`diverge` compares, and of the way in which the episode ended."""
+    numbers = struct.pack(f"<{trace.steps}d", *trace.rewards) + bytes([*trace.terminated, *trace.truncated])
+    end = f"{trace.ending} {trace.fault.type if trace.fault else ''}".encode()
+    parts = [*trace.observations, numbers, *trace.infos, end]
+    return hashlib.blake2b(b"".join(len(part).to_bytes(8) + part for part in parts), digest_size=16).hexdigest()
 
 
 #: The fields of a trace that must be equal under the same seed, in the order in which a step gives them.
@@ -275,7 +284,7 @@ class Recording:
 
     def step(self, step: Step) -> None:
         trace = self.trace
-        given = trace.chosen if trace.rollout.policy else trace.rollout.actions
+        given = trace.chosen if trace.rollout.live else trace.rollout.actions
         if not trace.observations or trace.steps >= len(given):
             raise MalformedValue("a step that was not asked for")
         trace.rewards.append(step.reward)
@@ -351,7 +360,7 @@ class Recording:
     def end(self) -> None:
         """The job says that it is complete: then the whole episode must have come, or what stopped it."""
         trace, rollout = self.trace, self.trace.rollout
-        wanted = rollout.max_steps if rollout.policy else len(rollout.actions)
+        wanted = rollout.max_steps if rollout.live else len(rollout.actions)
         stopped = trace.fault is not None or trace.refused or trace.ended or trace.result is not None
         if not stopped and trace.steps < wanted:
             raise MalformedValue(f"an end after {trace.steps} of {wanted} steps")

@@ -64,10 +64,10 @@ class SandboxEvents(Check):
     def judge(self, subject: Subject) -> Iterator[Finding]:
         seen: set[str] = set()
         for trace in subject.traces:
-            finding = self.find(subject, trace)
-            if finding is not None and finding.code not in seen:
-                seen.add(finding.code)
-                yield finding
+            for finding in self.find(subject, trace):
+                if finding.code not in seen:
+                    seen.add(finding.code)
+                    yield finding
         if subject.overrun and "EC901" not in seen:
             words = f"all episodes together took {subject.seconds:.0f} s, and the rest was not played"
             slowest = sorted(subject.traces, key=lambda trace: trace.end.seconds if trace.end else 0.0)[-1:]
@@ -79,10 +79,14 @@ class SandboxEvents(Check):
             raise Skip("it took all episodes together; validate again to see it")
         conditions = Conditions.from_json(finding.repro.conditions)
         found = self.find(subject, subject.rollout(Rollout(finding.repro.seed, finding.repro.actions, conditions)))
-        return found if found is not None and found.code == finding.code else None
+        return next((again for again in found if again.code == finding.code), None)
 
-    def find(self, subject: Subject, trace: Trace) -> Finding | None:
+    def find(self, subject: Subject, trace: Trace) -> Iterator[Finding]:
         """The sandbox event that ended a trace, if one did."""
+        if (found := self._event(subject, trace)) is not None:
+            yield found
+
+    def _event(self, subject: Subject, trace: Trace) -> Finding | None:
         end, fault = trace.end, trace.fault
         if fault is not None and fault.memory:
             return self._found(subject, trace, "EC902", f"{fault.phase} ran out of memory: {fault.message}")

@@ -11,7 +11,9 @@ from envcraft.plugins import hookimpl
 def envcraft_commands() -> list[click.Command]:
     from .explain import explain
     from .listings import checks, contracts, plugins
+    from .new import new
+    from .play import play
     from .replay import replay
     from .validate import validate
 
-    return [validate, replay, explain, checks, contracts, plugins]
+    return [new, play, validate, replay, explain, checks, contracts, plugins]

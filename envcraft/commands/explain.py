@@ -6,6 +6,7 @@ import click
 
 from envcraft.cli import unknown
 from envcraft.errors import UsageError
+from envcraft.playing.recorded import Played
 
 from .choices import all_checks
 
@@ -17,7 +18,7 @@ def explain(name: str) -> None:
     from rich.console import Console
     from rich.markdown import Markdown
 
-    checks = {check.name: check for check in all_checks()}
+    checks = {check.name: check for check in [*all_checks(), Played()]}
     rules = {rule.code: (rule, check) for check in checks.values() for rule in check.rules}
     console = Console(highlight=False)
     if name.upper() in rules:

@@ -15,6 +15,7 @@ import msgspec
 from envcraft.budget import BUDGETS
 from envcraft.check import Check, Skip
 from envcraft.errors import EnvCraftError, ExitCode, UsageError
+from envcraft.playing.recorded import Played
 from envcraft.reports import one_line
 from envcraft.sandbox import driver_for
 from envcraft.target import Kind, Target, kind_of, read_target
@@ -82,7 +83,7 @@ def replay(
         _import_pillow()
     statuses: set[ExitCode] = set()
     with contextlib.closing(driver_named(sandbox, runtime=runtime)) as driver:
-        checks = {check.name: check for check in all_checks()}
+        checks = {check.name: check for check in [*all_checks(), Played()]}
         for subject_report in read.reports:
             findings = [item for item in chosen if item.subject is subject_report]
             if findings:

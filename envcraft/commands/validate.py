@@ -101,7 +101,7 @@ def validate(
     privileged = read_policy(policy) if policy else None
     report = None
     with contextlib.ExitStack() as stack:
-        streams = [stack.enter_context(_open(path)) if path else sys.stdout for _, path in wanted]
+        streams = [stack.enter_context(open_output(path)) if path else sys.stdout for _, path in wanted]
         driver = driver_for(driver_named(sandbox, require_isolation, runtime, probe=False), files)
         stack.callback(driver.close)
         pool = stack.enter_context(Pool(driver, Limits(), len(files)))
@@ -191,7 +191,8 @@ def _files(
     return list(files.values()), unusable
 
 
-def _open(path: str) -> TextIO:
+def open_output(path: str) -> TextIO:
+    """What ``--output`` names. Raises UsageError."""
     try:
         return open(path, "w", encoding="utf-8")
     except OSError as error:

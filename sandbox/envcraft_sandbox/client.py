@@ -14,10 +14,10 @@ from typing import Any, NamedTuple
 import msgspec
 
 from envcraft.errors import WorkerLost
-from envcraft.sandbox import How, JobEnd, Limits, Recorder, Stop, Worker
+from envcraft.sandbox import How, JobEnd, Limits, Player, Recorder, Stop, Worker
 
 from .reader import Forged, Reader
-from .wire import HEADER, MAX_MESSAGE
+from .wire import HEADER, MAX_MESSAGE, Kind
 
 _CHUNK = 1 << 20
 _SERVER_SECONDS = 60.0
@@ -54,7 +54,7 @@ class ForkServerWorker(Worker):
         answer = self._reply("missing")
         return answer["missing"], answer["known"]
 
-    def run(self, job: dict[str, Any], recorder: Recorder, limits: Limits) -> JobEnd:
+    def run(self, job: dict[str, Any], recorder: Recorder, limits: Limits, player: Player | None = None) -> JobEnd:
         self._jobs += 1
         number = self._jobs
         ours, theirs = socket.socketpair()
@@ -74,7 +74,7 @@ class ForkServerWorker(Worker):
             with contextlib.suppress(OSError):
                 ours.sendall(HEADER.pack(0, len(payload)) + payload)
             ours.setblocking(False)
-            return _Watch(self, number, ours, output, recorder, limits).run()
+            return _Watch(self, number, ours, output, recorder, limits, player).run()
         finally:
             ours.close()
             theirs.close()
@@ -165,23 +165,30 @@ class _Watch:
         output: int,
         recorder: Recorder,
         limits: Limits,
+        player: Player | None,
     ) -> None:
         self._worker = worker
         self._number = number
         self._data = data
         self._output = output
         self._limits = limits
-        self._reader = Reader(recorder)
+        self._recorder = recorder
+        self._player = player
+        self._reader = Reader(recorder, played=player is not None)
+        self._started = time.monotonic()
+        #: Since when the player is waited for, and what it has given before it was asked.
+        self._waiting: float | None = None
+        self._given: list[Any] = []
         self._head = bytearray()
         self._printed = 0
 
     def run(self) -> JobEnd:
-        started = time.monotonic()
         try:
-            how, detail = self._listen(started)
+            how, detail = self._listen()
         except BaseException:
             self._worker.kill(self._number)
             raise
+        self._resume()
         died = how is How.DIED
         # A job that said goodbye, or closed its channel, may still run.
         patience = _GOODBYE_SECONDS if how in (How.DONE, How.DIED) else 0
@@ -200,7 +207,7 @@ class _Watch:
         return JobEnd(
             how=how,
             phase=self._reader.phase,
-            seconds=time.monotonic() - started,
+            seconds=time.monotonic() - self._started,
             signal=os.WTERMSIG(status) if died and os.WIFSIGNALED(status) else None,
             exit_code=os.WEXITSTATUS(status) if died and os.WIFEXITED(status) else None,
             detail=detail or (_signal_name(status) if died else ""),
@@ -217,19 +224,23 @@ class _Watch:
             How.DISK: f"more than {limits.disk // 1024**2} MiB of files",
         }[how]
 
-    def _listen(self, started: float) -> tuple[How, str]:
+    def _listen(self) -> tuple[How, str]:
         poll = select.poll()
         poll.register(self._data, select.POLLIN)
         poll.register(self._output, select.POLLIN)
+        if self._player is not None:
+            poll.register(self._player.fileno(), select.POLLIN)
         chunk = bytearray(_CHUNK)
         view = memoryview(chunk)
         heard = time.monotonic()
         while True:
             now = time.monotonic()
             patience = self._limits.loading if self._reader.phase in _LOADING else self._limits.call
-            left = min(heard + patience, started + self._limits.job) - now
+            left = min(heard + patience, self._started + self._limits.job) - now
+            if self._waiting is not None:
+                left = 1.0
             if left <= 0:
-                whole = now - started >= self._limits.job
+                whole = now - self._started >= self._limits.job
                 limit = self._limits.job if whole else patience
                 return How.TIMEOUT, f"{'the whole job' if whole else 'no answer'} within {limit:g} s"
             for descriptor, _ in poll.poll(min(left, 1.0) * 1000):
@@ -238,6 +249,12 @@ class _Watch:
                         poll.unregister(self._output)
                     if self._printed > self._limits.output_total:
                         return How.FLOOD, f"more than {self._limits.output_total} bytes of output"
+                    continue
+                if self._player is not None and descriptor == self._player.fileno():
+                    try:
+                        self._given.append(self._player.take())
+                    except Stop:
+                        return How.STOPPED, ""
                     continue
                 try:
                     size = self._data.recv_into(chunk)
@@ -256,6 +273,39 @@ class _Watch:
                     return How.STOPPED, ""
                 if self._reader.ended:
                     return How.DONE, ""
+                if self._player is not None and self._reader.asked and self._waiting is None:
+                    self._waiting = heard
+                    self._player.asked()
+            if self._waiting is not None and self._given:
+                try:
+                    self._answer(self._given.pop(0))
+                except Stop:
+                    return How.STOPPED, ""
+                except BlockingIOError:
+                    return How.FORGED, "it asks for actions and does not read them"
+                heard = time.monotonic()
+
+    def _answer(self, action: Any) -> None:
+        """Send the action that the job waits for. Raises Stop where the recorder refuses it, BlockingIOError where
+        nobody reads it.
+        """
+        self._recorder.action(action)
+        payload = json.dumps(action).encode()
+        self._resume()
+        self._reader.asked = False
+        try:
+            self._data.sendall(HEADER.pack(Kind.ACTION, len(payload)) + payload)
+        except BlockingIOError:
+            raise
+        except OSError:
+            # It has died: how, the exit status will tell.
+            pass
+
+    def _resume(self) -> None:
+        """Go on counting the job's time."""
+        if self._waiting is not None:
+            self._started += time.monotonic() - self._waiting
+            self._waiting = None
 
     def _take_output(self) -> bool:
         data = os.read(self._output, 1 << 16)

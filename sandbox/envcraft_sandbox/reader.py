@@ -20,10 +20,16 @@ class Forged(ValueError):
 
 
 class Reader:
-    """Cuts a byte stream into messages and hands them to a recorder. `ended` is set by the END message."""
+    """Cuts a byte stream into messages and hands them to a recorder.
 
-    def __init__(self, recorder: Recorder) -> None:
+    `ended` is set by the END message. `asked` is set by a job that waits for its next action, and is reset by whoever
+    sends it; only a job whose actions come from a player may ask, and it chooses none itself.
+    """
+
+    def __init__(self, recorder: Recorder, played: bool = False) -> None:
         self.ended = False
+        self.asked = False
+        self._played = played
         self.phase = "start"
         self._recorder = recorder
         self._buffer = bytearray()
@@ -55,6 +61,10 @@ class Reader:
             raise Forged(f"message kind {number}")
         if self.ended:
             raise Forged("a message after the end")
+        if self.asked:
+            raise Forged("a message while it waits for an action")
+        if (kind is Kind.ASK and not self._played) or (kind is Kind.ACTION and self._played):
+            raise Forged(f"{kind.name} in a job that is given its actions otherwise")
         recorder = self._recorder
         if kind is Kind.STEP:
             recorder.step(_step(payload))
@@ -75,6 +85,8 @@ class Reader:
         elif kind is Kind.END:
             recorder.end()
             self.ended = True
+        elif kind is Kind.ASK:
+            self.asked = True
         elif kind is not Kind.TICK:
             value = _json(payload)
             if not isinstance(value, dict):

@@ -2,7 +2,8 @@
 
 A *job* runs in one forked child of the worker. The host hands the child one end of a fresh socket pair; down goes
 one JSON job, up comes a stream of messages. Every message is ``<u8 kind><u32 length><payload>``; lengths are
-bounded, kinds are known, and nothing is ever unpickled or evaluated.
+bounded, kinds are known, and nothing is ever unpickled or evaluated. A job whose actions a player chooses asks for each
+(ASK) and sends nothing until it has it: JSON of at most MAX_JSON bytes, in a message of kind ACTION.
 
 Observations travel as raw bytes beside a *layout*: a JSON description of the value (dtype, shape, keys) that is sent
 once and then referred to by number, so that a step of a picture game is one fixed header and exactly the frame.
@@ -55,6 +56,7 @@ class Kind(IntEnum):
     TICK = 12  #: empty: alive
     RESULT = 13  #: JSON object: what a search found
     END = 14  #: JSON object: the job is complete
+    ASK = 15  #: empty: the job waits for its next action
 
 
 #: The kinds whose payload begins with a fixed part and goes on with a value's bytes.

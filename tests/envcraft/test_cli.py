@@ -30,7 +30,9 @@ HEAVY = ("numpy", "gymnasium", "torch", "scipy", "stable_baselines3", "PIL")
 QUICK = ("--sandbox", "process", "--budget", "quick", "--checks", "source")
 
 
-@pytest.mark.parametrize("arguments", [["--help"], ["--version"], ["checks"], ["explain", "EC203"], ["validate", "-h"]])
+@pytest.mark.parametrize(
+    "arguments", [["--help"], ["--version"], ["checks"], ["explain", "EC203"], ["validate", "-h"], ["play", "-h"]]
+)
 def test_light_commands_import_no_numerical_library(arguments: list[str]) -> None:
     code = (
         "import sys\nfrom envcraft.cli import cli\n"
@@ -52,7 +54,7 @@ def test_all_built_in_commands_are_there(invoke: Any) -> None:
     result = invoke("--help")
     listed = [line.split()[0] for line in result.stdout.partition("Commands:\n")[2].splitlines()]
     assert listed == sorted(listed)
-    wanted = {"validate", "replay", "explain", "checks", "contracts", "plugins", "doctor", "sandbox"}
+    wanted = {"validate", "replay", "explain", "checks", "contracts", "plugins", "doctor", "sandbox", "new", "play"}
     assert set(listed) >= wanted
 
 

@@ -15,7 +15,7 @@ from envcraft.contract import ARCADE
 from envcraft.engine import Plan, validate
 from envcraft.errors import WorkerLost
 from envcraft.events import CheckStarted, Event, Finished, StepsTaken, SubjectFinished
-from envcraft.sandbox import Availability, Driver, Isolation, JobEnd, Limits, Recorder, Worker
+from envcraft.sandbox import Availability, Driver, Isolation, JobEnd, Limits, Player, Recorder, Worker
 from envcraft.subject import Subject
 from envcraft.target import Target
 from envcraft.verdict import Finding, Report, Severity, Verdict
@@ -32,7 +32,7 @@ class StubWorker(Worker):
     def find(self, modules: list[str]) -> tuple[list[str], list[str]]:
         return [], []
 
-    def run(self, job: dict[str, Any], recorder: Recorder, limits: Limits) -> JobEnd:
+    def run(self, job: dict[str, Any], recorder: Recorder, limits: Limits, player: Player | None = None) -> JobEnd:
         raise WorkerLost("the worker is gone")
 
     def close(self) -> None:

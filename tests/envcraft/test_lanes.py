@@ -11,7 +11,7 @@ import pytest
 
 from envcraft.errors import WorkerLost
 from envcraft.lanes import Lanes, Place, Task
-from envcraft.sandbox import JobEnd, Limits, Recorder, Worker
+from envcraft.sandbox import JobEnd, Limits, Player, Recorder, Worker
 
 _SOON = 20.0
 
@@ -28,7 +28,7 @@ class StubWorker(Worker):
     def find(self, modules: list[str]) -> tuple[list[str], list[str]]:
         return [], []
 
-    def run(self, job: dict[str, Any], recorder: Recorder, limits: Limits) -> JobEnd:
+    def run(self, job: dict[str, Any], recorder: Recorder, limits: Limits, player: Player | None = None) -> JobEnd:
         raise NotImplementedError
 
     def close(self) -> None:

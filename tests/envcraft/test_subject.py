@@ -14,7 +14,7 @@ from envcraft.check import Skip
 from envcraft.contract import ARCADE
 from envcraft.errors import WorkerLost
 from envcraft.rollout import Conditions, Rollout
-from envcraft.sandbox import Availability, Driver, How, Isolation, JobEnd, Limits, Recorder, Step, Worker
+from envcraft.sandbox import Availability, Driver, How, Isolation, JobEnd, Limits, Player, Recorder, Step, Worker
 from envcraft.subject import Subject
 from envcraft.target import Target
 
@@ -40,7 +40,7 @@ class Game(Worker):
     def find(self, modules: list[str]) -> tuple[list[str], list[str]]:
         return [], []
 
-    def run(self, job: dict[str, Any], recorder: Recorder, limits: Limits) -> JobEnd:
+    def run(self, job: dict[str, Any], recorder: Recorder, limits: Limits, player: Player | None = None) -> JobEnd:
         self.served.append(job)
         time.sleep(random.random() * 0.002)
         if self.ended.is_set() or job.get("seed", 0) >= 300:

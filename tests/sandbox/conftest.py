@@ -14,7 +14,7 @@ import pytest
 
 from envcraft.contract import ARCADE
 from envcraft.rollout import Rollout
-from envcraft.sandbox import JobEnd, Limits, Worker
+from envcraft.sandbox import JobEnd, Limits, Player, Worker
 from envcraft.trace import Recording, Trace
 
 LIMITS = Limits(
@@ -76,9 +76,18 @@ class Ran:
 Play = Callable[..., Ran]
 
 
-def play(worker: Worker, source: str, *, kind: str = "rollout", seed: int = 0, limits: Limits = LIMITS) -> Ran:
-    """Run one job: by default a rollout of ten actions."""
-    rollout = Rollout(seed=seed, actions=[[number % 5, 0, 1] for number in range(10)])
+def play(
+    worker: Worker,
+    source: str,
+    *,
+    kind: str = "rollout",
+    seed: int = 0,
+    limits: Limits = LIMITS,
+    player: Player | None = None,
+) -> Ran:
+    """Run one job: by default a rollout of ten actions, with a `player` one of at most ten that it chooses."""
+    listed = [] if player else [[number % 5, 0, 1] for number in range(10)]
+    rollout = Rollout(seed=seed, actions=listed, asked=player is not None, max_steps=10 if player else 0)
     job = {
         "kind": kind,
         "target": {"kind": "source", "source": source, "filename": "tiny.py"},
@@ -86,9 +95,11 @@ def play(worker: Worker, source: str, *, kind: str = "rollout", seed: int = 0, l
         "seed": rollout.seed,
         "actions": rollout.actions,
         "conditions": rollout.conditions.to_json(),
+        "asked": rollout.asked,
+        "max_steps": rollout.max_steps,
     }
     recording = Recording(rollout, ARCADE.observation, ARCADE.action)
-    end = worker.run(job, recording, limits)
+    end = worker.run(job, recording, limits, player)
     recording.trace.end = end
     return Ran(end, recording.trace, recording.description)
 

@@ -16,7 +16,7 @@ from envcraft_sandbox.commands import doctor, sandbox
 
 from envcraft import plugins
 from envcraft.errors import EnvCraftError, SandboxUnavailable, UsageError
-from envcraft.sandbox import Availability, Driver, Isolation, JobEnd, Limits, Recorder, Worker
+from envcraft.sandbox import Availability, Driver, Isolation, JobEnd, Limits, Player, Recorder, Worker
 
 
 class Fake(Driver):
@@ -55,7 +55,7 @@ class FakeWorker(Worker):
     def find(self, modules: list[str]) -> tuple[list[str], list[str]]:
         raise NotImplementedError
 
-    def run(self, job: dict[str, Any], recorder: Recorder, limits: Limits) -> JobEnd:
+    def run(self, job: dict[str, Any], recorder: Recorder, limits: Limits, player: Player | None = None) -> JobEnd:
         raise NotImplementedError
 
     def close(self) -> None:

@@ -25,8 +25,8 @@ from envcraft_sandbox.process import ProcessDriver
 from envcraft_sandbox.wire import HEADER, Kind
 
 from envcraft.errors import WorkerLost
-from envcraft.sandbox import Driver, How, Isolation, Limits, Worker
-from envcraft.trace import Ending
+from envcraft.sandbox import Driver, How, Isolation, Limits, Stop, Worker
+from envcraft.trace import Ending, diverge
 
 #: ``ENVCRAFT_CONFORMANCE_DRIVER=package.module:Class`` asks another driver in place of the built-in ones.
 NAMED = os.environ.get("ENVCRAFT_CONFORMANCE_DRIVER")
@@ -128,6 +128,118 @@ class TestOrdinaryJobs:
         for seed in range(20):
             assert play(worker, environment(), seed=seed).trace.steps == 8
         assert len(os.listdir("/proc/self/fd")) == before
+
+
+class Chooser:
+    """A player who thinks for `seconds` over each action, and leaves after `steps`."""
+
+    def __init__(self, seconds: float = 0.0, steps: int = 100) -> None:
+        self._read, self._write = os.pipe()
+        self._seconds = seconds
+        self._steps = steps
+        self._timer: threading.Timer | None = None
+        self.count = 0
+
+    def asked(self) -> None:
+        self._timer = threading.Timer(self._seconds, os.write, (self._write, b"."))
+        self._timer.start()
+
+    def fileno(self) -> int:
+        return self._read
+
+    def take(self) -> list[int]:
+        os.read(self._read, 1)
+        if self.count == self._steps:
+            raise Stop
+        self.count += 1
+        return [(self.count - 1) % 5, 0, 1]
+
+    def close(self) -> None:
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer.join()
+        os.close(self._read)
+        os.close(self._write)
+
+
+@pytest.fixture
+def chooser() -> Iterator[Callable[..., Chooser]]:
+    made: list[Chooser] = []
+
+    def make(*arguments: Any) -> Chooser:
+        made.append(Chooser(*arguments))
+        return made[-1]
+
+    yield make
+    for player in made:
+        player.close()
+
+
+def later(statement: str) -> str:
+    """Lines for reset() that run a statement a moment after the job has asked for its first action."""
+    return f"""
+        import os, threading
+        threading.Timer(0.3, lambda: {statement}).start()
+    """
+
+
+class TestPlayedJobs:
+    def test_the_trace_is_that_of_the_same_actions_from_a_list(
+        self, worker: Worker, environment: Environment, play: Any, chooser: Any
+    ) -> None:
+        played = play(worker, environment(), player=chooser())
+        assert played.end.how is How.DONE
+        assert played.trace.ending is Ending.TRUNCATED
+        assert played.trace.actions == [[number % 5, 0, 1] for number in range(8)]
+        assert diverge(played.trace, play(worker, environment()).trace) is None
+
+    def test_the_players_time_is_not_the_jobs(
+        self, worker: Worker, environment: Environment, play: Any, chooser: Any, limits: Limits
+    ) -> None:
+        patient = msgspec.structs.replace(limits, call=0.5, job=1.5)
+        ran = play(worker, environment(), player=chooser(0.7, 3), limits=patient)
+        assert (ran.end.how, ran.trace.steps) == (How.STOPPED, 3)
+        assert ran.end.seconds < 1.5
+
+    def test_a_step_that_hangs_is_ended(
+        self, worker: Worker, environment: Environment, play: Any, chooser: Any
+    ) -> None:
+        ran = play(worker, environment(step="while self.steps == 3: pass"), player=chooser())
+        assert (ran.end.how, ran.end.phase, ran.trace.steps) == (How.TIMEOUT, "step", 2)
+
+    def test_leaving_ends_the_job(self, worker: Worker, environment: Environment, play: Any, chooser: Any) -> None:
+        ran = play(worker, environment(), player=chooser(0, 2))
+        assert (ran.end.how, ran.trace.ending, len(ran.trace.actions)) == (How.STOPPED, Ending.CUT, 2)
+
+    def test_an_exit_while_it_waits(self, worker: Worker, environment: Environment, play: Any, chooser: Any) -> None:
+        ran = play(worker, environment(reset=later("os._exit(3)")), player=chooser(5.0))
+        assert (ran.end.how, ran.end.exit_code, ran.trace.steps) == (How.DIED, 3, 0)
+
+    def test_a_flood_while_it_waits(self, worker: Worker, environment: Environment, play: Any, chooser: Any) -> None:
+        flood = "[print('x' * 9999) for _ in iter(int, 1)]"
+        ran = play(worker, environment(reset=later(flood)), player=chooser(5.0))
+        assert (ran.end.how, ran.trace.steps) == (How.FLOOD, 0)
+
+    @pytest.mark.parametrize("kind", [Kind.STEP, Kind.ASK, Kind.ACTION, Kind.TICK, Kind.END])
+    def test_messages_while_it_waits_are_forged(
+        self, worker: Worker, environment: Environment, play: Any, chooser: Any, kind: Kind
+    ) -> None:
+        write = f"os.write(3, {_message(kind, b'{}')!r})"
+        ran = play(worker, environment(reset=later(write)), player=chooser(5.0))
+        assert ran.end.how is How.FORGED
+        assert (ran.trace.steps, ran.trace.actions) == (0, [])
+
+    def test_only_a_played_job_asks(self, worker: Worker, environment: Environment, play: Any) -> None:
+        ran = play(worker, environment(top="import os", step=f"os.write(3, {_message(Kind.ASK, b'')!r})"))
+        assert ran.end.how is How.FORGED
+
+    def test_it_does_not_choose_for_the_player(
+        self, worker: Worker, environment: Environment, play: Any, chooser: Any
+    ) -> None:
+        write = f"os.write(3, {_message(Kind.ACTION, b'[0, 0, 0]')!r})"
+        ran = play(worker, environment(top="import os", step=write), player=chooser())
+        assert ran.end.how is How.FORGED
+        assert ran.trace.chosen == [[0, 0, 1]]
 
 
 class TestOutput:

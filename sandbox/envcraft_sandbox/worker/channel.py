@@ -30,6 +30,7 @@ _ONE_TOO_MANY = {"k": "other", "type": "a value of yet another shape, of too man
 # Bound before any untrusted module can replace them.
 _monotonic = time.monotonic
 _dumps = json.dumps
+_loads = json.loads
 
 
 class Channel:
@@ -65,6 +66,23 @@ class Channel:
             self._sock.sendall(self._buffer)
             self._buffer.clear()
         self._flushed = _monotonic()
+
+    def ask(self) -> Any:
+        """Ask the host for the next action, and wait for it."""
+        self.send(Kind.ASK, flush=True)
+        _, length = HEADER.unpack(self._receive(HEADER.size))
+        if length > MAX_JSON:
+            raise ValueError(f"an action of {length} bytes")
+        return _loads(self._receive(length))
+
+    def _receive(self, size: int) -> bytes:
+        data = b""
+        while len(data) < size:
+            part = self._sock.recv(size - len(data))
+            if not part:
+                raise EOFError("the host hung up")
+            data += part
+        return data
 
     def value(self, kind: Kind, value: Any) -> None:
         number, data = self.encode(value)

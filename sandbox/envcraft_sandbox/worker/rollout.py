@@ -1,4 +1,6 @@
-"""Step one episode through a list of actions, or a policy, under the conditions that the host asked for."""
+"""Step one episode through a list of actions, those of a policy or those of a player whom the host asks, under the
+conditions that the host asked for.
+"""
 
 from __future__ import annotations
 
@@ -96,10 +98,13 @@ def _episode(subject: Subject, job: dict[str, Any], conditions: dict[str, Any]) 
 
     actions: list[Any] = job["actions"]
     reread = bool(conditions.get("reread"))
-    for number in range(job["max_steps"] if policy else len(actions)):
+    asked = bool(job.get("asked"))
+    for number in range(job["max_steps"] if policy or asked else len(actions)):
         if policy:
             chosen = policy.choose()
             channel.send_json(Kind.ACTION, chosen)
+        elif asked:
+            chosen = channel.ask()
         else:
             chosen = actions[number]
         action = subject.action(chosen, env)

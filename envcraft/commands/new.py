@@ -1,0 +1,99 @@
+"""``envcraft new``: a small environment that keeps its contract, with its test, ready to be edited."""
+
+from __future__ import annotations
+
+import contextlib
+import importlib.resources
+import keyword
+import os
+import re
+import shlex
+import sys
+from pathlib import Path
+
+import click
+
+from envcraft.cli import Sharing
+from envcraft.contract import ARCADE, GYMNASIUM, Contract
+from envcraft.errors import UsageError
+
+from .choices import contract_named
+
+#: What the templates call the class and the module.
+_CLASS, _MODULE = "NewGame", "new_game"
+_FILES = (f"{_MODULE}.py", f"test_{_MODULE}.py")
+#: Modules that the templates import, and names that pytest takes for its own.
+_TAKEN = {*sys.stdlib_module_names, "gymnasium", "numpy", "pytest", "conftest", "envcraft"}
+_WORDS = re.compile(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])")
+
+
+@click.command(cls=Sharing)
+@click.argument("name")
+@click.option("--contract", default="arcade", show_default=True, metavar="NAME", help="What it is to promise.")
+@click.option("--folder", default="", metavar="DIR", help="Where to write it, in place of the working directory.")
+def new(name: str, contract: str, folder: str) -> None:
+    """Write a small environment that passes, and its test: a place to start from.
+
+    NAME is that of the class (FruitCatch) or of the file (fruit_catch).
+    """
+    promised = contract_named(contract)
+    module, env_class = names(name)
+    written = _write(_texts(promised, module, env_class), folder)
+    for path in written:
+        click.echo(f"wrote {path}")
+    game, test = (shlex.quote(path) for path in written)
+    option = "" if promised.name == ARCADE.name else f" --contract {shlex.quote(promised.name)}"
+    click.echo(f"\nedit it, and try\n  envcraft validate {game}{option}\n  pytest {test}")
+
+
+def names(name: str) -> tuple[str, str]:
+    """The module and the class of an environment of this name. Raises UsageError, with a name that would do."""
+    module = _WORDS.sub("_", name).lower()
+    env_class = "".join(part[:1].upper() + part[1:] for part in name.split("_"))
+    if not name.isidentifier() or name.startswith("_") or keyword.iskeyword(name):
+        near = "_".join(re.findall(r"[^\W_]+", module))
+        near = near if near.isidentifier() and not keyword.iskeyword(near) else f"game_{near}".rstrip("_")
+        raise UsageError(f"{name!r} is no name for a class; try `envcraft new {near}`")
+    if module in _TAKEN or module.startswith("test_") or module.endswith("_test"):
+        near = f"{module.removeprefix('test_').removesuffix('_test')}_game"
+        raise UsageError(f"{module}.py would be taken for another module; try `envcraft new {near}`")
+    return module, env_class
+
+
+def _texts(contract: Contract, module: str, env_class: str) -> dict[str, str]:
+    """The files of a contract's template, by name. Raises UsageError where it has none."""
+    templates = {entry.name: entry for entry in (importlib.resources.files("envcraft") / "templates").iterdir()}
+    if contract.name not in templates:
+        nearest = ARCADE if contract.action == ARCADE.action else GYMNASIUM
+        raise UsageError(
+            f"there is no template for the contract {contract.name}; start from the nearest, with --contract "
+            f"{nearest.name}, change its spaces to your own, and validate with --contract {contract.name}"
+        )
+    texts = {}
+    for file in _FILES:
+        text = (templates[contract.name] / file).read_text("utf-8")
+        if re.search(rf"\b{env_class}\b", text):
+            raise UsageError(f"the template needs the name {env_class} itself; try `envcraft new {env_class}Game`")
+        texts[file.replace(_MODULE, module)] = text.replace(_CLASS, env_class).replace(_MODULE, module)
+    return texts
+
+
+def _write(texts: dict[str, str], folder: str) -> list[str]:
+    """Write all files or none. Raises UsageError, also where one is there already."""
+    paths = {os.path.join(folder, file): text for file, text in texts.items()}
+    for path in paths:
+        if os.path.lexists(path):
+            raise UsageError(f"{path} is there already, and nothing was written; choose another name, or a --folder")
+    written: list[str] = []
+    try:
+        Path(folder).mkdir(parents=True, exist_ok=True)
+        for path, text in paths.items():
+            with open(path, "x", encoding="utf-8") as stream:
+                written.append(path)
+                stream.write(text)
+    except OSError as error:
+        for path in written:
+            with contextlib.suppress(OSError):
+                os.unlink(path)
+        raise UsageError(f"{error.filename or folder} cannot be written: {error.strerror}") from None
+    return written

@@ -1,0 +1,214 @@
+"""``envcraft play``: a person plays an environment, which runs in the sandbox as ever."""
+
+from __future__ import annotations
+
+import contextlib
+import time
+from typing import TYPE_CHECKING
+
+import click
+import msgspec
+
+from envcraft.budget import BUDGETS
+from envcraft.check import Skip
+from envcraft.cli import Sharing, uninterrupted
+from envcraft.errors import ExitCode, UsageError
+from envcraft.playing.recorded import Played
+from envcraft.reports import one_line
+from envcraft.sandbox import driver_for
+from envcraft.shrink import repro
+from envcraft.verdict import CheckReport, Finding, Report, Repro, Severity, Verdict
+
+from .choices import FIRST, all_checks, contract_named, driver_named, rules_of, runtime_option
+from .targets import resolve
+from .validate import open_output, read_kwargs, read_wrappers
+
+if TYPE_CHECKING:
+    from envcraft.engine import Plan
+    from envcraft.playing.screen import Screen
+    from envcraft.rollout import Conditions
+    from envcraft.subject import Subject
+    from envcraft.trace import Trace
+
+#: The longest episode under a contract without a limit, which a report can still hold.
+_STEPS = 100_000
+
+
+@click.command(cls=Sharing)
+@click.argument("target", metavar="TARGET")
+@click.option("--contract", default="arcade", show_default=True, metavar="NAME", help="What the environment promises.")
+@click.option("--class", "env_class", metavar="NAME", help="Play this class, where a file defines several.")
+@click.option("--kwargs", metavar="JSON", help="Arguments for the constructor, as a JSON object.")
+@click.option("--wrap", multiple=True, metavar="MODULE:FUNC", help="Wrap the instance by this; repeat for several.")
+@click.option("--sandbox", default="auto", show_default=True, metavar="NAME", help="Where the environment runs.")
+@runtime_option
+@click.option(
+    "--seed",
+    type=click.IntRange(0, 2**31 - 1),
+    default=0,
+    show_default=True,
+    help="Of the first episode; then the next.",
+)
+@click.option(
+    "--window/--terminal", "window", default=None, help="Where to play  [default: a window where one can be opened]"
+)
+@click.option("--turn-based", is_flag=True, help="Each step waits for a key.")
+@click.option("--fps", type=click.IntRange(1, 240), default=15, show_default=True, help="Steps a second.")
+@click.option("--output", metavar="REPORT.json", help="Record the episodes, for `envcraft replay`.")
+@click.pass_context
+def play(
+    ctx: click.Context,
+    target: str,
+    contract: str,
+    env_class: str | None,
+    kwargs: str | None,
+    wrap: tuple[str, ...],
+    sandbox: str,
+    runtime: str | None,
+    seed: int,
+    window: bool | None,
+    turn_based: bool,
+    fps: int,
+    output: str | None,
+) -> None:
+    """Play an environment by keyboard, in a window or in the terminal.
+
+    \b
+    Exit status: 0 nothing was wrong    1 something was, and is said
+                 2 wrong use            3 it could not be played
+    """
+    promised = contract_named(contract)
+    found = resolve(target, env_class)
+    if len(found) > 1:
+        raise UsageError(f"{target} holds {len(found)} environments; play one, such as {found[0].path}")
+    chosen = msgspec.structs.replace(found[0], kwargs=read_kwargs(kwargs), wrappers=read_wrappers(wrap))
+    with uninterrupted():
+        from envcraft.engine import Plan, open_subject
+
+        screen = _screen(window, f"EnvCraft: {target}")
+    checks = all_checks()
+    with contextlib.ExitStack() as stack:
+        stream = stack.enter_context(open_output(output)) if output else None
+        driver = stack.enter_context(contextlib.closing(driver_named(sandbox, runtime=runtime)))
+        driver = driver_for(driver, [chosen])
+        plan = Plan([chosen], promised, driver, checks, BUDGETS["standard"], seed, lanes=1)
+        subject = stack.enter_context(open_subject(plan, chosen))
+        session = _Session(plan, subject)
+        try:
+            status = session.run(screen, None if turn_based else fps)
+        finally:
+            session.tell()
+            if stream is not None:
+                stream.write(session.report().to_json().decode() + "\n")
+                click.echo(f"wrote {output}; `envcraft replay {output}` plays the same again", err=True)
+        ctx.exit(status)
+
+
+def _screen(window: bool | None, title: str) -> Screen:
+    """Raises UsageError where there is none of the wanted kind."""
+    from envcraft.playing.terminal import Terminal
+    from envcraft.playing.window import Window, available
+
+    return Window(title) if window or (window is None and available()) else Terminal()
+
+
+def _conditions(subject: Subject) -> Conditions:
+    """Frames come from render() where the observations are no pictures."""
+    from envcraft.rollout import Conditions
+
+    space = subject.observation_space
+    pictures = space["type"] == "Box" and space["dtype"] == "uint8" and len(space["shape"]) in (2, 3)
+    return Conditions(render=not pictures and subject.renders)
+
+
+class _Session:
+    """All episodes of one run, with what was wrong in them."""
+
+    def __init__(self, plan: Plan, subject: Subject) -> None:
+        self._plan = plan
+        self._subject = subject
+        self._rules = rules_of(plan.checks)
+        self._played = Played()
+        self._found: dict[str, list[Finding]] = {self._played.name: []}
+        self._lines: list[str] = []
+        self._started = time.monotonic()
+
+    def run(self, screen: Screen, fps: int | None) -> ExitCode:
+        """Play until the player has enough. Raises UsageError where the environment cannot be played so."""
+        from envcraft.engine import run_check
+        from envcraft.playing.episode import Episode
+        from envcraft.playing.game import Game, play_all
+        from envcraft.playing.keys import keys_for
+
+        subject = self._subject
+        for check in self._plan.checks:
+            if check.name == FIRST:
+                loaded = run_check(check, subject)
+                self._keep(check.name, loaded.findings)
+                if loaded.verdict is Verdict.FAIL:
+                    return ExitCode.FAIL
+                if loaded.verdict is Verdict.ERROR:
+                    self._lines.append(loaded.reason)
+                    return ExitCode.ERROR
+        try:
+            keys = keys_for(subject.contract, subject.action_space)
+            conditions = _conditions(subject)
+        except Skip as skip:
+            raise UsageError(f"{subject.target.path} cannot be played: {skip}") from None
+        title = one_line(subject.env_class or subject.target.path)
+        steps = subject.contract.limit or _STEPS
+        with screen:
+            play_all(
+                Game(screen, keys, title, fps if keys.idle else None),
+                lambda seed: Episode(subject, seed, conditions, steps),
+                self._plan.seed,
+                self._ended,
+            )
+        return ExitCode.FAIL if self.report().reports[0].verdict is Verdict.FAIL else ExitCode.PASS
+
+    def tell(self) -> None:
+        """Say what came of it."""
+        click.echo("\n".join(self._lines), nl=bool(self._lines))
+
+    def report(self) -> Report:
+        """The episodes, and what was wrong in them."""
+        from envcraft.engine import report_on
+
+        checks = []
+        for name, findings in self._found.items():
+            failed = any(finding.severity is Severity.ERROR for finding in findings)
+            played = name == self._played.name
+            verdict = Verdict.FAIL if failed else Verdict.SKIP if played else Verdict.PASS
+            reason = "a person plays, and nothing judges how" if played else ""
+            checks.append(CheckReport(name, verdict, findings=findings, reason=reason))
+        done = report_on(self._plan, self._subject, checks, self._started)
+        return Report(self._plan.contract.name, self._plan.seed, [done], budget=self._plan.budget.name)
+
+    def _ended(self, trace: Trace) -> list[str]:
+        """Take over an episode; what is to be said of it."""
+        from envcraft.engine import run_check
+
+        [episode] = self._played.find(self._subject, trace)
+        self._found[self._played.name].append(episode)
+        self._lines.append(episode.message)
+        lines = []
+        for check in self._plan.checks:
+            lines += self._keep(check.name, run_check(check, self._subject, trace).findings, trace)
+        return lines
+
+    def _keep(self, check: str, findings: list[Finding], trace: Trace | None = None) -> list[str]:
+        """Take over what is new; what is to be said of it."""
+        known = self._found.setdefault(check, [])
+        lines = []
+        for finding in findings:
+            if finding.code in {other.code for other in known}:
+                continue
+            if trace is not None and finding.repro == Repro():
+                finding = msgspec.structs.replace(finding, repro=repro(trace.rollout))
+            known.append(finding)
+            where = f"line {finding.line}: " if finding.line else ""
+            lines.append(f"{finding.code} {where}{one_line(finding.message)}")
+            if finding.code in self._rules:
+                lines.append(f"      usual fix: {self._rules[finding.code].fix}")
+        self._lines += lines
+        return lines

@@ -1,0 +1,122 @@
+"""The loop of play: what is shown, which keys count, and when the next step is taken."""
+
+from __future__ import annotations
+
+import contextlib
+import textwrap
+import time
+from collections import deque
+from collections.abc import Callable
+from enum import Enum
+from typing import Any
+
+from envcraft.trace import Ending, Trace
+
+from .episode import Episode
+from .keys import AGAIN, QUIT, Keys
+from .screen import Screen
+
+#: Seconds between two looks at the keys, while the player is waited for and while the environment is.
+_LOOK, _GLANCE = 0.01, 0.002
+
+
+class Wish(Enum):
+    """What the player wants next."""
+
+    QUIT = "quit"
+    AGAIN = "again"
+
+
+class Game:
+    """Episodes on a screen. `fps` is None where each step waits for a key."""
+
+    def __init__(self, screen: Screen, keys: Keys, title: str, fps: float | None) -> None:
+        self._screen = screen
+        self._keys = keys
+        self._title = title
+        self._fps = fps
+        self._help = [
+            *keys.help,
+            *(["each step waits for a key" + ("; enter does nothing" if keys.idle else "")] if fps is None else []),
+        ]
+
+    def play(self, episode: Episode) -> Wish | None:
+        """Play until the episode is over (None), or the player wants something else."""
+        due = time.monotonic()
+        shown = -1
+        # In turns a player may be ahead of the environment.
+        chosen: deque[Any] = deque()
+        while not episode.over:
+            wait = _LOOK if episode.waiting else _GLANCE
+            if self._fps is not None and episode.waiting:
+                wait = min(wait, max(due - time.monotonic(), 0.0))
+            for key in self._screen.pressed(wait):
+                if key in QUIT:
+                    return Wish.QUIT
+                if key == AGAIN:
+                    return Wish.AGAIN
+                if self._fps is None and (action := self._keys.turn(key)) is not None:
+                    chosen.append(action)
+            if not episode.waiting:
+                continue
+            trace = episode.watched.trace
+            if trace.steps != shown:
+                shown = trace.steps
+                self._show(episode, f"step {trace.steps}, return {trace.total:g}")
+            now = time.monotonic()
+            if self._fps is not None and now >= due:
+                chosen.append(self._keys.held(self._screen.held()))
+                due = max(due + 1 / self._fps, now)
+            if chosen:
+                episode.give(chosen.popleft())
+        return None
+
+    def rest(self, episode: Episode, notes: list[str]) -> Wish:
+        """Show how an episode ended, and wait for what the player wants."""
+        self._show(episode, result(episode.watched.trace), notes)
+        while True:
+            for key in self._screen.pressed(0.1):
+                if key in QUIT:
+                    return Wish.QUIT
+                if key == AGAIN:
+                    return Wish.AGAIN
+
+    def _show(self, episode: Episode, state: str, notes: list[str] | None = None) -> None:
+        watched = episode.watched
+        text = textwrap.wrap(watched.text, 76)[:12] if watched.picture is None else []
+        self._screen.show(
+            watched.picture,
+            [*text, f"{self._title}, seed {episode.seed}: {state}", *(notes or self._help)],
+        )
+
+
+def result(trace: Trace) -> str:
+    """How an episode went, in a few words: success where anything tells it, steps and return."""
+    ends: dict[Ending, str] = {
+        Ending.TERMINATED: "ended",
+        Ending.TRUNCATED: "cut by its limit",
+        Ending.CUT: "stopped",
+    }
+    success = {True: "success", False: "no success", None: ""}[trace.success]
+    words = [ends.get(trace.ending, "broke"), success, f"return {trace.total:g}", f"{trace.steps} steps"]
+    return ", ".join(word for word in words if word)
+
+
+Ended = Callable[[Trace], list[str]]
+
+
+def play_all(game: Game, begin: Callable[[int], Episode], seed: int, ended: Ended) -> None:
+    """Play episodes from `seed` on until the player quits; `ended` is told of each, and gives lines about it."""
+    while True:
+        with contextlib.closing(begin(seed)) as episode:
+            try:
+                wish = game.play(episode)
+            finally:
+                # Also what Ctrl-C ends is recorded.
+                episode.stop()
+                notes = ended(episode.finish())
+            if wish is None:
+                wish = game.rest(episode, [*notes, "r next episode, q quit"])
+        if wish is Wish.QUIT:
+            return
+        seed += 1

@@ -1,0 +1,139 @@
+"""Keys to actions. A key has a name: ``up``, ``down``, ``left``, ``right``, ``space``, ``enter``, ``escape`` or its
+character.
+"""
+
+from __future__ import annotations
+
+import math
+import string
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from typing import Any
+
+from envcraft import spaces
+from envcraft.contract import ARCADE, Contract
+from envcraft.errors import UsageError
+
+#: Keys of the player's own wishes; none of them is an action.
+QUIT, AGAIN = ("q", "escape"), "r"
+
+_MOVES = {
+    **dict.fromkeys(("up", "w", "k"), 1),
+    **dict.fromkeys(("down", "s", "j"), 2),
+    **dict.fromkeys(("left", "a", "h"), 3),
+    **dict.fromkeys(("right", "d", "l"), 4),
+}
+_BUTTONS = {"space": 1, "x": 1, "z": 2, "c": 2}
+_KEYS = [key for key in "1234567890" + string.ascii_lowercase if key not in (*QUIT, AGAIN)]
+#: Sides of a Box that has more numbers than this are too many for the keys.
+_DIMENSIONS = 8
+
+
+class Keys(ABC):
+    """What keys mean in one action space.
+
+    Attributes:
+        help: lines that say so.
+        idle: whether there is an action for no key at all, so that the game can go on by itself.
+    """
+
+    help: list[str]
+    idle: bool
+
+    @abstractmethod
+    def held(self, keys: Sequence[str]) -> Any:
+        """The action of the keys that are down, the last pressed at the end; only where there is an idle one."""
+
+    @abstractmethod
+    def turn(self, key: str) -> Any:
+        """The action of one key in a game that waits for it, or None if it takes another one."""
+
+
+class Pad(Keys):
+    """The arcade contract's: five moves and two buttons. In turns, a button goes with the move that follows it."""
+
+    help = ["arrows, wasd or hjkl move; space or x, z or c are the buttons", "r next episode, q quit"]
+    idle = True
+
+    def __init__(self) -> None:
+        self._buttons = [0, 0]
+
+    def held(self, keys: Sequence[str]) -> Any:
+        moves = [_MOVES[key] for key in keys if key in _MOVES]
+        buttons = {_BUTTONS[key] for key in keys if key in _BUTTONS}
+        return [moves[-1] if moves else 0, int(1 in buttons), int(2 in buttons)]
+
+    def turn(self, key: str) -> Any:
+        if key in _BUTTONS:
+            self._buttons[_BUTTONS[key] - 1] = 1
+        if key not in _MOVES and key != "enter":
+            return None
+        action = [_MOVES.get(key, 0), *self._buttons]
+        self._buttons = [0, 0]
+        return action
+
+
+class Choices(Keys):
+    """Any small space: each action has a key of its own."""
+
+    def __init__(self, actions: Sequence[tuple[str, Any]], noop: Any) -> None:
+        """`actions` are words and an action each, no more than there are keys."""
+        self._actions = {key: action for key, (_, action) in zip(_KEYS, actions, strict=False)}
+        self._noop = noop
+        self.idle = noop is not None
+        listed = [f"{key} {words}" for key, (words, _) in zip(_KEYS, actions, strict=False)]
+        self.help = [
+            *("   ".join(listed[start : start + 6]) for start in range(0, len(listed), 6)),
+            "r next episode, q quit",
+        ]
+
+    def held(self, keys: Sequence[str]) -> Any:
+        chosen = [self._actions[key] for key in keys if key in self._actions]
+        return chosen[-1] if chosen else self._noop
+
+    def turn(self, key: str) -> Any:
+        return self._noop if key == "enter" else self._actions.get(key)
+
+
+def keys_for(contract: Contract, space: spaces.Space) -> Keys:
+    """The keys of an action space. Raises UsageError where there are too few on a keyboard."""
+    assert ARCADE.action is not None
+    if spaces.same(space, ARCADE.action) and contract.noop == ARCADE.noop:
+        return Pad()
+    words = f"the action space {spaces.describe(space)} cannot be played by keyboard"
+    if space["type"] == "Box":
+        return Choices(_corners(space, words), contract.noop)
+    if space["type"] == "Discrete":
+        count = space["n"]
+    elif space["type"] == "MultiDiscrete":
+        count = _product(space["nvec"])
+    elif space["type"] == "MultiBinary":
+        count = 2 ** math.prod(space["shape"])
+    else:
+        raise UsageError(f"{words}: only Discrete, MultiDiscrete, MultiBinary and small Box spaces can")
+    if count > len(_KEYS):
+        raise UsageError(f"{words}: it has {count:,} actions, and there are {len(_KEYS)} keys")
+    if space["type"] == "MultiBinary":
+        bits = [[number >> bit & 1 for bit in range(math.prod(space["shape"]))] for number in range(count)]
+        return Choices([(str(value), _shaped(value, space["shape"])) for value in bits], contract.noop)
+    return Choices([(str(action), action) for action in spaces.enumerate_actions(space, count)], contract.noop)
+
+
+def _corners(space: spaces.Space, words: str) -> list[tuple[str, Any]]:
+    """The middle of a Box, and each of its numbers at its lowest and highest."""
+    size = math.prod(space["shape"])
+    if not 0 < size <= _DIMENSIONS:
+        raise UsageError(f"{words}: it has {size:,} numbers, and up to {_DIMENSIONS} can be set to low and high")
+    middle, _, _, *ends = spaces.enumerate_actions(space)
+    named = [f"{at} {side}" for at in range(size) for side in ("low", "high")]
+    return [("middle", middle), *zip(named, ends, strict=True)]
+
+
+def _product(nvec: list[Any]) -> int:
+    return math.prod(_product(part) if isinstance(part, list) else int(part) for part in nvec)
+
+
+def _shaped(bits: list[int], shape: list[int]) -> Any:
+    import numpy as np
+
+    return np.reshape(bits, shape).tolist()
