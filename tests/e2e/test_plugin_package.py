@@ -167,7 +167,7 @@ def test_environments_are_judged_in_its_sandbox(installed: Installed) -> None:
 
 
 def test_its_sandbox_conforms(installed: Installed, root: Path) -> None:
-    suite = (root / "tests" / "sandbox" / "test_conformance.py", "-q", "-p", "no:cacheprovider")
+    suite = (root / "tests" / "sandbox" / "conformance", "-q", "-p", "no:cacheprovider")
     named = "envcraft_lantern.nice:NiceDriver"
     done = installed.run("--rootdir", root, *suite, module="pytest", ENVCRAFT_CONFORMANCE_DRIVER=named)
     assert done.returncode == 0, done.stdout + done.stderr

@@ -1,0 +1,131 @@
+"""Jobs that behave: what they give back, what they print, and the conditions they run under."""
+
+from __future__ import annotations
+
+import os
+import threading
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+from envcraft_sandbox.wire import HEADER, Kind
+
+from envcraft.sandbox import Driver, How, Limits, Worker
+from envcraft.trace import Ending
+
+Environment = Callable[..., str]
+
+
+class TestOrdinaryJobs:
+    def test_a_rollout_gives_its_whole_trace(self, worker: Worker, environment: Environment, play: Any) -> None:
+        ran = play(worker, environment())
+        assert ran.end.how is How.DONE
+        assert ran.trace.ending is Ending.TRUNCATED
+        assert len(ran.trace.observations) == 9
+        assert ran.trace.rewards == [0.0, 1.0, 2.0, 3.0, 4.0, 0.0, 1.0, 2.0]
+        assert ran.trace.info() == {"steps": 8}
+        assert ran.trace.problems == []
+
+    def test_the_seed_alone_decides_the_trace(self, worker: Worker, environment: Environment, play: Any) -> None:
+        first, again, other = (play(worker, environment(), seed=seed).trace for seed in (3, 3, 4))
+        assert first.observations == again.observations
+        assert first.observations != other.observations
+
+    def test_a_description_names_the_class(self, worker: Worker, environment: Environment, play: Any) -> None:
+        ran = play(worker, environment(), kind="describe")
+        assert ran.description["class"] == "Tiny"
+        assert ran.description["action_space"]["nvec"] == [5, 2, 2]
+
+    def test_an_exception_is_a_fault(self, worker: Worker, environment: Environment, play: Any) -> None:
+        ran = play(worker, environment(step="if self.steps == 3: raise SystemExit('enough')"))
+        assert ran.end.how is How.DONE
+        assert ran.trace.steps == 2
+        assert (ran.trace.fault.type, ran.trace.fault.step) == ("SystemExit", 3)
+
+    def test_modules_are_found_and_preloaded(self, worker: Worker) -> None:
+        missing, known = worker.find(["numpy", "math", "nunpy"])
+        assert missing == ["nunpy"]
+        assert "numpy" in known
+        assert worker.preload(["gymnasium.spaces", "nunpy"]) == ["gymnasium.spaces"]
+
+    def test_many_jobs_leave_no_descriptor_open(self, worker: Worker, environment: Environment, play: Any) -> None:
+        before = len(os.listdir("/proc/self/fd"))
+        for seed in range(20):
+            assert play(worker, environment(), seed=seed).trace.steps == 8
+        assert len(os.listdir("/proc/self/fd")) == before
+
+
+class TestOutput:
+    def test_it_is_captured_up_to_the_limit(
+        self, worker: Worker, environment: Environment, play: Any, limits: Limits
+    ) -> None:
+        ran = play(worker, environment(step="print('x' * 999)"))
+        assert ran.end.how is How.DONE
+        assert ran.end.output_bytes == 8000
+        assert len(ran.end.output) == limits.output
+
+    def test_it_is_never_parsed(self, worker: Worker, environment: Environment, play: Any) -> None:
+        message = HEADER.pack(Kind.END, 2) + b"{}"
+        ran = play(worker, environment(step=f"import os; os.write(1, {message!r}); os.write(2, {message!r})"))
+        assert ran.trace.steps == 8
+        assert ran.end.output.count("{}") == 16
+
+    def test_what_was_not_flushed_is_not_lost(self, worker: Worker, environment: Environment, play: Any) -> None:
+        assert play(worker, environment(step="print('.', end='')")).end.output == "." * 8
+
+    @pytest.mark.parametrize(
+        "lines", ["while True: print('x' * 100)", "import os\nwhile True: os.write(2, b'x' * 4096)"]
+    )
+    def test_a_flood_ends_the_job(self, worker: Worker, environment: Environment, play: Any, lines: str) -> None:
+        ran = play(worker, environment(step=lines))
+        assert ran.end.how is How.FLOOD
+        assert ran.end.phase == "step"
+
+
+class TestConditions:
+    def test_the_environment_variables_are_scrubbed(
+        self, driver: Driver, limits: Limits, environment: Environment, play: Any, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        monkeypatch.setenv("ENVCRAFT_SECRET", "canary")
+        source = environment(top="import json, os; print(json.dumps(dict(os.environ)))")
+        worker = driver.launch(hash_seed=0, limits=limits)
+        try:
+            found = play(worker, source).facts
+        finally:
+            worker.close()
+        assert "canary" not in found.values()
+        assert os.environ["PATH"] not in found.values() or driver.name == "docker"
+        proxies = {name for name in found if name.lower().endswith("_proxy")}
+        assert {found[name] for name in proxies} <= {""}
+        assert found.keys() - proxies <= {
+            "PATH", "HOME", "TMPDIR", "LANG", "LC_CTYPE", "PWD", "HOSTNAME", "OPENBLAS_NUM_THREADS",
+            "OMP_NUM_THREADS", "MKL_NUM_THREADS", "SDL_VIDEODRIVER", "SDL_AUDIODRIVER", "PYGAME_HIDE_SUPPORT_PROMPT",
+            "PYTHONPATH", "PYTHONHASHSEED", "PYTHONDONTWRITEBYTECODE", "PYTHONNOUSERSITE",
+            "PYTHONSAFEPATH", "PYTHONUNBUFFERED",
+        }  # fmt: skip
+
+    def test_the_hash_seed_is_honoured(
+        self, driver: Driver, limits: Limits, environment: Environment, play: Any
+    ) -> None:
+        hashes = []
+        for seed in (5, 5, 6):
+            worker = driver.launch(hash_seed=seed, limits=limits)
+            try:
+                assert worker.about["hash_seed"] == str(seed)
+                hashes.append(play(worker, environment(top="print(hash('a'))")).facts)
+            finally:
+                worker.close()
+        assert hashes[0] == hashes[1] != hashes[2]
+
+    def test_workers_are_independent(
+        self, driver: Driver, limits: Limits, worker: Worker, environment: Environment, play: Any
+    ) -> None:
+        other = driver.launch(hash_seed=0, limits=limits)
+        hung: list[Any] = []
+        thread = threading.Thread(target=lambda: hung.append(play(other, environment(step="while True: pass"))))
+        thread.start()
+        assert play(worker, environment()).trace.steps == 8
+        thread.join()
+        assert hung[0].end.how is How.TIMEOUT
+        other.close()
+        assert play(worker, environment()).trace.steps == 8
