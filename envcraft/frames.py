@@ -20,6 +20,7 @@ from envcraft.errors import EnvCraftError
 from envcraft.reports import Frame
 from envcraft.rollout import Conditions, Rollout
 from envcraft.subject import Subject
+from envcraft.trace import Trace
 from envcraft.verdict import Finding, SubjectReport
 
 #: The last so many frames of an episode: what led to the moment.
@@ -64,22 +65,36 @@ class Film:
                 picked = msgspec.structs.replace(target, env_class=target.env_class or report.env_class)
                 self._subject, self._path = open_subject(self._plan, picked), report.path
             repro = finding.repro
+            conditions = sighted(self._subject, conditions)
             rollout = Rollout(repro.seed, repro.actions, conditions, player="replay", keep=len(repro.actions) + 1)
             # A rollout would be remembered with all its frames.
             trace = self._subject.rerun(rollout)
         except (EnvCraftError, Skip, msgspec.ValidationError):
             # A report without pictures is better than none.
             return []
-        if len(trace.frames) < len(trace.observations):
+        if len(seen(trace)) < len(trace.observations):
             # Some were not kept, most likely the last ones.
             return []
-        shown = list(enumerate(trace.frames))[-MOST:]
+        shown = list(enumerate(seen(trace)))[-MOST:]
         return [Frame(step, png(picture)) for step, frame in shown if (picture := pixels(frame)) is not None]
 
     def _close(self) -> None:
         if self._subject is not None:
             self._subject.close()
             self._subject = None
+
+
+def sighted(subject: Subject, conditions: Conditions) -> Conditions:
+    """`conditions`, with the frames of render() where the observations are no pictures and it gives some."""
+    space = subject.observation_space
+    pictures = space["type"] == "Box" and space["dtype"] == "uint8" and len(space["shape"]) in (2, 3)
+    return conditions if pictures or not subject.renders else msgspec.structs.replace(conditions, render=True)
+
+
+def seen(trace: Trace) -> list[NDArray[Any]]:
+    """The frames that a trace under :func:`sighted` conditions kept: observations, or what render() gave."""
+    pictures = [frame for frame in trace.frames if rgb(frame) is not None]
+    return pictures or trace.rendered
 
 
 def pixels(frame: NDArray[Any]) -> NDArray[np.uint8] | None:

@@ -32,6 +32,8 @@ _MAX_PARTS = 100_000
 #: Bytes of info, and of frames, that one trace keeps as they are.
 _MAX_INFOS = 256 * 1024
 _MAX_FRAMES = 64 * 1024 * 1024
+#: Pixels of the longer side of a frame of render() that is kept.
+_RENDERED_SIDE = 256
 _MAX_OUTPUT = 2000
 
 
@@ -99,6 +101,7 @@ class Trace:
     chosen: list[Any] = field(default_factory=list)
     after: list[tuple[float, bool, bool]] = field(default_factory=list)
     frames: list[NDArray[Any]] = field(default_factory=list)
+    rendered: list[NDArray[Any]] = field(default_factory=list)
     fault: Fault | None = None
     refused: str = ""
     end: JobEnd | None = None
@@ -313,7 +316,7 @@ class Recording:
             raise MalformedValue("a frame before the reset")
         trace.renders += 1
         shape = self._layout(layout)
-        shape.decode(data)
+        self._keep_frame(trace.rendered, shape, _thin(shape.decode(data)))
         if _digest(shape, data) == trace.observations[-1]:
             return
         if shape.kind != "array" or len(shape.shape) != 3:
@@ -379,10 +382,14 @@ class Recording:
         trace.micros += step.micros
         trace.observations.append(_digest(layout, step.data))
         self._keep_info(step.info)
-        wanted = layout.kind == "array" and len(trace.frames) < trace.rollout.keep
-        if wanted and self._frames + layout.size <= _MAX_FRAMES:
-            self._frames += layout.size
-            trace.frames.append(np.array(layout.decode(step.data)))
+        if len(trace.frames) < trace.rollout.keep:
+            self._keep_frame(trace.frames, layout, layout.decode(step.data))
+
+    def _keep_frame(self, frames: list[NDArray[Any]], layout: Layout, value: Any) -> None:
+        wanted = layout.kind == "array" and len(frames) < self.trace.rollout.keep
+        if wanted and self._frames + value.nbytes <= _MAX_FRAMES:
+            self._frames += value.nbytes
+            frames.append(np.array(value))
 
     def _keep_info(self, info: bytes) -> None:
         infos = self.trace.infos
@@ -434,6 +441,14 @@ class Recording:
     def _note_render(self, problem: Problem) -> None:
         if len(self.trace.render_problems) < _MAX_PROBLEMS:
             self.trace.render_problems.append(problem)
+
+
+def _thin(value: Any) -> Any:
+    """A rendered frame at the size that people look at it; any other value as it is."""
+    if not isinstance(value, np.ndarray) or value.ndim != 3:
+        return value
+    step = -(-max(value.shape[:2]) // _RENDERED_SIDE) or 1
+    return value[::step, ::step]
 
 
 def _digest(layout: Layout, data: memoryview) -> bytes:

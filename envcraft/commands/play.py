@@ -26,7 +26,6 @@ from .validate import open_output, read_kwargs, read_wrappers
 if TYPE_CHECKING:
     from envcraft.engine import Plan
     from envcraft.playing.screen import Screen
-    from envcraft.rollout import Conditions
     from envcraft.subject import Subject
     from envcraft.trace import Trace
 
@@ -112,15 +111,6 @@ def _screen(window: bool | None, title: str) -> Screen:
     return Window(title) if window or (window is None and available()) else Terminal()
 
 
-def _conditions(subject: Subject) -> Conditions:
-    """Frames come from render() where the observations are no pictures."""
-    from envcraft.rollout import Conditions
-
-    space = subject.observation_space
-    pictures = space["type"] == "Box" and space["dtype"] == "uint8" and len(space["shape"]) in (2, 3)
-    return Conditions(render=not pictures and subject.renders)
-
-
 class _Session:
     """All episodes of one run, with what was wrong in them."""
 
@@ -136,9 +126,11 @@ class _Session:
     def run(self, screen: Screen, fps: int | None) -> ExitCode:
         """Play until the player has enough. Raises UsageError where the environment cannot be played so."""
         from envcraft.engine import run_check
+        from envcraft.frames import sighted
         from envcraft.playing.episode import Episode
         from envcraft.playing.game import Game, play_all
         from envcraft.playing.keys import keys_for
+        from envcraft.rollout import Conditions
 
         subject = self._subject
         for check in self._plan.checks:
@@ -152,7 +144,7 @@ class _Session:
                     return ExitCode.ERROR
         try:
             keys = keys_for(subject.contract, subject.action_space)
-            conditions = _conditions(subject)
+            conditions = sighted(subject, Conditions())
         except Skip as skip:
             raise UsageError(f"{subject.target.path} cannot be played: {skip}") from None
         title = one_line(subject.env_class or subject.target.path)

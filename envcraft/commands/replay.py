@@ -27,12 +27,12 @@ from .validate import read_wrappers
 if TYPE_CHECKING:
     from envcraft.engine import Plan
     from envcraft.subject import Subject
-    from envcraft.trace import Trace
 
 _MAX_REPORT = 256 * 1024**2
 _MAX_ACTIONS = 100_000
 _GIF_FRAMES = 1_001
-_GIF_SCALE = 4
+#: Pixels of the longer side, about: small frames are enlarged.
+_GIF_SIDE = 336
 
 
 @dataclass(frozen=True)
@@ -222,37 +222,28 @@ def _could_not(items: list[Numbered], reason: str) -> ExitCode:
 
 def write_gif(subject: Subject, finding: Finding, path: str) -> None:
     """Write the frames of a finding's reproduction as an animated GIF, enlarged. Raises UsageError."""
+    from envcraft.frames import rgb, seen, sighted
     from envcraft.rollout import Conditions, Rollout
 
     try:
-        conditions = Conditions.from_json(finding.repro.conditions)
+        conditions = sighted(subject, Conditions.from_json(finding.repro.conditions))
     except msgspec.ValidationError as error:
         raise UsageError(f"the report's conditions make no sense: {error}") from None
     rollout = Rollout(finding.repro.seed, finding.repro.actions, conditions, player="replay", keep=_GIF_FRAMES)
     image = _import_pillow()
+    frames = [frame for kept in seen(subject.rollout(rollout)) if (frame := rgb(kept)) is not None]
+    if not frames:
+        raise UsageError("this finding has no picture: its episode gives no frames")
+    scale = max(_GIF_SIDE // max(frames[0].shape[:2]), 1)
     pictures = [
-        image.fromarray(frame).resize(
-            (frame.shape[1] * _GIF_SCALE, frame.shape[0] * _GIF_SCALE), image.Resampling.NEAREST
-        )
-        for frame in frames(subject.rollout(rollout))
+        image.fromarray(frame).resize((frame.shape[1] * scale, frame.shape[0] * scale), image.Resampling.NEAREST)
+        for frame in frames
     ]
     try:
         pictures[0].save(path, save_all=True, append_images=pictures[1:], duration=40, loop=0, format="GIF")
     except OSError as error:
         raise UsageError(f"--gif {path} cannot be written: {error.strerror or error}") from None
     click.echo(f"wrote {path}: {len(pictures)} frames", err=True)
-
-
-def frames(trace: Trace) -> list[Any]:
-    """The frames that a picture can be made of. Raises UsageError where the observations are none."""
-    import numpy as np
-
-    found = [
-        frame for frame in trace.frames if frame.dtype == np.uint8 and (frame.ndim == 2 or frame.shape[2:] == (3,))
-    ]
-    if not found:
-        raise UsageError("this finding has no picture: its episode gives no frames")
-    return found
 
 
 def _import_pillow() -> Any:

@@ -15,7 +15,8 @@ from envcraft.budget import BUDGETS
 from envcraft.commands.choices import all_checks, contract_named, driver_named
 from envcraft.engine import Plan
 from envcraft.frames import MOST, Film, pixels, png
-from envcraft.target import read_target
+from envcraft.sandbox import driver_for
+from envcraft.target import Kind, Target, read_target
 from envcraft.verdict import Finding, Repro, Severity, SubjectReport, Verdict
 
 RIGHT, STAY = [4, 0, 0], [0, 0, 0]
@@ -109,3 +110,17 @@ def test_an_environment_that_raises_shows_what_came_before(film: Any, good: Path
     with Film(Plan([target], plan.contract, plan.driver, [], plan.budget)) as frames:
         report.path = target.path
         assert frames(report, finding) == []
+
+
+def test_where_observations_are_no_pictures_render_is_shown() -> None:
+    target = Target("CartPole-v1", kind=Kind.ID)
+    driver = driver_named("process")
+    plan = Plan([target], contract_named("gymnasium"), driver_for(driver, [target]), all_checks(), BUDGETS["quick"])
+    report = SubjectReport(target.path, "", target.sha256, Verdict.FAIL, "process", 0.0, 0, [])
+    with Film(plan) as frames:
+        shown = frames(report, Finding("EC301", Severity.ERROR, "", repro=Repro(0, [1, 1, 0])))
+    assert [frame.step for frame in shown] == [0, 1, 2, 3]
+    first, *_, last = (read(frame.png) for frame in shown)
+    # 600 pixels wide as rendered, every third of them kept.
+    assert first.shape == (134, 200, 3)
+    assert not np.array_equal(first, last)
