@@ -83,7 +83,7 @@ class Rollout(msgspec.Struct, frozen=True):
     seed: int
     actions: list[Action]
     conditions: Conditions = Conditions()
-    player: str = "scripted"
+    player: str = "these actions"
     policy: bool = False
     asked: bool = False
     max_steps: int = 0
