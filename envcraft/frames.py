@@ -20,7 +20,7 @@ from envcraft.errors import EnvCraftError
 from envcraft.reports import Frame
 from envcraft.rollout import Conditions, Rollout
 from envcraft.subject import Subject
-from envcraft.trace import Trace
+from envcraft.trace import Trace, is_picture
 from envcraft.verdict import Finding, SubjectReport
 
 #: The last so many frames of an episode: what led to the moment.
@@ -87,7 +87,7 @@ class Film:
 def sighted(subject: Subject, conditions: Conditions) -> Conditions:
     """`conditions`, with the frames of render() where the observations are no pictures and it gives some."""
     space = subject.observation_space
-    pictures = space["type"] == "Box" and space["dtype"] == "uint8" and len(space["shape"]) in (2, 3)
+    pictures = space["type"] == "Box" and is_picture(space["shape"], np.dtype(space["dtype"]))
     return conditions if pictures or not subject.renders else msgspec.structs.replace(conditions, render=True)
 
 
@@ -105,11 +105,9 @@ def pixels(frame: NDArray[Any]) -> NDArray[np.uint8] | None:
 
 def rgb(frame: NDArray[Any]) -> NDArray[np.uint8] | None:
     """A frame as RGB pixels, or None where the observation is no picture."""
-    if frame.dtype != np.uint8 or frame.ndim not in (2, 3) or not frame.size:
+    if not is_picture(frame.shape, frame.dtype):
         return None
     grey = frame.ndim == 2 or frame.shape[2] == 1
-    if not grey and frame.shape[2] != 3:
-        return None
     return np.repeat(frame.reshape(*frame.shape[:2], 1), 3, axis=2) if grey else frame
 
 

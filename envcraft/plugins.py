@@ -73,7 +73,10 @@ class Plugins:
         """
         found: list[Any] = []
         taken: dict[str, str] = {}
-        for implementation in getattr(self.manager.hook, hook).get_hookimpls():
+        # Not in pluggy's order, which a plugin can push itself to the front of.
+        order = [name for name, _ in self.manager.list_name_plugin()]
+        implementations = getattr(self.manager.hook, hook).get_hookimpls()
+        for implementation in sorted(implementations, key=lambda found: order.index(found.plugin_name)):
             plugin = implementation.plugin_name
             try:
                 for item in implementation.function():

@@ -8,6 +8,7 @@ from __future__ import annotations
 import hashlib
 import json
 import struct
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any
@@ -382,7 +383,9 @@ class Recording:
         trace.micros += step.micros
         trace.observations.append(_digest(layout, step.data))
         self._keep_info(step.info)
-        if len(trace.frames) < trace.rollout.keep:
+        # Where render() is asked for, observations that are no pictures are not what is to be seen.
+        seen = not trace.rollout.conditions.render or is_picture(layout.shape, layout.dtype)
+        if len(trace.frames) < trace.rollout.keep and seen:
             self._keep_frame(trace.frames, layout, layout.decode(step.data))
 
     def _keep_frame(self, frames: list[NDArray[Any]], layout: Layout, value: Any) -> None:
@@ -441,6 +444,11 @@ class Recording:
     def _note_render(self, problem: Problem) -> None:
         if len(self.trace.render_problems) < _MAX_PROBLEMS:
             self.trace.render_problems.append(problem)
+
+
+def is_picture(shape: Sequence[int], dtype: Any) -> bool:
+    """Whether values of this form are grey or RGB frames: ``(H, W)``, ``(H, W, 1)`` or ``(H, W, 3)``, uint8."""
+    return dtype == np.uint8 and (len(shape) == 2 or (len(shape) == 3 and shape[2] in (1, 3))) and 0 not in shape
 
 
 def _thin(value: Any) -> Any:

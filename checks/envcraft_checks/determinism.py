@@ -46,7 +46,9 @@ _OTHER_HASHES = 20_241
 _OTHER_STATE = 1_000_003
 _BEFORE_STEPS = 200
 #: A number drawn from a few comes out the same by chance: so often it is drawn again before that means anything.
-_AGAIN = 3
+_AGAIN = 7
+#: So often the reset alone is repeated: it may draw only once, where steps draw many times.
+_RESETS = 4
 
 
 class Determinism(Check):
@@ -138,7 +140,7 @@ class Determinism(Check):
             return next(self._judge_seeds(subject), None)
         conditions = Conditions.from_json(finding.repro.conditions)
         rollout = Rollout(finding.repro.seed, finding.repro.actions)
-        for _ in range(3):
+        for _ in range(_AGAIN):
             if conditions.again:
                 trace = subject.rerun(rollout.under(conditions))
                 found = _diverge(trace.earlier, trace) if trace.earlier else None
@@ -150,7 +152,9 @@ class Determinism(Check):
 
     def _probe(self, subject: Subject, rollout: Rollout) -> Iterator[Finding]:
         base = subject.rollout(rollout)
-        if (found := _diverge(base, subject.rerun(rollout))) is not None:
+        if (
+            found := _diverge(base, subject.rerun(rollout)) or self._redraw(subject, rollout.cut(0), _RESETS)
+        ) is not None:
             yield self._attribute_repeat(subject, rollout, found)
             return
         together = self._together(subject, rollout)
@@ -158,6 +162,11 @@ class Determinism(Check):
         found = _diverge(base, everything)
         if found is None and not _interrupted(everything):
             return
+        if found is not None:
+            repeated = self._redraw(subject, rollout.cut(found.step), _AGAIN)
+            if repeated is not None:
+                yield self._attribute_repeat(subject, rollout, repeated)
+                return
         reported = False
         for heap in range(1, 4):
             fresh = Conditions(fresh=True, heap=heap)
@@ -174,6 +183,12 @@ class Determinism(Check):
                 yield self._found(subject, code, rollout, conditions, again)
         if found is not None and not reported:
             yield self._found(subject, "EC206", rollout, together, found)
+
+    def _redraw(self, subject: Subject, rollout: Rollout, times: int) -> Divergence | None:
+        """How a repetition differs from the first run, if one of so many does."""
+        first = subject.rollout(rollout)
+        repeated = (_diverge(first, subject.rerun(rollout)) for _ in range(times))
+        return next((found for found in repeated if found is not None), None)
 
     def _together(self, subject: Subject, rollout: Rollout) -> Conditions:
         """All conditions at the same time."""
@@ -205,14 +220,15 @@ class Determinism(Check):
 
     def _attribute_repeat(self, subject: Subject, rollout: Rollout, found: Divergence) -> Finding:
         """The plain repetition differs: is it the clock, the process, or the run itself?"""
-        logical = rollout.under(Conditions(clock=_LOGICAL))
+        short = rollout.cut(found.step)
+        logical = short.under(Conditions(clock=_LOGICAL))
         first = subject.rerun(logical)
         if all(_diverge(first, subject.rerun(logical)) is None for _ in range(_AGAIN)):
             code = "EC210" if found.field == "info" else "EC205"
             return self._found(subject, code, rollout, Conditions(clock=_SHIFTED), found)
         again = Conditions(again=True)
         for _ in range(_AGAIN):
-            twice = subject.rerun(rollout.under(again))
+            twice = subject.rerun(short.under(again))
             within = _diverge(twice.earlier, twice) if twice.earlier is not None else found
             if within is not None:
                 break

@@ -50,9 +50,9 @@ def names(name: str) -> tuple[str, str]:
     """The module and the class of an environment of this name. Raises UsageError, with a name that would do."""
     module = _WORDS.sub("_", name).lower()
     env_class = "".join(part[:1].upper() + part[1:] for part in name.split("_"))
-    if not name.isidentifier() or name.startswith("_") or keyword.iskeyword(name):
+    if not name.isidentifier() or name.startswith("_") or any(map(keyword.iskeyword, (name, module, env_class))):
         near = "_".join(re.findall(r"[^\W_]+", module))
-        near = near if near.isidentifier() and not keyword.iskeyword(near) else f"game_{near}".rstrip("_")
+        near = near if near.isidentifier() and near != module else f"game_{near}".rstrip("_")
         raise UsageError(f"{name!r} is no name for a class; try `envcraft new {near}`")
     if module in _TAKEN or module.startswith("test_") or module.endswith("_test"):
         near = f"{module.removeprefix('test_').removesuffix('_test')}_game"

@@ -10,7 +10,7 @@ import click
 import msgspec
 
 from envcraft.budget import BUDGETS
-from envcraft.check import Skip
+from envcraft.check import Check, Skip
 from envcraft.cli import Sharing, uninterrupted
 from envcraft.errors import ExitCode, UsageError
 from envcraft.playing.recorded import Played
@@ -120,6 +120,7 @@ class _Session:
         self._rules = rules_of(plan.checks)
         self._played = Played()
         self._found: dict[str, list[Finding]] = {self._played.name: []}
+        self._unjudged: dict[str, str] = {}
         self._lines: list[str] = []
         self._started = time.monotonic()
 
@@ -130,23 +131,25 @@ class _Session:
         from envcraft.playing.episode import Episode
         from envcraft.playing.game import Game, play_all
         from envcraft.playing.keys import keys_for
-        from envcraft.rollout import Conditions
+        from envcraft.rollout import Conditions, Rollout
 
         subject = self._subject
         for check in self._plan.checks:
             if check.name == FIRST:
                 loaded = run_check(check, subject)
-                self._keep(check.name, loaded.findings)
-                if loaded.verdict is Verdict.FAIL:
-                    return ExitCode.FAIL
-                if loaded.verdict is Verdict.ERROR:
-                    self._lines.append(loaded.reason)
-                    return ExitCode.ERROR
+                self._take(loaded)
+                if loaded.verdict in (Verdict.FAIL, Verdict.ERROR):
+                    return self._status
         try:
             keys = keys_for(subject.contract, subject.action_space)
             conditions = sighted(subject, Conditions())
         except Skip as skip:
             raise UsageError(f"{subject.target.path} cannot be played: {skip}") from None
+        if conditions.render:
+            fault = subject.rollout(Rollout(self._plan.seed, [], conditions)).fault
+            if fault is not None and fault.phase == "render":
+                self._lines.append(f"render() raises {one_line(fault)}: the observations are shown as they are")
+                conditions = Conditions()
         title = one_line(subject.env_class or subject.target.path)
         steps = subject.contract.limit or _STEPS
         with screen:
@@ -156,7 +159,12 @@ class _Session:
                 self._plan.seed,
                 self._ended,
             )
-        return ExitCode.FAIL if self.report().reports[0].verdict is Verdict.FAIL else ExitCode.PASS
+        return self._status
+
+    @property
+    def _status(self) -> ExitCode:
+        statuses = {Verdict.FAIL: ExitCode.FAIL, Verdict.ERROR: ExitCode.ERROR}
+        return statuses.get(self.report().reports[0].verdict, ExitCode.PASS)
 
     def tell(self) -> None:
         """Say what came of it."""
@@ -170,9 +178,9 @@ class _Session:
         for name, findings in self._found.items():
             failed = any(finding.severity is Severity.ERROR for finding in findings)
             played = name == self._played.name
-            verdict = Verdict.FAIL if failed else Verdict.SKIP if played else Verdict.PASS
-            reason = "a person plays, and nothing judges how" if played else ""
-            checks.append(CheckReport(name, verdict, findings=findings, reason=reason))
+            reason = "a person plays, and nothing judges how" if played else self._unjudged.get(name, "")
+            unjudged = Verdict.SKIP if played else Verdict.ERROR if reason else Verdict.PASS
+            checks.append(CheckReport(name, Verdict.FAIL if failed else unjudged, findings=findings, reason=reason))
         done = report_on(self._plan, self._subject, checks, self._started)
         return Report(self._plan.contract.name, self._plan.seed, [done], budget=self._plan.budget.name)
 
@@ -185,14 +193,19 @@ class _Session:
         self._lines.append(episode.message)
         lines = []
         for check in self._plan.checks:
-            lines += self._keep(check.name, run_check(check, self._subject, trace).findings, trace)
+            # The others judge many episodes, and nothing can be said of them.
+            if type(check).find is not Check.find:
+                lines += self._take(run_check(check, self._subject, trace), trace)
         return lines
 
-    def _keep(self, check: str, findings: list[Finding], trace: Trace | None = None) -> list[str]:
+    def _take(self, judged: CheckReport, trace: Trace | None = None) -> list[str]:
         """Take over what is new; what is to be said of it."""
-        known = self._found.setdefault(check, [])
+        known = self._found.setdefault(judged.check, [])
         lines = []
-        for finding in findings:
+        if judged.verdict is Verdict.ERROR and judged.check not in self._unjudged:
+            self._unjudged[judged.check] = judged.reason
+            lines.append(f"{judged.check}: {one_line(judged.reason)}")
+        for finding in judged.findings:
             if finding.code in {other.code for other in known}:
                 continue
             if trace is not None and finding.repro == Repro():

@@ -225,13 +225,15 @@ def write_gif(subject: Subject, finding: Finding, path: str) -> None:
     from envcraft.frames import rgb, seen, sighted
     from envcraft.rollout import Conditions, Rollout
 
+    image = _import_pillow()
     try:
         conditions = sighted(subject, Conditions.from_json(finding.repro.conditions))
+        rollout = Rollout(finding.repro.seed, finding.repro.actions, conditions, player="replay", keep=_GIF_FRAMES)
+        frames = [frame for kept in seen(subject.rollout(rollout)) if (frame := rgb(kept)) is not None]
+    except Skip as skip:
+        raise UsageError(f"this finding has no picture: {skip}") from None
     except msgspec.ValidationError as error:
         raise UsageError(f"the report's conditions make no sense: {error}") from None
-    rollout = Rollout(finding.repro.seed, finding.repro.actions, conditions, player="replay", keep=_GIF_FRAMES)
-    image = _import_pillow()
-    frames = [frame for kept in seen(subject.rollout(rollout)) if (frame := rgb(kept)) is not None]
     if not frames:
         raise UsageError("this finding has no picture: its episode gives no frames")
     scale = max(_GIF_SIDE // max(frames[0].shape[:2]), 1)

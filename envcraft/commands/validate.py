@@ -52,7 +52,7 @@ from .targets import resolve
     help="Environments judged side by side; they share the cores.",
 )
 @click.option("--format", "form", default="console", show_default=True, metavar="NAME", help="How to report.")
-@click.option("--output", metavar="FILE", help="Where to report, in place of standard output.")
+@click.option("--output", metavar="FILE", help="Where to report; - is standard output.")
 @click.option(
     "--report",
     "also",
@@ -101,7 +101,7 @@ def validate(
     privileged = read_policy(policy) if policy else None
     report = None
     with contextlib.ExitStack() as stack:
-        streams = [stack.enter_context(open_output(path)) if path else sys.stdout for _, path in wanted]
+        streams = [sys.stdout if path in (None, "-") else stack.enter_context(open_output(path)) for _, path in wanted]
         driver = driver_for(driver_named(sandbox, require_isolation, runtime, probe=False), files)
         stack.callback(driver.close)
         pool = stack.enter_context(Pool(driver, Limits(), len(files)))

@@ -10,6 +10,7 @@ from collections.abc import Callable
 from enum import Enum
 from typing import Any
 
+from envcraft.reports import one_line
 from envcraft.trace import Ending, Trace
 
 from .episode import Episode
@@ -98,7 +99,9 @@ def result(trace: Trace) -> str:
         Ending.CUT: "stopped",
     }
     success = {True: "success", False: "no success", None: ""}[trace.success]
-    words = [ends.get(trace.ending, "broke"), success, f"return {trace.total:g}", f"{trace.steps} steps"]
+    why = trace.fault or (trace.end and trace.end.detail) or ""
+    broke = f"broke ({one_line(why)})" if why else "broke"
+    words = [ends.get(trace.ending, broke), success, f"return {trace.total:g}", f"{trace.steps} steps"]
     return ", ".join(word for word in words if word)
 
 

@@ -108,11 +108,12 @@ def keys_for(contract: Contract, space: spaces.Space) -> Keys:
     elif space["type"] == "MultiDiscrete":
         count = _product(space["nvec"])
     elif space["type"] == "MultiBinary":
-        count = 2 ** math.prod(space["shape"])
+        # A bound, for spaces whose count is a number of thousands of digits.
+        count = 2 ** min(math.prod(space["shape"]), 64)
     else:
         raise UsageError(f"{words}: only Discrete, MultiDiscrete, MultiBinary and small Box spaces can")
     if count > len(_KEYS):
-        raise UsageError(f"{words}: it has {count:,} actions, and there are {len(_KEYS)} keys")
+        raise UsageError(f"{words}: it has more than {len(_KEYS)} actions, and there are no more keys")
     if space["type"] == "MultiBinary":
         bits = [[number >> bit & 1 for bit in range(math.prod(space["shape"]))] for number in range(count)]
         return Choices([(str(value), _shaped(value, space["shape"])) for value in bits], contract.noop)

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import msgspec
 
-from envcraft.errors import WorkerLost
+from envcraft.errors import MalformedValue, WorkerLost
 from envcraft.sandbox import How, JobEnd, Limits, Player, Recorder, Stop, Worker
 
 from .reader import Forged, Reader
@@ -283,11 +283,13 @@ class _Watch:
                     return How.STOPPED, ""
                 except BlockingIOError:
                     return How.FORGED, "it asks for actions and does not read them"
+                except MalformedValue as error:
+                    return How.FORGED, str(error)
                 heard = time.monotonic()
 
     def _answer(self, action: Any) -> None:
-        """Send the action that the job waits for. Raises Stop where the recorder refuses it, BlockingIOError where
-        nobody reads it.
+        """Send the action that the job waits for. Raises Stop where the recorder refuses it, MalformedValue where it
+        has had all that it may have, BlockingIOError where nobody reads it.
         """
         self._recorder.action(action)
         payload = json.dumps(action).encode()

@@ -96,7 +96,10 @@ class DockerDriver(Driver):
             raise _unavailable(error.reason) from None
 
         def wait() -> Worker:
-            control = self._accept(listener, client, name)
+            try:
+                control = self._accept(listener, client, name)
+            except OSError as error:
+                raise _unavailable(str(error)) from None
             try:
                 return DockerWorker(client, name, control, limits, self._image.id)
             except WorkerLost as error:
@@ -128,9 +131,9 @@ class DockerDriver(Driver):
 
     def _start(self, name: str, hash_seed: int, limits: Limits) -> tuple[socket.socket, subprocess.Popen[bytes]]:
         """Start a container; give the socket that its worker will connect to, and its client. Raises OSError."""
-        listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         path = leftovers.containers() / name / "control.sock"
         path.parent.mkdir(mode=0o700)
+        listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         try:
             _bind(listener, path)
             # For the container's user: only the socket is mounted, and nobody else can enter the folder.

@@ -51,10 +51,9 @@ def run(
     """Run the script of a step in a folder. Gives what it printed, and what it wrote to GitHub's files."""
     values = {f"inputs.{name}": given.get("default", "") for name, given in action["inputs"].items()}
     values |= {f"inputs.{name.replace('_', '-')}": value for name, value in inputs.items()}
-    values["github.action_path"] = str(folder / "the action")
     given = {
         name: re.sub(r"\$\{\{ (\S+) \}\}", lambda found: values[found[1]], str(value))
-        for name, value in step["env"].items()
+        for name, value in step.get("env", {}).items()
     }
     files = {name: folder.parent / name for name in ("GITHUB_OUTPUT", "GITHUB_STEP_SUMMARY")}
     for file in files.values():
@@ -74,6 +73,7 @@ def run(
             # The `python` of the job.
             "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}",
             "GITHUB_WORKSPACE": str(folder),
+            "GITHUB_ACTION_PATH": str(folder / "the action"),
             **{name: str(file) for name, file in files.items()},
             **given,
         },
@@ -88,7 +88,9 @@ def folder(root: Path, tmp_path: Path) -> Path:
     (made / "some games").mkdir(parents=True)
     (made / "some games" / "good.py").write_bytes((root / ENVIRONMENT).read_bytes())
     (made / "bad.py").write_bytes((root / BROKEN).read_bytes())
-    (made / "pyproject.toml").write_text('[tool.envcraft]\nchecks = ["source"]\nsandbox = "process"\n')
+    (made / "pyproject.toml").write_text(
+        '[tool.envcraft]\nchecks = ["source"]\nsandbox = "process"\noutput = "swallowed"\n'
+    )
     return made
 
 

@@ -96,6 +96,8 @@ def test_names(name: str, expected: tuple[str, str]) -> None:
         ("Fruit Catch!", "fruit_catch"),
         ("2048", "game_2048"),
         ("class", "game_class"),
+        ("Break", "game_break"),
+        ("none", "game_none"),
         ("???", "game"),
         ("_Lantern", "lantern"),
         ("random", "random_game"),

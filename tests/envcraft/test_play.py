@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import threading
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,9 +15,56 @@ import pytest
 from envcraft.contract import ARCADE, GYMNASIUM
 from envcraft.errors import UsageError
 from envcraft.playing.keys import Keys, Pad, keys_for
-from envcraft.playing.picture import fit, half_blocks
+from envcraft.playing.picture import Picture, fit, half_blocks
+from envcraft.playing.screen import Screen
 
 BOX = {"type": "Box", "low": -2.0, "high": 0.5, "shape": [2], "dtype": "float32"}
+
+
+#: An environment of numbers whose render() fails.
+BLIND = """
+import gymnasium
+import numpy as np
+
+
+class Blind(gymnasium.Env):
+    metadata = {"render_modes": ["rgb_array"]}
+    observation_space = gymnasium.spaces.Box(0, 1, (2,), np.float32)
+    action_space = gymnasium.spaces.Discrete(2)
+
+    def __init__(self, render_mode=None):
+        self.render_mode = render_mode
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        return np.zeros(2, np.float32), {}
+
+    def step(self, action):
+        return np.zeros(2, np.float32), 0.0, False, False, {}
+
+    def render(self):
+        raise RuntimeError("no display")
+"""
+
+
+class Quitting(Screen):
+    """A person who leaves once there is something to see."""
+
+    seen = False
+
+    def __exit__(self, *_: object) -> None:
+        pass
+
+    def show(self, picture: Picture | None, lines: Sequence[str]) -> None:
+        assert picture is None
+        self.seen = True
+
+    def pressed(self, seconds: float) -> list[str]:
+        time.sleep(seconds)
+        return ["q"] if self.seen else []
+
+    def held(self) -> list[str]:
+        return []
 
 
 def gymnasium_keys(space: dict[str, Any]) -> Keys:
@@ -62,8 +111,9 @@ class TestKeys:
         ("space", "words"),
         [
             ({**BOX, "shape": [3, 3]}, "it has 9 numbers, and up to 8"),
-            ({"type": "Discrete", "n": 40, "start": 0}, "it has 40 actions, and there are 34 keys"),
-            ({"type": "MultiBinary", "shape": [6]}, "it has 64 actions"),
+            ({"type": "Discrete", "n": 40, "start": 0}, "more than 34 actions, and there are no more keys"),
+            ({"type": "MultiBinary", "shape": [6]}, "more than 34 actions"),
+            ({"type": "MultiBinary", "shape": [20_000]}, "more than 34 actions"),
             ({"type": "Tuple", "spaces": []}, "only Discrete, MultiDiscrete, MultiBinary and small Box"),
         ],
     )
@@ -161,3 +211,27 @@ def test_wrong_use_is_one_sentence(
     assert result.exit_code == 2
     assert words in result.stderr
     assert len(result.stderr.splitlines()) == 1
+
+
+def test_what_cannot_be_loaded_is_no_pass(invoke: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("envcraft.playing.terminal.Terminal", Quitting)
+    options = ("--contract", "gymnasium", "--terminal", "--sandbox", "process", "--output", "played.json")
+    result = invoke("play", "NoSuchThing-v0", *options)
+    assert result.exit_code == 3
+    (report,) = json.loads((tmp_path / "played.json").read_text())["reports"]
+    assert report["verdict"] == "error"
+    assert [(check["check"], check["verdict"]) for check in report["checks"]] == [("play", "skip"), ("source", "error")]
+
+
+def test_where_render_fails_the_observations_are_shown(
+    invoke: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "blind.py").write_text(BLIND)
+    monkeypatch.setattr("envcraft.playing.terminal.Terminal", Quitting)
+    options = ("--contract", "gymnasium", "--terminal", "--sandbox", "process", "--output", "played.json")
+    result = invoke("play", "blind.py", *options)
+    assert result.exit_code == 0, result.stderr
+    assert "render() raises RuntimeError: no display: the observations are shown as they are" in result.stdout
+    (report,) = json.loads((tmp_path / "played.json").read_text())["reports"]
+    # The checks that judge many episodes have not judged this one.
+    assert "determinism" not in [check["check"] for check in report["checks"]]

@@ -106,6 +106,14 @@ def test_the_first_to_give_a_name_or_a_code_keeps_it(empty: Plugins, name: str, 
     assert broken.error.endswith("is taken by the plugin first")
 
 
+def test_no_plugin_can_push_itself_to_the_front(empty: Plugins) -> None:
+    late = hookimpl(trylast=True)(lambda: [types.SimpleNamespace(name="a check", rules=[])])
+    empty.register("first", "first-dist", plugin("first", "envcraft_checks", gives))
+    empty.register("second", "second-dist", types.SimpleNamespace(envcraft_checks=late))
+    assert empty.collect("envcraft_checks") == [RULE]
+    assert [broken.plugin for broken in empty.broken] == ["second"]
+
+
 def test_a_second_plugin_of_a_name_changes_nothing_of_the_first(empty: Plugins) -> None:
     empty.register("twin", "one", plugin("one", "envcraft_checks", gives))
     empty.register("twin", "two", plugin("two", "envcraft_contracts", gives))

@@ -65,7 +65,7 @@ def _keep_only(data_fd: int, output_fd: int, shown: int | None) -> int | None:
     os.dup2(data, 3, inheritable=False)
     if shown is not None:
         os.dup2(kept[2], 4, inheritable=False)
-    os.closerange(4 if shown is None else 5, max(*kept, null, 256) + 1)
+    os.closerange(4 if shown is None else 5, os.sysconf("SC_OPEN_MAX"))
     sys.stdout = open(1, "w", buffering=1, errors="backslashreplace", closefd=False)  # noqa: SIM115
     sys.stderr = open(2, "w", buffering=1, errors="backslashreplace", closefd=False)  # noqa: SIM115
     return None if shown is None else 4

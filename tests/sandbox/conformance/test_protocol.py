@@ -117,6 +117,18 @@ class TestPlayedJobs:
         assert ran.end.how is How.FORGED
         assert (ran.trace.steps, ran.trace.actions) == (0, [])
 
+    def test_it_gets_no_more_actions_than_there_are(
+        self, worker: Worker, environment: Environment, play: Any, chooser: Any
+    ) -> None:
+        ask = f"""
+            import os
+            while True:
+                os.write(3, {_message(Kind.ASK, b"")!r})
+                os.read(3, 99)
+        """
+        ran = play(worker, environment(reset=ask), player=chooser())
+        assert (ran.end.how, ran.end.detail) == (How.FORGED, "an action that was not asked for")
+
     def test_only_a_played_job_asks(self, worker: Worker, environment: Environment, play: Any) -> None:
         ran = play(worker, environment(top="import os", step=f"os.write(3, {_message(Kind.ASK, b'')!r})"))
         assert ran.end.how is How.FORGED
