@@ -9,9 +9,11 @@ from envcraft.plugins import hookimpl
 
 @hookimpl
 def envcraft_commands() -> list[click.Command]:
+    from .audit import audit
+    from .corpus import corpus
     from .explain import explain
     from .listings import checks, contracts, plugins
     from .replay import replay
     from .validate import validate
 
-    return [validate, replay, explain, checks, contracts, plugins]
+    return [validate, audit, corpus, replay, explain, checks, contracts, plugins]
