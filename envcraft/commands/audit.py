@@ -152,7 +152,8 @@ def _open(place: str, store: str | None) -> tuple[Store, str]:
     try:
         if not opened.follows_folder:
             raise UsageError(
-                f"--store {root} is a corpus that environments are added to; a folder's verdicts need a store of their own"
+                f"--store {root} is a corpus that environments are added to; a folder's verdicts need a store of "
+                "their own"
             )
         follow(opened, ((plain(os.path.relpath(target.path, place)), target) for target in environments_below(place)))
     except BaseException:

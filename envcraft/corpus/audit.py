@@ -90,7 +90,8 @@ class Audit:
             # What is known already is the last verdict of these, too.
             store.db.execute(
                 "UPDATE environments SET verdict = v.id FROM verdicts AS v WHERE v.source = environments.source "
-                "AND v.class = environments.class AND v.settings = ? AND environments.name IN (SELECT name FROM chosen)",
+                "AND v.class = environments.class AND v.settings = ? "
+                "AND environments.name IN (SELECT name FROM chosen)",
                 (settings,),
             )
             cursor = store.db.execute(
@@ -195,7 +196,11 @@ def follow(store: Store, files: Iterable[tuple[str, Target]]) -> None:
             except OSError as error:
                 raise EnvCraftError(f"{target.path} cannot be kept in {store.root}: {error.strerror}") from None
             db.execute("INSERT INTO present VALUES (?)", (name,))
-        db.execute("DELETE FROM environments WHERE name NOT IN (SELECT name FROM present)")
+        gone = "name NOT IN (SELECT name FROM present)"
+        for (sha256,) in db.execute(f"SELECT source FROM environments WHERE {gone}"):
+            store.leave(sha256)
+        db.execute(f"DELETE FROM environments WHERE {gone}")
+    store.prune()
 
 
 def _choose(store: Store, choice: Choice) -> int:

@@ -74,6 +74,7 @@ def add(
             else:
                 fresh = _put(store, name, target, env_class, {"file": target.path, **told})
                 added, known = added + fresh, known + (not fresh)
+        store.prune()
     click.echo(f"{plural(added, 'environment')} added, {known:,} there already")
     ctx.exit(ExitCode.USAGE if refused else ExitCode.PASS)
 

@@ -56,6 +56,7 @@ class Store:
     def __init__(self, root: Path, write: bool = False) -> None:
         """Open the corpus at `root`, or that of a folder. Raises UsageError, CorpusBusy, CorpusDamaged."""
         self.root = find(root)
+        self._left: set[str] = set()
         self._lock = _lock(self.root) if write else None
         try:
             with _told(self.root):
@@ -169,7 +170,8 @@ class Store:
             ) from None
         if hashlib.sha256(data).hexdigest() != sha256:
             raise CorpusDamaged(
-                f"the source {self.place(sha256)} has changed; `envcraft corpus verify {self.root} --repair` sets it aside"
+                f"the source {self.place(sha256)} has changed; "
+                f"`envcraft corpus verify {self.root} --repair` sets it aside"
             )
         return data
 
@@ -183,6 +185,8 @@ class Store:
         known = self.db.execute("SELECT source, class FROM environments WHERE name = ?", (name,)).fetchone()
         if known == (sha256, env_class):
             return False
+        if known is not None:
+            self.leave(known[0])
         self.db.execute(
             "INSERT INTO environments (name, source, class, origin, added, changed) "
             "VALUES (?, ?, ?, ?, ?, 1 + coalesce((SELECT max(id) FROM audits), 0)) "
@@ -191,6 +195,25 @@ class Store:
             (name, sha256, env_class, json.dumps(plain(origin or {}), sort_keys=True), now()),
         )
         return True
+
+    def leave(self, sha256: str) -> None:
+        """Remember that an environment has this source no longer."""
+        self._left.add(sha256)
+
+    def prune(self) -> None:
+        """Delete the sources that were left and that no row names any more; not within a transaction, which may yet
+        be taken back.
+        """
+        for sha256 in self._left:
+            if not self.named(sha256):
+                self.place(sha256).unlink(missing_ok=True)
+        self._left.clear()
+
+    def named(self, sha256: str) -> bool:
+        """Whether an environment or a verdict names a source."""
+        query = "SELECT 1 FROM {} WHERE source = ? LIMIT 1"
+        tables = ("environments", "verdicts")
+        return any(self.db.execute(query.format(table), (sha256,)).fetchone() is not None for table in tables)
 
     def twins(self, data: bytes, env_class: str = "") -> list[str]:
         """The names of environments with this source."""
@@ -201,17 +224,18 @@ class Store:
         return [name for (name,) in found]
 
     def remove(self, name: str) -> bool:
-        """Remove an environment, and its source and verdicts unless another one has the same; give whether it was there."""
+        """Remove an environment, and its source and verdicts unless another one has the same; give whether there was
+        one.
+        """
         row = self.db.execute("SELECT source FROM environments WHERE name = ?", (name,)).fetchone()
         if row is None:
             return False
         with self.transaction():
             self.db.execute("DELETE FROM environments WHERE name = ?", (name,))
-            last = self.db.execute("SELECT 1 FROM environments WHERE source = ?", row).fetchone() is None
-            if last:
+            if self.db.execute("SELECT 1 FROM environments WHERE source = ?", row).fetchone() is None:
                 self.db.execute("DELETE FROM verdicts WHERE source = ?", row)
-        if last:
-            self.place(row[0]).unlink(missing_ok=True)
+        self.leave(row[0])
+        self.prune()
         return True
 
     # Verdicts

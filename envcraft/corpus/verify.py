@@ -84,11 +84,13 @@ def _references(store: Store, repair: bool) -> Iterator[Damage]:
 
 
 def _files(store: Store, repair: bool, restored: set[str]) -> Iterator[Damage]:
-    """Every file among the sources; those that lie where they do not belong are noted as `restored`."""
-    for file in _walk(store.root / SOURCES):
-        sha256 = hashlib.sha256(file.read_bytes()).hexdigest()
+    """Every file among the sources; digests of those that lie where they do not belong are put into `restored`."""
+    waiting = _walk(store.root / SOURCES)
+    displaced: list[Path] = []
+    while (file := displaced.pop() if displaced else next(waiting, None)) is not None:
+        sha256 = _sha256(file)
         place = store.place(sha256)
-        needed = _named(store, sha256)
+        needed = store.named(sha256)
         if file == place and needed:
             continue
         name = file.relative_to(store.root)
@@ -98,11 +100,13 @@ def _files(store: Store, repair: bool, restored: set[str]) -> Iterator[Damage]:
             words = f"{name} lies in the wrong folder"
         else:
             words = f"{name} has the digest {sha256}"
-        back = needed and not place.exists()
+        back = needed and not (place.exists() and _sha256(place) == sha256)
         if back:
             restored.add(sha256)
         if repair and back:
             place.parent.mkdir(parents=True, exist_ok=True)
+            if place.exists():
+                displaced.append(place.rename(store.root / "tmp" / place.name))
             file.rename(place)
         elif repair:
             _set_file_aside(store, file)
@@ -155,20 +159,15 @@ def _verdicts(store: Store, repair: bool) -> Iterator[Damage]:
         )
 
 
+def _sha256(file: Path) -> str:
+    return hashlib.sha256(file.read_bytes()).hexdigest()
+
+
 def _decoded(text: Any) -> SubjectReport | None:
     try:
         return decode(text)
     except (msgspec.DecodeError, TypeError, RecursionError):
         return None
-
-
-def _named(store: Store, sha256: str) -> bool:
-    """Whether a row names a source."""
-    query = "SELECT 1 FROM {} WHERE source = ? LIMIT 1"
-    return any(
-        store.db.execute(query.format(table), (sha256,)).fetchone() is not None
-        for table in ("environments", "verdicts")
-    )
 
 
 def _walk(folder: Path) -> Iterator[Path]:
