@@ -2,11 +2,11 @@
 
 Rows are added as an audit adds them, each verdict in a transaction of its own, and timed in batches once the corpus
 holds 1,000, 10,000 and 100,000 environments: an environment with its source's file, a verdict with its findings, the
-question which environments have none, and the question which have one code. Reports are of the size that real ones have.
-The cost of a row at the largest size is held to three times that at the smallest, and the peak resident size to 300 MiB;
+question which environments have none, and the question which have one code. Reports are of the size of real ones. The
+cost of a row at the largest size is held to three times that at the smallest, and the peak resident size to 300 MiB;
 exit status 1 where a limit does not hold.
 
-Syncing each file to the disk is left out, since it takes what the disk takes, whatever is on it; ``--sync`` has it, too.
+Syncing each file to the disk is left out: it takes what the disk takes, whatever is on it. ``--sync`` has it, too.
 """
 
 from __future__ import annotations

@@ -29,6 +29,7 @@ from envcraft.verdict import SubjectReport, Verdict, plain
 DATABASE, SOURCES, LOCK = "corpus.sqlite", "sources", "lock"
 #: Where the corpus of a plain folder lies, in that folder.
 BESIDE = ".envcraft"
+_UNFINISHED = (f"{DATABASE}.new", f"{DATABASE}.new-journal")
 
 
 class CorpusBusy(EnvCraftError):
@@ -84,21 +85,24 @@ class Store:
         """
         try:
             root.mkdir(parents=True, exist_ok=True)
-            if any(root.iterdir()):
-                words = "is a corpus already" if is_corpus(root) else "is not empty; name a folder that is new or empty"
-                raise UsageError(f"{root} {words}")
-            for part in (SOURCES, "tmp"):
-                (root / part).mkdir()
-            if folder:
-                # It lies among somebody's sources, and is none.
-                (root / ".gitignore").write_text("*\n", "utf-8")
-            (root / DATABASE).touch()
+            if is_corpus(root):
+                raise UsageError(f"{root} is a corpus already")
+            # What was begun and ended in between is begun again.
+            if {path.name for path in root.iterdir()} - {SOURCES, "tmp", LOCK, ".gitignore", *_UNFINISHED}:
+                raise UsageError(f"{root} is not empty; name a folder that is new or empty")
+            lock = _lock(root)
+            try:
+                for part in (SOURCES, "tmp"):
+                    (root / part).mkdir(exist_ok=True)
+                if folder:
+                    # It lies among somebody's sources, and is none.
+                    (root / ".gitignore").write_text("*\n", "utf-8")
+                _make_database(root, folder)
+            finally:
+                os.close(lock)
         except OSError as error:
             raise UsageError(f"the corpus {root} cannot be made: {error.strerror or error}") from None
-        store = cls(root, write=True)
-        if folder:
-            store.db.execute("INSERT INTO facts VALUES ('folder', '1')")
-        return store
+        return cls(root, write=True)
 
     def __enter__(self) -> Store:
         return self
@@ -321,6 +325,19 @@ def find(root: Path) -> Path:
     raise UsageError(
         f"{root} is no corpus; `envcraft corpus init {root}` makes one, and `envcraft audit FOLDER` that of a folder"
     )
+
+
+def _make_database(root: Path, folder: bool) -> None:
+    """Make the database whole before it has its name. Raises OSError."""
+    for name in _UNFINISHED:
+        (root / name).unlink(missing_ok=True)
+    made = root / _UNFINISHED[0]
+    with _told(root), contextlib.closing(sqlite3.connect(made, isolation_level=None)) as db:
+        schema.migrate(db, str(root))
+        if folder:
+            db.execute("INSERT INTO facts VALUES ('folder', '1')")
+    if not is_corpus(root):
+        os.replace(made, root / DATABASE)
 
 
 def _lock(root: Path) -> int:

@@ -182,6 +182,15 @@ def test_a_corpus_is_made_in_an_empty_folder_only(tmp_path: Path, store: Store) 
         Store(tmp_path / "nowhere")
 
 
+def test_one_that_was_killed_while_it_was_made_is_made_again(tmp_path: Path) -> None:
+    (tmp_path / "sources").mkdir()
+    for name in (".gitignore", "lock", "corpus.sqlite.new", "corpus.sqlite.new-journal"):
+        (tmp_path / name).write_bytes(b"half")
+    with Store.create(tmp_path, folder=True) as made:
+        assert made.follows_folder
+    assert not list(tmp_path.glob("*.new*"))
+
+
 def test_foreign_keys_hold(store: Store) -> None:
     with pytest.raises(sqlite3.IntegrityError):
         store.db.execute("INSERT INTO findings VALUES (999, 1, 'api', 'EC101', 'error', NULL, '')")
