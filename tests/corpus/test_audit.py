@@ -379,8 +379,8 @@ def audited(folder: Path, *options: str) -> subprocess.Popen[str]:
     return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=folder.parent)
 
 
-def database(folder: Path) -> list[Any]:
-    """All rows that the clock has no part in."""
+def database(folder: Path) -> tuple[list[Any], list[Any]]:
+    """All rows that the clock has no part in: environments with their verdicts, and findings."""
     with Store(folder) as store:
         found = store.db.execute(
             "SELECT name, e.source, e.class, s.digest, v.verdict, v.steps, v.report FROM environments e "
@@ -391,7 +391,15 @@ def database(folder: Path) -> list[Any]:
             "SELECT v.source, number, rule_check, code, severity, line, message FROM findings f "
             "JOIN verdicts v ON v.id = f.verdict ORDER BY 1, 2"
         )
-        return rows + list(findings)
+        return rows, list(findings)
+
+
+def judged_in(folder: Path) -> int:
+    """How many environments have a verdict, in a store that may not be there yet, or be about to be written to."""
+    # While its tables are made, it is neither a corpus nor anybody else's to make one of.
+    with contextlib.suppress(UsageError, CorpusBusy):
+        return sum(row[4] is not None for row in database(folder)[0])
+    return 0
 
 
 def test_killed_at_any_moment_and_resumed_gives_the_same_rows(tmp_path: Path) -> None:
@@ -411,15 +419,13 @@ def test_killed_at_any_moment_and_resumed_gives_the_same_rows(tmp_path: Path) ->
         time.sleep(moments.uniform(0.1, 4.0))
         process.send_signal(signal.SIGKILL)
         process.communicate(timeout=60)
-        store = games[1] / ".envcraft"
-        if (store / "corpus.sqlite").is_file():
-            judged.append(sum(row[4] is not None for row in database(games[1]) if len(row) == 6))
+        judged.append(judged_in(games[1]))
     # What was judged stays judged.
     assert judged == sorted(judged)
     resumed = audited(games[1], "--format", "json")
     out, error = resumed.communicate(timeout=400)
     assert resumed.returncode == 1, error
-    assert json.loads(out)["audit"]["judged"] == total - (judged[-1] if judged else 0)
+    assert json.loads(out)["audit"]["judged"] == total - judged[-1]
     print("judged after each kill:", *judged)
     assert database(games[1]) == wanted
 
@@ -427,10 +433,8 @@ def test_killed_at_any_moment_and_resumed_gives_the_same_rows(tmp_path: Path) ->
 def test_ctrl_c_keeps_what_was_judged(games: Path) -> None:
     process = audited(games, "--no-resume")
     for _ in range(600):
-        # Until its tables are there, it is neither a corpus nor anybody else's to make one of.
-        with contextlib.suppress(UsageError, CorpusBusy):
-            if [row for row in database(games) if len(row) == 6 and row[4]]:
-                break
+        if judged_in(games):
+            break
         time.sleep(0.2)
     process.send_signal(signal.SIGINT)
     _, error = process.communicate(timeout=60)
