@@ -410,13 +410,21 @@ def test_killed_at_any_moment_and_resumed_gives_the_same_rows(tmp_path: Path) ->
         for number in range(total):
             crash = 7 if number % 3 == 0 else -number
             (folder / f"e{number}.py").write_text(f"{ENVIRONMENT.replace('CRASH', str(crash))}\n# {number}\n")
+    started = time.monotonic()
     assert audited(games[0]).wait(400) == 1
+    each = (time.monotonic() - started) / total
     wanted = database(games[0])
     moments = random.Random(KILLS)
     judged: list[int] = []
-    for _ in range(KILLS):
+    for number in range(KILLS):
         process = audited(games[1])
-        time.sleep(moments.uniform(0.1, 4.0))
+        if number % 4:
+            # While environments are judged, of which some come to their end.
+            assert process.stderr is not None
+            assert "to be judged" in process.stderr.readline()
+            time.sleep(moments.uniform(0.0, 5 * each))
+        else:
+            time.sleep(moments.uniform(0.0, 1.5))
         process.send_signal(signal.SIGKILL)
         process.communicate(timeout=60)
         judged.append(judged_in(games[1]))
