@@ -28,7 +28,12 @@ if TYPE_CHECKING:
 _SHOWN = 10
 
 
-@click.command(cls=Configured)
+class _Command(Configured):
+    # There are fewer formats than `validate` has.
+    apart = frozenset({"format"})
+
+
+@click.command(cls=_Command)
 @click.argument("place", metavar="CORPUS|FOLDER")
 @click.option("--store", metavar="DIR", help="Where the verdicts on a folder are kept, in place of FOLDER/.envcraft.")
 @click.option("--contract", default="arcade", show_default=True, metavar="NAME", help="What the environments promise.")

@@ -374,6 +374,16 @@ def test_wrong_use_is_told_in_a_sentence(games: Path, invoke: Invoke, arguments:
     assert len(result.stderr.splitlines()) == 1
 
 
+def test_settings_of_validate_are_none_of_its_own(games: Path, invoke: Invoke) -> None:
+    settings = '[tool.envcraft]\nformat = "sarif"\nenvironments-only = true\nchecks = ["source"]\n'
+    (games.parent / "pyproject.toml").write_text(settings)
+    result = invoke("audit", "games", "--sandbox", "process", "--budget", "quick", "--changed")
+    assert result.exit_code == 0, result.output
+    assert "4 environments: 4 passed" in result.stdout
+    (games.parent / "pyproject.toml").write_text("[tool.envcraft]\nbaselin = 1\n")
+    assert "did you mean baseline?" in invoke("audit", "games").stderr
+
+
 def audited(folder: Path, *options: str) -> subprocess.Popen[str]:
     command = [sys.executable, "-m", "envcraft", "audit", str(folder), *QUICK, *options]
     return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=folder.parent)
