@@ -31,6 +31,7 @@ bench: .venv/dev.stamp
 	$(BIN)/python -m benchmarks.overhead
 	$(BIN)/python -m benchmarks.cold
 	$(BIN)/python -m benchmarks.memory
+	$(BIN)/python -m benchmarks.corpus_store
 
 picture: .venv/core.stamp
 	$(BIN)/python -m benchmarks.picture

@@ -11,7 +11,7 @@ import sys
 import threading
 from collections.abc import Collection, Iterable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import click
 
@@ -69,19 +69,33 @@ class PluginGroup(click.Group):
 
 
 class Configured(click.Command):
-    """A command whose options may be set in ``[tool.envcraft]`` of the nearest ``pyproject.toml``."""
+    """A command whose options may be set in ``[tool.envcraft]`` of the nearest ``pyproject.toml``.
 
-    def make_context(
-        self, info_name: str | None, args: list[str], parent: click.Context | None = None, **extra: Any
-    ) -> click.Context:
-        options = {
+    A setting that only other such commands have is theirs, and so is one of an option that is `apart`.
+    """
+
+    apart: frozenset[str] = frozenset()
+    _settings: ClassVar[set[str]] = set()
+
+    def __init__(self, *args: Any, **kwargs: Any) -> None:
+        super().__init__(*args, **kwargs)
+        Configured._settings.update(self._options())
+
+    def _options(self) -> dict[str, str]:
+        """What settings may be called, with the parameter that each sets."""
+        return {
             option.removeprefix("--"): str(param.name)
             for param in self.params
             if isinstance(param, click.Option)
             for option in param.opts
         }
+
+    def make_context(
+        self, info_name: str | None, args: list[str], parent: click.Context | None = None, **extra: Any
+    ) -> click.Context:
+        options = {name: param for name, param in self._options().items() if name not in self.apart}
         repeated = {str(param.name) for param in self.params if isinstance(param, click.Option) and param.multiple}
-        extra["default_map"] = configuration(Path.cwd(), options, repeated)
+        extra["default_map"] = configuration(Path.cwd(), options, repeated, Configured._settings)
         return super().make_context(info_name, args, parent, **extra)
 
 
@@ -98,11 +112,14 @@ class Sharing(click.Command):
         return super().make_context(info_name, args, parent, **extra)
 
 
-def configuration(folder: Path, options: dict[str, str], repeated: Collection[str] = ()) -> dict[str, Any]:
+def configuration(
+    folder: Path, options: dict[str, str], repeated: Collection[str] = (), others: Collection[str] = ()
+) -> dict[str, Any]:
     """Read ``[tool.envcraft]`` of the ``pyproject.toml`` in `folder` or the nearest one above. Raises UsageError.
 
     `options` are the names that settings may have, with the parameter that each sets; those parameters that are
-    `repeated` get a list, the others one value, of a list with commas in between.
+    `repeated` get a list, the others one value, of a list with commas in between. `others` are
+    settings of other commands.
     """
     path, table = settings(folder)
     found: dict[str, Any] = {}
@@ -110,6 +127,8 @@ def configuration(folder: Path, options: dict[str, str], repeated: Collection[st
         if key == "contracts":
             continue
         name = key.replace("_", "-")
+        if name not in options and name in others:
+            continue
         if name not in options:
             raise UsageError(f"{path}: [tool.envcraft] has no setting {unknown(key, options)}")
         if options[name] in repeated:

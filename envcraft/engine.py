@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 import queue
+import threading
 import time
 from collections.abc import Callable, Generator, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -58,14 +59,8 @@ def validate(plan: Plan, workers: int | None = None, pool: Pool | None = None) -
     ended here. A sandbox that fails or a check that breaks is an ``error``. Closing the iterator,
     or an exception such as KeyboardInterrupt, ends every worker that is still running.
     """
-    workers = max(min(workers or cores(), len(plan.targets)), 1)
-    driver = driver_for(plan.driver, plan.targets) if pool is None else plan.driver
-    plan = msgspec.structs.replace(plan, driver=driver, lanes=plan.lanes or max(cores() // workers, 1))
     reports: dict[int, SubjectReport] = {}
-    with (
-        pool or Pool(plan.driver, plan.limits, len(plan.targets)) as pool,
-        contextlib.closing(_side_by_side(plan, pool, workers)) as running,
-    ):
+    with contextlib.closing(stream(plan, workers, pool)) as running:
         for number, event in running:
             if isinstance(event, SubjectFinished):
                 reports[number] = event.report
@@ -74,20 +69,46 @@ def validate(plan: Plan, workers: int | None = None, pool: Pool | None = None) -
     yield Finished(Report(plan.contract.name, plan.seed, ordered, budget=plan.budget.name))
 
 
+def stream(
+    plan: Plan, workers: int | None = None, pool: Pool | None = None
+) -> Generator[tuple[int, Event], None, None]:
+    """As :func:`validate`, but without the last event, so that no report is kept: each event comes with the number of
+    its subject. With a `pool`, a target is taken from `plan.targets` when its turn comes, by the thread that judges it.
+    """
+    workers = max(min(workers or cores(), len(plan.targets)), 1)
+    driver = driver_for(plan.driver, plan.targets) if pool is None else plan.driver
+    plan = msgspec.structs.replace(plan, driver=driver, lanes=plan.lanes or max(cores() // workers, 1))
+    with (
+        pool or Pool(plan.driver, plan.limits, len(plan.targets)) as pool,
+        contextlib.closing(_side_by_side(plan, pool, workers)) as running,
+    ):
+        yield from running
+
+
 def _side_by_side(plan: Plan, pool: Pool, workers: int) -> Generator[tuple[int, Event], None, None]:
     events: queue.SimpleQueue[tuple[int, Event] | BaseException | None] = queue.SimpleQueue()
+    total = len(plan.targets)
+    turns, turn = iter(range(1, total + 1)), threading.Lock()
 
-    def run(number: int, target: Target) -> None:
+    def run(number: int) -> None:
         def tell(event: Event) -> None:
             events.put((number, event))
 
+        target = plan.targets[number - 1]
+        tell(SubjectStarted(target.path, number, total))
+        for event in judge(plan, target, pool, tell):
+            tell(event)
+            if pool.ended:
+                break
+
+    def work() -> None:
         try:
-            if not pool.ended:
-                tell(SubjectStarted(target.path, number, len(plan.targets)))
-                for event in judge(plan, target, pool, tell):
-                    tell(event)
-                    if pool.ended:
-                        break
+            while not pool.ended:
+                with turn:
+                    number = next(turns, None)
+                if number is None:
+                    break
+                run(number)
         except BaseException as error:
             events.put(error)
         finally:
@@ -95,9 +116,9 @@ def _side_by_side(plan: Plan, pool: Pool, workers: int) -> Generator[tuple[int, 
 
     with ThreadPoolExecutor(workers, "envcraft-judge") as threads:
         try:
-            for number, target in enumerate(plan.targets, 1):
-                threads.submit(run, number, target)
-            running = len(plan.targets)
+            for _ in range(workers):
+                threads.submit(work)
+            running = workers
             while running:
                 event = events.get()
                 if event is None:

@@ -204,6 +204,12 @@ class Driver(ABC):
         """
         return self
 
+    def image(self) -> str | None:
+        """The digest of the image that workers run in, so that verdicts of another are not taken for its own; None
+        where they run on the host's interpreter. Raises SandboxUnavailable where there is none.
+        """
+        return None
+
     def sweep(self) -> None:  # noqa: B027 (most drivers leave nothing)
         """Remove what processes that were killed have left behind; cheap where there is nothing, and never fails."""
 

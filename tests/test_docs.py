@@ -129,8 +129,12 @@ def options_of(command: click.Command) -> Iterator[str]:
     """The options of a command and of those below it."""
     for parameter in command.params:
         yield from parameter.opts
-    for below in getattr(command, "commands", {}).values():
-        yield from options_of(below)
+    if isinstance(command, click.Group):
+        context = click.Context(command)
+        for name in command.list_commands(context):
+            below = command.get_command(context, name)
+            assert below is not None
+            yield from options_of(below)
 
 
 def exists(name: str) -> bool:

@@ -9,6 +9,8 @@ from envcraft.plugins import hookimpl
 
 @hookimpl
 def envcraft_commands() -> list[click.Command]:
+    from .audit import audit
+    from .corpus import corpus
     from .explain import explain
     from .listings import checks, contracts, plugins
     from .new import new
@@ -16,4 +18,4 @@ def envcraft_commands() -> list[click.Command]:
     from .replay import replay
     from .validate import validate
 
-    return [new, play, validate, replay, explain, checks, contracts, plugins]
+    return [new, play, validate, audit, corpus, replay, explain, checks, contracts, plugins]

@@ -40,17 +40,21 @@ def resolve(path: str, env_class: str | None = None, environments_only: bool = F
         return [] if environments_only and not _is_environment(target) else [target]
     if not stat.S_ISDIR(mode):
         raise UsageError(f"{path} is neither a file nor a folder; save the environment in a file first")
-    found = []
-    for file in _python_files(path):
+    found = list(environments_below(path, env_class))
+    if not found and not environments_only:
+        raise UsageError(f"{path} holds no environment: no .py file below it has a class and names gymnasium")
+    return found
+
+
+def environments_below(folder: str, env_class: str | None = None) -> Iterator[Target]:
+    """The environments in a folder, in the order of their paths; files that cannot be read are passed over."""
+    for file in _python_files(folder):
         try:
             target = read_target(file, env_class)
         except UsageError:
             continue
         if _is_environment(target):
-            found.append(target)
-    if not found and not environments_only:
-        raise UsageError(f"{path} holds no environment: no .py file below it has a class and names gymnasium")
-    return found
+            yield target
 
 
 def _is_environment(target: Target) -> bool:

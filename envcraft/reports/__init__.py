@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 import re
 import shlex
@@ -9,6 +10,7 @@ from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from typing import TYPE_CHECKING, Any, NamedTuple, TextIO
+from urllib.parse import quote
 
 import msgspec
 
@@ -151,6 +153,14 @@ def replay_command(report: Report, item: Numbered) -> str:
 
 def _json(value: Any) -> str:
     return msgspec.json.encode(plain(value)).decode()
+
+
+def fingerprint(path: str, code: str, nth: int) -> str:
+    """What a finding is known by from run to run: hex, of the subject's path as seen from the working directory, the
+    code, and which one of this code in this subject it is, from 0. Measured values and lines change with each edit.
+    """
+    identity = "\0".join((quote(os.fsencode(relative(path))), code, str(nth)))
+    return hashlib.sha256(identity.encode("utf-8", "backslashreplace")).hexdigest()
 
 
 def relative(path: str, folder: str | None = None) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import os
 from collections import Counter
@@ -12,7 +11,7 @@ from urllib.parse import quote
 from envcraft.errors import ExitCode
 from envcraft.events import Event, Finished
 from envcraft.plugins import hookimpl
-from envcraft.reports import Numbered, Reporter, numbered, one_line, relative
+from envcraft.reports import Numbered, Reporter, fingerprint, numbered, one_line, relative
 from envcraft.verdict import Report, SubjectReport, Verdict, plain
 
 if TYPE_CHECKING:
@@ -92,15 +91,13 @@ def _result(item: Numbered, codes: dict[str, int], nth: int) -> dict[str, Any]:
     elif finding.line is not None and finding.line > 0:
         location["physicalLocation"]["region"] = {"startLine": finding.line}
     rule = {"ruleIndex": codes[finding.code]} if finding.code in codes else {}
-    # Measured values and line numbers change with each edit of the file; the identity of a finding must not.
-    identity = "\0".join((_uri(subject.path)[0], finding.code, str(nth))).encode("utf-8", "backslashreplace")
     return {
         "ruleId": finding.code,
         **rule,
         "level": finding.severity.value,
         "message": _message(finding.message),
         "locations": [location],
-        "partialFingerprints": {"envcraft/v1": hashlib.sha256(identity).hexdigest()},
+        "partialFingerprints": {"envcraft/v1": fingerprint(subject.path, finding.code, nth)},
         "properties": {
             "number": item.number,
             "check": item.check.check,

@@ -110,6 +110,12 @@ class DockerDriver(Driver):
     def under(self, runtime: str) -> DockerDriver:
         return DockerDriver(runtime)
 
+    def image(self) -> str | None:
+        try:
+            return self._image.id
+        except EngineError as error:
+            raise _unavailable(error.reason) from None
+
     def sweep(self) -> None:
         # For the other drivers of this package, too: there is one folder for all of them.
         leftovers.sweep()

@@ -1,0 +1,91 @@
+"""The tables of a corpus, as numbered migrations: the database's ``user_version`` says how many it has had."""
+
+from __future__ import annotations
+
+import sqlite3
+
+from envcraft.errors import UsageError
+
+#: Never changed once released; what is to be different goes into a new one at the end.
+MIGRATIONS = (
+    """
+    CREATE TABLE facts (name TEXT PRIMARY KEY, value TEXT NOT NULL);
+    CREATE TABLE audits (
+        id INTEGER PRIMARY KEY AUTOINCREMENT,
+        settings INTEGER NOT NULL REFERENCES settings (id),
+        started TEXT NOT NULL,
+        ended TEXT,
+        selected INTEGER NOT NULL,
+        known INTEGER NOT NULL
+    );
+    CREATE TABLE settings (
+        id INTEGER PRIMARY KEY,
+        digest TEXT NOT NULL UNIQUE,
+        contract TEXT NOT NULL,
+        contract_sha256 TEXT NOT NULL,
+        rules TEXT NOT NULL,
+        seed INTEGER NOT NULL,
+        budget TEXT NOT NULL,
+        driver TEXT NOT NULL,
+        image TEXT NOT NULL
+    );
+    CREATE TABLE verdicts (
+        id INTEGER PRIMARY KEY,
+        source TEXT NOT NULL,
+        class TEXT NOT NULL,
+        settings INTEGER NOT NULL REFERENCES settings (id),
+        verdict TEXT NOT NULL,
+        steps INTEGER NOT NULL,
+        seconds REAL NOT NULL,
+        report TEXT NOT NULL,
+        UNIQUE (source, class, settings)
+    );
+    CREATE INDEX verdicts_by_settings ON verdicts (settings, verdict);
+    CREATE TABLE findings (
+        verdict INTEGER NOT NULL REFERENCES verdicts (id) ON DELETE CASCADE,
+        number INTEGER NOT NULL,
+        rule_check TEXT NOT NULL,
+        code TEXT NOT NULL,
+        severity TEXT NOT NULL,
+        line INTEGER,
+        message TEXT NOT NULL,
+        PRIMARY KEY (verdict, number)
+    ) WITHOUT ROWID;
+    CREATE INDEX findings_by_code ON findings (code, verdict);
+    CREATE TABLE environments (
+        name TEXT PRIMARY KEY,
+        source TEXT NOT NULL CHECK (length(source) = 64),
+        class TEXT NOT NULL,
+        origin TEXT NOT NULL,
+        added TEXT NOT NULL,
+        changed INTEGER NOT NULL,
+        verdict INTEGER REFERENCES verdicts (id) ON DELETE SET NULL
+    );
+    CREATE INDEX environments_by_source ON environments (source, class);
+    CREATE INDEX environments_by_verdict ON environments (verdict);
+    """,
+)
+
+
+def version(connection: sqlite3.Connection, where: str) -> int:
+    """How many migrations a database has had. Raises UsageError where it has had more than are known."""
+    found: int = connection.execute("PRAGMA user_version").fetchone()[0]
+    if found > len(MIGRATIONS):
+        raise UsageError(
+            f"the corpus {where} has schema {found}, and this version of EnvCraft knows up to {len(MIGRATIONS)}: "
+            "use the version that wrote it, or a later one"
+        )
+    return found
+
+
+def migrate(connection: sqlite3.Connection, where: str) -> None:
+    """Bring a database up to date, one transaction a migration. Raises UsageError, sqlite3.Error."""
+    for number in range(version(connection, where) + 1, len(MIGRATIONS) + 1):
+        try:
+            connection.executescript(
+                f"BEGIN IMMEDIATE; {MIGRATIONS[number - 1]}; PRAGMA user_version = {number}; COMMIT;"
+            )
+        except sqlite3.Error:
+            if connection.in_transaction:
+                connection.rollback()
+            raise

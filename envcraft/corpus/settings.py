@@ -1,0 +1,114 @@
+"""What a verdict depends on besides the source: two verdicts under the same settings are the same verdict."""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.metadata
+import inspect
+import platform
+import sys
+from collections.abc import Iterable, Iterator
+from functools import cache
+from pathlib import Path
+
+import msgspec
+
+import envcraft
+from envcraft.budget import Budget
+from envcraft.check import Check
+from envcraft.contract import Contract
+from envcraft.sandbox import Driver
+from envcraft.verdict import plain
+
+#: What the environments of the built-in contracts import, and so what their episodes may depend on.
+_LIBRARIES = ("numpy", "gymnasium", "pygame-ce", "scipy")
+
+
+class Settings(msgspec.Struct, frozen=True):
+    """A way to judge.
+
+    Attributes:
+        contract: the contract's name.
+        contract_sha256: the digest of all that the contract promises.
+        rules: the version of the rules (:func:`rules_version`).
+        seed: of the run.
+        budget: its name; its numbers are part of `rules`.
+        driver: the sandbox driver's name.
+        image: the digest of the image that workers run in, else the versions of the interpreter and the libraries.
+    """
+
+    contract: str
+    contract_sha256: str
+    rules: str
+    seed: int
+    budget: str
+    driver: str
+    image: str
+
+    @property
+    def digest(self) -> str:
+        return hashlib.sha256(msgspec.json.encode(self)).hexdigest()
+
+
+def settings_of(contract: Contract, checks: Iterable[Check], driver: Driver, budget: Budget, seed: int) -> Settings:
+    """The settings of a run. Raises SandboxUnavailable where the driver's image is missing."""
+    promises = msgspec.structs.replace(contract, summary="")
+    return Settings(
+        contract.name,
+        hashlib.sha256(msgspec.json.encode(plain(promises), order="sorted")).hexdigest(),
+        rules_version(checks, driver),
+        seed,
+        budget.name,
+        driver.name,
+        driver.image() or _libraries(),
+    )
+
+
+def rules_version(checks: Iterable[Check], driver: Driver) -> str:
+    """EnvCraft's version, and a digest of the rules of these checks and of the code that judges: the framework's own
+    modules and the packages that the checks and the driver come from.
+    """
+    checks = sorted(checks, key=lambda check: check.name)
+    told = [(check.name, plain(list(check.rules))) for check in checks]
+    digest = hashlib.sha256(msgspec.json.encode(told, order="sorted"))
+    framework = tuple(sorted(Path(envcraft.__file__).parent.glob("*.py")))
+    for files in dict.fromkeys((framework, *(_code_of(type(thing)) for thing in (*checks, driver)))):
+        digest.update(_digest(files))
+    return f"{envcraft.__version__}+{digest.hexdigest()[:16]}"
+
+
+def _code_of(kind: type) -> tuple[Path, ...]:
+    """The modules of the package that a class comes from, or its own where it is in none."""
+    package = sys.modules.get(kind.__module__.partition(".")[0])
+    folders = list(getattr(package, "__path__", ()))
+    # A namespace package has no file, and may spread over what has nothing to do with the class.
+    if package is not None and getattr(package, "__file__", None) and folders:
+        return tuple(sorted(Path(folders[0]).rglob("*.py")))
+    try:
+        return (Path(inspect.getfile(kind)),)
+    except (OSError, TypeError):
+        return ()
+
+
+@cache
+def _digest(files: tuple[Path, ...]) -> bytes:
+    """Of the contents, in an order that does not depend on where they lie."""
+    found = hashlib.sha256()
+    for content in sorted(_contents(files)):
+        found.update(content)
+    return found.digest()
+
+
+def _contents(files: tuple[Path, ...]) -> Iterator[bytes]:
+    for file in files:
+        yield hashlib.sha256(file.name.encode() + b"\0" + file.read_bytes()).digest()
+
+
+def _libraries() -> str:
+    words = [f"python {platform.python_version()}"]
+    for name in _LIBRARIES:
+        try:
+            words.append(f"{name} {importlib.metadata.version(name)}")
+        except importlib.metadata.PackageNotFoundError:
+            continue
+    return ", ".join(words)

@@ -1,0 +1,202 @@
+"""Each kind of damage is found, is mended, and is not found again; merging twice changes nothing."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import sqlite3
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from envcraft.corpus.merge import merge
+from envcraft.corpus.store import Store
+from envcraft.corpus.verify import LOST, verify
+from envcraft.errors import UsageError
+
+from .conftest import Invoke, judged, rows, source
+
+
+def place(store: Store, name: str) -> Path:
+    return store.place(hashlib.sha256(source(name)).hexdigest())
+
+
+def unguarded(store: Store, statement: str) -> None:
+    """As another program might write, which does not ask for foreign keys."""
+    store.db.execute("PRAGMA foreign_keys = OFF")
+    store.db.execute(statement)
+    store.db.execute("PRAGMA foreign_keys = ON")
+
+
+def elsewhere(store: Store) -> None:
+    place(store, "ant").rename(store.root / "sources" / "ant.py")
+
+
+def swapped(store: Store) -> None:
+    ant, bee = place(store, "ant"), place(store, "bee")
+    ant.rename(store.root / "other")
+    bee.rename(ant)
+    (store.root / "other").rename(bee)
+
+
+def changed(store: Store) -> None:
+    place(store, "ant").write_bytes(b"changed")
+
+
+def gone(store: Store) -> None:
+    place(store, "ant").unlink()
+
+
+def orphan(store: Store) -> None:
+    store.put(b"nobody's")
+
+
+def copy(store: Store) -> None:
+    (store.root / "sources" / "copy.py").write_bytes(source("ant"))
+
+
+def dangling_environment(store: Store) -> None:
+    unguarded(store, "UPDATE environments SET verdict = 99 WHERE name = 'ant'")
+
+
+def dangling_findings(store: Store) -> None:
+    unguarded(store, "INSERT INTO findings SELECT 99, number, rule_check, code, severity, line, message FROM findings")
+
+
+def dangling_verdict(store: Store) -> None:
+    unguarded(store, "UPDATE verdicts SET settings = 99 WHERE verdict = 'fail'")
+
+
+def no_report(store: Store) -> None:
+    store.db.execute("UPDATE verdicts SET report = substr(report, 1, 40) WHERE verdict = 'fail'")
+
+
+def other_verdict(store: Store) -> None:
+    store.db.execute("UPDATE verdicts SET verdict = 'pass'")
+
+
+def lost_findings(store: Store) -> None:
+    store.db.execute("DELETE FROM findings WHERE code = 'EC203'")
+
+
+def torn_index(store: Store) -> None:
+    """An index that lacks a row, as after a write that never arrived."""
+    definition = "SELECT sql FROM sqlite_master WHERE name = 'findings_by_code'"
+    (sql,) = store.db.execute(definition).fetchone()
+    store.db.execute("DROP INDEX findings_by_code")
+    store.db.execute(f"{sql} WHERE code = 'EC107'")
+    store.db.execute("PRAGMA writable_schema = ON")
+    store.db.execute("UPDATE sqlite_master SET sql = ? WHERE name = 'findings_by_code'", (sql,))
+    store.db.execute("PRAGMA writable_schema = RESET")
+
+
+#: Damage, whether all is as it was after the repair, and what is set aside.
+KINDS: list[tuple[Callable[[Store], None], bool, set[str]]] = [
+    (elsewhere, True, set()),
+    (swapped, True, set()),
+    (changed, False, {"rows.jsonl", "ant"}),
+    (gone, False, {"rows.jsonl"}),
+    (orphan, True, {"orphan"}),
+    (copy, True, {"copy.py"}),
+    (dangling_environment, False, set()),
+    (dangling_findings, True, {"rows.jsonl"}),
+    (dangling_verdict, False, {"rows.jsonl"}),
+    (no_report, False, {"rows.jsonl"}),
+    (other_verdict, True, set()),
+    (lost_findings, True, set()),
+    (torn_index, True, set()),
+]
+
+
+@pytest.mark.parametrize(("damage", "whole", "aside"), KINDS, ids=[kind[0].__name__ for kind in KINDS])
+def test_damage_is_found_and_mended(
+    store: Store, damage: Callable[[Store], None], whole: bool, aside: set[str]
+) -> None:
+    before = rows(store)
+    assert list(verify(store)) == []
+    damage(store)
+    found = list(verify(store))
+    assert found
+    assert not [one for one in found if one.done]
+    assert list(verify(store)) == found
+    mended = list(verify(store, repair=True))
+    assert mended
+    assert all(one.done for one in mended)
+    assert list(verify(store)) == []
+    assert (rows(store) == before) == whole
+    names = {file.name for file in (store.root / LOST).glob("*")}
+    assert len(names) == len(aside)
+    assert ("rows.jsonl" in names) == ("rows.jsonl" in aside)
+
+
+def test_what_is_set_aside_can_be_read(store: Store) -> None:
+    gone(store)
+    list(verify(store, repair=True))
+    (line,) = (store.root / LOST / "rows.jsonl").read_text().splitlines()
+    told = json.loads(line)
+    assert (told["table"], told["row"]["name"]) == ("environments", "ant")
+
+
+def test_command_tells_damage_by_its_status(store: Store, invoke: Invoke) -> None:
+    store.close()
+    assert "all is well" in invoke("corpus", "verify", store.root).stdout
+    place(store, "ant").unlink()
+    result = invoke("corpus", "verify", store.root)
+    assert (result.exit_code, result.stdout) == (1, "the source of ant is missing\n")
+    assert invoke("corpus", "verify", store.root, "--repair").exit_code == 0
+    assert invoke("corpus", "verify", store.root).exit_code == 0
+
+
+def test_a_torn_database_is_told_and_leaves_the_files_alone(store: Store, invoke: Invoke) -> None:
+    for number in range(200):
+        judged(store, f"a{number}", "EC107")
+    store.db.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+    store.close()
+    path = store.root / "corpus.sqlite"
+    data = bytearray(path.read_bytes())
+    data[len(data) // 2 : len(data) // 2 + 8192] = bytes(8192)
+    path.write_bytes(data)
+    files = sorted((store.root / "sources").rglob("*.py"))
+    result = invoke("corpus", "verify", store.root, "--repair")
+    assert result.exit_code in (1, 3)
+    assert "corpus" in result.output
+    assert sorted((store.root / "sources").rglob("*.py")) == files
+
+
+@pytest.fixture
+def other(tmp_path: Path) -> Path:
+    """A corpus with an environment of its own, one that differs, and a verdict on what could not be judged."""
+    with Store.create(tmp_path / "other") as made:
+        judged(made, "ant")
+        judged(made, "cat")
+        judged(made, "fox", "EC107")
+        made.add("dog", source("wolf"))
+    return tmp_path / "other"
+
+
+def test_merging_takes_what_lacks_and_merging_again_changes_nothing(store: Store, other: Path) -> None:
+    with Store(other) as source_store:
+        merged = merge(store, source_store)
+        assert (merged.added, merged.verdicts) == (2, 2)
+        assert merged.renamed == [("dog", f"dog@{hashlib.sha256(source('wolf')).hexdigest()[:8]}")]
+        after = rows(store)
+        again = merge(store, source_store)
+        assert (again.added, again.verdicts) == (0, 0)
+        assert rows(store) == after
+    assert list(verify(store)) == []
+    verdicts = dict(
+        store.db.execute("SELECT name, v.verdict FROM environments e LEFT JOIN verdicts v ON v.id = e.verdict")
+    )
+    assert (verdicts["cat"], verdicts["fox"], verdicts["dog"]) == ("pass", "fail", None)
+
+
+def test_a_corpus_does_not_merge_with_itself(store: Store) -> None:
+    with Store(store.root) as same, pytest.raises(UsageError, match="itself"):
+        merge(store, same)
+
+
+def test_planted_rows_do_break_references(store: Store) -> None:
+    dangling_verdict(store)
+    with pytest.raises(sqlite3.IntegrityError):
+        store.db.execute("UPDATE verdicts SET settings = 98 WHERE verdict = 'fail'")
