@@ -26,6 +26,13 @@ def pytest_collection_finish(session: pytest.Session) -> None:
     session.config.stash[_RUNS] = _begin(session.items, cores())
 
 
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: pytest.Config) -> None:
+    runs = config.stash.get(_RUNS, None)
+    if runs is not None and runs.seen:
+        terminalreporter.section("hostile programs")
+        terminalreporter.write_line(runs.table())
+
+
 def pytest_unconfigure(config: pytest.Config) -> None:
     if _RUNS in config.stash:
         config.stash[_RUNS].__exit__()

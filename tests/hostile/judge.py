@@ -115,9 +115,14 @@ def missing(driver: str) -> str:
 
 
 class Runs:
-    """A pool that runs programs, a few at a time, as they are asked for. Use as a context manager."""
+    """A pool that runs programs, a few at a time, as they are asked for. Use as a context manager.
+
+    `seen` are the runs whose results were asked for.
+    """
 
     def __init__(self, workers: int = _POOL) -> None:
+        self.seen: list[Run] = []
+        self._started = time.monotonic()
         self._pool = ProcessPoolExecutor(workers, initializer=_set_traps)
         self._alone: dict[str, Future[Run]] = {}
         self._runs: dict[tuple[str, str], Future[Run]] = {}
@@ -141,7 +146,12 @@ class Runs:
         run, alone = self._runs[program.name, driver].result(), self._alone[driver].result()
         if run.digest != alone.digest and not run.broken:
             run.broken.append("the innocent program's traces are not those of its run alone")
+        self.seen.append(run)
         return run
+
+    def table(self) -> str:
+        """The figures of what was seen, in Markdown."""
+        return table(self.seen, time.monotonic() - self._started)
 
 
 _machine: Machine | None = None
