@@ -15,8 +15,8 @@ def judge(
 ) -> Iterator[tuple[Fixture, SubjectReport]]:
     """Give each fixture's report by all checks, in order, on as many processes as there are cores.
 
-    With `narrow` bad ones are judged by the checks whose codes they expect alone, and good ones still by all: what
-    takes most of the time is looking for every other defect in code that has one.
+    With `narrow` bad ones are judged by the checks whose codes they expect alone, and good ones by all at the budget
+    `quick`: what takes most of the time is looking for defects that are not there.
     """
     count = len(fixtures)
     with ProcessPoolExecutor(os.cpu_count()) as pool:
@@ -49,7 +49,7 @@ def _judge_one(fixture: Fixture, sandbox: str, narrow: bool) -> SubjectReport:
         contract=ARCADE,
         driver=choose(registered.collect("envcraft_sandbox_drivers"), sandbox),
         checks=checks,
-        budget=BUDGETS["standard"],
+        budget=BUDGETS["quick" if narrow and not fixture.codes else "standard"],
         policy=read_policy(str(fixture.policy)) if fixture.policy else None,
         # Each core has a fixture of its own.
         lanes=1,
