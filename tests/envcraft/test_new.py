@@ -38,7 +38,8 @@ def test_what_it_writes_passes_and_its_test_is_green(invoke: Any, tmp_path: Path
     ]
     assert "class FruitCatch(gym.Env" in (tmp_path / "games" / "fruit_catch.py").read_text()
 
-    options = ("--contract", contract, "--sandbox", "process", "--format", "json", "--output", "report.json")
+    quick = ("--budget", "quick", "--sandbox", "process")
+    options = ("--contract", contract, *quick, "--format", "json", "--output", "report.json")
     judged = run(tmp_path, "envcraft", "validate", "games/fruit_catch.py", *options)
     assert judged.returncode == 0, judged.stderr
     [subject] = json.loads((tmp_path / "report.json").read_text())["reports"]
@@ -47,8 +48,8 @@ def test_what_it_writes_passes_and_its_test_is_green(invoke: Any, tmp_path: Path
     skipped = {check["check"] for check in subject["checks"] if check["verdict"] == "skip"}
     assert skipped == SKIPPED.get(contract, set())
 
-    quick = ("--envcraft-sandbox", "process", "--envcraft-budget", "quick", "--envcraft-checks", "api")
-    tested = run(tmp_path, "pytest", "games/test_fruit_catch.py", *quick)
+    brief = ("--envcraft-sandbox", "process", "--envcraft-budget", "quick", "--envcraft-checks", "api")
+    tested = run(tmp_path, "pytest", "games/test_fruit_catch.py", *brief)
     assert tested.returncode == 0, tested.stdout
     assert "passed" in tested.stdout
 

@@ -1,0 +1,153 @@
+"""The marker and the fixture."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from envcraft.verdict import Verdict
+from tests.envcraft.pytest_plugin.stand_in import Canned, failing, outcomes
+
+pytest_plugins = ["pytester"]
+
+
+def test_the_marker_makes_one_test_a_check(pytester: pytest.Pytester, walk: Path, canned: Canned) -> None:
+    canned.set("api", Verdict.FAIL, failing("EC107", "step() raises"))
+    canned.set("reward", Verdict.SKIP, reason="no reward was seen")
+    pytester.makepyfile(
+        test_it="""
+        import pytest
+        @pytest.mark.envcraft("games/walk.py", checks=["api", "reward"], sandbox="process")
+        def test_body(tmp_path):
+            print("ran")
+            assert 0, "body"
+        @pytest.mark.envcraft(target="games/walk.py", checks="api, reward")
+        class TestWalk:
+            @pytest.mark.envcraft(sandbox="process")
+            def test_report(self, envcraft):
+                assert envcraft.report.verdict == "pass"
+            def test_other(self): pass
+        """
+    )
+    result = pytester.runpytest_inprocess("-v", "-rs")
+    assert outcomes(result) == {
+        "test_it.py::test_body[source]": "FAILED",
+        "test_it.py::test_body[api]": "FAILED",
+        "test_it.py::test_body[reward]": "SKIPPED",
+        "test_it.py::test_body[sandbox]": "FAILED",
+        "test_it.py::TestWalk::test_report[source]": "PASSED",
+        "test_it.py::TestWalk::test_report[api]": "FAILED",
+        "test_it.py::TestWalk::test_report[reward]": "SKIPPED",
+        "test_it.py::TestWalk::test_report[sandbox]": "PASSED",
+        "test_it.py::TestWalk::test_other": "PASSED",
+    }
+    assert result.outlines.count("ran") == 2
+    assert len(canned.plans) == 1
+    result.stdout.fnmatch_lines(["EC107 *", "SKIPPED * test_it.py:*: no reward was seen"])
+    assert "pytest_plugin" not in result.stdout.str()
+
+
+@pytest.mark.parametrize(
+    ("marker", "sentence"),
+    [
+        ("'games/walk.py', cheks='api'", "*marker envcraft of test_it has no cheks; it takes target, contract, *"),
+        ("'a', 'b'", "*marker envcraft of test_it takes one target*"),
+        ("3", "*marker envcraft of test_it cannot be followed: 3 is no target: *"),
+        ("'games/walk.py', checks='apu'", "*marker envcraft of test_it cannot be followed: there is no check 'apu'; *"),
+    ],
+)
+def test_a_wrong_marker_is_a_sentence(pytester: pytest.Pytester, walk: Path, marker: str, sentence: str) -> None:
+    pytester.makepyfile(f"import pytest\n@pytest.mark.envcraft({marker})\ndef test_it(): pass")
+    result = pytester.runpytest_inprocess("-p", "no:cacheprovider")
+    result.assert_outcomes(errors=1)
+    result.stdout.fnmatch_lines([sentence])
+    assert "pytest_plugin" not in result.stdout.str()
+
+
+def test_classes_are_judged_from_their_file(pytester: pytest.Pytester, walk: Path, canned: Canned) -> None:
+    pytester.makepyfile(
+        test_it="""
+        import importlib.util, sys
+        import pytest
+        spec = importlib.util.spec_from_file_location("walk", "games/walk.py")
+        walk = sys.modules["walk"] = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(walk)
+        @pytest.mark.envcraft(target=walk.Walk, contract="gymnasium", checks="api", sandbox="process")
+        def test_it(): pass
+        def test_local(envcraft):
+            class Local: pass
+            envcraft.judge(Local)
+        def test_built_in(envcraft):
+            envcraft.judge(int)
+        """
+    )
+    result = pytester.runpytest_inprocess("-p", "no:cacheprovider")
+    result.assert_outcomes(passed=3, errors=2)
+    assert canned.target.env_class == "Walk"
+    assert canned.target.path == "games/walk.py"
+    assert canned.target.source == walk.read_bytes()
+    result.stdout.fnmatch_lines(
+        ["*Local is defined within a function or class; *", "*builtins.int is defined in no file *"]
+    )
+
+
+def test_the_fixture_judges_and_asserts(
+    pytester: pytest.Pytester, walk: Path, canned: Canned, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    canned.set("api", Verdict.FAIL, failing("EC107", "step() raises", 9))
+    canned.set("reward", Verdict.ERROR, reason="lost")
+    pytester.makepyfile(
+        test_it="""
+        import pytest
+        QUICK = {"sandbox": "process", "budget": "quick"}
+        def test_judge(envcraft, monkeypatch):
+            monkeypatch.chdir("games")
+            report = envcraft.judge("games/walk.py", checks=["api"], **QUICK)
+            assert (report.verdict, report.path, envcraft.report) == ("fail", "games/walk.py", None)
+        def test_check(envcraft):
+            envcraft.check("games/walk.py", checks="api", **QUICK)
+        def test_passes(envcraft):
+            assert envcraft.check("games/walk.py", checks="observation", seed=3, **QUICK).steps == 42
+        def test_error(envcraft):
+            envcraft.check("games/walk.py", checks="reward", **QUICK)
+        def test_nowhere(envcraft):
+            envcraft.check("games/nowhere.py")
+        def test_nothing(envcraft):
+            envcraft.check()
+        def test_many(envcraft):
+            envcraft.check("games")
+        def test_wrong(envcraft):
+            with pytest.raises(TypeError, match="no option 'cheks'"):
+                envcraft.check("games/walk.py", cheks="api")
+        @pytest.mark.envcraft(seed=4, **QUICK)
+        def test_defaults(envcraft):
+            envcraft.judge("games/walk.py", checks="observation")
+        """
+    )
+    (walk.parent / "also.py").write_text(walk.read_text())
+    result = pytester.runpytest_inprocess("-v", "-p", "no:cacheprovider")
+    found = {name.partition("::")[2]: outcome for name, outcome in outcomes(result).items()}
+    assert found == {
+        "test_judge": "PASSED",
+        "test_check": "FAILED",
+        "test_passes": "PASSED",
+        "test_error": "ERROR",
+        "test_nowhere": "ERROR",
+        "test_nothing": "ERROR",
+        "test_many": "ERROR",
+        "test_wrong": "PASSED",
+        "test_defaults": "PASSED",
+    }
+    result.stdout.fnmatch_lines_random(
+        [
+            "EC107 * games/walk.py:9",
+            "  envcraft validate games/walk.py --checks source,api,sandbox *",
+            "the check reward could not judge games/walk.py, *: lost",
+            "nothing was judged: games/nowhere.py does not exist; *",
+            "nothing was judged: there is no target: *",
+            "nothing was judged: */games holds 2 environments, *",
+        ]
+    )
+    # What was asked for twice ran once.
+    assert [plan.seed for plan in canned.plans] == [0, 3, 0, 4]

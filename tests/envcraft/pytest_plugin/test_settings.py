@@ -1,0 +1,59 @@
+"""Where settings come from."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from tests.envcraft.pytest_plugin.stand_in import Canned, Run
+
+pytest_plugins = ["pytester"]
+
+
+def test_settings_come_from_the_strongest_source(
+    pytester: pytest.Pytester, walk: Path, run: Run, canned: Canned
+) -> None:
+    pytester.makepyprojecttoml(
+        """
+        [tool.envcraft]
+        contract = "gymnasium"
+        seed = 5
+        skip = ["reward"]
+        [tool.pytest.ini_options]
+        envcraft_seed = 6
+        envcraft_checks = ["api", "reward"]
+        """
+    )
+    run("games")
+    plan = canned.plans[-1]
+    assert (plan.contract.name, plan.seed, plan.budget.name) == ("gymnasium", 6, "quick")
+    assert [check.name for check in plan.checks] == ["source", "api", "sandbox"]
+    run("games", "--envcraft-seed=7", "--envcraft-contract=arcade-native", "--envcraft-checks=observation,reward")
+    plan = canned.plans[-1]
+    assert (plan.contract.name, plan.seed) == ("arcade-native", 7)
+    assert [check.name for check in plan.checks] == ["source", "observation", "sandbox"]
+
+
+def test_ini_files_take_lists_with_commas(pytester: pytest.Pytester, walk: Path, run: Run, canned: Canned) -> None:
+    pytester.makeini("[pytest]\nenvcraft_checks = api, reward\nenvcraft_skip = reward\nenvcraft_contract = gymnasium\n")
+    run("games")
+    assert [check.name for check in canned.plans[-1].checks] == ["source", "api", "sandbox"]
+    assert canned.plans[-1].contract.name == "gymnasium"
+
+
+@pytest.mark.parametrize(
+    ("option", "sentence"),
+    [
+        ("--envcraft-checks=determinsm", "*there is no check 'determinsm'; did you mean determinism[?]"),
+        ("--envcraft-contract=arcad", "*there is no contract 'arcad'; did you mean arcade[?]"),
+        ("--envcraft-budget=quik", "*there is no budget 'quik'; did you mean quick[?]"),
+        ("--envcraft-sandbox=doker", "*there is no sandbox 'doker'; did you mean docker[?]"),
+        ("--envcraft-seed=-1", "*the seed '-1' is no whole number from 0 to 2147483647"),
+    ],
+)
+def test_wrong_settings_are_a_sentence(walk: Path, run: Run, option: str, sentence: str) -> None:
+    result = run("games", option)
+    assert result.ret == pytest.ExitCode.USAGE_ERROR
+    result.stderr.fnmatch_lines([sentence])
+    assert "Traceback" not in result.stderr.str()

@@ -1,0 +1,175 @@
+"""How each verdict shows."""
+
+from __future__ import annotations
+
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import pytest
+
+from envcraft.check import Check
+from envcraft.commands.choices import all_checks
+from envcraft.errors import SandboxUnavailable
+from envcraft.verdict import Finding, Severity, Verdict
+from tests.envcraft.pytest_plugin.stand_in import Canned, Run, failing, outcomes
+
+pytest_plugins = ["pytester"]
+
+
+def test_real_runs_and_the_commands_that_they_print(
+    pytester: pytest.Pytester, walk: Path, bad: Path, run: Run, root: Path
+) -> None:
+    (walk.parent / "bad.py").write_text(bad.read_text())
+    nan = walk.read_text().replace("float(won), won", "float('nan'), won")
+    (walk.parent / "nan.py").write_text(nan)
+    result = run("-v", "games", "--envcraft-checks=api,reward", "--junit-xml=junit.xml")
+    assert outcomes(result) == {
+        "games/bad.py::source": "FAILED",
+        "games/bad.py::api": "SKIPPED",
+        "games/bad.py::reward": "SKIPPED",
+        "games/bad.py::sandbox": "PASSED",
+        "games/nan.py::source": "PASSED",
+        "games/nan.py::api": "PASSED",
+        "games/nan.py::reward": "FAILED",
+        "games/nan.py::sandbox": "PASSED",
+        "games/walk.py::source": "PASSED",
+        "games/walk.py::api": "PASSED",
+        "games/walk.py::reward": "PASSED",
+        "games/walk.py::sandbox": "PASSED",
+    }
+    result.stdout.fnmatch_lines(
+        [
+            "*reward of games/nan.py*",
+            "EC301 not-finite games/nan.py:*",
+            "  the reward of step 1 is nan*",
+            "  fix: *",
+            "  reproduction: seed *, 1 action",
+            "",
+            "To see it again:",
+            "  envcraft validate games/nan.py *--budget quick --seed 0 --sandbox process --format json *",
+            "  envcraft replay report.json --finding 1",
+            "envcraft: 3 environments judged, process isolation; *",
+        ]
+    )
+    assert "pytest_plugin" not in result.stdout.str()
+    # Typed as printed, the commands show it again.
+    printed = [shlex.split(line) for line in result.outlines if line.startswith("  envcraft ")]
+    statuses = [subprocess.run([sys.executable, "-m", *words], capture_output=True).returncode for words in printed]
+    assert [words[1] for words in printed] == ["validate", "replay", "validate", "replay"]
+    assert statuses == [1, 0, 1, 0]
+
+    cases = {
+        (case.get("classname"), case.get("name")): case for case in ElementTree.parse("junit.xml").iter("testcase")
+    }
+    case = cases["games.nan", "reward"]
+    properties = {found.get("name"): found.get("value", "") for found in case.iter("property")}
+    assert int(properties.pop("envcraft_steps")) > 10
+    assert len(properties.pop("envcraft_source_sha256")) == 64
+    assert properties == {
+        "envcraft_subject": "games/nan.py",
+        "envcraft_class": "Walk",
+        "envcraft_contract": "arcade",
+        "envcraft_budget": "quick",
+        "envcraft_seed": "0",
+        "envcraft_isolation": "process",
+        "envcraft_driver": "process",
+        "envcraft_codes": "EC301",
+    }
+    failure = case.find("failure")
+    assert failure is not None
+    assert "EC301 not-finite games/nan.py" in str(failure.get("message"))
+
+
+def test_skip_carries_the_reason_and_the_place(walk: Path, run: Run, canned: Canned) -> None:
+    canned.set("difficulty", Verdict.SKIP, reason="the search\nsettled nothing")
+    result = run("games", "-rs", "--durations=1", "--durations-min=0.1")
+    result.assert_outcomes(passed=9, skipped=1)
+    result.stdout.fnmatch_lines(
+        ["1.25s setup * games/walk.py::difficulty", "SKIPPED * games/walk.py:8: the search settled nothing"]
+    )
+
+
+def test_what_could_not_judge_is_an_error(walk: Path, run: Run, canned: Canned) -> None:
+    canned.set("reward", Verdict.ERROR, reason="the worker stopped answering; try again")
+    result = run("games", "--junit-xml=junit.xml")
+    result.assert_outcomes(passed=9, errors=1)
+    result.stdout.fnmatch_lines(
+        [
+            "the check reward could not judge games/walk.py, which says nothing against it: the worker stopped *",
+            "Try it by itself: envcraft validate games/walk.py --contract arcade --budget quick *",
+        ]
+    )
+    tags = [case.find("error") is not None for case in ElementTree.parse("junit.xml").iter("testcase")]
+    assert tags.count(True) == 1
+
+
+def test_no_sandbox_is_an_error_with_the_next_step(
+    walk: Path, run: Run, canned: Canned, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[str] = []
+
+    def unavailable(name: str, *_: Any) -> None:
+        asked.append(name)
+        raise SandboxUnavailable("the sandbox docker does not work here; start the Docker engine")
+
+    monkeypatch.setattr("envcraft.pytest_plugin.judging.driver_named", unavailable)
+    result = run("games", "--envcraft-checks=api")
+    result.assert_outcomes(errors=3)
+    assert result.ret == 1
+    result.stdout.fnmatch_lines(["nothing was judged: the sandbox docker does not work here; start the Docker engine"])
+    assert asked == ["process"]
+
+
+def test_a_check_that_breaks_is_an_error(walk: Path, run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(self: Check, subject: object) -> None:
+        raise ValueError("out of cheese")
+
+    [reward] = [check for check in all_checks() if check.name == "reward"]
+    monkeypatch.setattr(type(reward), "judge", broken)
+    result = run("games/walk.py::reward")
+    result.assert_outcomes(errors=1)
+    result.stdout.fnmatch_lines(["*the check broke: ValueError: out of cheese"])
+
+
+def test_warnings_are_shown_and_fail_nothing_unless_a_filter_wants_it(walk: Path, run: Run, canned: Canned) -> None:
+    canned.set("determinism", Verdict.PASS, Finding("EC209", Severity.WARNING, "all seeds give one level", 12))
+    result = run("games")
+    result.assert_outcomes(passed=10, warnings=1)
+    result.stdout.fnmatch_lines(
+        ["games/walk.py::determinism", "*games/walk.py:12: EnvCraftWarning: EC209 * one level (fix: *)"]
+    )
+    result = run("games", "-W", "error::envcraft.pytest_plugin.EnvCraftWarning")
+    result.assert_outcomes(passed=9, failed=1)
+    assert "Traceback" not in result.stdout.str()
+
+
+def test_filters_of_the_tests_do_not_reach_the_judging(walk: Path, run: Run) -> None:
+    walk.write_text(walk.read_text() + "\nPATTERN = '\\d'\n")
+    result = run("games/walk.py::api", "-W", "error")
+    result.assert_outcomes(passed=1)
+
+
+def test_checks_that_verdicts_rest_on_show_in_those_selected(walk: Path, run: Run, canned: Canned) -> None:
+    canned.set("source", Verdict.FAIL, failing("EC003", "importing raises"))
+    for check in ("api", "reward"):
+        canned.set(check, Verdict.SKIP, reason="the file did not get past the check source")
+    canned.set("sandbox", Verdict.FAIL, failing("EC905", "the network was asked for"))
+    result = run("-v", "games", "-k", "api or reward")
+    assert set(outcomes(result).values()) == {"FAILED"}
+    result.stdout.fnmatch_lines(["*api of games*", "EC003 *", "*reward of games*", "EC905 *", "  * --finding 2"])
+    canned.set("source", Verdict.PASS)
+    canned.set("sandbox", Verdict.ERROR, reason="lost")
+    result = run("-v", "games/walk.py::api")
+    assert outcomes(result) == {"games/walk.py::api": "ERROR"}
+
+
+def test_control_characters_of_an_environment_are_not_printed(walk: Path, run: Run, canned: Canned) -> None:
+    canned.set("api", Verdict.FAIL, failing("EC107", "step() raises \x1b[2Jgone\u202e"))
+    result = run("games/walk.py::api", "--junit-xml=junit.xml")
+    assert "\x1b" not in result.stdout.str()
+    assert "\u202e" not in result.stdout.str()
+    result.stdout.fnmatch_lines(["*step() raises \N{REPLACEMENT CHARACTER}[[]2Jgone\N{REPLACEMENT CHARACTER}"])
