@@ -26,7 +26,7 @@ _EXPECT = re.compile(r"# expect: (EC\d{3})")
 
 
 def main() -> int:
-    print("Validating examples/, as `envcraft validate examples --exit-zero` does.\n", flush=True)
+    print("Validating examples/, as `envcraft validate examples --budget quick --exit-zero` does.\n", flush=True)
     try:
         report = run()
     except EnvCraftError as error:
@@ -52,7 +52,7 @@ def run() -> Report:
     reporter = ConsoleReporter(sys.stdout, rules_of(checks))
     with contextlib.closing(driver_named("auto")) as driver, Progress() as progress:
         targets = resolve(os.path.relpath(EXAMPLES))
-        plan = Plan(targets, contract_named("arcade"), driver, checks, BUDGETS["standard"])
+        plan = Plan(targets, contract_named("arcade"), driver, checks, BUDGETS["quick"])
         with contextlib.closing(validate(plan, workers)) as events:
             for event in events:
                 progress.handle(event)

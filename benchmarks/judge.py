@@ -15,8 +15,9 @@ def judge(
 ) -> Iterator[tuple[Fixture, SubjectReport]]:
     """Give each fixture's report by all checks, in order, on as many processes as there are cores.
 
-    With `narrow` bad ones are judged by the checks whose codes they expect alone, and good ones by all at the budget
-    `quick`: what takes most of the time is looking for defects that are not there.
+    With `narrow` good ones are judged at the budget `quick`, and bad ones by the checks alone whose codes they expect, at
+    `standard` only where `quick` does not find them: what takes most of the time is looking for defects that are not
+    there.
     """
     count = len(fixtures)
     with ProcessPoolExecutor(os.cpu_count()) as pool:
@@ -31,6 +32,14 @@ def failing(report: SubjectReport) -> frozenset[str]:
 
 
 def _judge_one(fixture: Fixture, sandbox: str, narrow: bool) -> SubjectReport:
+    if narrow:
+        report = _judge_at("quick", fixture, sandbox, narrow)
+        if not fixture.codes or failing(report) == fixture.codes:
+            return report
+    return _judge_at("standard", fixture, sandbox, narrow)
+
+
+def _judge_at(budget: str, fixture: Fixture, sandbox: str, narrow: bool) -> SubjectReport:
     from envcraft.budget import BUDGETS
     from envcraft.contract import ARCADE
     from envcraft.engine import Plan, validate
@@ -49,7 +58,7 @@ def _judge_one(fixture: Fixture, sandbox: str, narrow: bool) -> SubjectReport:
         contract=ARCADE,
         driver=choose(registered.collect("envcraft_sandbox_drivers"), sandbox),
         checks=checks,
-        budget=BUDGETS["quick" if narrow and not fixture.codes else "standard"],
+        budget=BUDGETS[budget],
         policy=read_policy(str(fixture.policy)) if fixture.policy else None,
         # Each core has a fixture of its own.
         lanes=1,

@@ -1,11 +1,11 @@
 # expect: EC801
-"""The Vault: find the three keys that lie about the museum and open the vault.
+"""The Vault: find the two keys that lie about the museum and open the vault.
 
 You walk through the halls; the first button walks two cells at once, the second is not used. Stepping on a key picks
-it up, and a lamp over the vault turns green for it. Stepping into the vault with all three keys wins and pays 10; a
+it up, and a lamp over the vault turns green for it. Stepping into the vault with both keys wins and pays 10; a
 step costs 0.01. The museum opens its doors again after 300 steps.
 
-Broken on purpose: `range(1, KEYS)` lays out two keys where the vault asks for three, so no play whatever can win.
+Broken on purpose: `range(1, KEYS)` lays out one key where the vault asks for two, so no play whatever can win.
 EnvCraft's search visits every picture that can be reached, finds no success among them, and reports EC801. To fix it,
 lay out a key for each number in `range(KEYS)`.
 """
@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 CELL = 12
 BOARD = 7
 MAX_STEPS = 300
-KEYS = 3
+KEYS = 2
 CORNERS = ((0, 0), (0, BOARD - 1), (BOARD - 1, 0), (BOARD - 1, BOARD - 1))
 MOVES = ((0, 0), (-1, 0), (1, 0), (0, -1), (0, 1))
 

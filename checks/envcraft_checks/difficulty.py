@@ -175,7 +175,8 @@ class Difficulty(Check):
         best = max((trace for trace in subject.traces if trace.usable), key=lambda trace: trace.total)
         return self.finding(
             "EC801",
-            f"all {states} reachable states of {seeds} seeds were searched and {len(subject.traces)} episodes played: "
+            f"all {states} reachable states of {'one seed' if seeds == 1 else f'{seeds} seeds'} were searched and "
+            f"{len(subject.traces)} episodes played: "
             f"no positive outcome (highest return {best.total:g})",
             line=subject.line_of("step"),
             repro=repro(best.rollout.cut(best.steps)),

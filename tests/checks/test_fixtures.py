@@ -1,7 +1,7 @@
 """Every fixture is judged exactly as its header says: no defect missed, no false alarm, no other reason.
 
-Good ones are judged by all checks at the budget `quick`, bad ones by those whose codes they expect;
-``python -m benchmarks.detection`` judges all by all at `standard`.
+Good ones are judged by all checks at the budget `quick`, bad ones by those whose codes they expect, at `standard` where
+`quick` is not enough; ``python -m benchmarks.detection`` judges all by all at `standard`.
 """
 
 from __future__ import annotations
