@@ -15,8 +15,8 @@ def judge(
 ) -> Iterator[tuple[Fixture, SubjectReport]]:
     """Give each fixture's report by all checks, in order, on as many processes as there are cores.
 
-    With `narrow` good ones are judged at the budget `quick`, and bad ones by the checks alone whose codes they expect, at
-    `standard` only where `quick` does not find them: what takes most of the time is looking for defects that are not
+    With `narrow` good ones are judged at the budget `quick`, and bad ones by the checks alone whose codes they expect,
+    at `standard` only where `quick` does not find them: what takes most of the time is looking for defects that are not
     there.
     """
     count = len(fixtures)

@@ -12,6 +12,7 @@ import jsonschema
 import pytest
 
 from benchmarks.fixtures import examples
+
 _VERDICT = {"enum": ["pass", "fail", "skip", "error"]}
 _FINDING = {
     "type": "object",
