@@ -25,13 +25,8 @@ envcraft.engine.validate = counted
 
 @pytest.mark.parametrize(
     "options",
-    [
-        ("-p", "no:xdist"),
-        ("-n0",),
-        ("-n2", "--dist", "load"),
-        ("-n2", "--dist", "loadfile"),
-        ("-n2", "--dist", "loadgroup"),
-    ],
+    # Spread item by item, which is the hardest for one run a file.
+    [("-p", "no:xdist"), ("-n0",), ("-n2", "--dist", "load")],
     ids=" ".join,
 )
 def test_one_run_an_environment_also_under_xdist(
