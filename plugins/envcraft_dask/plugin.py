@@ -39,6 +39,7 @@ class DaskExecutor(ExecutorPlugin):
                         silence_logs=logging.CRITICAL,
                         # The sandbox holds what environments use; a worker itself has little.
                         memory_limit=0,
+                        preload=["envcraft_dask.worker"],
                     )
                 )
                 client = stack.enter_context(Client(cluster, set_as_default=False))
