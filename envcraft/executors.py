@@ -26,15 +26,9 @@ class Opened:
 
 
 class ExecutorPlugin(ABC):
-    """A way to run tasks elsewhere; making one must not start anything.
-
-    Attributes:
-        name: how ``--executor`` names it.
-        summary: one line that says where the tasks run.
-    """
+    """A way to run tasks elsewhere; making one must not start anything. `name` is how ``--executor`` names it."""
 
     name: str
-    summary: str
 
     @abstractmethod
     def open(self, workers: int | None, scheduler: str | None) -> AbstractContextManager[Opened]:

@@ -21,7 +21,6 @@ class DaskExecutor(ExecutorPlugin):
     """Dask runs a task again whose worker is gone, so a worker that is killed costs what it was doing."""
 
     name = "dask"
-    summary = "a Dask cluster: that of --scheduler, or as many processes of this machine as --workers says"
 
     @contextlib.contextmanager
     def open(self, workers: int | None, scheduler: str | None) -> Iterator[Opened]:

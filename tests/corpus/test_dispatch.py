@@ -80,7 +80,7 @@ class Scripted(Executor):
 
 
 class Engine(ExecutorPlugin):
-    name, summary = "scripted", "Nowhere."
+    name = "scripted"
 
     def __init__(self) -> None:
         self.came: Counter[str] = Counter()

@@ -15,7 +15,6 @@ from envcraft.executors import ExecutorPlugin, Opened
 
 class ProcessesExecutor(ExecutorPlugin):
     name = "processes"
-    summary = "as many processes of this machine as --workers says"
 
     @contextlib.contextmanager
     def open(self, workers: int | None, scheduler: str | None) -> Iterator[Opened]:
