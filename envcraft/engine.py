@@ -15,13 +15,13 @@ import msgspec
 from envcraft.budget import Budget
 from envcraft.check import Check, Skip
 from envcraft.contract import Contract
-from envcraft.errors import EnvCraftError
+from envcraft.errors import EnvCraftError, TargetLost
 from envcraft.events import CheckFinished, CheckStarted, Event, Finished, StepsTaken, SubjectFinished, SubjectStarted
 from envcraft.pool import Pool
 from envcraft.sandbox import Driver, Limits, driver_for
 from envcraft.subject import Subject, elapsed
 from envcraft.target import PolicyFile, Target
-from envcraft.trace import Trace
+from envcraft.trace import Trace, digest_all
 from envcraft.verdict import CheckReport, Finding, Report, SandboxReport, Severity, SubjectReport, Verdict, overall
 
 #: Seconds between two events about one subject's steps.
@@ -73,7 +73,8 @@ def stream(
     plan: Plan, workers: int | None = None, pool: Pool | None = None
 ) -> Generator[tuple[int, Event], None, None]:
     """As :func:`validate`, but without the last event, so that no report is kept: each event comes with the number of
-    its subject. With a `pool`, a target is taken from `plan.targets` when its turn comes, by the thread that judges it.
+    its subject. With a `pool`, a target is taken from `plan.targets` when its turn comes, by the thread that judges it;
+    one that raises TargetLost then is an ``error``.
     """
     workers = max(min(workers or cores(), len(plan.targets)), 1)
     driver = driver_for(plan.driver, plan.targets) if pool is None else plan.driver
@@ -94,7 +95,14 @@ def _side_by_side(plan: Plan, pool: Pool, workers: int) -> Generator[tuple[int, 
         def tell(event: Event) -> None:
             events.put((number, event))
 
-        target = plan.targets[number - 1]
+        try:
+            target = plan.targets[number - 1]
+        except TargetLost as lost:
+            # Its worker is not wanted any more.
+            with pool.turn():
+                tell(SubjectStarted(lost.path, number, total))
+                tell(SubjectFinished(not_judged(plan, lost.path, lost.env_class, lost.sha256, str(lost))))
+            return
         tell(SubjectStarted(target.path, number, total))
         for event in judge(plan, target, pool, tell):
             tell(event)
@@ -181,6 +189,15 @@ def report_on(plan: Plan, subject: Subject, checks: list[CheckReport], started: 
         module=subject.module,
         kwargs=target.kwargs,
         wrappers=list(target.wrappers),
+        traces=digest_all(subject.traces),
+    )
+
+
+def not_judged(plan: Plan, path: str, env_class: str | None, sha256: str, reason: str) -> SubjectReport:
+    """The report on what no check has seen."""
+    driver = plan.driver
+    return SubjectReport(
+        path, env_class, sha256, Verdict.ERROR, driver.isolation, 0.0, 0, [], driver=driver.name, reason=reason
     )
 
 

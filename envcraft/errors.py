@@ -34,5 +34,13 @@ class WorkerLost(EnvCraftError):
     """The worker itself, not the code that it ran, stopped answering."""
 
 
+class TargetLost(EnvCraftError):
+    """What is to be judged cannot be read any more: the target at `path`, whose source had the digest `sha256`."""
+
+    def __init__(self, path: str, env_class: str | None, sha256: str, reason: str) -> None:
+        super().__init__(reason)
+        self.path, self.env_class, self.sha256 = path, env_class, sha256
+
+
 class MalformedValue(ValueError):
     """A value from the worker, its layout or its bytes are not what the protocol allows."""

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
     from envcraft.check import Check
     from envcraft.contract import Contract
+    from envcraft.executors import ExecutorPlugin
     from envcraft.reports import Reporter
     from envcraft.sandbox import Driver
 
@@ -45,3 +46,8 @@ def envcraft_checks() -> list[Check]:
 @hookspec
 def envcraft_reporters() -> list[type[Reporter]]:
     """Formats that ``--format`` can name."""
+
+
+@hookspec
+def envcraft_executors() -> list[ExecutorPlugin]:
+    """Where else ``envcraft audit --executor`` can judge. Making one starts nothing, and imports no library."""

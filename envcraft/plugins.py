@@ -37,6 +37,7 @@ DEFAULT_PLUGINS = (
     "envcraft_checks.instadeath",
     "envcraft_checks.difficulty",
     "envcraft_checks.sandbox",
+    "envcraft_dask.plugin",
 )
 
 hookimpl = pluggy.HookimplMarker(GROUP)

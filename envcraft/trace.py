@@ -8,7 +8,7 @@ from __future__ import annotations
 import hashlib
 import json
 import struct
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any
@@ -195,6 +195,12 @@ def digest(trace: Trace) -> str:
     end = f"{trace.ending} {trace.fault.type if trace.fault else ''}".encode()
     parts = [*trace.observations, numbers, *trace.infos, end]
     return hashlib.blake2b(b"".join(len(part).to_bytes(8) + part for part in parts), digest_size=16).hexdigest()
+
+
+def digest_all(traces: Iterable[Trace]) -> str:
+    """One digest of several traces in their order; empty for none."""
+    digests = [digest(trace) for trace in traces]
+    return hashlib.blake2b("".join(digests).encode(), digest_size=16).hexdigest() if digests else ""
 
 
 #: The fields of a trace that must be equal under the same seed, in the order in which a step gives them.

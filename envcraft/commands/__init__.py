@@ -16,6 +16,7 @@ def envcraft_commands() -> list[click.Command]:
     from .new import new
     from .play import play
     from .replay import replay
+    from .reverify import reverify
     from .validate import validate
 
-    return [new, play, validate, audit, corpus, replay, explain, checks, contracts, plugins]
+    return [new, play, validate, audit, corpus, reverify, replay, explain, checks, contracts, plugins]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 import sys
+from collections.abc import Generator
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -13,16 +14,27 @@ from envcraft import __version__
 from envcraft.budget import BUDGETS
 from envcraft.cli import Configured, uninterrupted
 from envcraft.errors import ExitCode, UsageError
-from envcraft.sandbox import Driver, Isolation, Limits, ensure
+from envcraft.pool import Pool
+from envcraft.sandbox import ensure
 from envcraft.verdict import SCHEMA, plain
 
-from .choices import contract_named, driver_named, runtime_option, select_checks
+from .choices import (
+    LOCAL,
+    contract_named,
+    driver_named,
+    executor_named,
+    rule_options,
+    select_checks,
+    where_options,
+)
 
 if TYPE_CHECKING:
     from envcraft.corpus.audit import Audit
     from envcraft.corpus.baseline import Difference
     from envcraft.corpus.store import Store
-    from envcraft.engine import Plan
+    from envcraft.events import Event
+
+    Judging = Generator[tuple[int, Event], None, None]
 
 #: So many codes, and so many findings of either kind, are shown to people.
 _SHOWN = 10
@@ -36,26 +48,16 @@ class _Command(Configured):
 @click.command(cls=_Command)
 @click.argument("place", metavar="CORPUS|FOLDER")
 @click.option("--store", metavar="DIR", help="Where the verdicts on a folder are kept, in place of FOLDER/.envcraft.")
-@click.option("--contract", default="arcade", show_default=True, metavar="NAME", help="What the environments promise.")
-@click.option("--sandbox", default="auto", show_default=True, metavar="NAME", help="Where the environments run.")
-@runtime_option
+@rule_options
+@where_options()
 @click.option(
-    "--require-isolation",
-    type=click.Choice([level.value for level in Isolation]),
-    help="Judge nothing where no sandbox isolates this far.",
+    "--executor",
+    default=LOCAL,
+    show_default=True,
+    metavar="NAME",
+    help="What judges: local, which is this process, or an executor of a plugin, such as dask.",
 )
-@click.option("--checks", metavar="A,B", help="Run only these checks (and source, which the others rest on).")
-@click.option("--skip", metavar="A,B", help="Leave out these checks.")
-@click.option("--budget", type=click.Choice(list(BUDGETS)), default="standard", show_default=True)
-@click.option(
-    "--seed", type=click.IntRange(0, 2**31 - 1), default=0, show_default=True, help="Same seed, same episodes."
-)
-@click.option(
-    "--workers",
-    type=click.IntRange(1, 64),
-    show_default="as many as cores",
-    help="Environments judged side by side; they share the cores.",
-)
+@click.option("--scheduler", metavar="ADDRESS", help="Where the executor's cluster is; one of this machine without it.")
 @click.option(
     "--resume/--no-resume", default=True, show_default=True, help="Take verdicts that there are, or judge all anew."
 )
@@ -79,6 +81,8 @@ def audit(
     budget: str,
     seed: int,
     workers: int | None,
+    executor: str,
+    scheduler: str | None,
     resume: bool,
     sample: int | None,
     only_failed: bool,
@@ -96,14 +100,19 @@ def audit(
                  2 wrong use                      3 something could not be judged
     """
     promised, selected = contract_named(contract), select_checks(checks, skip)
+    engine = executor_named(executor)
+    if engine is None and scheduler is not None:
+        raise UsageError(f"--scheduler {scheduler} goes with an executor that has one, such as --executor dask")
     with contextlib.ExitStack() as stack:
         driver = driver_named(sandbox, require_isolation, runtime, probe=False)
         stack.callback(driver.close)
         with uninterrupted():
             from envcraft.corpus.audit import Audit, Choice
             from envcraft.corpus.baseline import compare, read_baseline
+            from envcraft.corpus.dispatch import stream as dispatch
             from envcraft.corpus.settings import settings_of
-            from envcraft.engine import Plan
+            from envcraft.corpus.tasks import Order
+            from envcraft.engine import Plan, stream
 
         known = read_baseline(baseline) if baseline else None
         ensure(driver)
@@ -114,7 +123,13 @@ def audit(
         run = Audit(opened, opened.settings(settings), choice, folder, resume)
         click.echo(f"{run.selected:,} environments, {len(run.pending):,} of them to be judged", err=True)
         if run.pending:
-            _judge(run, Plan(run.targets, promised, driver, selected, BUDGETS[budget], seed), driver, workers)
+            plan = Plan(run.targets, promised, driver, selected, BUDGETS[budget], seed)
+            if engine is None:
+                judging = stream(plan, workers, stack.enter_context(Pool(driver, plan.limits, len(run.pending))))
+            else:
+                order = Order(settings, promised, [check.name for check in selected], runtime, require_isolation)
+                judging = dispatch(engine, workers, scheduler, order, plan)
+            _judge(run, judging)
         run.end()
         difference = compare(run, known) if known is not None else None
         verdicts = run.verdicts()
@@ -167,11 +182,10 @@ def _open(place: str, store: str | None) -> tuple[Store, str]:
     return opened, place
 
 
-def _judge(run: Audit, plan: Plan, driver: Driver, workers: int | None) -> None:
+def _judge(run: Audit, judging: Judging) -> None:
     import io
 
     from envcraft.events import SubjectFinished
-    from envcraft.pool import Pool
     from envcraft.progress import Progress
 
     judged = 0
@@ -182,9 +196,9 @@ def _judge(run: Audit, plan: Plan, driver: Driver, workers: int | None) -> None:
         judged += isinstance(event, SubjectFinished)
 
     # Nothing is written while the view is up, so that it need not give way.
-    with Pool(driver, Limits(), len(run.pending)) as pool, Progress(io.StringIO()) as progress:
+    with Progress(io.StringIO()) as progress:
         try:
-            run.run(plan, pool, workers, tell)
+            run.run(judging, tell)
         except KeyboardInterrupt:
             kept = f"{judged:,} of {len(run.pending):,} were judged and are kept; the same command goes on from there"
             click.echo(kept, err=True)

@@ -3,22 +3,28 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import click
 
+from envcraft.budget import BUDGETS
 from envcraft.check import Check, Rule
 from envcraft.cli import offered, unknown
 from envcraft.contract import Contract
 from envcraft.errors import SandboxUnavailable, UsageError
+from envcraft.executors import ExecutorPlugin
 from envcraft.own_contracts import own_contracts
 from envcraft.reports import Reporter
 from envcraft.sandbox import Driver, Isolation, choose, ensure
 
+_F = TypeVar("_F", bound=Callable[..., Any])
+
 #: No verdict can be trusted where this check did not run: it says whether there is an environment at all.
 FIRST = "source"
+#: The executor that is no plugin's: the threads of the process that judges.
+LOCAL = "local"
 
 
 def all_checks() -> list[Check]:
@@ -49,6 +55,12 @@ def select_checks(only: str | None, skip: str | None) -> list[Check]:
     return kept
 
 
+def checks_named(names: Iterable[str]) -> list[Check]:
+    """The checks of these names, in this order. Raises UsageError, naming the nearest."""
+    known = {check.name: check for check in all_checks()}
+    return [_named("check", name, known) for name in names]
+
+
 def split(names: str | None) -> list[str]:
     """The names in a list that commas separate."""
     return [name.strip() for name in (names or "").split(",") if name.strip()]
@@ -74,10 +86,72 @@ def reporter_named(name: str) -> type[Reporter]:
     return found
 
 
+def executor_named(name: str) -> ExecutorPlugin | None:
+    """None for this process itself. Raises UsageError, naming the nearest."""
+    if name == LOCAL:
+        return None
+    known = {executor.name: executor for executor in offered("envcraft_executors")}
+    found: ExecutorPlugin | None = _named("executor", name, {LOCAL: None, **known})
+    return found
+
+
 #: ``--runtime``, for every command that takes ``--sandbox``.
 runtime_option = click.option(
     "--runtime", metavar="NAME", help="Container runtime of the docker sandbox, such as runsc for gVisor."
 )
+
+
+def where_options(sandbox: str | None = "auto") -> Callable[[_F], _F]:
+    """``--sandbox`` (with no default, it is the one that was recorded), ``--runtime``, ``--require-isolation`` and
+    ``--workers``, for commands that judge.
+    """
+    return _together(
+        click.option(
+            "--sandbox",
+            default=sandbox,
+            show_default=sandbox or "as recorded",
+            metavar="NAME",
+            help="Where the environments run.",
+        ),
+        runtime_option,
+        click.option(
+            "--require-isolation",
+            type=click.Choice([level.value for level in Isolation]),
+            help="Judge nothing where no sandbox isolates this far.",
+        ),
+        click.option(
+            "--workers",
+            type=click.IntRange(1, 64),
+            show_default="as many as cores",
+            help="Environments judged side by side; they share the cores.",
+        ),
+    )
+
+
+def rule_options(command: _F) -> _F:
+    """``--contract``, ``--checks``, ``--skip``, ``--budget`` and ``--seed``, for commands that judge."""
+    return _together(
+        click.option(
+            "--contract", default="arcade", show_default=True, metavar="NAME", help="What the environments promise."
+        ),
+        click.option("--checks", metavar="A,B", help="Run only these checks (and source, which the others rest on)."),
+        click.option("--skip", metavar="A,B", help="Leave out these checks."),
+        click.option("--budget", type=click.Choice(list(BUDGETS)), default="standard", show_default=True),
+        click.option(
+            "--seed", type=click.IntRange(0, 2**31 - 1), default=0, show_default=True, help="Same seed, same episodes."
+        ),
+    )(command)
+
+
+def _together(*options: Callable[[Any], Any]) -> Callable[[_F], _F]:
+    """One decorator in place of several, in the order in which ``--help`` lists them."""
+
+    def decorate(command: _F) -> _F:
+        for option in reversed(options):
+            command = option(command)
+        return command
+
+    return decorate
 
 
 def driver_named(name: str, least: str | None = None, runtime: str | None = None, probe: bool = True) -> Driver:

@@ -17,40 +17,31 @@ from envcraft.cli import Configured, uninterrupted
 from envcraft.errors import ExitCode, UsageError
 from envcraft.pool import Pool
 from envcraft.reports import Reporter
-from envcraft.sandbox import Isolation, Limits, driver_for, ensure
+from envcraft.sandbox import Limits, driver_for, ensure
 from envcraft.target import Kind, Target, kind_of, read_policy
 from envcraft.verdict import Report, Verdict
 
-from .choices import all_checks, contract_named, driver_named, reporter_named, rules_of, runtime_option, select_checks
+from .choices import (
+    all_checks,
+    contract_named,
+    driver_named,
+    reporter_named,
+    rule_options,
+    rules_of,
+    select_checks,
+    where_options,
+)
 from .targets import resolve
 
 
 @click.command(cls=Configured)
 @click.argument("targets", nargs=-1, required=True, metavar="TARGET...")
-@click.option("--contract", default="arcade", show_default=True, metavar="NAME", help="What the environments promise.")
+@rule_options
 @click.option("--class", "env_class", metavar="NAME", help="Judge this class, where a file defines several.")
 @click.option("--kwargs", metavar="JSON", help="Arguments for the constructors, as a JSON object.")
 @click.option("--wrap", multiple=True, metavar="MODULE:FUNC", help="Wrap each instance by this; repeat for several.")
-@click.option("--sandbox", default="auto", show_default=True, metavar="NAME", help="Where the environments run.")
-@runtime_option
-@click.option(
-    "--require-isolation",
-    type=click.Choice([level.value for level in Isolation]),
-    help="Judge nothing where no sandbox isolates this far.",
-)
-@click.option("--checks", metavar="A,B", help="Run only these checks (and source, which the others rest on).")
-@click.option("--skip", metavar="A,B", help="Leave out these checks.")
-@click.option("--budget", type=click.Choice(list(BUDGETS)), default="standard", show_default=True)
-@click.option(
-    "--seed", type=click.IntRange(0, 2**31 - 1), default=0, show_default=True, help="Same seed, same episodes."
-)
+@where_options()
 @click.option("--policy", metavar="FILE", help="A privileged policy that difficulty plays with.")
-@click.option(
-    "--workers",
-    type=click.IntRange(1, 64),
-    show_default="as many as cores",
-    help="Environments judged side by side; they share the cores.",
-)
 @click.option("--format", "form", default="console", show_default=True, metavar="NAME", help="How to report.")
 @click.option("--output", metavar="FILE", help="Where to report; - is standard output.")
 @click.option(

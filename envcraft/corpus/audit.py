@@ -9,16 +9,14 @@ from __future__ import annotations
 import contextlib
 import os
 import random
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from typing import Any, overload
 
 import msgspec
 
-from envcraft.corpus.store import Environment, Store, decode, now
-from envcraft.engine import Plan, stream
-from envcraft.errors import EnvCraftError
+from envcraft.corpus.store import CorpusDamaged, Environment, Store, decode, now
+from envcraft.errors import EnvCraftError, TargetLost
 from envcraft.events import Event, SubjectFinished
-from envcraft.pool import Pool
 from envcraft.target import Target
 from envcraft.verdict import SubjectReport, Verdict
 
@@ -46,7 +44,10 @@ class Choice(msgspec.Struct, frozen=True):
 
 
 class Stored(Sequence[Target]):
-    """Environments as targets, each read from the store when it is asked for, by whichever thread does."""
+    """Environments as targets, each read from the store when it is asked for, by whichever thread does.
+
+    Asking raises TargetLost where the source is gone or has changed.
+    """
 
     def __init__(self, store: Store, environments: Sequence[Environment], folder: str) -> None:
         self._store, self._environments, self._folder = store, environments, folder
@@ -62,7 +63,11 @@ class Stored(Sequence[Target]):
         if isinstance(index, slice):
             return Stored(self._store, self._environments[index], self._folder)
         name, source, env_class = self._environments[index]
-        return Target(os.path.join(self._folder, name), self._store.source(source), env_class or None)
+        path = os.path.join(self._folder, name)
+        try:
+            return Target(path, self._store.source(source), env_class or None)
+        except CorpusDamaged as error:
+            raise TargetLost(path, env_class or None, source, str(error)) from None
 
 
 class Audit:
@@ -111,9 +116,11 @@ class Audit:
         """What is to be judged."""
         return Stored(self.store, self.pending, self.folder)
 
-    def run(self, plan: Plan, pool: Pool, workers: int | None, tell: Callable[[Event], None]) -> None:
-        """Judge what is pending, each verdict written down before `tell` hears of it. Raises what ends the judging."""
-        with contextlib.closing(stream(plan, workers, pool)) as events:
+    def run(self, judging: Generator[tuple[int, Event], None, None], tell: Callable[[Event], None]) -> None:
+        """Take in the judging of what is pending, whose events come with its numbers, from 1: each verdict is written
+        down before `tell` hears of it. Raises what ends the judging.
+        """
+        with contextlib.closing(judging) as events:
             for number, event in events:
                 if isinstance(event, SubjectFinished):
                     self.store.record(self.pending[number - 1], self.settings, event.report)

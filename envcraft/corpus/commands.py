@@ -1,4 +1,4 @@
-"""``envcraft corpus init``, ``add``, ``list``, ``show``, ``rm``, ``verify`` and ``merge``."""
+"""``envcraft corpus init``, ``add``, ``list``, ``show``, ``rm``, ``verify``, ``merge`` and ``records``."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import os
 import sys
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import click
 import msgspec
@@ -224,7 +224,24 @@ def merge(corpus: Path, other: Path) -> None:
     click.echo(f"{plural(merged.added, 'environment')} and {plural(merged.verdicts, 'verdict')} added")
 
 
-COMMANDS = (init, add, list_, show, rm, verify, merge)
+@click.command()
+@_CORPUS
+@click.option("--output", type=click.File("wb", lazy=False), default="-", metavar="FILE", help="Where to write.")
+def records(corpus: Path, output: BinaryIO) -> None:
+    """Write a validation record for each environment that was judged, as JSON lines that are chained by digests.
+
+    `envcraft reverify` judges again what they say.
+    """
+    from envcraft.corpus.records import End, chain, encode, records_of
+
+    with Store(corpus) as store:
+        for line in chain(records_of(store)):
+            output.write(encode(line))
+            if isinstance(line, End):
+                click.echo(f"{plural(line.records, 'record')}; the digest of all is {line.digest}", err=True)
+
+
+COMMANDS = (init, add, list_, show, rm, verify, merge, records)
 
 
 def _files(paths: tuple[str, ...]) -> Iterator[tuple[str, Target]]:

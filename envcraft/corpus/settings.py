@@ -23,6 +23,9 @@ from envcraft.verdict import plain
 #: What the environments of the built-in contracts import, and so what their episodes may depend on.
 _LIBRARIES = ("numpy", "gymnasium", "pygame-ce", "scipy")
 
+#: What settings are called in words, where it is not as in the table.
+_WORDS = {"contract_sha256": "a contract whose digest is", "image": "image or libraries"}
+
 
 class Settings(msgspec.Struct, frozen=True):
     """A way to judge.
@@ -48,6 +51,11 @@ class Settings(msgspec.Struct, frozen=True):
     @property
     def digest(self) -> str:
         return hashlib.sha256(msgspec.json.encode(self)).hexdigest()
+
+    def differing(self, other: Settings) -> list[str]:
+        """In words, each setting that is not as in `other`, with both values."""
+        pairs = zip(msgspec.structs.asdict(self).items(), msgspec.structs.astuple(other), strict=True)
+        return [f"{_WORDS.get(name, name)} {mine}, not {theirs}" for (name, mine), theirs in pairs if mine != theirs]
 
 
 def settings_of(contract: Contract, checks: Iterable[Check], driver: Driver, budget: Budget, seed: int) -> Settings:

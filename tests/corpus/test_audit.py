@@ -24,7 +24,7 @@ from envcraft.contract import ARCADE
 from envcraft.corpus.audit import Audit, Choice, follow
 from envcraft.corpus.settings import rules_version, settings_of
 from envcraft.corpus.store import CorpusBusy, Store
-from envcraft.engine import Plan
+from envcraft.engine import Plan, stream
 from envcraft.errors import UsageError
 from envcraft.events import SubjectFinished
 from envcraft.pool import Pool
@@ -138,7 +138,7 @@ class Corpus:
         if audit.pending:
             plan = Plan(audit.targets, ARCADE, driver, checks, BUDGETS["quick"], seed)
             with Pool(driver, Limits(), len(audit.pending)) as pool:
-                audit.run(plan, pool, 2, tell)
+                audit.run(stream(plan, 2, pool), tell)
         audit.end()
         return audit
 
@@ -198,6 +198,20 @@ def test_what_could_not_be_judged_is_tried_again(corpus: Corpus) -> None:
     for expected in (["a", "b"], ["a"]):
         assert corpus.audit().verdicts() == {"pass": 1, "error": 1}
         assert sorted(corpus.judged) == expected
+
+
+def test_a_source_that_is_damaged_stops_nothing_else(corpus: Corpus) -> None:
+    corpus.write(a="x", b="y", c="z")
+    corpus.store.place(hashlib.sha256(b"y").hexdigest()).write_bytes(b"else")
+    audit = corpus.audit()
+    assert audit.verdicts() == {"pass": 2, "error": 1}
+    lost = audit.report("b")
+    assert lost is not None
+    assert "has changed" in lost.reason
+    assert lost.source_sha256 == hashlib.sha256(b"y").hexdigest()
+    corpus.store.place(lost.source_sha256).write_bytes(b"y")
+    assert corpus.audit().verdicts() == {"pass": 3}
+    assert corpus.judged == ["b"]
 
 
 def test_choices(corpus: Corpus) -> None:

@@ -11,6 +11,7 @@ import sysconfig
 import venv
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -164,6 +165,27 @@ def test_environments_are_judged_in_its_sandbox(installed: Installed) -> None:
     assert (report["verdict"], report["driver"], report["isolation"]) == ("pass", "nice", "process")
     assert "lowest priority" in report["sandbox"]["layers"]
     assert "nice" in installed.listed("doctor")
+
+
+def test_an_audit_runs_in_its_processes(installed: Installed, tmp_path: Path) -> None:
+    games = shutil.copytree(GAMES, tmp_path / "games")
+    options = ("--checks", "brightness", "--budget", "quick", "--format", "json", *SANDBOX)
+    there = installed.run("audit", games, "--executor", "processes", "--workers", "2", *options)
+    assert (there.returncode, there.stderr) == (1, "4 environments, 4 of them to be judged\n")
+    here = installed.run("audit", games, "--no-resume", *options)
+    assert untimed(json.loads(there.stdout)["reports"]) == untimed(json.loads(here.stdout)["reports"])
+    wrong = installed.run("audit", games, "--no-resume", "--executor", "processes", "--scheduler", "x:1", *options)
+    assert (wrong.returncode, wrong.stderr.splitlines()[-1]) == (
+        2,
+        "Error: --scheduler x:1 leads to a cluster, and processes are of this machine: leave it out",
+    )
+
+
+def untimed(value: Any) -> Any:
+    """A report without what a clock says."""
+    if isinstance(value, dict):
+        return {key: untimed(item) for key, item in value.items() if key != "seconds"}
+    return [untimed(item) for item in value] if isinstance(value, list) else value
 
 
 def test_its_sandbox_conforms(installed: Installed, root: Path) -> None:

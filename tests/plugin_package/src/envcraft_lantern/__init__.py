@@ -1,1 +1,1 @@
-"""A worked plugin for EnvCraft: a check, a contract, a sandbox driver, a reporter and a command, one file each."""
+"""A worked plugin: a check, a contract, a sandbox driver, a reporter, a command and an executor, one file each."""

@@ -11,6 +11,7 @@ if TYPE_CHECKING:
 
     from envcraft.check import Check
     from envcraft.contract import Contract
+    from envcraft.executors import ExecutorPlugin
     from envcraft.reports import Reporter
     from envcraft.sandbox import Driver
 
@@ -50,3 +51,10 @@ def envcraft_commands() -> list[click.Command]:
     from .census import census
 
     return [census]
+
+
+@hookimpl
+def envcraft_executors() -> list[ExecutorPlugin]:
+    from .processes import ProcessesExecutor
+
+    return [ProcessesExecutor()]

@@ -1,0 +1,47 @@
+"""Where environments are judged when not in the threads of one process: executors, which plugins open.
+
+The seam is :class:`concurrent.futures.Executor`, which any engine can be. What is handed over is one module-level
+function and bytes, what comes back is bytes (:mod:`envcraft.corpus.tasks`); only the process that audits writes to the
+corpus.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from concurrent.futures import Executor
+
+
+@dataclass(frozen=True)
+class Opened:
+    """An executor that takes tasks. `slots` says how many of them it can run at the same time, as of now."""
+
+    executor: Executor
+    slots: Callable[[], int]
+
+
+class ExecutorPlugin(ABC):
+    """A way to run tasks elsewhere; making one must not start anything. `name` is how ``--executor`` names it."""
+
+    name: str
+
+    @abstractmethod
+    def open(self, workers: int | None, scheduler: str | None) -> AbstractContextManager[Opened]:
+        """Open what `scheduler` leads to, the value of ``--scheduler``; without it, `workers` processes of this machine
+        (None: as many as there are cores), whose main module is not run again and which Ctrl-C is not for.
+
+        Of a future that is lost with its worker is expected: that the executor runs its task again itself, that it ends
+        as cancelled (its task is submitted again), or that it raises BrokenExecutor (the executor is left, and opened
+        again). Any other exception counts as one environment that could not be judged.
+
+        Leaving the context ends what was opened here; after an exception, KeyboardInterrupt included, without waiting
+        for tasks that are running.
+
+        Raises UsageError where `scheduler` cannot be used, or a library is missing, with what to install; EnvCraftError
+        where nothing could be opened.
+        """

@@ -1,0 +1,1 @@
+"""``envcraft audit --executor dask``: environments are judged by the workers of a Dask cluster."""
