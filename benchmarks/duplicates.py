@@ -1,16 +1,17 @@
 """``python -m benchmarks.duplicates``: which duplicates each layer finds, of a corpus in which they were planted.
 
-The originals are the examples and the good fixtures, of any two that share half of their shingles only the first. The rest of
-``--number`` files are copies of them, in equal parts: reformatted (other comments, docstrings and blank lines), renamed
-(private methods, constants and local variables under other names) and edited (a tenth of the numbers changed). A layer has to
-find the pairs that its kind of copy makes with its original and with others of that kind; a pair of copies of two originals is
-wrong whatever finds it. Beside the layer ``near``, in the same run, the plain way: the Jaccard index of all pairs of sets of
-shingles, nothing taken out.
+The originals are the examples and the good fixtures, of any two that share half of their shingles only the first. The
+rest of ``--number`` files are copies of them, in equal parts: reformatted (other comments, docstrings and blank lines),
+renamed (private methods, constants and local variables under other names) and edited (a tenth of the numbers changed).
+A layer has to find the pairs that its kind of copy makes with its original and with others of that kind; a pair of
+copies of two originals is wrong whatever finds it. Beside the layer ``near``, in the same run, the plain way: the
+Jaccard index of all pairs of sets of shingles, nothing taken out.
 
-The layer ``behavioural`` is measured on fewer, since they are played in the sandbox: each original and a renamed copy of it.
+The layer ``behavioural`` is measured on fewer, since they are played in the sandbox: each original and a renamed copy
+of it.
 
-A precision below 0.99, a recall below 0.95 (behavioural: of those that have a key), or a ``near`` that takes longer than the
-plain way from 1,000 files on, is exit status 1.
+A precision below 0.99, a recall below 0.95 (behavioural: of those that have a key), or a ``near`` that takes longer
+than the plain way from 1,000 files on, is exit status 1.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ import re
 import time
 import tokenize
 from collections.abc import Callable, Iterable, Sequence
+from functools import partial
 from typing import NamedTuple
 
 from envcraft_sandbox.process import ProcessDriver
@@ -62,7 +64,7 @@ def originals() -> list[bytes]:
     found: list[bytes] = []
     sets: list[near.Shingles] = []
     for fixture in (*examples(), *fixtures()):
-        if fixture.policy is not None or fixture.codes and fixture.check != "examples":
+        if fixture.policy is not None or (fixture.codes and fixture.check != "examples"):
             continue
         source = fixture.path.read_bytes()
         shingles = near.shingles(near.key(source) or b"")
@@ -104,7 +106,12 @@ def renamed(text: str, rng: random.Random) -> str:
     own = {node.id for node in ast.walk(tree) if isinstance(node, ast.Name) and not isinstance(node.ctx, ast.Load)}
     own |= {node.name for node in ast.walk(tree) if isinstance(node, ast.FunctionDef) and node.name.startswith("_")}
     taken = {node.arg for node in ast.walk(tree) if isinstance(node, ast.arg | ast.keyword)}
-    taken |= {alias.asname or alias.name for node in ast.walk(tree) for alias in getattr(node, "names", ()) if isinstance(alias, ast.alias)}
+    taken |= {
+        alias.asname or alias.name
+        for node in ast.walk(tree)
+        for alias in getattr(node, "names", ())
+        if isinstance(alias, ast.alias)
+    }
     loaded = {node.attr for node in ast.walk(tree) if isinstance(node, ast.Attribute)}
     methods = {node.name for node in ast.walk(tree) if isinstance(node, ast.FunctionDef)}
     taken |= loaded - methods
@@ -116,9 +123,14 @@ def renamed(text: str, rng: random.Random) -> str:
         for node in ast.walk(tree)
         if isinstance(node, ast.ClassDef)
         for part in node.body
-        for target in ast.walk(part) if isinstance(part, ast.Assign | ast.AnnAssign) and isinstance(target, ast.Name)
+        for target in ast.walk(part)
+        if isinstance(part, ast.Assign | ast.AnnAssign) and isinstance(target, ast.Name)
     }
-    fresh = {name: f"{'_' * name.startswith('_')}n{rng.randrange(10**6)}_{place}" for place, name in enumerate(names) if name not in in_class}
+    fresh = {
+        name: f"{'_' * name.startswith('_')}n{rng.randrange(10**6)}_{place}"
+        for place, name in enumerate(names)
+        if name not in in_class
+    }
     return _replaced(text, tokens, lambda token: fresh.get(token.string) if token.type == tokenize.NAME else None)
 
 
@@ -147,7 +159,8 @@ def score(files: Sequence[File], groups: Groups, kinds: Iterable[str]) -> tuple[
 
 
 def equal(keys: Sequence[bytes | None]) -> Groups:
-    groups, first = Groups(len(keys)), {}
+    groups = Groups(len(keys))
+    first: dict[bytes, int] = {}
     for number, key in enumerate(keys):
         if key is not None:
             groups.join(first.setdefault(key, number), number)
@@ -177,8 +190,8 @@ def plain(sets: Sequence[near.Shingles]) -> Groups:
 
 
 def played(number: int) -> tuple[float, float, int, float]:
-    """Precision and recall by behaviour of `number` originals and a renamed copy of each; how many files have a key, and
-    the seconds each took.
+    """Precision and recall by behaviour of `number` originals and a renamed copy of each; how many files have a key,
+    and the seconds each took.
     """
     rng = random.Random(0)
     files = [
@@ -227,7 +240,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     files = corpus(options.number)
     table = Table(title=f"{len(files):,} files, {len({file.original for file in files})} originals")
-    for column in ("layer", "precision", "recall", "keys, ms a file", "clusters, s"):
+    for column in ("layer", "precision", "recall", "CPU ms a key", "clusters, s"):
         table.add_column(column, justify="left" if column == "layer" else "right")
     broken: list[str] = []
 
@@ -235,18 +248,20 @@ def main(arguments: Sequence[str] | None = None) -> int:
         took = "" if seconds is None else f"{seconds:.2f}"
         table.add_row(name, f"{precision:.4f}", f"{recall:.4f}", f"{milliseconds:.1f}", took)
         if name != "plain Jaccard" and (precision < PRECISION or recall < RECALL):
-            broken.append(f"{name}: precision {precision:.4f}, at least {PRECISION}; recall {recall:.4f}, at least {RECALL}")
+            broken.append(
+                f"{name}: precision {precision:.4f}, at least {PRECISION}; recall {recall:.4f}, at least {RECALL}"
+            )
 
     taken: dict[str, float] = {}
     for layer in (exact, structural, near):
         name = layer.__name__.rpartition(".")[2]
-        started = time.perf_counter()
+        started = time.process_time()
         keys = [layer.key(file.source) for file in files]
-        milliseconds = (time.perf_counter() - started) / len(files) * 1000
-        ways = {name: lambda keys=keys: equal(keys)}  # type: ignore[misc]
+        milliseconds = (time.process_time() - started) / len(files) * 1000
+        sets = [near.shingles(key or b"") for key in keys] if layer is near else []
+        ways: dict[str, Callable[[], Groups]] = {name: partial(equal, keys)}
         if layer is near:
-            sets = [near.shingles(key or b"") for key in keys]
-            ways = {"near": lambda sets=sets: hashed(sets), "plain Jaccard": lambda sets=sets: plain(sets)}  # type: ignore[misc]
+            ways = {name: partial(hashed, sets), "plain Jaccard": partial(plain, sets)}
         for way, make in ways.items():
             started = time.perf_counter()
             groups = make()

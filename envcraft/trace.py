@@ -82,8 +82,8 @@ class Problem:
 class Trace:
     """One episode. Index 0 of `observations` and `infos` is the reset, of rewards and flags step 1.
 
-    Observations are digests; of an episode that is watched, `watched` has perceptual hashes of some. Infos are JSON as it came, the last one always; once an episode has given much of it the
-    others are digests too.
+    Observations are digests; of an episode that is watched, `watched` has perceptual hashes of some. Infos are JSON as
+    it came, the last one always; once an episode has given much of it the others are digests too.
     """
 
     rollout: Rollout

@@ -1,4 +1,5 @@
-"""``envcraft corpus init``, ``add``, ``list``, ``show``, ``rm``, ``verify`` and ``merge``; the others are made beside."""
+"""``envcraft corpus init``, ``add``, ``list``, ``show``, ``rm``, ``verify`` and ``merge``; the others are made
+beside."""
 
 from __future__ import annotations
 

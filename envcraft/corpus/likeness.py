@@ -180,7 +180,9 @@ def _source_keys(store: Store, sources: set[str], layers: Sequence[str]) -> dict
                 rows.append((source, layer, version, key))
         if store.writes:
             with store.transaction():
-                store.db.executemany("INSERT OR REPLACE INTO keys (source, layer, version, key) VALUES (?, ?, ?, ?)", rows)
+                store.db.executemany(
+                    "INSERT OR REPLACE INTO keys (source, layer, version, key) VALUES (?, ?, ?, ?)", rows
+                )
     return keys
 
 
@@ -194,9 +196,7 @@ def _equal(keys: Sequence[Hashable], members: Sequence[_Member]) -> tuple[int, G
     return sum(key is not None for key in keys), groups
 
 
-def _near(
-    members: Sequence[_Member], keys: dict[str, bytes | None], threshold: float
-) -> tuple[int, Groups]:
+def _near(members: Sequence[_Member], keys: dict[str, bytes | None], threshold: float) -> tuple[int, Groups]:
     sources = list(dict.fromkeys(member.source for member in members if keys[member.source] is not None))
     left = near.own([near.shingles(keys[source] or b"") for source in sources])
     judged = [(source, rest) for source, rest in zip(sources, left, strict=True) if rest is not None]

@@ -36,9 +36,7 @@ _THRESHOLD = click.option(
     show_default=True,
     help="The Jaccard index from which on sources are near-duplicates.",
 )
-_FORMAT = click.option(
-    "--format", "form", type=click.Choice(["console", "json"]), default="console", show_default=True
-)
+_FORMAT = click.option("--format", "form", type=click.Choice(["console", "json"]), default="console", show_default=True)
 
 
 @click.command()
@@ -50,8 +48,8 @@ _FORMAT = click.option(
 def dedup(corpus: Path, layers: tuple[str, ...], threshold: float, keep_best: bool, form: str) -> None:
     """Tell which environments are the same: exact, structural, near and behavioural copies, and clusters over all.
 
-    The best of a cluster passes rather than fails, has fewer errors, then fewer warnings, and was added first. Nothing is
-    removed without --keep-best.
+    The best of a cluster passes rather than fails, has fewer errors, then fewer warnings, and was added first. Nothing
+    is removed without --keep-best.
     """
     from envcraft.corpus.likeness import clusters
 
@@ -96,9 +94,8 @@ def diversity(corpus: Path, layers: tuple[str, ...], sample: int, seed: int, for
     for measured in found:
         told = f"{measured.layer:11}  {measured.score:,.1f} of {plural(measured.sample, 'environment')}"
         if measured.sample < measured.environments:
-            told += (
-                f", {measured.least:,.1f} to {measured.most:,.1f} in five samples of the {measured.environments:,} there are"
-            )
+            spread = f"{measured.least:,.1f} to {measured.most:,.1f} in five samples"
+            told += f", {spread} of the {measured.environments:,} there are"
         click.echo(told)
 
 
@@ -123,7 +120,8 @@ def split(
 
 
 def _opened(corpus: Path, write: bool = False) -> Store:
-    """The corpus, for writing where that may be, so that keys are kept. Raises UsageError, CorpusBusy, CorpusDamaged."""
+    """The corpus, for writing where that may be, so that keys are kept. Raises UsageError, CorpusBusy,
+    CorpusDamaged."""
     try:
         return Store(corpus, write=True)
     except (CorpusBusy, UsageError):
@@ -164,7 +162,9 @@ def _write_clusters(found: Likeness, removed: bool) -> None:
         click.echo(f"{name:11}  {words}" + (f"; {lacking:,} without a key" if lacking else ""))
     extra = sum(len(cluster.members) - 1 for cluster in found.clusters)
     done = "removed" if removed else "not the best of theirs"
-    click.echo(f"{plural(found.environments, 'environment')}: {plural(len(found.clusters), 'cluster')}, {extra:,} {done}")
+    click.echo(
+        f"{plural(found.environments, 'environment')}: {plural(len(found.clusters), 'cluster')}, {extra:,} {done}"
+    )
     # All names where they are gone.
     shown = found.clusters if removed else found.clusters[:_SHOWN]
     for cluster in shown:

@@ -1,7 +1,8 @@
-"""Splits of a corpus, for training and testing say, that never cut a cluster: what is in one split has no copy in another.
+"""Splits of a corpus, for training and testing say, that never cut a cluster: what is in one split has no copy in
+another.
 
-Environments that come from one source stay together, too. The same corpus, fractions and seed give the same splits on any
-machine, whatever the order in which environments were added.
+Environments that come from one source stay together, too. The same corpus, fractions and seed give the same splits on
+any machine, whatever the order in which environments were added.
 """
 
 from __future__ import annotations
@@ -33,8 +34,8 @@ def corpus_splits(
 def split(groups: Sequence[Sequence[str]], fractions: Sequence[float], seed: int = 0) -> list[list[str]]:
     """Assign whole groups of names to one split for each fraction, as close to the fractions as whole groups allow.
 
-    The largest groups come first, and each goes where it fills the least; then those of one name fill up what is missing,
-    in an order that the seed shuffles. So one more of these moves no more than one name over each border.
+    The largest groups come first, and each goes where it fills the least; then those of one name fill up what is
+    missing, in an order that the seed shuffles. So one more of these moves no more than one name over each border.
     Raises UsageError.
     """
     if not fractions or any(not 0 < fraction <= 1 for fraction in fractions):

@@ -4,12 +4,12 @@ What an environment does is known from the sandbox: of one episode that every au
 a while, on the first seed, which are the same for all environments with one action space), the first 256 steps are a
 *fingerprint*: a perceptual hash of every fourth observation (:mod:`.perceptual`), the sum of the rewards between two of
 them, and when and how the episode ended. Two environments are the same here if they were given the same actions, ended
-alike, were paid the same between all frames, and their hashes agree in 19 of 20 bits: a game written anew, in other words
-or other colours. One that draws its random numbers in another order has other levels, and is another game here.
+alike, were paid the same between all frames, and their hashes agree in 19 of 20 bits: a game written anew, in other
+words or other colours. One that draws its random numbers in another order has other levels, and is another game here.
 
-An environment has no key if a check did not ask for the episode or it did not come through whole, if it is over within eight
-steps, if most of its frames are blank, or if neither frames nor rewards ever change: nothing of that says what it is, and
-broken environments would all be the same.
+An environment has no key if a check did not ask for the episode or it did not come through whole, if it is over within
+eight steps, if most of its frames are blank, or if neither frames nor rewards ever change: nothing of that says what it
+is, and broken environments would all be the same.
 """
 
 from __future__ import annotations
@@ -118,15 +118,15 @@ def kernel(found: Sequence[Series]) -> NDArray[np.float64]:
     """How alike all pairs are: the mean over their frames of how far the hashes agree (1 all bits, 0 half of them),
     counted only where the reward before was the same; 0 under other actions.
 
-    Episodes of different lengths agree in no more than the shorter one has, over the geometric mean of both. Each factor
-    is an inner product, so that the result is positive semidefinite.
+    Episodes of different lengths agree in no more than the shorter one has, over the geometric mean of both. Each
+    factor is an inner product, so that the result is positive semidefinite.
     """
     count = len(found)
     total = np.zeros((count, count))
     lengths = np.array([len(series.frames) for series in found])
     scripts = np.array([int.from_bytes(series.script, "big") for series in found], np.uint64)
     for place in range(max(lengths, default=0)):
-        there = np.flatnonzero(lengths > place)
+        there = np.flatnonzero(lengths > place).tolist()
         signs = _signs([found[number].frames[place : place + 1] for number in there])
         agree = (signs @ signs.T).astype(np.float64) / 64
         if place:

@@ -1,6 +1,6 @@
 """How many different environments there are, by the Vendi score: the exponential of the entropy of the eigenvalues of
-``K / n``, where ``K`` has how alike each pair of n is, with ones on its diagonal [1]_. It is n where nothing is like anything
-else, 1 where all are the same, and k where there are k equally frequent kinds.
+``K / n``, where ``K`` has how alike each pair of n is, with ones on its diagonal [1]_. It is n where nothing is like
+anything else, 1 where all are the same, and k where there are k equally frequent kinds.
 
 .. [1] Friedman and Dieng, The Vendi Score: A Diversity Evaluation Metric for Machine Learning, 2022.
 """
@@ -8,12 +8,13 @@ else, 1 where all are the same, and k where there are k equally frequent kinds.
 from __future__ import annotations
 
 from collections.abc import Hashable, Iterable
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 
-def vendi(kernel: NDArray[np.float64]) -> float:
+def vendi(kernel: NDArray[np.floating[Any]]) -> float:
     """The score of a positive semidefinite kernel, shape ``(n, n)``; 0 of nothing."""
     return _effective(np.linalg.eigvalsh(kernel / len(kernel))) if len(kernel) else 0.0
 

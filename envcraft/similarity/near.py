@@ -1,16 +1,17 @@
 """The layer ``near``: mostly the same text, measured by the tokens that stand together.
 
-A source is the set of its 5-grams of tokens (as :mod:`.reading` gives them), and two sources are as alike as the Jaccard
-index of their sets: the share that both have of what either has. From 0.7 on they are near-duplicates, the threshold with
-which the BigCode project deduplicated its corpus of code [1]_.
+A source is the set of its 5-grams of tokens (as :mod:`.reading` gives them), and two sources are as alike as the
+Jaccard index of their sets: the share that both have of what either has. From 0.7 on they are near-duplicates, the
+threshold with which the BigCode project deduplicated its corpus of code [1]_.
 
 Generated environments share a scaffold: imports, spaces, the frame of ``reset`` and ``step``. So shingles that stand in
-more than a tenth of the corpus, and at least in five, are taken out of every set first. What is counted are families, not
-files: sources that are alike by 0.85 with the scaffold count once, or a game that makes up a fifth of the corpus would be
-taken for scaffold. A source with fewer than :data:`FEWEST` shingles of its own has no key, since there is nothing to judge by.
+more than a tenth of the corpus, and at least in five, are taken out of every set first. What is counted are families,
+not files: sources that are alike by 0.85 with the scaffold count once, or a game that makes up a fifth of the corpus
+would be taken for scaffold. A source with fewer than :data:`FEWEST` shingles of its own has no key, since there is
+nothing to judge by.
 
-Pairs are looked for by MinHash [2]_ (of `rensa`) with locality-sensitive hashing, whose bands are chosen so that 99 of 100
-pairs at the threshold are found; each is then measured on the sets themselves, so that no pair is below it.
+Pairs are looked for by MinHash [2]_ (of `rensa`) with locality-sensitive hashing, whose bands are chosen so that 99 of
+100 pairs at the threshold are found; each is then measured on the sets themselves, so that no pair is below it.
 
 .. [1] Kocetkov et al., The Stack: 3 TB of permissively licensed source code, 2022.
 .. [2] Broder, On the resemblance and containment of documents, 1997.

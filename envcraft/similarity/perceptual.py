@@ -1,8 +1,9 @@
 """Perceptual hashes: 64 bits of what is to be seen in a frame, alike where frames look alike.
 
-A picture is made grey and brought to 32x32 by area; of its cosine transform the 8x8 lowest frequencies are kept, and each
-bit says whether one of them is above the median (pHash [1]_). Half of the bits are ones whatever is shown, so that frames of
-different games differ in about 32 bits even if both are mostly black, where hashes of brightness itself would agree.
+A picture is made grey and brought to 32x32 by area; of its cosine transform the 8x8 lowest frequencies are kept, and
+each bit says whether one of them is above the median (pHash [1]_). Half of the bits are ones whatever is shown, so that
+frames of different games differ in about 32 bits even if both are mostly black, where hashes of brightness itself would
+agree.
 
 .. [1] Zauner, Implementation and benchmarking of perceptual image hash functions, 2010.
 """
@@ -69,5 +70,5 @@ def _projection(length: int) -> NDArray[np.float32]:
     overlap = np.minimum(edges[1:, None], pixel + 1) - np.maximum(edges[:-1, None], pixel)
     resize = np.clip(overlap, 0, None) * _SIDE / length
     frequency, place = np.arange(_LOW)[:, None], np.arange(_SIDE)
-    cosine: NDArray[np.float64] = np.cos(np.pi * frequency * (2 * place + 1) / (2 * _SIDE))
-    return (cosine @ resize).astype(np.float32)
+    cosine = np.cos(np.pi * frequency * (2 * place + 1) / (2 * _SIDE))
+    return np.asarray(cosine @ resize, np.float32)

@@ -5,8 +5,8 @@ order in which it mentions them, likewise those of the module, and the attribute
 what a class body binds, what is assigned to). Names from elsewhere, such as ``range``, ``np.zeros`` or the module of an
 import, stay as they are. Docstrings, annotations and comments are left out.
 
-Constants are kept: numbers and strings are where levels, speeds and rewards are written, so that two games on one engine
-often differ in nothing else. How much a few of them matter is for the layer ``near`` to say.
+Constants are kept: numbers and strings are where levels, speeds and rewards are written, so that two games on one
+engine often differ in nothing else. How much a few of them matter is for the layer ``near`` to say.
 """
 
 from __future__ import annotations
@@ -124,6 +124,7 @@ class _Writer:
             self.words.append(f"%={self._keywords.number(str(name))}" if own else f"{name}=")
             self.write(keyword.value)
         self.words.append(")")
+
     def _function(self, node: _Function) -> None:
         if not isinstance(node, ast.Lambda):
             self.words += [type(node).__name__, self._name(node.name)]

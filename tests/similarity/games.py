@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import textwrap
+
 SCAFFOLD = '''import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
@@ -39,9 +41,9 @@ class Game(gym.Env):
 
     def render(self):
         frame = np.zeros((84, 84, 3), np.uint8)
-        for row in range(12):
-            for column in range(12):
-                frame[row * 7 : row * 7 + 7, column * 7 : column * 7 + 7] = 40 * self.level[row, column]
+        for column in range(12):
+            strip = 40 * self.level[:, column].repeat(7)
+            frame[:, column * 7 : column * 7 + 7] = strip[:, np.newaxis, np.newaxis]
         frame[self.y * 7 : self.y * 7 + 7, self.x * 7 : self.x * 7 + 7] = (250, 80, 60)
         return frame
 
@@ -50,36 +52,89 @@ class Game(gym.Env):
 
 #: Bodies of `rule`, each a game of its own.
 RULES = (
-    "        if self.level[self.y, self.x] == 2:\n            self.score += 1\n            self.level[self.y, self.x] = 0\n"
-    "        for row in range(1, 12):\n            if self.steps % 97 == 8 * row and self.level[row, 7] > 1:\n                self.lives -= row % 2\n",
-    "        speed = 1 + fire\n        self.level = np.roll(self.level, speed, axis=1)\n        while jump and self.y > 0:\n"
-    "            self.y -= 1\n            if not self.level[self.y].any():\n                self.score += 4\n                return\n",
-    "        near = [abs(self.x - spot) + abs(self.y - other) for spot, other in zip((1, 9, 4), (8, 3, 6))]\n"
-    "        self.score += sum(value == 0 for value in near) * (1 + jump)\n        self.lives -= max(near) > 15\n",
-    "        block = self.level[max(self.y - 1, 0) : self.y + 2, max(self.x - 1, 0) : self.x + 2]\n        if fire:\n"
-    "            block[block == 1] = 0\n            self.score += int((block == 2).sum())\n        elif jump and block.sum() > 9:\n"
-    "            self.lives = self.lives - 1\n",
-    "        tick = self.steps % 24\n        beam = tick // 2\n        if beam in (self.x, self.y) and not jump:\n"
-    "            self.lives -= 1\n            self.x = self.y = 0\n        if tick == 23 and fire:\n            self.score += 6\n",
-    "        below = min(self.y + 1, 11)\n        falling = self.level[below, self.x] == 0\n        self.y = below if falling else self.y\n"
-    "        if jump and not falling:\n            self.y = max(self.y - 3, 0)\n        self.score += self.y == 0\n",
-    "        queue, seen = [(self.y, self.x)], set()\n        while queue:\n            spot = queue.pop()\n            if spot in seen:\n"
-    "                continue\n            seen.add(spot)\n            queue += [(spot[0], spot[1] + 1)] * (spot[1] < 11 - fire)\n"
-    "        self.score = max(self.score, len(seen) // 2)\n",
-    "        odd = (self.x ^ self.y) & 1\n        self.level[odd::2, :] |= fire\n        if (self.level[:, self.x] == 1).all():\n"
-    "            self.score, self.level[:, self.x] = self.score + 8, 2 * jump\n        elif odd and self.steps % 40 == 39:\n"
-    "            self.lives //= 2\n",
+    """
+if self.level[self.y, self.x] == 2:
+    self.score += 1
+    self.level[self.y, self.x] = 0
+for row in range(1, 12):
+    if self.steps % 97 == 8 * row and self.level[row, 7] > 1:
+        self.lives -= row % 2
+    """,
+    """
+speed = 1 + fire
+self.level = np.roll(self.level, speed, axis=1)
+while jump and self.y > 0:
+    self.y -= 1
+    if not self.level[self.y].any():
+        self.score += 4
+        return
+    """,
+    """
+near = [abs(self.x - spot) + abs(self.y - other) for spot, other in zip((1, 9, 4), (8, 3, 6))]
+self.score += sum(value == 0 for value in near) * (1 + jump)
+self.lives -= max(near) > 15
+    """,
+    """
+block = self.level[max(self.y - 1, 0) : self.y + 2, max(self.x - 1, 0) : self.x + 2]
+if fire:
+    block[block == 1] = 0
+    self.score += int((block == 2).sum())
+elif jump and block.sum() > 9:
+    self.lives = self.lives - 1
+    """,
+    """
+tick = self.steps % 24
+beam = tick // 2
+if beam in (self.x, self.y) and not jump:
+    self.lives -= 1
+    self.x = self.y = 0
+if tick == 23 and fire:
+    self.score += 6
+    """,
+    """
+below = min(self.y + 1, 11)
+falling = self.level[below, self.x] == 0
+self.y = below if falling else self.y
+if jump and not falling:
+    self.y = max(self.y - 3, 0)
+self.score += self.y == 0
+    """,
+    """
+queue, seen = [(self.y, self.x)], set()
+while queue:
+    spot = queue.pop()
+    if spot in seen:
+        continue
+    seen.add(spot)
+    queue += [(spot[0], spot[1] + 1)] * (spot[1] < 11 - fire)
+self.score = max(self.score, len(seen) // 2)
+    """,
+    """
+odd = (self.x ^ self.y) & 1
+self.level[odd::2, :] |= fire
+if (self.level[:, self.x] == 1).all():
+    self.score, self.level[:, self.x] = self.score + 8, 2 * jump
+elif odd and self.steps % 40 == 39:
+    self.lives //= 2
+    """,
 )
 
 
 def game(number: int) -> bytes:
     """One of the games on the scaffold."""
-    return (SCAFFOLD + RULES[number]).encode()
+    body = RULES[number].strip()
+    return (SCAFFOLD + textwrap.indent(body, " " * 8) + "\n").encode()
 
 
 RENAMES = (
-    ("Game", "Adventure"), ("rule", "happen"), ("before", "earlier"), ("truncated", "late"), ("frame", "canvas"),
-    ("column", "place"), ("self.lives", "self.hearts"), ("self.level", "self.board"),
+    ("Game", "Adventure"),
+    ("rule", "happen"),
+    ("before", "earlier"),
+    ("truncated", "late"),
+    ("frame", "canvas"),
+    ("column", "place"),
+    ("self.lives", "self.hearts"),
+    ("self.level", "self.board"),
 )
 
 
@@ -95,5 +150,9 @@ def renamed(source: bytes) -> bytes:
 def reformatted(source: bytes) -> bytes:
     """The same tokens under other comments, docstrings, spaces and breaks."""
     text = source.decode().replace('"""A game."""', '"""Another description."""\n    # and a remark')
-    text = text.replace("    ", "  ").replace(" = 0, 0, 3", "  =  0, 0, 3   # three lives").replace("\n\n", "\n\n\n  \n")
-    return text.replace("spaces.Box(0, 255, (84, 84, 3), np.uint8)", "spaces.Box(\n    0, 255,\n (84, 84, 3), np.uint8)").encode()
+    text = (
+        text.replace("    ", "  ").replace(" = 0, 0, 3", "  =  0, 0, 3   # three lives").replace("\n\n", "\n\n\n  \n")
+    )
+    return text.replace(
+        "spaces.Box(0, 255, (84, 84, 3), np.uint8)", "spaces.Box(\n    0, 255,\n (84, 84, 3), np.uint8)"
+    ).encode()

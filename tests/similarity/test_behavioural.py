@@ -14,11 +14,10 @@ from envcraft.similarity import behavioural
 from envcraft.similarity.behavioural import EVERY, Series
 from envcraft.subject import Subject
 from envcraft.target import Target
-
-from .games import game, renamed
+from tests.similarity.games import game, renamed
 
 #: The game 0, written anew: another layout of the state, another drawing, and the same to look at.
-REWRITTEN = b'''
+REWRITTEN = b"""
 import gymnasium
 import numpy
 
@@ -61,7 +60,7 @@ class Harvest(gymnasium.Env):
         row, column = self.where * 7
         picture[row : row + 7, column : column + 7] = numpy.array([250, 80, 60])
         return picture
-'''
+"""
 
 
 def series(frames: list[int], rewards: list[float], end: int = 0, steps: int | None = None) -> Series:
@@ -133,7 +132,9 @@ def test_telling(what: Series, telling: bool) -> None:
     assert what.telling is telling
 
 
-@pytest.mark.parametrize("text", ["", "!", "AAAA", base64.b64encode(b"\x01" * 40).decode(), base64.b64encode(b"\x09" * 14).decode()])
+@pytest.mark.parametrize(
+    "text", ["", "!", "AAAA", base64.b64encode(b"\x01" * 40).decode(), base64.b64encode(b"\x09" * 14).decode()]
+)
 def test_what_is_no_fingerprint_is_read_as_none(text: str) -> None:
     assert behavioural.read(text) is None
 

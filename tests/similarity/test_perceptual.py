@@ -63,5 +63,6 @@ def test_values_that_are_no_pictures() -> None:
     assert value_hash(numbers) != value_hash(numbers + 0.01)
     assert value_hash({"a": 1, "b": (2, "c")}) == value_hash({"b": (2, "c"), "a": 1})
     assert value_hash({"a": 1}) != value_hash({"a": 2})
-    for odd in (None, np.array(["x"]), np.array([np.nan, np.inf, 1e300]), np.int64(3), []):
+    odd_ones: tuple[object, ...] = (None, np.array(["x"]), np.array([np.nan, np.inf, 1e300]), np.int64(3), [])
+    for odd in odd_ones:
         assert value_hash(odd) != BLANK

@@ -8,8 +8,7 @@ import pytest
 
 from envcraft.similarity import exact, near, structural
 from envcraft.similarity.reading import MAX_BYTES
-
-from .games import RENAMES, RULES, game, reformatted, renamed
+from tests.similarity.games import RENAMES, RULES, game, reformatted, renamed
 
 HOSTILE = {
     "no text": b"\xff\xfe\x00x = 1\n",
@@ -85,7 +84,8 @@ def test_the_same_under_other_names(one: str, two: str) -> None:
         ("import random\n", "import secrets\n"),
         ("def f(a, b):\n    return a - b\n", "def f(a, b):\n    return b - a\n"),
         ("x = g(k=1)\n", "x = g(m=1)\n"),
-        ("def f():\n    x = 1\n    def g():\n        x = 2\n", "def f():\n    x = 1\n    def g():\n        nonlocal x\n        x = 2\n"),
+        ("def f():\n    x = 1\n    def g():\n        x = 2\n",
+         "def f():\n    x = 1\n    def g():\n        nonlocal x\n        x = 2\n"),
         ("class A:\n    def f(self): return self.x\n    def g(self): self.x = 1; self.y = 2\n",
          "class A:\n    def f(self): return self.y\n    def g(self): self.x = 1; self.y = 2\n"),
         ("x = a + b\n", "x = a - b\n"),
