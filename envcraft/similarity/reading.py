@@ -6,6 +6,7 @@ import ast
 import io
 import tokenize
 import warnings
+from functools import lru_cache
 
 #: Larger sources are not looked into: environments have a few thousand bytes, and a token takes microseconds.
 MAX_BYTES = 512 * 1024
@@ -15,11 +16,12 @@ END, IN, OUT = "\n", "\x01", "\x02"
 _UNREADABLE = (SyntaxError, ValueError, RecursionError, MemoryError, tokenize.TokenError)
 
 
-def read_tokens(source: bytes) -> list[str] | None:
+@lru_cache(1)
+def read_tokens(source: bytes) -> tuple[str, ...] | None:
     """The tokens of a source, with :data:`END`, :data:`IN` and :data:`OUT`; None where it is no text or cannot be cut.
 
     Comments, blank lines, spaces, breaks within a statement, and statements that are nothing but a string (docstrings)
-    are left out.
+    are left out. The last answer is remembered, since two layers ask for it.
     """
     text = _text(source)
     if text is None:
@@ -42,7 +44,7 @@ def read_tokens(source: bytes) -> list[str] | None:
                 statement.append(word)
     except _UNREADABLE:
         return None
-    return found
+    return tuple(found)
 
 
 def read_tree(source: bytes) -> ast.Module | None:
