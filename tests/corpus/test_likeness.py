@@ -66,6 +66,7 @@ def test_the_best_passes_has_fewest_findings_and_came_first(corpus: Store) -> No
         return clusters(corpus, FEW).clusters[0].members[0]
 
     corpus.db.execute("UPDATE environments SET added = '2001' WHERE name = 'renamed.py'")
+    corpus.db.execute("UPDATE environments SET added = '2002' WHERE name = 'reformatted.py'")
     assert best() == "renamed.py"
     judge(corpus, "renamed.py", Verdict.FAIL, errors=1)
     judge(corpus, "reformatted.py", Verdict.PASS, warnings=2)
