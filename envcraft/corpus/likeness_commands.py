@@ -92,6 +92,9 @@ def diversity(corpus: Path, layers: tuple[str, ...], sample: int, seed: int, for
         _write({"seed": seed, "diversity": found})
         return
     for measured in found:
+        if not measured.environments:
+            click.echo(f"{measured.layer:11}  no environment has a key; `envcraft corpus dedup {corpus}` tells more")
+            continue
         told = f"{measured.layer:11}  {measured.score:,.1f} of {plural(measured.sample, 'environment')}"
         if measured.sample < measured.environments:
             spread = f"{measured.least:,.1f} to {measured.most:,.1f} in five samples"

@@ -213,6 +213,7 @@ def test_diversity_and_split_commands(corpus: Store, invoke: Invoke) -> None:
     told = json.loads(invoke("corpus", "diversity", corpus.root, "--format", "json").stdout)["diversity"]
     assert [measured["layer"] for measured in told] == list(LAYERS)
     assert (told[3]["environments"], told[3]["score"]) == (0, 0)
+    assert "no environment has a key" in invoke("corpus", "diversity", corpus.root, "--layer", "behavioural").output
     lines = invoke("corpus", "diversity", corpus.root, "--layer", "exact").output
     assert lines.strip() == "exact        9.7 of 11 environments"
     written = json.loads(invoke("corpus", "split", corpus.root, "--fractions", "0.5,0.5").stdout)["splits"]
