@@ -190,6 +190,7 @@ def report_on(plan: Plan, subject: Subject, checks: list[CheckReport], started: 
         kwargs=target.kwargs,
         wrappers=list(target.wrappers),
         traces=digest_all(subject.traces),
+        fingerprint=subject.fingerprint,
     )
 
 

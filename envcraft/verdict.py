@@ -97,7 +97,8 @@ class SubjectReport(msgspec.Struct):
 
     `path`, `kind`, `kwargs` and `wrappers` are those of the target. `module` is that of an installed class: lines of
     findings are lines of its file, which `source_sha256` is of. `traces` is a digest of all that was played, empty
-    where nothing was.
+    where nothing was. `fingerprint` tells environments apart that behave otherwise
+    (:func:`envcraft.similarity.behavioural.fingerprint`), "" where it is not known.
     """
 
     path: str
@@ -117,6 +118,7 @@ class SubjectReport(msgspec.Struct):
     kwargs: dict[str, Any] = {}
     wrappers: list[str] = []
     traces: str = ""
+    fingerprint: str = ""
 
     @property
     def file(self) -> str:

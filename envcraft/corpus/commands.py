@@ -1,4 +1,4 @@
-"""``envcraft corpus init``, ``add``, ``list``, ``show``, ``rm``, ``verify``, ``merge`` and ``records``."""
+"""``envcraft corpus``: the commands that keep a corpus; those that compare its environments lie beside."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ import click
 import msgspec
 
 from envcraft.commands.targets import environments_below
+from envcraft.corpus.likeness_commands import dedup, diversity, split
 from envcraft.corpus.store import Store, decode
 from envcraft.errors import EnvCraftError, ExitCode, UsageError
 from envcraft.reports import one_line, plural
@@ -241,7 +242,7 @@ def records(corpus: Path, output: BinaryIO) -> None:
                 click.echo(f"{plural(line.records, 'record')}; the digest of all is {line.digest}", err=True)
 
 
-COMMANDS = (init, add, list_, show, rm, verify, merge, records)
+COMMANDS = (init, add, list_, show, rm, verify, merge, records, dedup, diversity, split)
 
 
 def _files(paths: tuple[str, ...]) -> Iterator[tuple[str, Target]]:
