@@ -34,5 +34,9 @@ class WorkerLost(EnvCraftError):
     """The worker itself, not the code that it ran, stopped answering."""
 
 
+class EnvironmentFailed(EnvCraftError):
+    """An environment that is in use raised, died, or gave what its spaces do not have."""
+
+
 class MalformedValue(ValueError):
     """A value from the worker, its layout or its bytes are not what the protocol allows."""

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
     from envcraft.check import Check
     from envcraft.contract import Contract
+    from envcraft.corpus.export import Exporter
     from envcraft.reports import Reporter
     from envcraft.sandbox import Driver
 
@@ -45,3 +46,8 @@ def envcraft_checks() -> list[Check]:
 @hookspec
 def envcraft_reporters() -> list[type[Reporter]]:
     """Formats that ``--format`` can name."""
+
+
+@hookspec
+def envcraft_exporters() -> list[Exporter]:
+    """What ``envcraft export --to`` can make of a corpus."""

@@ -12,10 +12,11 @@ def envcraft_commands() -> list[click.Command]:
     from .audit import audit
     from .corpus import corpus
     from .explain import explain
+    from .export import export
     from .listings import checks, contracts, plugins
     from .new import new
     from .play import play
     from .replay import replay
     from .validate import validate
 
-    return [new, play, validate, audit, corpus, replay, explain, checks, contracts, plugins]
+    return [new, play, validate, audit, corpus, export, replay, explain, checks, contracts, plugins]

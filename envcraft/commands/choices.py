@@ -12,6 +12,7 @@ import click
 from envcraft.check import Check, Rule
 from envcraft.cli import offered, unknown
 from envcraft.contract import Contract
+from envcraft.corpus.export import Exporter
 from envcraft.errors import SandboxUnavailable, UsageError
 from envcraft.own_contracts import own_contracts
 from envcraft.reports import Reporter
@@ -71,6 +72,12 @@ def reporter_named(name: str) -> type[Reporter]:
     found: type[Reporter] = _named(
         "format", name, {reporter.name: reporter for reporter in offered("envcraft_reporters")}
     )
+    return found
+
+
+def exporter_named(name: str) -> Exporter:
+    """Raises UsageError, naming the nearest."""
+    found: Exporter = _named("export", name, {exporter.name: exporter for exporter in offered("envcraft_exporters")})
     return found
 
 
