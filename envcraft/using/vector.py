@@ -155,6 +155,22 @@ class VectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
         """A copy, unless none is wanted: then they are overwritten by the next call."""
         return self._arrays.observations.copy() if self._copy else self._arrays.observations
 
+    def _add_info(self, vector_infos: dict[str, Any], env_info: dict[str, Any], env_num: int) -> dict[str, Any]:
+        """As Gymnasium's own, which makes a mask for each value before it looks whether there is one."""
+        for key, value in env_info.items():
+            mask = vector_infos.get(f"_{key}")
+            if mask is None:
+                mask = vector_infos[f"_{key}"] = np.zeros(self.num_envs, np.bool_)
+            mask[env_num] = True
+            if isinstance(value, dict) and key != "final_obs":
+                vector_infos[key] = self._add_info(vector_infos.get(key, {}), value, env_num)
+                continue
+            column = vector_infos.get(key)
+            if column is None:
+                column = vector_infos[key] = _column(key, value, self.num_envs)
+            column[env_num] = value
+        return vector_infos
+
     def _gathered(self, infos: Sequence[Info]) -> dict[str, Any]:
         """Infos as Gymnasium batches them: an array for each key, and a mask ``_key``."""
         gathered: dict[str, Any] = {}
@@ -164,6 +180,16 @@ class VectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
                 info = {"final_obs": self._arrays.finals[index].copy()[()], "final_info": info}
             gathered = self._add_info(gathered, info, index)
         return gathered
+
+
+def _column(key: str, value: Any, count: int) -> NDArray[Any]:
+    """What holds the values of one key of info, by the first of them."""
+    if key != "final_obs":
+        if type(value) in (int, float, bool) or isinstance(value, np.number):
+            return np.zeros(count, type(value))
+        if isinstance(value, np.ndarray):
+            return np.zeros((count, *value.shape), value.dtype)
+    return np.full(count, None, object)
 
 
 def _form(space: gymnasium.Space[Any]) -> tuple[tuple[int, ...], str]:
@@ -197,7 +223,7 @@ def make_vec(
             the worker processes; with `sandbox` each environment has a sandbox of its own.
         autoreset_mode: what follows an episode's end: ``NextStep``, ``SameStep`` or ``Disabled``.
         workers: how many processes; by default one for each core. With 0 the environments run in this process, which is
-            faster for those that take less than some 20 microseconds a step.
+            faster where all their steps together take no longer than waking the processes.
         copy: give copies of the observations, and not the memory that the next step overwrites.
         kwargs: for each constructor; plain data.
 

@@ -7,6 +7,7 @@ import importlib._bootstrap_external as bootstrap
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -185,7 +186,8 @@ class TestSameAsJudged:
         assert trace.rewards == rewards
         assert list(zip(trace.terminated, trace.truncated, strict=True)) == flags
         assert trace.info()["score"] == info["score"]
-        assert np.array_equal(env.render(), observation)
+        rendered: Any = env.render()
+        assert np.array_equal(rendered, observation)
 
     def test_the_step_limit_is_the_contracts(self, corpus: Path) -> None:
         env = envcraft.make(corpus, "native")
