@@ -15,6 +15,7 @@ import pytest
 from gymnasium.envs.registration import EnvSpec
 
 import envcraft
+from envcraft.cli import configuration
 from envcraft.corpus.store import Store
 from envcraft.errors import UsageError
 from envcraft.using.ids import identifier
@@ -117,6 +118,8 @@ def test_where_the_corpus_is_named(corpus: Path, tmp_path: Path, monkeypatch: py
     (tmp_path / "below").mkdir()
     monkeypatch.chdir(tmp_path / "below")
     assert default_corpus() == tmp_path / "games"
+    # Commands that read their settings there pass it over.
+    assert configuration(Path.cwd(), {}) == {}
     assert "EnvCraft/ant-v0" in envcraft.register()
     monkeypatch.setenv("ENVCRAFT_CORPUS", "elsewhere")
     assert default_corpus() == Path("elsewhere")
