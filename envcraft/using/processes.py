@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import contextlib
 import fcntl
+import itertools
 import mmap
 import os
 import subprocess
 import sys
 from collections.abc import Iterator, Sequence
+from operator import itemgetter
 from typing import Any
 
 import msgspec
@@ -56,6 +58,7 @@ class Processes:
         """Start one for each share. Raises EnvironmentFailed, UsageError."""
         self._names = {member.index: member.name for share in shares for member in share}
         self._shares = [[member.index for member in share] for share in shares]
+        self._order = [index for share in self._shares for index in share]
         self._memory = os.memfd_create("envcraft-vector", os.MFD_CLOEXEC | os.MFD_ALLOW_SEALING)
         self._arrays: Arrays | None = None
         self._workers: list[_Worker] = []
@@ -68,7 +71,7 @@ class Processes:
         except BaseException:
             self.close()
             raise
-        self.spaces = [space for spaces in told for space in spaces]
+        self.spaces = self._in_order(told)
 
     def attach(self, layout: Layout, same_step: bool) -> Arrays:
         """Share the arrays."""
@@ -91,7 +94,7 @@ class Processes:
         return self._infos([STEP] * len(self._workers))
 
     def render(self) -> list[Any]:
-        return [frame for frames in self._all([RENDER] * len(self._workers)) for frame in frames]
+        return self._in_order(self._all([RENDER] * len(self._workers)))
 
     def close(self) -> None:
         """End the processes. May be called twice."""
@@ -105,7 +108,14 @@ class Processes:
             self._memory = -1
 
     def _infos(self, messages: Sequence[bytes]) -> list[Info]:
-        return [(index, final, info) for told in self._all(messages) for index, final, info in told]
+        """In the order of the environments, that of an episode's end before that of the next one's beginning."""
+        told = [(index, final, info) for answer in self._all(messages) for index, final, info in answer]
+        return sorted(told, key=itemgetter(0))
+
+    def _in_order(self, told: Sequence[Sequence[Any]]) -> list[Any]:
+        """What each worker says of each of its environments, in the order of the environments."""
+        values = zip(self._order, itertools.chain.from_iterable(told), strict=True)
+        return [value for _, value in sorted(values, key=itemgetter(0))]
 
     def _all(self, messages: Sequence[bytes]) -> list[Any]:
         """Send each worker its message, and give what each answers. An answer that is waited for and does not come,

@@ -14,7 +14,6 @@ from typing import Any
 import gymnasium
 import numpy as np
 from gymnasium.error import ResetNeeded
-from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
@@ -24,6 +23,11 @@ from envcraft.using.group import Info, Layout, Member
 from envcraft.using.processes import InProcess, Processes
 from envcraft.using.sources import Found, default_corpus, locate
 from envcraft.using.spaces import to_gymnasium
+
+try:
+    from gymnasium.vector import AutoresetMode
+except ImportError:
+    raise UsageError("make_vec needs Gymnasium 1.1 or later, which has autoreset modes") from None
 
 #: Spaces whose values are arrays of one size.
 _FIXED = ("Box", "Discrete", "MultiDiscrete", "MultiBinary")
@@ -44,8 +48,7 @@ class VectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
         self.num_envs = len(members)
         self.closed = True
         self._mode, self._copy = autoreset_mode, copy
-        shares = [share.tolist() for share in np.array_split(np.arange(len(members)), workers)] if workers else []
-        self._running = Processes([[members[at] for at in share] for share in shares]) if shares else InProcess(members)
+        self._running = Processes(_shares(members, workers)) if workers else InProcess(members)
         self.closed = False
         try:
             self._agree(self._running.spaces)
@@ -182,6 +185,22 @@ class VectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
         return gathered
 
 
+def _shares(members: Sequence[Member], workers: int) -> list[list[Member]]:
+    """The environments of each worker, of which all have as many, or one more.
+
+    A step takes as long as the slowest worker. How long an environment takes is not known, but copies of one take as
+    long as each other, and so, often, do neighbours: they are dealt out in turns, there and back again.
+    """
+    first: dict[str, int] = {}
+    for member in members:
+        first.setdefault(member.path, member.index)
+    shares: list[list[Member]] = [[] for _ in range(workers)]
+    for place, member in enumerate(sorted(members, key=lambda member: (first[member.path], member.index))):
+        turn, seat = divmod(place, workers)
+        shares[workers - 1 - seat if turn % 2 else seat].append(member)
+    return shares
+
+
 def _column(key: str, value: Any, count: int) -> NDArray[Any]:
     """What holds the values of one key of info, by the first of them."""
     if key != "final_obs":
@@ -216,7 +235,7 @@ def make_vec(
     """Make many environments that are stepped side by side: environment `i` is ``names[i % len(names)]``.
 
     Args:
-        names: environments of `corpus`, or Python files.
+        names: environments of `corpus`; without it also Python files.
         num_envs: how many; by default as many as names.
         corpus: where names are looked up; by default the corpus that ENVCRAFT_CORPUS or ``[tool.envcraft]`` names.
         contract, trust, sandbox, runtime: as :func:`envcraft.make` takes them, for all. Code that has passed runs in
@@ -237,8 +256,7 @@ def make_vec(
     if not wanted or count < 1:
         raise UsageError(f"make_vec needs names and at least one environment, and has {len(wanted)} and {count}")
     mode = _mode(autoreset_mode)
-    place = Path(corpus) if corpus is not None else default_corpus()
-    found = [_locate(name, place, contract) for name in wanted[:count]]
+    found = [_locate(name, corpus, contract) for name in wanted[:count]]
     if sandbox is None and not trust:
         for one in found:
             one.ensure_trusted()
@@ -247,10 +265,10 @@ def make_vec(
     return VectorEnv(members, mode, min(cores if workers is None else workers, count), copy)
 
 
-def _locate(name: str | os.PathLike[str], corpus: Path | None, contract: str | None) -> Found:
-    if corpus is None or Path(name).is_file():
-        return locate(name, None, contract)
-    return locate(corpus, os.fspath(name), contract)
+def _locate(name: str | os.PathLike[str], corpus: str | os.PathLike[str] | None, contract: str | None) -> Found:
+    """In the corpus that was given; else a file that is there, or in the corpus that is named elsewhere."""
+    place = corpus if corpus is not None or Path(name).is_file() else default_corpus()
+    return locate(name, None, contract) if place is None else locate(place, os.fspath(name), contract)
 
 
 def _member(index: int, found: Found, sandbox: str | None, runtime: str | None, kwargs: dict[str, Any]) -> Member:

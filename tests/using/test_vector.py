@@ -25,7 +25,8 @@ import envcraft
 from envcraft.errors import EnvironmentFailed, UsageError
 from envcraft.using import infos
 from envcraft.using.processes import Processes
-from envcraft.using.vector import VectorEnv
+from envcraft.using.sources import Untrusted, locate
+from envcraft.using.vector import VectorEnv, _member, _shares
 
 from .conftest import game
 
@@ -98,6 +99,18 @@ def pids(vector: VectorEnv) -> list[int]:
 
 
 class TestUse:
+    @pytest.mark.parametrize("workers", [1, 2, 3, 4])
+    def test_copies_are_dealt_out_evenly(self, corpus: Path, workers: int) -> None:
+        found = [locate(corpus, name) for name in ("ant", "bee", "cat")]
+        members = [_member(at, found[at % 3], None, None, {}) for at in range(12)]
+        shares = _shares(members, workers)
+        assert sorted(member.index for share in shares for member in share) == list(range(12))
+        assert {len(share) for share in shares} == {12 // workers}
+        for name in ("ant.py", "bee.py", "cat.py"):
+            copies = [sum(member.name == name for member in share) for share in shares]
+            # There and back again: two in a row at a turn.
+            assert max(copies) - min(copies) <= (1 if 12 // 3 % workers == 0 else 2)
+
     def test_observations_are_copies_unless_none_are_wanted(self, started: Started) -> None:
         for copy in (True, False):
             with_copy = started("ant", "bee", workers=0, copy=copy)
@@ -133,6 +146,15 @@ class TestUse:
             started(autoreset_mode="Never")
         with pytest.raises(UsageError, match="no environment eel"):
             started("eel")
+
+    def test_where_names_are_looked_up(self, corpus: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+        monkeypatch.chdir(tmp_path)
+        (tmp_path / "ant.py").write_text(game("Here"))
+        monkeypatch.setenv("ENVCRAFT_CORPUS", str(corpus))
+        assert envcraft.make_vec("ant.py", corpus=corpus, workers=0).names == ("ant.py",)
+        assert envcraft.make_vec(["bee", "cat"], 3, workers=0).names == ("bee.py", "cat.py", "bee.py")
+        with pytest.raises(Untrusted, match=f"audit {tmp_path}"):
+            envcraft.make_vec("ant.py", workers=0)
 
     def test_environments_with_other_spaces_are_refused(self, started: Started) -> None:
         with pytest.raises(UsageError, match=r"observation space of point\.py is .*side by side"):
@@ -222,7 +244,7 @@ class TestFailures:
         vector = started()
         vector.reset(seed=0)
         os.kill(pids(vector)[1], signal.SIGKILL)
-        with pytest.raises(EnvironmentFailed, match=r"environments cat\.py, deep/dog\.py has ended \(signal 9\)"):
+        with pytest.raises(EnvironmentFailed, match=r"environments bee\.py, cat\.py has ended \(signal 9\)"):
             vector.step(np.zeros((4, 3), np.int64))
 
     def test_an_environment_cannot_be_made(self, tmp_path: Path) -> None:
