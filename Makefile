@@ -33,6 +33,7 @@ bench: .venv/dev.stamp
 	$(BIN)/python -m benchmarks.memory
 	$(BIN)/python -m benchmarks.corpus_store
 	$(BIN)/python -m benchmarks.duplicates
+	$(BIN)/python -m benchmarks.vector
 
 picture: .venv/core.stamp
 	$(BIN)/python -m benchmarks.picture

@@ -147,7 +147,7 @@ def _run(argv: list[str]) -> tuple[float, str, str]:
 @functools.cache
 def compiled() -> None:
     """Compile EnvCraft's modules, which in an editable installation is left to whoever imports them."""
-    for package in ("envcraft", "envcraft_checks", "envcraft_sandbox"):
+    for package in ("envcraft", "envcraft_checks", "envcraft_sandbox", "envcraft_runtime"):
         found = importlib.util.find_spec(package)
         for folder in (found.submodule_search_locations or []) if found else []:
             compileall.compile_dir(folder, quiet=2)

@@ -1,3 +1,31 @@
-"""EnvCraft: validation-first tools for generated Gymnasium environments."""
+"""EnvCraft: validation-first tools for generated Gymnasium environments.
 
+Importing the package costs nothing: :func:`make`, :func:`make_vec` and :func:`register` are imported when they are
+used.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from envcraft.using.ids import register
+    from envcraft.using.making import make
+    from envcraft.using.vector import make_vec
+
+__all__ = ["__version__", "make", "make_vec", "register"]
 __version__ = "0.1.0"
+
+_LATE = {"make": "envcraft.using.making", "make_vec": "envcraft.using.vector", "register": "envcraft.using.ids"}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _LATE:
+        raise AttributeError(f"module 'envcraft' has no attribute {name!r}")
+    import importlib
+
+    return getattr(importlib.import_module(_LATE[name]), name)
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *_LATE})

@@ -42,5 +42,9 @@ class TargetLost(EnvCraftError):
         self.path, self.env_class, self.sha256 = path, env_class, sha256
 
 
+class EnvironmentFailed(EnvCraftError):
+    """An environment that is in use raised, died, or gave what its spaces do not have."""
+
+
 class MalformedValue(ValueError):
     """A value from the worker, its layout or its bytes are not what the protocol allows."""

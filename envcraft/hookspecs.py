@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
     from envcraft.check import Check
     from envcraft.contract import Contract
+    from envcraft.corpus.export import Exporter
     from envcraft.executors import ExecutorPlugin
     from envcraft.reports import Reporter
     from envcraft.sandbox import Driver
@@ -51,3 +52,8 @@ def envcraft_reporters() -> list[type[Reporter]]:
 @hookspec
 def envcraft_executors() -> list[ExecutorPlugin]:
     """Where else ``envcraft audit --executor`` can judge. Making one starts nothing, and imports no library."""
+
+
+@hookspec
+def envcraft_exporters() -> list[Exporter]:
+    """What ``envcraft export --to`` can make of a corpus."""

@@ -26,6 +26,7 @@ DEFAULT_PLUGINS = (
     "envcraft.reports.github",
     "envcraft.reports.markdown",
     "envcraft.reports.html",
+    "envcraft.corpus.export.package",
     "envcraft_sandbox.plugin",
     "envcraft_checks.source",
     "envcraft_checks.api",

@@ -12,6 +12,7 @@ def envcraft_commands() -> list[click.Command]:
     from .audit import audit
     from .corpus import corpus
     from .explain import explain
+    from .export import export
     from .listings import checks, contracts, plugins
     from .new import new
     from .play import play
@@ -19,4 +20,4 @@ def envcraft_commands() -> list[click.Command]:
     from .reverify import reverify
     from .validate import validate
 
-    return [new, play, validate, audit, corpus, reverify, replay, explain, checks, contracts, plugins]
+    return [new, play, validate, audit, corpus, reverify, export, replay, explain, checks, contracts, plugins]

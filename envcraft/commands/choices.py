@@ -13,6 +13,7 @@ from envcraft.budget import BUDGETS
 from envcraft.check import Check, Rule
 from envcraft.cli import offered, unknown
 from envcraft.contract import Contract
+from envcraft.corpus.export import Exporter
 from envcraft.errors import SandboxUnavailable, UsageError
 from envcraft.executors import ExecutorPlugin
 from envcraft.own_contracts import own_contracts
@@ -92,6 +93,12 @@ def executor_named(name: str) -> ExecutorPlugin | None:
         return None
     known = {executor.name: executor for executor in offered("envcraft_executors")}
     found: ExecutorPlugin | None = _named("executor", name, {LOCAL: None, **known})
+    return found
+
+
+def exporter_named(name: str) -> Exporter:
+    """Raises UsageError, naming the nearest."""
+    found: Exporter = _named("export", name, {exporter.name: exporter for exporter in offered("envcraft_exporters")})
     return found
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import importlib.metadata
+import importlib.util
 import inspect
 import platform
 import sys
@@ -60,10 +61,9 @@ class Settings(msgspec.Struct, frozen=True):
 
 def settings_of(contract: Contract, checks: Iterable[Check], driver: Driver, budget: Budget, seed: int) -> Settings:
     """The settings of a run. Raises SandboxUnavailable where the driver's image is missing."""
-    promises = msgspec.structs.replace(contract, summary="")
     return Settings(
         contract.name,
-        hashlib.sha256(msgspec.json.encode(plain(promises), order="sorted")).hexdigest(),
+        contract_digest(contract),
         rules_version(checks, driver),
         seed,
         budget.name,
@@ -72,17 +72,31 @@ def settings_of(contract: Contract, checks: Iterable[Check], driver: Driver, bud
     )
 
 
+def contract_digest(contract: Contract) -> str:
+    """SHA-256 of all that a contract promises."""
+    promises = msgspec.structs.replace(contract, summary="")
+    return hashlib.sha256(msgspec.json.encode(plain(promises), order="sorted")).hexdigest()
+
+
 def rules_version(checks: Iterable[Check], driver: Driver) -> str:
     """EnvCraft's version, and a digest of the rules of these checks and of the code that judges: the framework's own
-    modules and the packages that the checks and the driver come from.
+    modules, what the worker shares with it, and the packages that the checks and the driver come from.
     """
     checks = sorted(checks, key=lambda check: check.name)
     told = [(check.name, plain(list(check.rules))) for check in checks]
     digest = hashlib.sha256(msgspec.json.encode(told, order="sorted"))
     framework = tuple(sorted(Path(envcraft.__file__).parent.glob("*.py")))
-    for files in dict.fromkeys((framework, *(_code_of(type(thing)) for thing in (*checks, driver)))):
+    for files in dict.fromkeys((framework, _shared(), *(_code_of(type(thing)) for thing in (*checks, driver)))):
         digest.update(_digest(files))
     return f"{envcraft.__version__}+{digest.hexdigest()[:16]}"
+
+
+def _shared() -> tuple[Path, ...]:
+    """The modules of ``envcraft_runtime``, which are found and not imported: Gymnasium comes with them."""
+    spec = importlib.util.find_spec("envcraft_runtime")
+    assert spec is not None
+    assert spec.origin is not None
+    return tuple(sorted(Path(spec.origin).parent.glob("*.py")))
 
 
 def _code_of(kind: type) -> tuple[Path, ...]:

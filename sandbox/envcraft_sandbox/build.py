@@ -45,7 +45,9 @@ Say = Callable[[str], None]
 
 def worker_sources() -> Iterator[tuple[str, bytes]]:
     """The worker's files, by the path below the folder that PYTHONPATH names."""
-    for path in [_PACKAGE / "__init__.py", _PACKAGE / "wire.py", *sorted((_PACKAGE / "worker").glob("*.py"))]:
+    folders = (_PACKAGE / "worker", _PACKAGE.parent / "envcraft_runtime")
+    own = [path for folder in folders for path in sorted(folder.glob("*.py"))]
+    for path in [_PACKAGE / "__init__.py", _PACKAGE / "wire.py", *own]:
         yield path.relative_to(_PACKAGE.parent).as_posix(), path.read_bytes()
 
 

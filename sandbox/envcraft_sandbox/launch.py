@@ -20,7 +20,7 @@ from .client import ForkServerWorker
 #: Where a worker with a file system of its own lets its jobs write: the worker's own default.
 JOB_FOLDER = "/tmp/job"
 
-#: The folder that holds this package, which is all that the worker imports besides the installed libraries.
+#: The folder that holds this package and `envcraft_runtime`, which are all that the worker imports besides libraries.
 PACKAGE_ROOT = Path(__file__).resolve().parent.parent
 
 

@@ -31,7 +31,8 @@ QUICK = ("--sandbox", "process", "--budget", "quick", "--checks", "source")
 
 
 @pytest.mark.parametrize(
-    "arguments", [["--help"], ["--version"], ["checks"], ["explain", "EC203"], ["validate", "-h"], ["play", "-h"]]
+    "arguments",
+    [["--help"], ["--version"], ["checks"], ["explain", "EC203"], ["validate", "-h"], ["play", "-h"], ["export", "-h"]],
 )
 def test_light_commands_import_no_numerical_library(arguments: list[str]) -> None:
     code = (

@@ -92,7 +92,7 @@ def test_spaces_of_another_form_are_refused(space: Any) -> None:
 
 
 def test_what_the_worker_says_of_spaces_is_read() -> None:
-    from envcraft_sandbox.worker import spaces as worker
+    from envcraft_runtime import spaces as worker
 
     for space in (
         gym_spaces.Box(-np.inf, np.inf, (3,)),

@@ -190,6 +190,7 @@ class TestDigest:
         names = [name for name, _ in build.worker_sources()]
         assert "envcraft_sandbox/wire.py" in names
         assert "envcraft_sandbox/worker/server.py" in names
+        assert "envcraft_runtime/adapters.py" in names
         assert not [name for name in names if name.endswith(("client.py", ".pyc"))]
         before = build.digest()
         for name in ("Dockerfile", "requirements.txt"):

@@ -9,6 +9,7 @@ import time
 from typing import Any
 
 import numpy as np
+from envcraft_runtime.classes import type_name
 
 from envcraft_sandbox.wire import (
     HEADER,
@@ -220,12 +221,6 @@ def jsonable(value: Any, depth: int = 0) -> Any:
     if isinstance(value, set | frozenset):
         return {"set": sorted(_dumps(jsonable(item, depth + 1)) for item in list(value)[:1000])}
     return {"type": type_name(value)}
-
-
-def type_name(value: Any) -> str:
-    kind = type(value)
-    name = kind.__qualname__ if kind.__module__ == "builtins" else f"{kind.__module__}.{kind.__qualname__}"
-    return name[:200]
 
 
 def _number(value: Any) -> tuple[Type, float]:

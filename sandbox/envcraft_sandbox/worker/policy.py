@@ -6,8 +6,9 @@ import inspect
 from typing import Any
 
 import numpy as np
+from envcraft_runtime.classes import type_name
 
-from .channel import jsonable, type_name
+from .channel import jsonable
 from .subject import Fault, Subject, attributes
 
 _NONE = object()

@@ -9,10 +9,11 @@ import time
 from typing import Any
 
 import numpy as np
+from envcraft_runtime.classes import type_name
 
 from envcraft_sandbox.wire import Kind
 
-from .channel import jsonable, type_name
+from .channel import jsonable
 from .policy import Policy
 from .subject import Fault, Subject
 

@@ -1,4 +1,4 @@
-"""Gymnasium spaces as JSON for the host, and the host's JSON actions as the arrays an agent would pass."""
+"""The host's JSON actions as the values that an agent would pass."""
 
 from __future__ import annotations
 
@@ -6,52 +6,6 @@ from typing import Any
 
 import numpy as np
 from gymnasium import spaces
-
-from .channel import jsonable, type_name
-
-_MAX_BOUNDS = 4096
-
-
-def describe(space: Any) -> dict[str, Any]:
-    """Give a space's JSON description (:mod:`envcraft.spaces` reads it)."""
-    if isinstance(space, spaces.Box):
-        return {
-            "type": "Box",
-            "low": _bounds(space.low),
-            "high": _bounds(space.high),
-            "shape": list(space.shape),
-            "dtype": str(space.dtype),
-        }
-    if isinstance(space, spaces.Discrete):
-        return {"type": "Discrete", "n": int(space.n), "start": int(space.start)}
-    if isinstance(space, spaces.MultiDiscrete):
-        return {
-            "type": "MultiDiscrete",
-            "nvec": space.nvec.tolist(),
-            "start": np.asarray(getattr(space, "start", np.zeros_like(space.nvec))).tolist(),
-            "dtype": str(space.dtype),
-        }
-    if isinstance(space, spaces.MultiBinary):
-        return {"type": "MultiBinary", "shape": list(space.shape)}
-    if isinstance(space, spaces.Text):
-        return {
-            "type": "Text",
-            "min_length": space.min_length,
-            "max_length": space.max_length,
-            "charset": "".join(sorted(space.character_set)),
-        }
-    if isinstance(space, spaces.Dict):
-        return {"type": "Dict", "spaces": [[str(key), describe(item)] for key, item in space.spaces.items()]}
-    if isinstance(space, spaces.Tuple):
-        return {"type": "Tuple", "spaces": [describe(item) for item in space.spaces]}
-    if isinstance(space, spaces.Sequence):
-        return {"type": "Sequence", "space": describe(space.feature_space), "stack": bool(space.stack)}
-    if isinstance(space, spaces.Graph):
-        edges = None if space.edge_space is None else describe(space.edge_space)
-        return {"type": "Graph", "nodes": describe(space.node_space), "edges": edges}
-    if isinstance(space, spaces.OneOf):
-        return {"type": "OneOf", "spaces": [describe(item) for item in space.spaces]}
-    return {"type": type_name(space), "custom": isinstance(space, spaces.Space)}
 
 
 def action(spec: dict[str, Any], value: Any) -> Any:
@@ -94,13 +48,3 @@ def _stack(spec: dict[str, Any], items: Any) -> Any:
     if spec["type"] in ("Box", "Discrete", "MultiDiscrete", "MultiBinary"):
         return np.stack(items)
     return tuple(items)
-
-
-def _bounds(values: Any) -> Any:
-    """One number where all bounds are equal, else the flat list."""
-    flat = np.asarray(values).ravel()
-    if flat.size and (flat == flat[0]).all():
-        return jsonable(flat[0].item())
-    if flat.size > _MAX_BOUNDS:
-        return None
-    return [jsonable(item) for item in flat.tolist()]

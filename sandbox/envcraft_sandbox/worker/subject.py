@@ -16,13 +16,18 @@ from typing import Any
 
 import gymnasium
 import numpy as np
+from envcraft_runtime import adapters
+from envcraft_runtime.classes import concrete_classes, definitions, type_name
+from envcraft_runtime.spaces import describe as describe_space
 
 from envcraft_sandbox.wire import Kind
 
-from . import adapters, spaces, targets
-from .channel import Channel, jsonable, type_name
+from . import spaces, targets
+from .channel import Channel, jsonable
 
 _POLICY = "envcraft_policy"
+#: Packages whose frames tell nothing about the subject.
+_OWN = ("envcraft_sandbox", "envcraft_runtime")
 #: Names of modules that a description holds at the most.
 _MAX_MODULES = 5_000
 _monotonic = time.monotonic
@@ -88,7 +93,7 @@ class Subject:
     def action(self, value: Any, env: Any) -> Any:
         spec = self.action_spec
         if spec is None:
-            spec = self.action_spec = spaces.describe(env.action_space)
+            spec = self.action_spec = describe_space(env.action_space)
         return spaces.action(spec, value)
 
     def load_policy(self, policy: dict[str, Any]) -> ModuleType:
@@ -127,7 +132,7 @@ class Subject:
         """The classes of a file, and the one that is judged."""
         module = target.module
         assert module is not None
-        names = targets.concrete_classes(module)
+        names = concrete_classes(module)
         chosen = target.wanted or (names[0] if len(names) == 1 else None)
         told: dict[str, Any] = {
             "classes": [{"name": name, "line": _line(getattr(module, name))} for name in names],
@@ -155,7 +160,7 @@ class Subject:
             self._describe_class(loaded, type(env.unwrapped))
         for name in ("observation_space", "action_space"):
             space = getattr(env, name, None)
-            loaded[name] = spaces.describe(space) if isinstance(space, gymnasium.Space) else {"type": type_name(space)}
+            loaded[name] = describe_space(space) if isinstance(space, gymnasium.Space) else {"type": type_name(space)}
         loaded["reset"] = _reset_parameters(env)
         metadata = getattr(env, "metadata", None)
         modes = metadata.get("render_modes") if isinstance(metadata, dict) else None
@@ -188,7 +193,7 @@ class Subject:
             message = str(error)
         except BaseException:
             message = "(its message could not be read)"
-        shown = [frame for frame in frames if "envcraft_sandbox" not in frame.filename][-8:]
+        shown = [frame for frame in frames if not any(name in frame.filename for name in _OWN)][-8:]
         return {
             "phase": phase,
             "type": type_name(error),
@@ -229,10 +234,8 @@ def _reset_parameters(env: Any) -> list[str]:
 def _line(value: Any) -> int | None:
     """The line at which a class or function is defined, decorators included."""
     if inspect.isclass(value):
-        definitions = targets.definitions(getattr(sys.modules.get(value.__module__), "__file__", None) or "")
-        named = [
-            line for line, node in definitions.items() if isinstance(node, ast.ClassDef) and node.name == value.__name__
-        ]
+        found = definitions(getattr(sys.modules.get(value.__module__), "__file__", None) or "")
+        named = [line for line, node in found.items() if isinstance(node, ast.ClassDef) and node.name == value.__name__]
         return named[-1] if named else None
     try:
         code = getattr(inspect.unwrap(value), "__code__", None)

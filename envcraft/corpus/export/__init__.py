@@ -1,0 +1,110 @@
+"""What ``envcraft export`` makes of a corpus: each form is a plugin that gives an :class:`Exporter`, and one file."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import shutil
+import tempfile
+from abc import ABC, abstractmethod
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from envcraft.errors import EnvCraftError, UsageError
+
+if TYPE_CHECKING:
+    from envcraft.corpus.store import Store
+
+
+@dataclass(frozen=True)
+class Exported:
+    """An environment with the last verdict on its present source, and the settings under which that was given.
+
+    `env_class` is empty unless the file has several; what follows `origin` is None where there is no verdict, `report`
+    the verdict's as JSON.
+    """
+
+    name: str
+    source: str
+    env_class: str
+    origin: dict[str, Any]
+    verdict: str | None
+    report: str | None
+    contract: str | None
+    contract_sha256: str | None
+    rules: str | None
+    seed: int | None
+    budget: str | None
+    driver: str | None
+    image: str | None
+
+
+@dataclass(frozen=True)
+class Order:
+    """What is to be exported.
+
+    Attributes:
+        store: the corpus, open for reading.
+        output: the folder to make.
+        name: what the export is called, as the user said.
+        everything: also what has no passing verdict.
+    """
+
+    store: Store
+    output: Path
+    name: str | None = None
+    everything: bool = False
+
+    def environments(self) -> Iterator[Exported]:
+        """Those to export, in the order of their names."""
+        wanted = "1" if self.everything else "verdicts.verdict = 'pass'"
+        rows = self.store.db.execute(
+            "SELECT name, environments.source, environments.class, origin, verdicts.verdict, report, contract, "
+            "contract_sha256, rules, seed, budget, driver, image FROM environments "
+            "LEFT JOIN verdicts ON verdicts.id = environments.verdict AND verdicts.source = environments.source "
+            "AND verdicts.class = environments.class LEFT JOIN settings ON settings.id = verdicts.settings "
+            f"WHERE {wanted} ORDER BY name"
+        )
+        for name, source, env_class, origin, *judged in rows:
+            yield Exported(name, source, env_class, json.loads(origin), *judged)
+
+
+class Exporter(ABC):
+    """Writes a corpus in one form.
+
+    Attributes:
+        name: how ``--to`` names it.
+        summary: one line for the help.
+    """
+
+    name: str
+    summary: str
+
+    @abstractmethod
+    def export(self, order: Order) -> list[str]:
+        """Make the folder; give lines that say what to do with it. Raises UsageError, EnvCraftError."""
+
+
+@contextlib.contextmanager
+def fresh_folder(output: Path) -> Iterator[Path]:
+    """A folder that gets the name `output` once it is whole. Raises UsageError where that is taken, EnvCraftError where
+    it cannot be written.
+    """
+    try:
+        if output.exists() and (not output.is_dir() or any(output.iterdir())):
+            raise UsageError(f"{output} exists and is not empty; name a folder that is new or empty")
+        output.parent.mkdir(parents=True, exist_ok=True)
+        made = Path(tempfile.mkdtemp(prefix=f".{output.name}-", dir=output.parent))
+        try:
+            yield made
+            made.chmod(0o755)
+            if output.is_dir():
+                output.rmdir()
+            os.replace(made, output)
+        finally:
+            shutil.rmtree(made, ignore_errors=True)
+    except OSError as error:
+        raise EnvCraftError(f"{output} cannot be written: {error.strerror or error}") from None

@@ -1,0 +1,168 @@
+"""A Python package of a corpus: it registers its environments with Gymnasium, and needs no EnvCraft to run them."""
+
+from __future__ import annotations
+
+import importlib.util
+import keyword
+import re
+import sys
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+from envcraft.corpus.export import Exported, Exporter, Order, fresh_folder
+from envcraft.errors import UsageError
+from envcraft.plugins import hookimpl
+
+_SKELETON = Path(__file__).parent / "skeleton"
+#: Of ``envcraft_runtime``, what makes an environment of a class; each package has its own copy.
+_RUNTIME = ("__init__.py", "adapters.py", "classes.py")
+_ALWAYS = ("gymnasium>=1.0", "numpy>=1.26")
+#: Distributions of modules that are not called as they are.
+_DISTRIBUTIONS = {"gymnasium": None, "numpy": None, "pygame": "pygame-ce>=2.5"}
+#: So many ids are listed in the README.
+_LISTED = 20
+
+
+class PackageExporter(Exporter):
+    name = "package"
+    summary = "a Python package that pip installs and that registers the environments with Gymnasium"
+
+    def export(self, order: Order) -> list[str]:
+        package = package_name(order)
+        from envcraft.target import imported
+
+        modules: set[str] = set()
+        entries: list[dict[str, Any]] = []
+        with fresh_folder(order.output) as folder:
+            sources = folder / package / "sources"
+            sources.mkdir(parents=True)
+            (sources / "__init__.py").write_text('"""The environments, each file as it was validated."""\n', "utf-8")
+            names = _Names()
+            for environment in order.environments():
+                module = names.module(environment)
+                source = order.store.source(environment.source)
+                (sources / f"{module}.py").write_bytes(source)
+                modules.update(imported(source))
+                entries.append(_entry(environment, package, module))
+            if not entries:
+                raise UsageError(
+                    f"{order.store.root} has no environment that passes: `envcraft audit {order.store.root}` judges "
+                    "them, and --all exports what has not passed, too"
+                )
+            _write_code(folder / package)
+            _write_texts(folder, package, entries, _requirements(modules))
+        first = entries[0]["id"]
+        return [
+            f"{len(entries):,} environments are in {order.output}: `pip install {order.output}`, then in Python",
+            f'  gymnasium.make("{package}:{first}")',
+        ]
+
+
+def package_name(order: Order) -> str:
+    """What the package is called: as the user said, else after the corpus. Raises UsageError."""
+    root = order.store.root.resolve()
+    after = root.parent.name if root.name.startswith(".") else root.name
+    name = order.name or re.sub(r"\W+", "_", after.lower(), flags=re.ASCII).strip("_")
+    taken = {*sys.stdlib_module_names, "envcraft", "gymnasium", "numpy"}
+    if not (name.isidentifier() and name.isascii()) or keyword.iskeyword(name) or name in taken or name[0] == "_":
+        raise UsageError(f"{name!r} is no name for a package; give another with --name, such as --name my_games")
+    return name
+
+
+class _Names:
+    """Module names for environments, each once, also where a file system knows no capitals."""
+
+    def __init__(self) -> None:
+        self._taken = {"__init__"}
+
+    def module(self, environment: Exported) -> str:
+        stem = re.sub(r"\W", "_", environment.name.removesuffix(".py"), flags=re.ASCII)
+        stem = f"env_{stem}" if not stem.isidentifier() or keyword.iskeyword(stem) else stem
+        number = 0
+        name = stem
+        while name.lower() in self._taken:
+            number += 1
+            name = f"{stem}_{environment.source[:8]}" + (f"_{number}" if number > 1 else "")
+        self._taken.add(name.lower())
+        return name
+
+
+def _entry(environment: Exported, package: str, module: str) -> dict[str, Any]:
+    """What the package knows of an environment: where it is, and what was judged of it."""
+    from envcraft.corpus.store import decode
+    from envcraft.using.ids import identifier
+    from envcraft.using.sources import contract_named
+
+    judged = decode(environment.report).env_class if environment.report else None
+    return {
+        "id": identifier(environment.name, package),
+        "name": environment.name,
+        "module": module,
+        "class": environment.env_class or judged,
+        "sha256": environment.source,
+        "adapter": contract_named(environment.contract or "arcade").adapter,
+        "verdict": environment.verdict,
+        "contract": environment.contract,
+        "contract_sha256": environment.contract_sha256,
+        "rules": environment.rules,
+        "budget": environment.budget,
+        "seed": environment.seed,
+        "sandbox": environment.driver,
+        "image": environment.image,
+        # Where the file lay is nobody's business.
+        "origin": {key: value for key, value in environment.origin.items() if key != "file"},
+    }
+
+
+def _requirements(modules: Iterable[str]) -> list[str]:
+    """What the sources import, as requirements; a module of no known distribution by its own name."""
+    outside = {name for name in modules if name not in sys.stdlib_module_names and name not in _DISTRIBUTIONS}
+    found: dict[str, list[str]] = {}
+    if outside:
+        # Slow to import, and mostly nothing is outside.
+        import importlib.metadata
+
+        found = dict(importlib.metadata.packages_distributions())
+    named = {sorted(found.get(name, [name]))[0] for name in outside}
+    named |= {known for name, known in _DISTRIBUTIONS.items() if known is not None and name in modules}
+    return [*_ALWAYS, *sorted(named)]
+
+
+def _write_code(folder: Path) -> None:
+    for name in ("__init__.py", "_making.py"):
+        (folder / name).write_bytes((_SKELETON / name).read_bytes())
+    spec = importlib.util.find_spec("envcraft_runtime")
+    assert spec is not None
+    assert spec.origin is not None
+    (folder / "_runtime").mkdir()
+    for name in _RUNTIME:
+        (folder / "_runtime" / name).write_bytes(Path(spec.origin).with_name(name).read_bytes())
+
+
+def _write_texts(folder: Path, package: str, entries: list[dict[str, Any]], requirements: list[str]) -> None:
+    import msgspec
+
+    from envcraft import __version__
+
+    told = msgspec.json.encode({"schema": 1, "envcraft": __version__, "environments": entries})
+    (folder / package / "environments.json").write_bytes(msgspec.json.format(told, indent=1) + b"\n")
+    passed = sum(entry["verdict"] == "pass" for entry in entries)
+    words = {
+        "PACKAGE": package,
+        "COUNT": f"{len(entries):,}",
+        "PASSED": f"{passed:,}",
+        "VERSION": __version__,
+        "FIRST": entries[0]["id"],
+        "REQUIREMENTS": ", ".join(f'"{requirement}"' for requirement in requirements),
+        "IDS": "\n".join(f"- `{entry['id']}`" for entry in entries[:_LISTED])
+        + (f"\n- and {len(entries) - _LISTED:,} more" if len(entries) > _LISTED else ""),
+    }
+    for name in ("pyproject.toml", "README.md"):
+        text = (_SKELETON / f"{name}.txt").read_text("utf-8")
+        (folder / name).write_text(re.sub(r"@([A-Z]+)@", lambda found: words[found[1]], text), "utf-8")
+
+
+@hookimpl
+def envcraft_exporters() -> list[Exporter]:
+    return [PackageExporter()]

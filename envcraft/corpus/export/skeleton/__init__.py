@@ -1,0 +1,9 @@
+"""Gymnasium environments that EnvCraft has validated. Importing this registers them, and imports none of them."""
+
+from __future__ import annotations
+
+from ._making import ENVIRONMENTS, create, register
+
+__all__ = ["ENVIRONMENTS", "create", "register"]
+
+register()

@@ -1,0 +1,250 @@
+"""A Gymnasium environment whose code runs in the sandbox: an episode is a job that asks for its actions one by one."""
+
+from __future__ import annotations
+
+import json
+import os
+import queue
+from collections import deque
+from typing import Any
+
+import gymnasium
+import msgspec
+from gymnasium.error import ResetNeeded
+
+from envcraft.budget import BUDGETS
+from envcraft.contract import Contract
+from envcraft.errors import EnvironmentFailed, UsageError
+from envcraft.rollout import Conditions, Rollout
+from envcraft.sandbox import Driver, How, Step, Stop
+from envcraft.subject import Begun, Subject
+from envcraft.target import Target
+from envcraft.trace import Recording
+from envcraft.using.spaces import action_to_json, to_gymnasium
+
+#: More steps than an episode has: it ends when its environment ends it.
+_STEPS = 10**12
+_STOP = object()
+_MAX_SEED = 2**31 - 1
+
+
+class _Shown(Recording):
+    """A recording that keeps what the last call gave."""
+
+    observation: Any = None
+    frame: Any = None
+    info: bytes = b""
+
+    def reset(self, step: Step) -> None:
+        super().reset(step)
+        self._take(step)
+
+    def step(self, step: Step) -> None:
+        super().step(step)
+        self._take(step)
+
+    def render(self, layout: int, data: memoryview) -> None:
+        super().render(layout, data)
+        self.frame = self._layout(layout).decode(bytes(data))
+
+    def _take(self, step: Step) -> None:
+        # The bytes are only there during the call.
+        self.observation = self._layout(step.layout).decode(memoryview(bytearray(step.data)))
+        self.info = step.info
+
+
+class _Episode:
+    """An episode that waits for actions (:class:`envcraft.sandbox.Player`); its job runs in a lane."""
+
+    def __init__(self, subject: Subject, seed: int, conditions: Conditions) -> None:
+        self._actions: deque[Any] = deque()
+        self._turns: queue.SimpleQueue[None] = queue.SimpleQueue()
+        self._read, self._write = os.pipe()
+        rollout = Rollout(seed, [], conditions, player="an agent", asked=True, max_steps=_STEPS)
+        self._begun: Begun = subject.begin(rollout, self, _Shown)
+        self._begun.task.future.add_done_callback(lambda _: self._turns.put(None))
+
+    @property
+    def shown(self) -> _Shown:
+        assert isinstance(self._begun.recording, _Shown)
+        return self._begun.recording
+
+    @property
+    def over(self) -> bool:
+        return self._begun.task.future.done()
+
+    def wait(self) -> None:
+        """Wait until the job wants an action or has ended."""
+        self._turns.get()
+
+    def give(self, action: Any) -> None:
+        self._actions.append(action)
+        os.write(self._write, b".")
+
+    def end(self) -> Any:
+        """How the job ended. Raises WorkerLost, SandboxUnavailable."""
+        return self._begun.task.future.result()
+
+    def close(self) -> None:
+        """Stop it, wait for that, and let go of the pipe."""
+        self.give(_STOP)
+        self._begun.task.future.exception()
+        os.close(self._read)
+        os.close(self._write)
+
+    # What the job's thread calls
+
+    def asked(self) -> None:
+        self._turns.put(None)
+
+    def fileno(self) -> int:
+        return self._read
+
+    def take(self) -> Any:
+        os.read(self._read, 1)
+        item = self._actions.popleft()
+        if item is _STOP:
+            raise Stop
+        return item
+
+
+class SandboxedEnv(gymnasium.Env[Any, Any]):
+    """An environment in a worker of its own. Every episode begins on a new instance in a new process.
+
+    Observations, rewards, flags and info are those of the environment under its contract's adapter; of info what JSON
+    has. ``reset()`` without a seed draws one. What the code does to its process ends the episode with
+    EnvironmentFailed, and the next reset begins another one.
+    """
+
+    metadata: dict[str, Any] = {"render_modes": ["rgb_array"]}
+
+    def __init__(self, name: str, target: Target, contract: Contract, driver: Driver, render_mode: str | None) -> None:
+        """Start the worker and construct one instance there, to learn the spaces; `driver` is closed at the end.
+
+        Raises UsageError where spaces cannot be sent, EnvironmentFailed where the class cannot be constructed.
+        """
+        self._name = name
+        self._episode: _Episode | None = None
+        self._subject = Subject(target, contract, driver, BUDGETS["quick"])
+        self._driver = driver
+        self.render_mode = render_mode
+        self._conditions = Conditions(render=render_mode is not None)
+        try:
+            self._learn(contract)
+        except BaseException:
+            self.close()
+            raise
+
+    def _learn(self, contract: Contract) -> None:
+        loaded = self._subject.load()
+        told = loaded.description
+        if loaded.trace.fault is not None or loaded.end.how is not How.DONE:
+            raise EnvironmentFailed(f"{self._name} cannot be constructed: {loaded.trace.fault or loaded.end.detail}")
+        if "observation_space" not in told or "action_space" not in told:
+            raise EnvironmentFailed(
+                f"{self._name} has no environment class, or several; `envcraft validate` tells more"
+            )
+        for space, promised in (
+            ("observation_space", contract.observation),
+            ("action_space", contract.action),
+        ):
+            given: Any = promised or told[space]  # type: ignore[literal-required]
+            setattr(self, space, to_gymnasium(given, f"the {space.replace('_', ' ')} of {self._name}"))
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
+        """Begin an episode. Raises EnvironmentFailed, and UsageError for `options`, which have no way in."""
+        if options:
+            raise UsageError(f"{self._name} runs in a sandbox, where reset() takes no options")
+        super().reset(seed=seed)
+        self._stop()
+        if seed is None:
+            seed = int(self.np_random.integers(_MAX_SEED))
+        self._episode = _Episode(self._subject, seed, self._conditions)
+        shown = self._wait(self._episode)
+        if not shown.trace.observations:
+            raise self._failure(self._episode)
+        return shown.observation, _info(shown)
+
+    def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
+        """Take a step. Raises ValueError for an action outside the space, ResetNeeded where no episode is under way,
+        EnvironmentFailed.
+        """
+        episode = self._episode
+        if episode is None or (episode.over and episode.shown.trace.ended):
+            raise ResetNeeded(f"{self._name}: call reset() first, and again after an episode's end")
+        if episode.over:
+            raise self._failure(episode)
+        steps = episode.shown.trace.steps
+        episode.give(action_to_json(self.action_space, action))
+        shown = self._wait(episode)
+        trace = shown.trace
+        if trace.steps == steps:
+            raise self._failure(episode)
+        return shown.observation, trace.rewards[-1], trace.terminated[-1], trace.truncated[-1], _info(shown)
+
+    def render(self) -> Any:
+        """The frame that render() gave after the last call; None unless made with ``render_mode="rgb_array"``."""
+        return self._episode.shown.frame if self._episode is not None else None
+
+    def close(self) -> None:
+        """End the episode and the worker. May be called twice."""
+        self._stop()
+        self._subject.close()
+        self._driver.close()
+
+    def _stop(self) -> None:
+        if self._episode is not None:
+            episode, self._episode = self._episode, None
+            episode.close()
+
+    def _wait(self, episode: _Episode) -> _Shown:
+        """Wait for what a call gives. Raises EnvironmentFailed where that is not of the spaces."""
+        episode.wait()
+        wrong = [problem for problem in episode.shown.trace.problems if problem.kind == "type"]
+        if wrong:
+            raise EnvironmentFailed(f"{self._name}: at step {wrong[0].step} {wrong[0].words}")
+        return episode.shown
+
+    def _failure(self, episode: _Episode) -> EnvironmentFailed:
+        """Why the job ended. Raises WorkerLost where it is the sandbox that failed."""
+        end, trace = episode.end(), episode.shown.trace
+        if trace.fault is not None:
+            at = f"{trace.fault.phase} at step {trace.fault.step}" if trace.fault.step else trace.fault.phase
+            return EnvironmentFailed(f"{self._name} failed in {at}: {trace.fault}")
+        words = end.detail or end.how.value
+        return EnvironmentFailed(f"{self._name} ended in the sandbox during {end.phase} ({end.how.value}: {words})")
+
+
+def _info(shown: _Shown) -> dict[str, Any]:
+    try:
+        value = json.loads(shown.info or b"{}")
+    except (ValueError, RecursionError):
+        return {}
+    return value if isinstance(value, dict) else {}
+
+
+def open_sandboxed(
+    name: str,
+    source: bytes,
+    env_class: str | None,
+    contract: Contract,
+    sandbox: str,
+    runtime: str | None,
+    kwargs: dict[str, Any],
+) -> SandboxedEnv:
+    """Start a sandbox and the environment in it. `kwargs` go to its constructor and are JSON.
+
+    Raises UsageError, SandboxUnavailable, EnvironmentFailed.
+    """
+    from envcraft.commands.choices import driver_named
+
+    render_mode = kwargs.get("render_mode")
+    if render_mode not in (None, "rgb_array"):
+        raise UsageError(f"{name} runs in a sandbox, where render_mode can only be 'rgb_array', not {render_mode!r}")
+    given = {key: value for key, value in kwargs.items() if key != "render_mode"}
+    try:
+        msgspec.json.encode(given)
+    except TypeError as error:
+        raise UsageError(f"{name} runs in a sandbox, and its arguments must be JSON: {error}") from None
+    target = Target(name, source, env_class, kwargs=given)
+    return SandboxedEnv(name, target, contract, driver_named(sandbox, runtime=runtime), render_mode)

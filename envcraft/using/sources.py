@@ -1,0 +1,168 @@
+"""Which source an environment has, what it was judged to be, and whether its code may run in this process."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import msgspec
+
+from envcraft.contract import Contract, envcraft_contracts
+from envcraft.corpus.settings import contract_digest
+from envcraft.corpus.store import BESIDE, CorpusDamaged, Store, decode, find, is_corpus
+from envcraft.errors import UsageError
+from envcraft.pyproject import settings
+from envcraft.target import read_target
+from envcraft.verdict import Verdict
+
+#: The environment variable that names a corpus.
+VARIABLE = "ENVCRAFT_CORPUS"
+_DEFAULT = "arcade"
+
+
+class Untrusted(UsageError):
+    """Nobody has said that an environment's code may run in this process."""
+
+
+class Found(msgspec.Struct, frozen=True):
+    """An environment, and what is known of it.
+
+    Attributes:
+        name: what it is called in messages.
+        path: the file that has the source.
+        source: the file's bytes.
+        sha256: their digest.
+        env_class: the class to use; None where the file says that itself, having only one.
+        contract: what it promises.
+        verdict: the last one on exactly this source under exactly this contract; None where there is none.
+        folder: what to audit, so that there is one.
+    """
+
+    name: str
+    path: str
+    source: bytes
+    sha256: str
+    env_class: str | None
+    contract: Contract
+    verdict: Verdict | None
+    folder: str
+
+    def ensure_trusted(self) -> None:
+        """Raises Untrusted, with the next step, unless it has passed."""
+        if self.verdict is Verdict.PASS:
+            return
+        contract = self.contract.name
+        had = "has no verdict" if self.verdict is None else f"has the verdict {self.verdict.value}"
+        option = "" if contract == _DEFAULT else f" --contract {contract}"
+        raise Untrusted(
+            f"{self.name} {had} under the contract {contract}, and only what has passed runs in your own process: "
+            f"`envcraft audit {self.folder}{option}` judges it, sandbox='auto' runs it in a sandbox, and trust=True "
+            "runs it here all the same"
+        )
+
+
+def default_corpus() -> Path | None:
+    """The corpus that ENVCRAFT_CORPUS names, else ``corpus`` in ``[tool.envcraft]``; None where neither does. Raises
+    UsageError.
+    """
+    if named := os.environ.get(VARIABLE):
+        return Path(named)
+    path, table = settings(Path.cwd())
+    told = table.get("corpus")
+    if told is None:
+        return None
+    if not isinstance(told, str):
+        raise UsageError(f"{path}: corpus must be the path of a corpus, and is {told!r}")
+    return path.parent / told
+
+
+def locate(target: str | os.PathLike[str], name: str | None = None, contract: str | None = None) -> Found:
+    """Find the environment `name` of the corpus `target`, or the one in the file `target`.
+
+    Without `name` the corpus must have exactly one. Without `contract` it is the one that the environment has passed,
+    last if several, else ``arcade``. Raises UsageError, CorpusDamaged.
+    """
+    path = Path(target)
+    if path.is_file() or path.suffix == ".py":
+        if name is not None:
+            raise UsageError(f"{path} is a file, and has no environment {name}: name a corpus, or leave {name} out")
+        return _in_file(path, contract)
+    root = find(path)
+    with Store(root) as store:
+        name, sha256, env_class = _row(store, path, name)
+        source = store.source(sha256)
+        folder = root.parent if root.name == BESIDE else root
+        return _found(store, name, str(store.place(sha256)), source, sha256, env_class, contract, str(folder))
+
+
+def _row(store: Store, path: Path, name: str | None) -> tuple[str, str, str]:
+    """The name, source and class of an environment, ``.py`` at the end of whose name may be left out."""
+    if name is None:
+        rows = store.db.execute("SELECT name, source, class FROM environments ORDER BY name LIMIT 2").fetchall()
+        if len(rows) == 1:
+            return rows[0]  # type: ignore[no-any-return]
+        such = f", such as {rows[0][0]}" if rows else ""
+        raise UsageError(f"{path} has {'several environments: name one' if rows else 'no environment'}{such}")
+    for spelling in (name, f"{name}.py"):
+        row = store.db.execute("SELECT name, source, class FROM environments WHERE name = ?", (spelling,)).fetchone()
+        if row is not None:
+            return row  # type: ignore[no-any-return]
+    raise UsageError(f"{path} has no environment {name}; `envcraft corpus list {path}` lists them")
+
+
+def _in_file(path: Path, contract: str | None) -> Found:
+    """A file as it is now, with the verdict that the nearest audited folder above has on it."""
+    target = read_target(str(path))
+    whole = path.resolve()
+    for parent in whole.parents:
+        if not is_corpus(parent / BESIDE):
+            continue
+        with Store(parent / BESIDE) as store:
+            row = store.db.execute(
+                "SELECT class FROM environments WHERE source = ? ORDER BY name = ? DESC LIMIT 1",
+                (target.sha256, str(whole.relative_to(parent))),
+            ).fetchone()
+            env_class = row[0] if row else ""
+            return _found(store, str(path), str(whole), target.source, target.sha256, env_class, contract, str(parent))
+    promised = contract_named(contract or _DEFAULT)
+    return Found(str(path), str(whole), target.source, target.sha256, None, promised, None, str(whole.parent))
+
+
+def _found(
+    store: Store, name: str, path: str, source: bytes, sha256: str, env_class: str, contract: str | None, folder: str
+) -> Found:
+    """What a corpus knows of a source and class."""
+    last: dict[str, tuple[str, str, str]] = {}
+    rows = store.db.execute(
+        "SELECT contract, contract_sha256, verdict, report FROM verdicts JOIN settings "
+        "ON settings.id = verdicts.settings WHERE source = ? AND class = ? AND verdict != 'error' "
+        # The environment's own is the last one, also where an older row was written again.
+        "ORDER BY verdicts.id IN (SELECT verdict FROM environments WHERE source = ? AND class = ?) DESC, "
+        "verdicts.id DESC",
+        (sha256, env_class, sha256, env_class),
+    )
+    for promised, digest, verdict, report in rows:
+        last.setdefault(promised, (digest, verdict, report))
+    passed = [promised for promised, (_, verdict, _) in last.items() if verdict == Verdict.PASS]
+    chosen = contract_named(contract or next(iter([*passed, *last]), _DEFAULT))
+    digest, verdict, report = last.get(chosen.name, ("", "", ""))
+    if digest != contract_digest(chosen):
+        # None, or one on other promises under the same name.
+        return Found(name, path, source, sha256, env_class or None, chosen, None, folder)
+    try:
+        judged = decode(report).env_class
+    except msgspec.DecodeError as error:
+        raise CorpusDamaged(f"the report on {name} in {store.root} cannot be read: {error}") from None
+    return Found(name, path, source, sha256, env_class or judged, chosen, Verdict(verdict), folder)
+
+
+def contract_named(name: str) -> Contract:
+    """A contract by its name; only those of plugins and of ``pyproject.toml`` take loading the plugins. Raises
+    UsageError.
+    """
+    for contract in envcraft_contracts():
+        if contract.name == name:
+            return contract
+    from envcraft.commands import choices
+
+    return choices.contract_named(name)

@@ -1,0 +1,170 @@
+"""One process of a vector: ``python -m envcraft.using.vector_worker COMMANDS ANSWERS MEMORY``, which are descriptors.
+
+A command is one byte, some with a payload; the answer is one byte, with a payload where there is more to say than the
+shared arrays hold. Payloads are msgpack after their length, and nothing is unpickled. The process ends when nobody
+holds the other end of COMMANDS.
+"""
+
+from __future__ import annotations
+
+import mmap
+import os
+import select
+import signal
+import struct
+import sys
+import time
+import traceback
+from typing import Any, Literal
+
+import msgspec
+
+from envcraft.errors import EnvCraftError, EnvironmentFailed, UsageError
+from envcraft.using import infos
+from envcraft.using.group import Arrays, Crash, Group, Layout, Member
+
+LENGTH = struct.Struct("<I")
+#: Commands: those with a payload are START, ATTACH and RESET.
+START, ATTACH, RESET, STEP, RENDER, CLOSE = b"i", b"a", b"r", b"s", b"f", b"c"
+#: Answers: done; done, and there is more to say; an environment failed.
+DONE, MORE, FAILED = b".", b"+", b"!"
+_MAX_TRACEBACK = 8000
+#: So long a worker looks for its next command before it sleeps.
+_LOOK_SECONDS = 2e-4
+
+
+class Start(msgspec.Struct):
+    """What a worker is started with: its number, its environments, and where Python looks for modules."""
+
+    number: int
+    members: list[Member]
+    path: list[str]
+
+
+class Attach(msgspec.Struct):
+    layout: Layout
+    same_step: bool
+
+
+class Reset(msgspec.Struct):
+    seeds: list[int | None]
+    options: dict[str, Any] | None
+
+
+class Failure(msgspec.Struct):
+    """An environment that failed; `kind` is that of an error of EnvCraft's own, whose words need nothing added."""
+
+    index: int
+    phase: str
+    error: str
+    traceback: str
+    kind: Literal["usage", "failed", "other"] | None
+
+
+def frame(payload: bytes) -> bytes:
+    """A payload as it is sent."""
+    return LENGTH.pack(len(payload)) + payload
+
+
+def read(descriptor: int, size: int) -> bytes:
+    """Exactly so many bytes. Raises EOFError."""
+    data = b""
+    while len(data) < size:
+        part = os.read(descriptor, size - len(data))
+        if not part:
+            raise EOFError
+        data += part
+    return data
+
+
+def write(descriptor: int, data: bytes) -> None:
+    """All of it. Raises BrokenPipeError."""
+    view = memoryview(data)
+    while view:
+        view = view[os.write(descriptor, view) :]
+
+
+def serve(commands: int, answers: int, memory: int) -> None:
+    """Do what is asked until CLOSE, or until the other end is gone."""
+    group: Group | None = None
+    waiting = select.poll()
+    waiting.register(commands, select.POLLIN)
+    try:
+        while (command := _next(commands, waiting)) != CLOSE:
+            try:
+                if command == START:
+                    start = msgspec.msgpack.decode(_payload(commands), type=Start)
+                    sys.path[:] = start.path
+                    group = Group(start.members, start.number)
+                    answer = MORE + frame(msgspec.msgpack.encode(group.spaces()))
+                else:
+                    assert group is not None
+                    answer = _answer(command, commands, memory, group)
+            except Crash as crash:
+                answer = FAILED + frame(msgspec.msgpack.encode(_failure(crash)))
+            write(answers, answer)
+    except (EOFError, BrokenPipeError):
+        pass
+    finally:
+        if group is not None:
+            group.close()
+
+
+def _next(commands: int, waiting: select.poll) -> bytes:
+    """The next command. Raises EOFError.
+
+    Mostly it comes soon: looking for it, while anything else that wants the core may have it, costs less than being put
+    to sleep and woken up, which on virtual machines takes as long as a game's step.
+    """
+    deadline = time.perf_counter() + _LOOK_SECONDS
+    while not waiting.poll(0) and time.perf_counter() < deadline:
+        os.sched_yield()
+    return read(commands, 1)
+
+
+def _answer(command: bytes, commands: int, memory: int, group: Group) -> bytes:
+    if command == STEP:
+        told: Any = group.step()
+    elif command == RESET:
+        reset = msgspec.msgpack.decode(_payload(commands), type=Reset)
+        told = group.reset(reset.seeds, reset.options)
+    elif command == RENDER:
+        told = group.render()
+    else:
+        attach = msgspec.msgpack.decode(_payload(commands), type=Attach)
+        group.attach(Arrays(attach.layout, mmap.mmap(memory, attach.layout.size)), attach.same_step)
+        told = None
+    return MORE + frame(infos.encode(told)) if told else DONE
+
+
+def _payload(descriptor: int) -> bytes:
+    (size,) = LENGTH.unpack(read(descriptor, LENGTH.size))
+    return read(descriptor, size)
+
+
+def _failure(crash: Crash) -> Failure:
+    error = crash.error
+    try:
+        words = f"{type(error).__name__}: {error}"
+    except Exception:
+        words = type(error).__name__
+    lines = "".join(traceback.format_exception(error))[-_MAX_TRACEBACK:]
+    if not isinstance(error, EnvCraftError):
+        return Failure(crash.index, crash.phase, words[:2000], lines, None)
+    own = isinstance(error, UsageError), isinstance(error, EnvironmentFailed)
+    return Failure(crash.index, crash.phase, str(error), "", "usage" if own[0] else "failed" if own[1] else "other")
+
+
+def main() -> None:
+    # Ctrl-C goes to the whole terminal: the vector closes its workers.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    commands, answers, memory = map(int, sys.argv[1:])
+    serve(commands, answers, memory)
+    sys.stdout.flush()
+    sys.stderr.flush()
+    # Threads that an environment has left must not keep the process.
+    os._exit(0)
+
+
+if __name__ == "__main__":
+    main()

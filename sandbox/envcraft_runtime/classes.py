@@ -1,0 +1,88 @@
+"""Which class of a module is its environment, and how an instance of it is made."""
+
+from __future__ import annotations
+
+import ast
+import functools
+import inspect
+import linecache
+from types import CodeType, ModuleType
+from typing import Any
+
+import gymnasium
+
+
+def concrete_classes(module: ModuleType) -> list[str]:
+    """Name the environment classes that the module defines and that can be instantiated.
+
+    Left out are abstract bases (abstract methods, or ``step``/``reset`` that are missing or only raise), wrappers, and
+    private classes (``_Base``) while there is a public one.
+    """
+    found = [
+        name
+        for name, value in list(vars(module).items())
+        if inspect.isclass(value)
+        and value.__module__ == module.__name__
+        and value.__name__ == name
+        and issubclass(value, gymnasium.Env)
+        and not issubclass(value, gymnasium.Wrapper)
+        and not inspect.isabstract(value)
+        and all(_implemented(value, method) for method in ("reset", "step"))
+    ]
+    return [name for name in found if not name.startswith("_")] or found
+
+
+def rendering(creator: Any, given: dict[str, Any]) -> dict[str, Any]:
+    """``render_mode="rgb_array"`` where the constructor takes that, and says that it can, and was given no other."""
+    if given.get("render_mode") is not None:
+        return {}
+    try:
+        parameters = inspect.signature(creator).parameters
+    except (ValueError, TypeError):
+        return {}
+    metadata = getattr(creator, "metadata", None)
+    modes = metadata.get("render_modes") if isinstance(metadata, dict) else None
+    takes = "render_mode" in parameters
+    passes = inspect.Parameter.VAR_KEYWORD in [parameter.kind for parameter in parameters.values()]
+    offers = "rgb_array" in modes if isinstance(modes, list | tuple | set) and modes else takes
+    return {"render_mode": "rgb_array"} if (takes or (passes and modes)) and offers else {}
+
+
+def is_environment(value: Any) -> bool:
+    return inspect.isclass(value) and issubclass(value, gymnasium.Env) and value is not gymnasium.Env
+
+
+def _implemented(kind: type, method: str) -> bool:
+    function = getattr(kind, method, None)
+    if function is None or function is getattr(gymnasium.Env, method):
+        return False
+    code = getattr(function, "__code__", None)
+    definition = definitions(code.co_filename).get(code.co_firstlineno) if isinstance(code, CodeType) else None
+    if not isinstance(definition, ast.FunctionDef):
+        return True
+    body = [
+        node
+        for node in definition.body
+        if not (isinstance(node, ast.Pass) or (isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)))
+    ]
+    return not all(isinstance(node, ast.Raise) and "NotImplementedError" in ast.dump(node) for node in body)
+
+
+@functools.cache
+def definitions(filename: str) -> dict[int, ast.stmt]:
+    """The classes and functions of a file by the line at which they begin.
+
+    One parse of the whole takes a fraction of the time in which ``inspect`` finds a single one.
+    """
+    try:
+        tree = ast.parse("".join(linecache.getlines(filename)))
+    except (SyntaxError, ValueError, RecursionError, MemoryError):
+        return {}
+    nodes = [node for node in ast.walk(tree) if isinstance(node, ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef)]
+    return {min([node.lineno, *(decorator.lineno for decorator in node.decorator_list)]): node for node in nodes}
+
+
+def type_name(value: Any) -> str:
+    kind = type(value)
+    name = kind.__qualname__ if kind.__module__ == "builtins" else f"{kind.__module__}.{kind.__qualname__}"
+    return name[:200]

@@ -1,0 +1,195 @@
+"""``envcraft.make``: whose code runs in this process, and that it is what was judged, bit by bit."""
+
+from __future__ import annotations
+
+import hashlib
+import importlib._bootstrap_external as bootstrap
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from envcraft_runtime.adapters import StepLimit
+
+import envcraft
+from envcraft.budget import BUDGETS
+from envcraft.commands.choices import driver_named
+from envcraft.contract import ARCADE, ARCADE_NATIVE
+from envcraft.corpus.store import CorpusDamaged, Store
+from envcraft.errors import EnvironmentFailed, UsageError
+from envcraft.rollout import Rollout
+from envcraft.subject import Subject
+from envcraft.target import Target
+from envcraft.trace import _digest
+from envcraft.using import loading
+from envcraft.using.sources import Untrusted, locate
+from envcraft.values import Layout
+from envcraft.verdict import Verdict
+
+from .conftest import game, judged
+
+
+def test_importing_the_package_imports_nothing() -> None:
+    code = (
+        "import sys, envcraft\n"
+        "print(sorted({'numpy', 'gymnasium', 'msgspec', 'click'} & set(sys.modules)), dir(envcraft))"
+    )
+    told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True).stdout
+    assert told.startswith("[] ")
+    assert "'make', 'make_vec', 'register'" in told
+    with pytest.raises(AttributeError, match="made"):
+        envcraft.made  # noqa: B018
+
+
+class TestTrust:
+    def test_what_has_passed_runs_here(self, corpus: Path) -> None:
+        env = envcraft.make(corpus, "ant")
+        assert env.reset(seed=1)[0].shape == (84, 84, 3)
+        assert type(env.unwrapped).__name__ == "Ant"
+        assert env.unwrapped.render_mode == "rgb_array"
+        assert type(env.unwrapped) is type(envcraft.make(corpus, "ant.py").unwrapped)
+
+    @pytest.mark.parametrize("name", ["failed", "new"])
+    def test_what_has_not_passed_is_not_even_imported(self, corpus: Path, name: str) -> None:
+        with pytest.raises(Untrusted, match=rf"`envcraft audit {corpus}` judges it.*sandbox='auto'.*trust=True"):
+            envcraft.make(corpus, name)
+        with pytest.raises(Untrusted):
+            envcraft.make_vec(["ant", name], corpus=corpus)
+        assert not (corpus.parent / "imported").exists()
+        envcraft.make(corpus, name, trust=True)
+        assert (corpus.parent / "imported").exists()
+
+    def test_a_verdict_is_on_one_source_and_one_contract(self, corpus: Path) -> None:
+        with pytest.raises(Untrusted, match=r"no verdict under the contract gymnasium.* --contract gymnasium`"):
+            envcraft.make(corpus, "ant", contract="gymnasium")
+        with Store(corpus, write=True) as store:
+            store.add("ant.py", game("Ant", "self.steps >= 6").encode())
+        with pytest.raises(Untrusted, match=r"ant\.py has no verdict"):
+            envcraft.make(corpus, "ant")
+
+    def test_a_verdict_on_other_promises_of_the_same_name_is_none(self, corpus: Path) -> None:
+        with Store(corpus, write=True) as store:
+            store.db.execute("UPDATE settings SET contract_sha256 = ? WHERE contract = 'arcade'", ("0" * 64,))
+        with pytest.raises(Untrusted, match="no verdict under the contract arcade"):
+            envcraft.make(corpus, "ant")
+
+    def test_the_last_verdict_counts(self, corpus: Path) -> None:
+        text = game("Ant", "self.steps >= 5")
+        with Store(corpus, write=True) as store:
+            judged(store, "ant.py", text, "Ant", ARCADE, Verdict.FAIL, "newer rules")
+        with pytest.raises(Untrusted, match="has the verdict fail"):
+            envcraft.make(corpus, "ant")
+        with Store(corpus, write=True) as store:
+            # One that could not be judged says nothing against an earlier pass.
+            judged(store, "ant.py", text, "Ant", ARCADE, Verdict.ERROR, "newer rules")
+        envcraft.make(corpus, "ant")
+
+    def test_a_file_is_trusted_by_the_audit_of_a_folder_above(self, tmp_path: Path) -> None:
+        (tmp_path / "deep").mkdir()
+        file = tmp_path / "deep" / "game.py"
+        file.write_text(game())
+        with pytest.raises(Untrusted, match=f"`envcraft audit {file.parent}`"):
+            envcraft.make(file)
+        with Store.create(tmp_path / ".envcraft", folder=True) as store:
+            judged(store, "deep/game.py", game(), "Game", ARCADE, Verdict.PASS)
+        envcraft.make(file)
+        file.write_text(game("Game", "self.steps >= 8"))
+        with pytest.raises(Untrusted, match=f"`envcraft audit {tmp_path}`"):
+            envcraft.make(file)
+
+
+class TestWrongUse:
+    def test_names_that_do_not_exist(self, corpus: Path, tmp_path: Path) -> None:
+        with pytest.raises(UsageError, match="`envcraft corpus list"):
+            envcraft.make(corpus, "eel")
+        with pytest.raises(UsageError, match=r"several environments: name one, such as ant\.py"):
+            envcraft.make(corpus)
+        with pytest.raises(UsageError, match="is no corpus"):
+            envcraft.make(tmp_path / "nothing", "ant")
+        with pytest.raises(UsageError, match="cannot be read"):
+            envcraft.make(tmp_path / "nothing.py")
+        with pytest.raises(UsageError, match="no contract 'arcad'; did you mean arcade"):
+            envcraft.make(corpus, "ant", contract="arcad")
+
+    def test_files_without_an_environment_and_with_one_that_raises(self, tmp_path: Path) -> None:
+        file = tmp_path / "game.py"
+        file.write_text("import gymnasium\nraise RuntimeError('too early')\n")
+        with pytest.raises(EnvironmentFailed, match="cannot be imported: RuntimeError: too early"):
+            envcraft.make(file, trust=True)
+        file.write_text("import gymnasium\n")
+        with pytest.raises(UsageError, match="has no environment class"):
+            envcraft.make(file, trust=True)
+        file.write_text(game("One") + game("Two"))
+        with pytest.raises(UsageError, match="classes One, Two"):
+            envcraft.make(file, trust=True)
+
+    def test_arguments_reach_the_constructor(self, corpus: Path) -> None:
+        env = envcraft.make(corpus, "ant", start=4)
+        env.reset(seed=0)
+        assert env.step(np.array([0, 0, 0]))[2]
+        with pytest.raises(EnvironmentFailed, match="unexpected keyword argument 'begin'"):
+            envcraft.make(corpus, "ant", begin=4)
+
+
+class TestLoading:
+    def test_a_source_that_changed_is_not_run(self, corpus: Path) -> None:
+        found = locate(corpus, "ant")
+        Path(found.path).write_text("raise SystemExit\n")
+        with pytest.raises(CorpusDamaged, match="has changed"):
+            envcraft.make(corpus, "ant")
+        with pytest.raises(UsageError, match="has changed since it was looked up"):
+            loading.load(found.path, Path(found.path).read_bytes(), found.sha256)
+
+    def test_bytecode_beside_a_source_is_not_run(self, corpus: Path) -> None:
+        found = locate(corpus, "cat")
+        cached = Path(bootstrap.cache_from_source(found.path))
+        cached.parent.mkdir()
+        cached.write_bytes(
+            bootstrap._code_to_hash_pyc(  # type: ignore[attr-defined]
+                compile("raise SystemExit", found.path, "exec"), b"0" * 8, False
+            )
+        )
+        envcraft.make(corpus, "cat").reset()
+        assert sys.modules[f"envcraft_source_{found.sha256}"].__file__ == found.path
+
+    def test_a_module_that_failed_is_tried_again(self, tmp_path: Path) -> None:
+        flag = tmp_path / "flag"
+        text = f"import pathlib\nif not pathlib.Path({str(flag)!r}).exists():\n    raise OSError\n"
+        digest = hashlib.sha256(text.encode()).hexdigest()
+        with pytest.raises(OSError):  # noqa: PT011
+            loading.load("x.py", text.encode(), digest)
+        flag.touch()
+        loading.load("x.py", text.encode(), digest)
+
+
+class TestSameAsJudged:
+    """An episode of ``arcade-native`` as the sandbox records it, and the same episode of what ``make`` gives."""
+
+    def test_observations_rewards_and_flags_are_the_same_bits(self, corpus: Path) -> None:
+        actions = np.random.default_rng(0).integers(0, [5, 2, 2], (40, 3)).tolist()
+        found = locate(corpus, "native")
+        target = Target("native.py", found.source)
+        with Subject(target, ARCADE_NATIVE, driver_named("process"), BUDGETS["quick"]) as subject:
+            trace = subject.rollout(Rollout(7, actions))
+        layout = Layout({"k": "array", "dtype": "|u1", "shape": [84, 84, 3]})
+        env = envcraft.make(corpus, "native")
+        observation, info = env.reset(seed=7)
+        frames, rewards, flags = [observation], [], []
+        for action in actions:
+            observation, reward, terminated, truncated, info = env.step(np.array(action))
+            frames.append(observation)
+            rewards.append(reward)
+            flags.append((terminated, truncated))
+        assert trace.observations == [_digest(layout, memoryview(frame.tobytes())) for frame in frames]
+        assert trace.rewards == rewards
+        assert list(zip(trace.terminated, trace.truncated, strict=True)) == flags
+        assert trace.info()["score"] == info["score"]
+        rendered: Any = env.render()
+        assert np.array_equal(rendered, observation)
+
+    def test_the_step_limit_is_the_contracts(self, corpus: Path) -> None:
+        env = envcraft.make(corpus, "native")
+        assert isinstance(env, StepLimit)
+        assert env._limit == 1000

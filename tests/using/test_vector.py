@@ -1,0 +1,297 @@
+"""``envcraft.make_vec`` beside Gymnasium's ``SyncVectorEnv`` of the same environments, and what follows a failure."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections import deque
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import msgspec
+import numpy as np
+import pytest
+from gymnasium.error import ResetNeeded
+from gymnasium.vector import AutoresetMode, SyncVectorEnv
+from gymnasium.wrappers.vector import RecordEpisodeStatistics
+
+import envcraft
+from envcraft.errors import EnvironmentFailed, UsageError
+from envcraft.using import infos
+from envcraft.using.processes import Processes
+from envcraft.using.sources import Untrusted, locate
+from envcraft.using.vector import VectorEnv, _member, _shares
+
+from .conftest import game
+
+NAMES = ["ant", "bee", "cat", "deep/dog"]
+Started = Callable[..., VectorEnv]
+
+
+def same(one: Any, two: Any) -> bool:
+    """Whether two infos are the same, types of arrays included."""
+    if isinstance(one, dict):
+        return isinstance(two, dict) and set(one) == set(two) and all(same(one[key], two[key]) for key in one)
+    if isinstance(one, np.ndarray) and one.dtype == object:
+        return one.shape == two.shape and all(same(left, right) for left, right in zip(one, two, strict=True))
+    if isinstance(one, np.ndarray):
+        return one.dtype == two.dtype and bool(np.array_equal(one, two))
+    return bool(one == two)
+
+
+def peer(corpus: Path, mode: AutoresetMode, count: int) -> Any:
+    makers = [partial(envcraft.make, corpus, NAMES[index % len(NAMES)]) for index in range(count)]
+    return SyncVectorEnv(makers, autoreset_mode=mode)
+
+
+@pytest.mark.parametrize("workers", [0, 2])
+@pytest.mark.parametrize("mode", list(AutoresetMode))
+def test_it_does_what_gymnasiums_own_does(corpus: Path, mode: AutoresetMode, workers: int) -> None:
+    ours: Any = envcraft.make_vec(NAMES, 5, corpus=corpus, autoreset_mode=mode, workers=workers)
+    theirs = peer(corpus, mode, 5)
+    assert ours.metadata["autoreset_mode"] is mode
+    for name in ("observation_space", "action_space", "single_observation_space", "single_action_space", "num_envs"):
+        assert getattr(ours, name) == getattr(theirs, name), name
+    seeds = [3, 1, 4, 1, 5]
+    first = ours.reset(seed=seeds), theirs.reset(seed=seeds)
+    assert np.array_equal(first[0][0], first[1][0])
+    assert same(first[1][1], first[0][1])
+    theirs.action_space.seed(0)
+    ends = 0
+    for step in range(30):
+        actions = theirs.action_space.sample()
+        mine, other = ours.step(actions), theirs.step(actions)
+        for at, name in enumerate(("observations", "rewards", "terminated", "truncated")):
+            assert mine[at].dtype == other[at].dtype
+            assert np.array_equal(mine[at], other[at]), (step, name)
+        assert same(other[4], mine[4]), (step, other[4], mine[4])
+        ended = other[2] | other[3]
+        ends += ended.sum()
+        if mode is AutoresetMode.DISABLED and ended.any():
+            with pytest.raises(ResetNeeded, match=f"environments {np.flatnonzero(ended)[0]}"):
+                ours.step(actions)
+            mine, other = (one.reset(options={"reset_mask": ended.copy()}) for one in (ours, theirs))
+            assert np.array_equal(mine[0], other[0])
+            assert same(other[1], mine[1])
+    assert ends > 10
+    assert ours.reset(seed=8)[0].tobytes() == theirs.reset(seed=8)[0].tobytes()
+    assert len(ours.render()) == 5
+    ours.close()
+
+
+@pytest.fixture
+def started(corpus: Path, monkeypatch: pytest.MonkeyPatch) -> Started:
+    def start(*names: str, **more: Any) -> VectorEnv:
+        return envcraft.make_vec(list(names) or NAMES, **{"corpus": corpus, "workers": 2, **more})
+
+    return start
+
+
+def pids(vector: VectorEnv) -> list[int]:
+    assert isinstance(vector._running, Processes)
+    return [worker._process.pid for worker in vector._running._workers]
+
+
+class TestUse:
+    @pytest.mark.parametrize("workers", [1, 2, 3, 4])
+    def test_copies_are_dealt_out_evenly(self, corpus: Path, workers: int) -> None:
+        found = [locate(corpus, name) for name in ("ant", "bee", "cat")]
+        members = [_member(at, found[at % 3], None, None, {}) for at in range(12)]
+        shares = _shares(members, workers)
+        assert sorted(member.index for share in shares for member in share) == list(range(12))
+        assert {len(share) for share in shares} == {12 // workers}
+        for name in ("ant.py", "bee.py", "cat.py"):
+            copies = [sum(member.name == name for member in share) for share in shares]
+            # There and back again: two in a row at a turn.
+            assert max(copies) - min(copies) <= (1 if 12 // 3 % workers == 0 else 2)
+
+    def test_observations_are_copies_unless_none_are_wanted(self, started: Started) -> None:
+        for copy in (True, False):
+            with_copy = started("ant", "bee", workers=0, copy=copy)
+            first, _ = with_copy.reset(seed=0)
+            before = first.copy()
+            with_copy.step(np.ones((2, 3), np.int64))
+            assert np.array_equal(first, before) is copy
+
+    def test_gymnasiums_wrappers_take_it(self, started: Started) -> None:
+        wrapped = RecordEpisodeStatistics(started(autoreset_mode="SameStep"))
+        wrapped.reset(seed=0)
+        lengths: deque[int] = deque()
+        for _ in range(12):
+            info = wrapped.step(wrapped.action_space.sample())[4]
+            lengths += [int(length) for length in info["episode"]["l"][info["_episode"]]] if "episode" in info else []
+        wrapped.close()
+        assert {5, 7, 9, 11} <= set(lengths)
+
+    def test_wrong_actions_seeds_masks_and_names(self, started: Started) -> None:
+        vector = started("ant", "bee", workers=0)
+        with pytest.raises(ResetNeeded):
+            vector.step(np.zeros((2, 3), np.int64))
+        with pytest.raises(ValueError, match="3 seeds for 2"):
+            vector.reset(seed=[1, 2, 3])
+        vector.reset()
+        with pytest.raises(ValueError, match=r"shape \(3,\), where \(2, 3\)"):
+            vector.step(np.zeros(3, np.int64))
+        with pytest.raises(TypeError, match="same_kind"):
+            vector.step(np.zeros((2, 3)))
+        with pytest.raises(ValueError, match="boolean array"):
+            vector.reset(options={"reset_mask": [True, False]})
+        with pytest.raises(UsageError, match="no autoreset mode 'Never'"):
+            started(autoreset_mode="Never")
+        with pytest.raises(UsageError, match="no environment eel"):
+            started("eel")
+
+    def test_where_names_are_looked_up(self, corpus: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+        monkeypatch.chdir(tmp_path)
+        (tmp_path / "ant.py").write_text(game("Here"))
+        monkeypatch.setenv("ENVCRAFT_CORPUS", str(corpus))
+        assert envcraft.make_vec("ant.py", corpus=corpus, workers=0).names == ("ant.py",)
+        assert envcraft.make_vec(["bee", "cat"], 3, workers=0).names == ("bee.py", "cat.py", "bee.py")
+        with pytest.raises(Untrusted, match=f"audit {tmp_path}"):
+            envcraft.make_vec("ant.py", workers=0)
+
+    def test_environments_with_other_spaces_are_refused(self, started: Started) -> None:
+        with pytest.raises(UsageError, match=r"observation space of point\.py is .*side by side"):
+            started("ant", "point", workers=1)
+
+    def test_spaces_of_other_kinds(self, started: Started) -> None:
+        vector = started("point", num_envs=2, workers=1, autoreset_mode="SameStep")
+        assert vector.single_action_space == gymnasium.spaces.Discrete(3, start=-1)
+        observations, _ = vector.reset(seed=0)
+        assert observations.dtype == np.float32
+        for _ in range(20):
+            told = vector.step(np.array([-1, 1]))[4]
+            if "final_obs" in told:
+                assert told["final_obs"][0].dtype == np.float32
+                break
+        else:
+            pytest.fail("no episode ended")
+        vector.close()
+
+    def test_processes_end_with_the_vector(self, started: Started) -> None:
+        vector = started()
+        running = pids(vector)
+        assert len(running) == 2
+        descriptors = len(os.listdir("/proc/self/fd"))
+        vector.close()
+        vector.close()
+        assert not [pid for pid in running if Path(f"/proc/{pid}").exists()]
+        # Two pipes a process, and the memory.
+        assert descriptors - len(os.listdir("/proc/self/fd")) == 5
+        with pytest.raises(ResetNeeded, match="closed"):
+            vector.reset()
+
+
+class TestFailures:
+    """An environment fails on one action: the message names it, and nothing is left running."""
+
+    @pytest.fixture
+    def failing(self, tmp_path: Path) -> Callable[..., VectorEnv]:
+        def start(body: str, **more: Any) -> VectorEnv:
+            (tmp_path / "bad.py").write_text(game("Bad", "self.steps >= 9", f"if action[2]:\n            {body}"))
+            (tmp_path / "good.py").write_text(game("Good"))
+            names = [tmp_path / "good.py", tmp_path / "bad.py", tmp_path / "good.py"]
+            vector = envcraft.make_vec(names, trust=True, **{"workers": 2, **more})
+            vector.reset(seed=0)
+            return vector
+
+        return start
+
+    @pytest.mark.parametrize(
+        ("body", "words"),
+        [
+            ("raise ZeroDivisionError('by none')", r"raised in step\(\): ZeroDivisionError: by none"),
+            ("raise SystemExit(3)", r"raised in step\(\): SystemExit: 3"),
+            ("return np.zeros((84, 84, 1), np.uint8), 0.0, False, False, {}", r"shape \(84, 84, 1\)"),
+            ("return self.render() / 2, 0.0, False, False, {}", "same_kind"),
+            ("return self.render(), None, False, False, {}", "TypeError"),
+            ("return self.render(), 0.0, False, False, None", "info is of type NoneType"),
+        ],
+    )
+    def test_an_environment_raises(self, failing: Callable[..., VectorEnv], body: str, words: str) -> None:
+        vector = failing(body, workers=0)
+        vector.step(np.zeros((3, 3), np.int64))
+        with pytest.raises(EnvironmentFailed, match=rf"environment 1 \(.*bad\.py\) .*{words}"):
+            vector.step(np.ones((3, 3), np.int64))
+        assert vector.closed
+
+    def test_an_environment_raises_in_a_process(self, failing: Callable[..., VectorEnv]) -> None:
+        vector = failing("raise ZeroDivisionError('by none')")
+        running = pids(vector)
+        with pytest.raises(EnvironmentFailed, match=r"environment 1 \(.*bad\.py\).*ZeroDivisionError") as caught:
+            vector.step(np.ones((3, 3), np.int64))
+        assert "in step" in caught.value.__notes__[0]
+        assert vector.closed
+        assert not [pid for pid in running if Path(f"/proc/{pid}").exists()]
+
+    @pytest.mark.parametrize(
+        ("body", "words"),
+        [("import os; os._exit(4)", "exit status 4"), ("import os; os.kill(os.getpid(), 11)", "signal 11")],
+    )
+    def test_an_environment_ends_its_process(self, failing: Callable[..., VectorEnv], body: str, words: str) -> None:
+        vector = failing(body)
+        with pytest.raises(EnvironmentFailed, match=rf"environment 1 \(.*bad\.py\) ended its process \({words}\)"):
+            vector.step(np.ones((3, 3), np.int64))
+        assert vector.closed
+
+    def test_a_process_is_killed_between_steps(self, started: Started) -> None:
+        vector = started()
+        vector.reset(seed=0)
+        os.kill(pids(vector)[1], signal.SIGKILL)
+        with pytest.raises(EnvironmentFailed, match=r"environments bee\.py, cat\.py has ended \(signal 9\)"):
+            vector.step(np.zeros((4, 3), np.int64))
+
+    def test_an_environment_cannot_be_made(self, tmp_path: Path) -> None:
+        (tmp_path / "bad.py").write_text("import gymnasium\nraise RuntimeError('early')\n")
+        for workers in (0, 1):
+            with pytest.raises(EnvironmentFailed, match=r"bad\.py cannot be imported: RuntimeError: early"):
+                envcraft.make_vec(tmp_path / "bad.py", trust=True, workers=workers)
+
+    def test_workers_end_when_their_parent_is_killed(self, corpus: Path, tmp_path: Path) -> None:
+        code = (
+            "import envcraft, os, signal\n"
+            f"vector = envcraft.make_vec(['ant'], corpus={str(corpus)!r}, workers=1)\n"
+            "print(vector._running._workers[0]._process.pid, flush=True)\n"
+            "os.kill(os.getpid(), signal.SIGKILL)\n"
+        )
+        told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False)
+        pid = int(told.stdout)
+        assert told.returncode == -signal.SIGKILL
+        deadline = time.monotonic() + 20
+        while Path(f"/proc/{pid}").exists() and Path(f"/proc/{pid}/stat").read_text().split()[2] != "Z":
+            assert time.monotonic() < deadline
+            time.sleep(0.05)
+
+
+class TestInfos:
+    @pytest.mark.parametrize(
+        "value",
+        [
+            {},
+            {"a": 1, "b": 2.5, "c": True, "d": None, "e": "text", "f": [1, {"g": 2}], 7: "seven"},
+            {"a": np.float32(1.5), "b": np.bool_(True), "c": np.int8(3), "d": np.str_("word")},
+            {"a": np.arange(6, dtype=np.uint8).reshape(2, 3), "b": np.zeros((0, 2)), "c": np.array(["x", "yy"])},
+        ],
+    )
+    def test_plain_values_and_numpys_come_back(self, value: dict[str, Any]) -> None:
+        back = infos.decode(infos.encode(value))
+        assert same(value, back)
+        assert {key: type(item) for key, item in back.items()} == {key: type(item) for key, item in value.items()}
+
+    def test_anything_else_is_told_by_its_type(self) -> None:
+        loop: dict[str, Any] = {}
+        loop["loop"] = loop
+        odd = {"object": object(), "array": np.array([object()]), "large": 2**80, (1, 2): 3, "deep": loop}
+        back = infos.decode(infos.encode(odd))
+        assert back["object"] == {"type": "object"}
+        assert back["array"] == {"type": "numpy.ndarray"}
+        assert back["large"] == str(2**80)
+        assert "deep" in back
+        with pytest.raises(ValueError, match="dtype"):
+            infos.decode(infos._encoder.encode(msgspec.msgpack.Ext(2, msgspec.msgpack.encode(("O", [1], b"8bytes!!")))))
