@@ -167,13 +167,19 @@ def test_environments_are_judged_in_its_sandbox(installed: Installed) -> None:
     assert "nice" in installed.listed("doctor")
 
 
-def test_an_audit_runs_in_its_processes(installed: Installed, tmp_path: Path) -> None:
+def test_an_audit_runs_in_its_processes_and_is_exported(installed: Installed, tmp_path: Path) -> None:
     games = shutil.copytree(GAMES, tmp_path / "games")
     options = ("--checks", "brightness", "--budget", "quick", "--format", "json", *SANDBOX)
     there = installed.run("audit", games, "--executor", "processes", "--workers", "2", *options)
     assert (there.returncode, there.stderr) == (1, "4 environments, 4 of them to be judged\n")
     here = installed.run("audit", games, "--no-resume", *options)
     assert untimed(json.loads(there.stdout)["reports"]) == untimed(json.loads(here.stdout)["reports"])
+
+    written = installed.run("export", games, "--to", "files", "--output", tmp_path / "passed")
+    assert written.stdout.startswith("wrote 2 environments\n"), written.stderr
+    sums = subprocess.run(["sha256sum", "--check", "SHA256SUMS"], cwd=tmp_path / "passed", check=False)
+    assert sums.returncode == 0
+
     wrong = installed.run("audit", games, "--no-resume", "--executor", "processes", "--scheduler", "x:1", *options)
     assert (wrong.returncode, wrong.stderr.splitlines()[-1]) == (
         2,

@@ -1,1 +1,2 @@
-"""A worked plugin: a check, a contract, a sandbox driver, a reporter, a command and an executor, one file each."""
+"""A worked plugin: a check, a contract, a sandbox driver, a reporter, a command, an executor and an export,
+one file each."""

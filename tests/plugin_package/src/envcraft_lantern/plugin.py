@@ -11,6 +11,7 @@ if TYPE_CHECKING:
 
     from envcraft.check import Check
     from envcraft.contract import Contract
+    from envcraft.corpus.export import Exporter
     from envcraft.executors import ExecutorPlugin
     from envcraft.reports import Reporter
     from envcraft.sandbox import Driver
@@ -58,3 +59,10 @@ def envcraft_executors() -> list[ExecutorPlugin]:
     from .processes import ProcessesExecutor
 
     return [ProcessesExecutor()]
+
+
+@hookimpl
+def envcraft_exporters() -> list[Exporter]:
+    from .files import FilesExporter
+
+    return [FilesExporter()]
