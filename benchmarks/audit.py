@@ -1,0 +1,145 @@
+"""``python -m benchmarks.audit``: what an audit costs beside stepping the same environments in a plain loop.
+
+``--number`` environments are made by changing a tenth of the numbers in the good fixtures and the examples, as
+``benchmarks.duplicates`` does; those that a plain loop cannot play are left out. They are audited at the budget
+`quick`, by one worker and by two, each time from nothing. Processor time is that of the command and of all that it
+starts, but for a container engine's own; bare is the processor time of a step of each environment, in random play in
+one process, times the steps that its report counts. Memory is the auditing process's own.
+
+Exit status 1 when a limit does not hold: processor time 1.3 times bare, two workers 1.8 times as fast as one (where
+there are two cores), 400 MiB.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import json
+import os
+import random
+import resource
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+from rich.console import Console
+from rich.table import Table
+
+from benchmarks import duplicates
+from benchmarks.bare import environment, play
+from benchmarks.overhead import working
+from envcraft import actions
+from envcraft.contract import ARCADE
+
+NUMBER = 100
+CPU, FASTER, LIMIT_MIB = 1.3, 1.8, 400
+#: Steps of random play by which the cost of one is told.
+_STEPS = 1_000
+
+
+class Audited(NamedTuple):
+    """One audit: wall-clock and processor seconds, steps of each environment, and MiB of the auditing process."""
+
+    seconds: float
+    cpu: float
+    steps: dict[str, int]
+    mib: float
+
+
+def write(folder: Path, number: int) -> dict[str, float]:
+    """Write so many environments; give the processor seconds of a bare step of each."""
+    rng = random.Random(0)
+    known = duplicates.originals()
+    found: dict[str, float] = {}
+    while len(found) < number:
+        path = folder / f"game_{len(found):05}.py"
+        path.write_text(duplicates.edited(known[len(found) % len(known)].decode(), rng))
+        # A changed number may break a game; the next one takes its place.
+        with contextlib.suppress(Exception):
+            found[path.name] = step_seconds(path)
+    return found
+
+
+def step_seconds(path: Path) -> float:
+    """Processor seconds of a step. Raises whatever the environment raises."""
+    assert ARCADE.action is not None
+    env = environment(path)
+    steps, spent, seed = 0, 0.0, 0
+    while steps < _STEPS:
+        taken, _, cpu = play(env, seed, actions.random_actions(ARCADE.action, seed, _STEPS))
+        steps, spent, seed = steps + taken, spent + cpu, seed + 1
+    return spent / steps
+
+
+def audit(folder: Path, driver: str, workers: int) -> Audited:
+    """Audit a folder from nothing. Raises RuntimeError where it could not be judged."""
+    with tempfile.TemporaryDirectory(prefix="envcraft-") as store:
+        words = ["audit", str(folder), "--store", f"{store}/store", "--sandbox", driver, "--budget", "quick"]
+        command = [sys.executable, "-m", "envcraft", *words, "--workers", str(workers), "--format", "json"]
+        before = resource.getrusage(resource.RUSAGE_CHILDREN)
+        started = time.perf_counter()
+        with open(Path(store, "report.json"), "wb") as output:
+            process = subprocess.Popen([*command, "--exit-zero"], stdout=output, stderr=subprocess.DEVNULL)
+            mib = max(_watch(process))
+        seconds = time.perf_counter() - started
+        after = resource.getrusage(resource.RUSAGE_CHILDREN)
+        if process.returncode:
+            raise RuntimeError(f"the audit ended with status {process.returncode}")
+        reports = json.loads(Path(store, "report.json").read_text())["reports"]
+    steps = {os.path.basename(report["path"]): report["steps"] for report in reports}
+    return Audited(seconds, sum(after[:2]) - sum(before[:2]), steps, mib)
+
+
+def _watch(process: subprocess.Popen[bytes]) -> Iterator[float]:
+    """The most MiB that a process has held, again and again until it ends."""
+    yield 0.0
+    while process.poll() is None:
+        with contextlib.suppress(OSError, IndexError):
+            told = Path(f"/proc/{process.pid}/status").read_text()
+            yield int(told.partition("VmHWM:")[2].split()[0]) / 1024
+        time.sleep(0.2)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Print the table and the limits that are broken; give 1 if any is."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.audit", description=__doc__)
+    parser.add_argument("--number", type=int, default=NUMBER)
+    parser.add_argument("--sandbox", default="bubblewrap")
+    options = parser.parse_args(arguments)
+    [driver] = working(options.sandbox)
+    with tempfile.TemporaryDirectory(prefix="envcraft-") as folder:
+        bare = write(Path(folder), options.number)
+        audits = {workers: audit(Path(folder), driver.name, workers) for workers in (1, 2)}
+    faster = audits[1].seconds / audits[2].seconds
+    table = Table(title=f"audit of {options.number} environments at quick, {driver.name}")
+    for column in ("workers", "seconds", "CPU s", "stepped bare, CPU s", "of bare", "steps", "MiB"):
+        table.add_column(column, justify="right")
+    wrong = []
+    for workers, done in audits.items():
+        stepped = sum(seconds * done.steps[name] for name, seconds in bare.items())
+        ratio = done.cpu / stepped
+        counted = f"{sum(done.steps.values()):,}"
+        table.add_row(
+            *(str(workers), f"{done.seconds:.1f}", f"{done.cpu:.1f}", f"{stepped:.1f}", f"{ratio:.2f}"),
+            *(counted, f"{done.mib:.0f}"),
+        )
+        if ratio > CPU:
+            wrong.append(f"{workers} at a time: {ratio:.2f} times the processor time of bare steps; at most {CPU:g}")
+        if done.mib > LIMIT_MIB:
+            wrong.append(f"{workers} at a time: the auditing process held {done.mib:.0f} MiB; at most {LIMIT_MIB}")
+    if (os.cpu_count() or 1) > 1 and faster < FASTER:
+        wrong.append(f"two workers are {faster:.2f} times as fast as one; at least {FASTER:g}")
+    console = Console(width=120)
+    console.print(table)
+    console.print(f"two workers: {faster:.2f} times as fast as one")
+    for line in wrong:
+        console.print(f"limit broken: {line}")
+    return int(bool(wrong))
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
