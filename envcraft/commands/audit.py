@@ -29,8 +29,8 @@ _SHOWN = 10
 
 
 class _Command(Configured):
-    # There are fewer formats than `validate` has.
-    apart = frozenset({"format"})
+    # There are fewer formats than `validate` has, and another kind of report.
+    apart = frozenset({"format", "report"})
 
 
 @click.command(cls=_Command)
@@ -63,6 +63,8 @@ class _Command(Configured):
 @click.option("--only-failed", is_flag=True, help="Only those that failed, or could not be judged, when last judged.")
 @click.option("--changed", is_flag=True, help="Only what is new or changed since the last audit that was completed.")
 @click.option("--baseline", metavar="REPORT.json", help="Tell what is new, fixed and unchanged since this report.")
+@click.option("--report", metavar="DIR", help="Write a site of files about the whole corpus, with pictures and tables.")
+@click.option("--previews/--no-previews", default=True, help="With --report: play a little for pictures, or do not.")
 @click.option("--format", "form", type=click.Choice(["console", "json"]), default="console", show_default=True)
 @click.option("--exit-zero", is_flag=True, help="Exit with 0 even if environments fail.")
 @click.pass_context
@@ -84,6 +86,8 @@ def audit(
     only_failed: bool,
     changed: bool,
     baseline: str | None,
+    report: str | None,
+    previews: bool,
     form: str,
     exit_zero: bool,
 ) -> None:
@@ -96,6 +100,12 @@ def audit(
                  2 wrong use                      3 something could not be judged
     """
     promised, selected = contract_named(contract), select_checks(checks, skip)
+    if report:
+        from pathlib import Path
+
+        from envcraft.corpus.report.command import ready, write
+
+        ready(Path(report))
     with contextlib.ExitStack() as stack:
         driver = driver_named(sandbox, require_isolation, runtime, probe=False)
         stack.callback(driver.close)
@@ -116,6 +126,8 @@ def audit(
         if run.pending:
             _judge(run, Plan(run.targets, promised, driver, selected, BUDGETS[budget], seed), driver, workers)
         run.end()
+        if report:
+            write(opened, Path(report), folder, promised if previews else None, driver, workers)
         difference = compare(run, known) if known is not None else None
         verdicts = run.verdicts()
         told = {"schema": SCHEMA, "envcraft": __version__, "contract": contract, "seed": seed, "budget": budget}

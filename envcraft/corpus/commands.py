@@ -1,4 +1,4 @@
-"""``envcraft corpus init``, ``add``, ``list``, ``show``, ``rm``, ``verify`` and ``merge``."""
+"""``envcraft corpus init``, ``add``, ``list``, ``show``, ``rm``, ``verify``, ``merge`` and ``report``."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ import click
 import msgspec
 
 from envcraft.commands.targets import environments_below
+from envcraft.corpus.report.command import report
 from envcraft.corpus.store import Store, decode
 from envcraft.errors import EnvCraftError, ExitCode, UsageError
 from envcraft.reports import one_line, plural
@@ -224,7 +225,7 @@ def merge(corpus: Path, other: Path) -> None:
     click.echo(f"{plural(merged.added, 'environment')} and {plural(merged.verdicts, 'verdict')} added")
 
 
-COMMANDS = (init, add, list_, show, rm, verify, merge)
+COMMANDS = (init, add, list_, show, rm, verify, merge, report)
 
 
 def _files(paths: tuple[str, ...]) -> Iterator[tuple[str, Target]]:

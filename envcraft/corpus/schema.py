@@ -64,6 +64,16 @@ MIGRATIONS = (
     CREATE INDEX environments_by_source ON environments (source, class);
     CREATE INDEX environments_by_verdict ON environments (verdict);
     """,
+    """
+    CREATE TABLE previews (
+        source TEXT NOT NULL,
+        class TEXT NOT NULL,
+        recipe TEXT NOT NULL,
+        media TEXT,
+        PRIMARY KEY (source, class)
+    ) WITHOUT ROWID;
+    CREATE INDEX previews_by_media ON previews (media);
+    """,
 )
 
 

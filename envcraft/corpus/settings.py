@@ -52,16 +52,21 @@ class Settings(msgspec.Struct, frozen=True):
 
 def settings_of(contract: Contract, checks: Iterable[Check], driver: Driver, budget: Budget, seed: int) -> Settings:
     """The settings of a run. Raises SandboxUnavailable where the driver's image is missing."""
-    promises = msgspec.structs.replace(contract, summary="")
     return Settings(
         contract.name,
-        hashlib.sha256(msgspec.json.encode(plain(promises), order="sorted")).hexdigest(),
+        promises_sha256(contract),
         rules_version(checks, driver),
         seed,
         budget.name,
         driver.name,
         driver.image() or _libraries(),
     )
+
+
+def promises_sha256(contract: Contract) -> str:
+    """The digest of all that a contract promises; what it is called in listings is no part of it."""
+    promises = msgspec.structs.replace(contract, summary="")
+    return hashlib.sha256(msgspec.json.encode(plain(promises), order="sorted")).hexdigest()
 
 
 def rules_version(checks: Iterable[Check], driver: Driver) -> str:
