@@ -90,7 +90,8 @@ def checks(rows: Sequence[CheckRow]) -> Drawn:
             if row.judged:
                 _beside(axes, 1.0, place, f"{row.rate.estimate:.1%}", 1.0)
         _names(axes, [row.name for row in rows], 1.12 if wide else 1.24)
-        axes.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=4, frameon=False, handlelength=1, handleheight=1)
+        box = {"handlelength": 1, "handleheight": 1, "columnspacing": 1.5 if wide else 0.9, "handletextpad": 0.5}
+        axes.legend(loc="lower left", bbox_to_anchor=(-0.01, 1), ncols=4, frameon=False, **box)
         return figure
 
     return _both(draw, "checks", "Each check's verdicts, as shares; beside them how many pass of those judged")

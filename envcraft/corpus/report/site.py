@@ -188,7 +188,7 @@ class Pages:
         style = _text("palette.css", Path(__file__).parents[2] / "reports") + _text("style.css")
         script = "".join(map(_text, scripts))
         policy = (
-            f"default-src 'none'; img-src 'self' file:; style-src '{_digest(style)}'; "
+            f"default-src 'none'; img-src 'self' file: data:; style-src '{_digest(style)}'; "
             # What a script loads is its own doing; nothing else is let in.
             f"script-src '{_digest(script)}' 'strict-dynamic'; base-uri 'none'; form-action 'none'"
         )

@@ -72,10 +72,9 @@ def _take(key: str, value: str, attributes: dict[str, Any], classes: list[str]) 
     key, value = key.strip(), value.strip()
     if key in ("fill", "stroke") and value in _NAMES:
         classes.append(f"{key[0]}-{_NAMES[value]}")
-    elif key == "font":
-        size = _FONT_SIZE.search(value)
-        attributes["font-size"] = size[1] if size else "12"
-        if value.startswith(("bold", "600", "700")):
-            attributes["font-weight"] = "600"
+    elif key in ("font", "font-size"):
+        # A shorthand or not, as the version of matplotlib has it; the family is the page's.
+        if size := _FONT_SIZE.search(value):
+            attributes["font-size"] = size[1]
     elif key and not key.startswith("font"):
         attributes[key] = value

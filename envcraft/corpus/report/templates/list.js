@@ -190,7 +190,7 @@ async function one(wanted, number) {
   const title = make("h1", "", about.name);
   title.tabIndex = -1;
   const picture = film(number, row);
-  const shown = make("div", "screen", picture);
+  const shown = row[PICTURE] ? make("div", "screen", picture) : null;
   if (row[PICTURE]) {
     picture.alt = "Random play, with held actions";
     picture.dataset.kept = "1";
@@ -213,7 +213,7 @@ async function one(wanted, number) {
   if (number > 0) way.append(linked("Previous", { show: number - 1 }));
   if (number < info.total - 1) way.append(linked("Next", { show: number + 1 }));
   byId("one").replaceChildren(way,
-    make("div", "head", shown, make("div", "", badge(verdictOf(row)), title, facts,
+    make("div", shown ? "head pictured" : "head", shown, make("div", "", badge(verdictOf(row)), title, facts,
       about.reason ? make("p", "message", about.reason) : null, make("ul", "checks", ...checks))),
     ...about.findings.map((found, place) => finding(found, about, place + 1)),
     ...(alike.length ? [make("section", "alike", make("h2", "", "Near-duplicates"), make("ul", "", ...alike))] : []),
@@ -253,7 +253,9 @@ let pause = 0;
 for (const field of FIELDS) {
   byId(field).addEventListener("input", () => {
     clearTimeout(pause);
-    pause = setTimeout(() => go({ [field]: byId(field).value, page: "" }, true), field === "query" ? 120 : 0);
+    // All of them: what was typed a moment ago may not have been taken yet.
+    const changes = () => ({ ...Object.fromEntries(FIELDS.map((name) => [name, byId(name).value])), page: "" });
+    pause = setTimeout(() => go(changes(), true), field === "query" ? 120 : 0);
   });
 }
 for (const [id, by] of [["back", -1], ["on", 1]]) {
