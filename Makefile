@@ -32,6 +32,7 @@ bench: .venv/dev.stamp
 	$(BIN)/python -m benchmarks.cold
 	$(BIN)/python -m benchmarks.memory
 	$(BIN)/python -m benchmarks.corpus_store
+	$(BIN)/python -m benchmarks.duplicates
 	$(BIN)/python -m benchmarks.audit_report
 
 picture: .venv/core.stamp

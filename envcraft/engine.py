@@ -181,6 +181,7 @@ def report_on(plan: Plan, subject: Subject, checks: list[CheckReport], started: 
         module=subject.module,
         kwargs=target.kwargs,
         wrappers=list(target.wrappers),
+        fingerprint=subject.fingerprint,
     )
 
 

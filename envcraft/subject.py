@@ -22,6 +22,7 @@ from envcraft.lanes import Lanes, Place, Task
 from envcraft.players import Players
 from envcraft.rollout import Action, Conditions, Rollout
 from envcraft.sandbox import Driver, How, Isolation, JobEnd, Limits, Player, Worker
+from envcraft.similarity.behavioural import STEPS, fingerprint
 from envcraft.target import Kind, PolicyFile, Target, imported
 from envcraft.trace import Recording, Trace
 
@@ -137,6 +138,14 @@ class Subject:
     def traces(self) -> list[Trace]:
         """Every trace so far, in the order in which they were asked for."""
         return list(self._traces.values())
+
+    @property
+    def fingerprint(self) -> str:
+        """What it did in the episode by which environments are told apart; "" unless a check asked for it and it came
+        through.
+        """
+        trace = next((trace for trace in self._traces.values() if trace.watched), None)
+        return fingerprint(trace) if trace is not None and trace.usable else ""
 
     # What the file defines
 
@@ -424,8 +433,18 @@ class Subject:
             self.action_space,
             exact=self.contract.observation is not None,
             success=self.contract.success,
+            watch=self._watches(request),
         )
         return self._submit(place, job, recording, player)
+
+    @cached_property
+    def _watched(self) -> list[Action]:
+        """How the episode of the fingerprint begins: as far as it goes, the same whatever the budget."""
+        return self.players.sticky(0).actions[:STEPS]
+
+    def _watches(self, request: Rollout) -> bool:
+        plain = not request.live and request.seed == self.episode_seed(0) and request.conditions == Conditions()
+        return plain and request.actions[:STEPS] == self._watched
 
     def _submit(self, place: Place, job: dict[str, Any], recording: Recording, player: Player | None = None) -> Begun:
         return Begun(recording, self._lanes.submit(place, lambda worker: self._run(worker, job, recording, player)))

@@ -24,6 +24,8 @@ from envcraft.errors import MalformedValue
 from envcraft.membership import problem, refuse
 from envcraft.rollout import Rollout
 from envcraft.sandbox import How, JobEnd, Step, Stop
+from envcraft.similarity.behavioural import EVERY, STEPS
+from envcraft.similarity.perceptual import frame_hash, value_hash
 from envcraft.values import Layout
 
 _MAX_PROBLEMS = 3
@@ -80,8 +82,8 @@ class Problem:
 class Trace:
     """One episode. Index 0 of `observations` and `infos` is the reset, of rewards and flags step 1.
 
-    Observations are digests. Infos are JSON as it came, the last one always; once an episode has given much of it the
-    others are digests too.
+    Observations are digests; of an episode that is watched, `watched` has perceptual hashes of some. Infos are JSON as
+    it came, the last one always; once an episode has given much of it the others are digests too.
     """
 
     rollout: Rollout
@@ -103,6 +105,7 @@ class Trace:
     after: list[tuple[float, bool, bool]] = field(default_factory=list)
     frames: list[NDArray[Any]] = field(default_factory=list)
     rendered: list[NDArray[Any]] = field(default_factory=list)
+    watched: list[int] = field(default_factory=list)
     fault: Fault | None = None
     refused: str = ""
     end: JobEnd | None = None
@@ -238,7 +241,8 @@ class Recording:
     """Receives a job's messages (:class:`envcraft.sandbox.Recorder`) and builds a :class:`Trace`.
 
     `observation_space` and `action_space` are what the values are checked against, the former exactly as the contract
-    says or as its environment means it; `success` tells what winning is. Raises MalformedValue on bytes that
+    says or as its environment means it; `success` tells what winning is; of an episode to `watch`, the hashes are kept
+    that a fingerprint is made of (:mod:`envcraft.similarity.behavioural`). Raises MalformedValue on bytes that
     no layout allows.
     """
 
@@ -250,7 +254,9 @@ class Recording:
         *,
         exact: bool = True,
         success: Success | None = None,
+        watch: bool = False,
     ) -> None:
+        self._watch = STEPS if watch else -1
         self._success = success or Success()
         self._exact_space = exact
         self.trace = Trace(rollout, rule=self._success)
@@ -380,6 +386,10 @@ class Recording:
             trace.problems += [Problem(trace.steps, *found) for found in self._problems(layout, value)]
         elif len(step.data) != layout.size:
             raise MalformedValue(f"{len(step.data)} bytes for {layout}")
+        if trace.steps <= self._watch and trace.steps % EVERY == 0:
+            value = layout.decode(step.data) if value is None else value
+            picture = layout.kind == "array" and is_picture(layout.shape, layout.dtype)
+            trace.watched.append(frame_hash(value) if picture else value_hash(value))
         trace.micros += step.micros
         trace.observations.append(_digest(layout, step.data))
         self._keep_info(step.info)

@@ -96,7 +96,8 @@ class SubjectReport(msgspec.Struct):
     """All checks' verdicts on one subject; `steps` are environment steps, `seconds` wall time.
 
     `path`, `kind`, `kwargs` and `wrappers` are those of the target. `module` is that of an installed class: lines of
-    findings are lines of its file, which `source_sha256` is of.
+    findings are lines of its file, which `source_sha256` is of. `fingerprint` tells environments apart that behave
+    otherwise (:func:`envcraft.similarity.behavioural.fingerprint`), "" where it is not known.
     """
 
     path: str
@@ -115,6 +116,7 @@ class SubjectReport(msgspec.Struct):
     module: str | None = None
     kwargs: dict[str, Any] = {}
     wrappers: list[str] = []
+    fingerprint: str = ""
 
     @property
     def file(self) -> str:

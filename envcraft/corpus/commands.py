@@ -1,4 +1,5 @@
-"""``envcraft corpus init``, ``add``, ``list``, ``show``, ``rm``, ``verify``, ``merge`` and ``report``."""
+"""``envcraft corpus init``, ``add``, ``list``, ``show``, ``rm``, ``verify`` and ``merge``; the others are made
+beside."""
 
 from __future__ import annotations
 
@@ -13,6 +14,7 @@ import click
 import msgspec
 
 from envcraft.commands.targets import environments_below
+from envcraft.corpus.likeness_commands import dedup, diversity, split
 from envcraft.corpus.report.command import report
 from envcraft.corpus.store import Store, decode
 from envcraft.errors import EnvCraftError, ExitCode, UsageError
@@ -225,7 +227,7 @@ def merge(corpus: Path, other: Path) -> None:
     click.echo(f"{plural(merged.added, 'environment')} and {plural(merged.verdicts, 'verdict')} added")
 
 
-COMMANDS = (init, add, list_, show, rm, verify, merge, report)
+COMMANDS = (init, add, list_, show, rm, verify, merge, dedup, diversity, split, report)
 
 
 def _files(paths: tuple[str, ...]) -> Iterator[tuple[str, Target]]:

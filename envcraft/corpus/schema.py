@@ -64,6 +64,16 @@ MIGRATIONS = (
     CREATE INDEX environments_by_source ON environments (source, class);
     CREATE INDEX environments_by_verdict ON environments (verdict);
     """,
+    # What may be made again from the sources at any time. A key that is NULL says that the source has none.
+    """
+    CREATE TABLE keys (
+        source TEXT NOT NULL,
+        layer TEXT NOT NULL,
+        version INTEGER NOT NULL,
+        key BLOB,
+        PRIMARY KEY (source, layer)
+    );
+    """,
     """
     CREATE TABLE previews (
         source TEXT NOT NULL,

@@ -132,6 +132,11 @@ class Store:
         self.db.execute("COMMIT")
 
     @property
+    def writes(self) -> bool:
+        """Whether the corpus was opened for writing."""
+        return self._lock is not None
+
+    @property
     def follows_folder(self) -> bool:
         """Whether the corpus is that of a folder's files, rather than one that environments are added to."""
         return self.db.execute("SELECT 1 FROM facts WHERE name = 'folder'").fetchone() is not None
@@ -215,6 +220,7 @@ class Store:
         for sha256 in self._left:
             if not self.named(sha256):
                 self.place(sha256).unlink(missing_ok=True)
+                self.db.execute("DELETE FROM keys WHERE source = ?", (sha256,))
         self._left.clear()
 
     def named(self, sha256: str) -> bool:
