@@ -1,6 +1,6 @@
 """``python -m benchmarks.audit_report``: what a report on 10,000 environments takes, beside a dump of the same corpus.
 
-A corpus is filled with verdicts as ``benchmarks.corpus_store`` makes them, and a preview of each environment. Then each,
+A corpus is filled with verdicts as ``benchmarks.corpus_store`` makes them, and a preview of each. Then each,
 in a process of its own: the report is written, and as a peer the database is dumped as SQL, as the ``.dump`` of
 ``sqlite3`` does, and the sources and previews are copied: what anybody does who hands a corpus on. Held to limits are
 the report's seconds, the peak memory of its process, and the bytes of the first page with all that opening it loads;

@@ -29,15 +29,24 @@ def fill(store: Store, size: int = SIZE) -> None:
         patch.setattr(os, "fsync", lambda descriptor: None)
         for number in range(size):
             name = f"games/env{number:04}.py" if number else HOSTILE
-            data = f"# {number}\nimport gymnasium\n{HOSTILE if not number else ''}\n".encode() + b"x = 1\n" * (
-                number % 5
-            )
+            data = source(number)
             store.add(name, data, origin={"attempt": number % 3} if number % 2 else {"words": HOSTILE})
             if number == 7:
                 continue
             sha256 = hashlib.sha256(data).hexdigest()
             verdict = store.insert(sha256, "", settings, report(name, number, sha256))
             store.db.execute("UPDATE environments SET verdict = ? WHERE name = ?", (verdict, name))
+
+
+def source(number: int) -> bytes:
+    """Another program for each number, but for 100, 101 and 102, which differ in a comment."""
+    bits = 100 if number in (101, 102) else number
+    words = [hashlib.sha256(f"{bits} {bit}".encode()).hexdigest()[:8] for bit in range(10)]
+    body = [
+        f"{'while' if bits >> bit & 1 else 'if'} w{word} == w{word[::-1]}:\n    v{word} = '{word * 2}'"
+        for bit, word in enumerate(words)
+    ]
+    return "\n".join([f"# {number}", "import gymnasium", *([HOSTILE] if not number else []), *body, ""]).encode()
 
 
 def report(name: str, number: int, sha256: str) -> SubjectReport:

@@ -25,22 +25,18 @@ from envcraft.reports import one_line
 from envcraft.verdict import SubjectReport
 
 from .conftest import Invoke, judged
-from .reported import CHECKS, HOSTILE, SIZE, fill, picture, written
+from .reported import CHECKS, HOSTILE, SIZE
 from .test_audit import ENVIRONMENT, QUICK
 
 
 @pytest.fixture(scope="module")
-def corpus(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    root = tmp_path_factory.mktemp("reported") / "corpus"
-    with Store.create(root) as store:
-        fill(store)
-        picture(store, "games/env0001.py")
-    return root
+def corpus(reported: tuple[Path, Path]) -> Path:
+    return reported[0]
 
 
 @pytest.fixture(scope="module")
-def site(corpus: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return written(corpus, tmp_path_factory.mktemp("site") / "report")
+def site(reported: tuple[Path, Path]) -> Path:
+    return reported[1]
 
 
 @pytest.fixture(scope="module")
@@ -48,7 +44,8 @@ def reports(corpus: Path) -> dict[str, SubjectReport | None]:
     """What the database has, by name."""
     with Store(corpus) as store:
         rows = store.db.execute(
-            "SELECT name, report FROM environments LEFT JOIN verdicts ON verdicts.id = environments.verdict ORDER BY name"
+            "SELECT name, report FROM environments LEFT JOIN verdicts ON verdicts.id = environments.verdict "
+            "ORDER BY name"
         ).fetchall()
     return {name: None if text is None else decode(text) for name, text in rows}
 
@@ -221,6 +218,22 @@ def test_outliers() -> None:
 def test_the_planted_outlier_is_found(site: Path) -> None:
     told = json.loads((site / "report.json").read_text())["outliers"]
     assert ("games/env0033.py", "seconds") in [(found["name"], found["measure"]) for found in told]
+
+
+def test_copies_are_named_and_counted(site: Path) -> None:
+    told = json.loads((site / "report.json").read_text())
+    (cluster,) = told["clusters"]
+    copies = [f"games/env{number:04}.py" for number in (100, 101, 102)]
+    assert sorted(cluster["members"]) == copies
+    assert {layer["name"]: layer["clusters"] for layer in told["layers"]}["exact"] == 1
+    rows = {row["name"]: row["cluster"] for row in table(site / "environments.csv")}
+    assert [name for name, number in rows.items() if number] == copies
+    row = next(row for row in script(site / "data" / "rows-0.js") if row[0] == copies[1])
+    about = next(a for a in script(site / "data" / f"about-{row[8]}.js") if a["name"] == copies[1])
+    assert sorted(name for _, name in about["alike"]) == [copies[0], copies[2]]
+    shown = (site / "index.html").read_text("utf-8")
+    assert f"{SIZE - 2} environments are left where one of each is kept" in shown
+    assert "and 2 more" in shown
 
 
 # The folder

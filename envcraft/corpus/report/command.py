@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import importlib.util
-from collections.abc import Sequence
 from pathlib import Path
 
 import click
@@ -62,16 +61,21 @@ def write(
     """Write the report on `store`; with a contract and a driver, make the pictures that lack first. `files` is the
     folder that the store follows. Raises UsageError, CorpusDamaged.
     """
+    from envcraft.corpus.likeness import LAYERS
     from envcraft.corpus.report import media
+    from envcraft.corpus.report.alike import compared
     from envcraft.corpus.report.site import build
 
-    notes: Sequence[str] = ()
+    notes: list[str] = []
+    if len(compared()) < len(LAYERS):
+        notes.append("Near-duplicates are not looked for: that needs rensa, with `pip install 'envcraft-rl[report]'`.")
     if contract is not None and driver is not None:
         if media.pillow() is None:
-            notes = ("No pictures: they need Pillow, with `pip install 'envcraft-rl[report]'`.",)
-            click.echo(notes[0], err=True)
+            notes.append("No pictures: they need Pillow, with `pip install 'envcraft-rl[report]'`.")
         elif played := media.make(store, contract, driver, workers):
             click.echo(f"{plural(played, 'environment')} played for pictures", err=True)
+    for note in notes:
+        click.echo(note, err=True)
     survey = build(store, output, all_checks(), files, notes)
     click.echo(f"{output / 'index.html'}: {plural(survey.total, 'environment')}", err=True)
 

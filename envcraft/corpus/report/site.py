@@ -16,6 +16,7 @@ import msgspec
 from envcraft import __version__
 from envcraft.check import Check, Rule
 from envcraft.corpus.report import media, tables
+from envcraft.corpus.report.alike import Alike, alike
 from envcraft.corpus.report.chunks import ROWS, Chunks
 from envcraft.corpus.report.data import FAR, TIMES, Entry, Survey, entries
 from envcraft.corpus.report.swap import replaced
@@ -26,7 +27,7 @@ from envcraft.verdict import CheckReport, Finding, Report, Severity, plain
 
 TEMPLATES = Path(__file__).with_name("templates")
 #: So many pictures are on the first page, and so many rows in its lists.
-_SHEET, _SLOWEST, _OUTLIERS = 24, 10, 20
+_SHEET, _SLOWEST, _OUTLIERS, _CLUSTERS, _MEMBERS = 24, 10, 20, 10, 6
 #: Pictures in one folder.
 _FOLDER = 500
 _WORDS = {"pass": "passed", "fail": "failed", "error": "not judged", "none": "no verdict", "skip": "skipped"}
@@ -51,20 +52,23 @@ class Site:
 
     def write(self, notes: Sequence[str] = ()) -> None:
         """Write everything; `notes` are said on the first page. Raises CorpusDamaged, OSError."""
+        copies = alike(self.store)
         chunks = Chunks(self.folder / "data", self.rules)
         with tables.Tables(self.folder) as written:
             for entry in entries(self.store):
                 source = self.store.source(entry.environment.source)
                 lines = source.count(b"\n") + (not source.endswith(b"\n"))
                 self.survey.take(entry, lines)
-                written.add(entry, lines, None)
-                chunks.add(entry, source, lines, self._command(entry), self._picture(entry), ())
+                written.add(entry, lines, copies.cluster(entry.number))
+                others = [(number, one_line(name)) for number, name in copies.others(entry.number)]
+                chunks.add(entry, source, lines, self._command(entry), self._picture(entry), others)
         chunks.end()
         main = self.survey.settings.most_common(1)
         settings = self.settings[main[0][0]] if main else {}
         told = {"corpus": self._title(), "made": now(), "settings": settings}
-        tables.write_summary(self.folder, self.survey, self.rules, told)
-        self._pages(chunks, told, notes)
+        likeness = {"layers": copies.layers, "clusters": [cluster for cluster, _ in copies.clusters]}
+        tables.write_summary(self.folder, self.survey, self.rules, {**told, **likeness})
+        self._pages(chunks, told, copies, notes)
 
     def _title(self) -> str:
         return one_line(self.files or self.store.root.name)
@@ -95,7 +99,7 @@ class Site:
 
     # Pages
 
-    def _pages(self, chunks: Chunks, told: dict[str, Any], notes: Sequence[str]) -> None:
+    def _pages(self, chunks: Chunks, told: dict[str, Any], copies: Alike, notes: Sequence[str]) -> None:
         survey = self.survey
         verdicts = [(word, survey.verdicts[word]) for word in _WORDS if survey.verdicts[word]]
         common = {
@@ -134,6 +138,11 @@ class Site:
             slowest=[(number, survey.names[number], value) for number, value in survey.measures[0].highest(_SLOWEST)],
             outliers=survey.outliers(),
             shown=_OUTLIERS,
+            copies=copies,
+            clusters=[
+                (cluster, len(numbers), [(number, self._shown(number)) for number in numbers[:_MEMBERS]])
+                for cluster, numbers in copies.clusters[:_CLUSTERS]
+            ],
             far=FAR,
             times=TIMES,
         )
@@ -154,6 +163,11 @@ class Site:
         if survey.attempts():
             drawn["yields"] = charts.yields(survey.attempts())
         return {"charts": drawn}
+
+    def _shown(self, number: int) -> str:
+        """Where an environment's picture lies, if it has one."""
+        place = _picture(number)
+        return place if (self.folder / place).exists() else ""
 
     def _sheet(self) -> list[int]:
         """Whose pictures are on the first page, from all over the corpus: environments that pass, if any do."""
