@@ -21,7 +21,7 @@ _WIDE, _NARROW = 10.0, 5.0
 _ROW = 0.36
 _VERDICTS = ("pass", "fail", "error", "skip")
 #: So many codes are drawn; the table has all.
-_CODES = 12
+CODES = 12
 _STYLE: dict[str, Any] = {
     "svg.fonttype": "none",
     "svg.hashsalt": "envcraft",
@@ -99,7 +99,7 @@ def checks(rows: Sequence[CheckRow]) -> Drawn:
 
 def codes(rows: Sequence[CodeRow], judged: int) -> Drawn:
     """In how many environments the most frequent codes were found."""
-    rows = rows[:_CODES]
+    rows = rows[:CODES]
 
     def draw(wide: bool) -> Figure:
         figure, axes = _rows(len(rows), wide)

@@ -15,7 +15,7 @@ import msgspec
 
 from envcraft import __version__
 from envcraft.check import Check, Rule
-from envcraft.corpus.report import media, tables
+from envcraft.corpus.report import charts, media, tables
 from envcraft.corpus.report.alike import Alike, alike
 from envcraft.corpus.report.chunks import ROWS, Chunks
 from envcraft.corpus.report.data import FAR, TIMES, Entry, Survey, entries
@@ -138,6 +138,7 @@ class Site:
             slowest=[(number, survey.names[number], value) for number, value in survey.measures[0].highest(_SLOWEST)],
             outliers=survey.outliers(),
             shown=_OUTLIERS,
+            drawn=charts.CODES,
             copies=copies,
             clusters=[
                 (cluster, len(numbers), [(number, self._shown(number)) for number in numbers[:_MEMBERS]])
@@ -148,8 +149,6 @@ class Site:
         )
 
     def _figures(self) -> dict[str, Any]:
-        from envcraft.corpus.report import charts
-
         survey = self.survey
         if not survey.judged:
             return {"charts": {}}
@@ -195,6 +194,7 @@ class Pages:
             "share": lambda value: f"{value:.1%}",
             "interval": interval,
             "one_line": one_line,
+            "times": times,
         }
 
     def write(self, path: Path, template: str, scripts: Sequence[str], **values: Any) -> None:
@@ -226,6 +226,13 @@ def number(value: float) -> str:
     if value >= 100 or value == int(value):
         return f"{value:,.0f}"
     return f"{value:.1f}" if value >= 10 else f"{value:.3g}"
+
+
+def times(ratio: float) -> str:
+    """A ratio as a factor, and as a fraction where it is small, like ``1/64``."""
+    if ratio < 0.1:
+        return f"1/{1 / ratio:,.0f}"
+    return f"{number(ratio) if ratio >= 1 else f'{ratio:.2f}'}\N{MULTIPLICATION SIGN}"
 
 
 def interval(rate: Proportion) -> str:
