@@ -49,11 +49,11 @@ def show(browser: Browser, site: Path) -> Iterator[Open]:
         context = browser.new_context(**options)
         contexts.append(context)
         page = context.new_page()
-        loaded: list[str] = []
-        page.loaded = loaded  # type: ignore[attr-defined]
+        urls: list[str] = []
+        page.loaded = urls  # type: ignore[attr-defined]
         page.on("console", lambda message: complaints.append(message.text))
         page.on("pageerror", lambda error: complaints.append(str(error)))
-        page.on("request", lambda request: loaded.append(request.url.removeprefix(site.as_uri() + "/")))
+        page.on("request", lambda request: urls.append(request.url.removeprefix(site.as_uri() + "/")))
         page.goto(f"{site.as_uri()}/{name}")
         page.wait_for_load_state("networkidle")
         return page
@@ -64,10 +64,15 @@ def show(browser: Browser, site: Path) -> Iterator[Open]:
     assert not complaints, complaints
 
 
-def scripts(page: Any) -> list[str]:
-    """The scripts that were loaded; everything was of the report's own folder."""
-    assert not [url for url in page.loaded if ":" in url and not url.startswith("data:,")], page.loaded
-    return [url for url in page.loaded if url.endswith(".js")]
+def loaded(page: Any, kind: str) -> list[str]:
+    """What was loaded with such an ending; everything was of the report's own folder."""
+    urls: list[str] = page.loaded
+    assert not [url for url in urls if ":" in url and not url.startswith("data:,")], urls
+    return [url for url in urls if url.endswith(kind)]
+
+
+def scripts(page: Page) -> list[str]:
+    return loaded(page, ".js")
 
 
 @pytest.mark.parametrize("width", [320, 1200])
@@ -98,7 +103,7 @@ def test_figures_take_the_colours_of_the_page(show: Open) -> None:
 def test_the_first_page_loads_no_list(show: Open) -> None:
     page = show("index.html")
     assert scripts(page) == []
-    assert len([url for url in page.loaded if url.startswith("media/")]) == 2
+    assert len(loaded(page, ".webp")) == 2
     page.get_by_role("link", name=f"All {SIZE} environments").click()
     page.wait_for_selector("#rows li")
     assert scripts(page) == ["data/rows-0.js"]

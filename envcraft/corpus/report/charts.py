@@ -22,7 +22,7 @@ _ROW = 0.36
 _VERDICTS = ("pass", "fail", "error", "skip")
 #: So many codes are drawn; the table has all.
 CODES = 12
-_STYLE: dict[str, Any] = {
+_STYLE: Any = {
     "svg.fonttype": "none",
     "svg.hashsalt": "envcraft",
     "font.size": 12.5,
