@@ -60,6 +60,9 @@ def report(name: str, number: int, sha256: str) -> SubjectReport:
             for _ in range(2 if failed.get(check) and check == "api" else failed.get(check, False))
         ]
         verdict = Verdict.FAIL if found else Verdict.PASS
+        if check == "api" and number % 5 == 3:
+            # What is let through may fail later.
+            verdict = Verdict.SKIP
         if check == "difficulty":
             verdict = Verdict.SKIP if number % 2 else Verdict.ERROR if number == 22 else verdict
         if check != "source" and failed["source"]:
