@@ -55,7 +55,8 @@ class Chunks:
         report = entry.report
         checks = [] if report is None else report.checks
         failed = [self.checks.number(check.check) for check in checks if check.verdict is Verdict.FAIL]
-        detail = msgspec.json.encode(plain(self._detail(entry, checks, source, command, alike)))
+        # Every word in it is printable, and so has an encoding.
+        detail = msgspec.json.encode(self._detail(entry, checks, source, command, alike))
         if self._details and self._size + len(detail) > DETAIL:
             self._write_details()
         self._details.append(detail)
@@ -123,7 +124,7 @@ class Chunks:
         }
 
     def _write_rows(self) -> None:
-        self._write("rows", self.rows, msgspec.json.encode(plain(self._rows)))
+        self._write("rows", self.rows, msgspec.json.encode(self._rows))
         self.rows, self._rows = self.rows + 1, []
 
     def _write_details(self) -> None:
