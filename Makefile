@@ -31,9 +31,11 @@ bench: .venv/dev.stamp
 	$(BIN)/python -m benchmarks.overhead
 	$(BIN)/python -m benchmarks.cold
 	$(BIN)/python -m benchmarks.memory
+	$(BIN)/python -m benchmarks.audit
 	$(BIN)/python -m benchmarks.corpus_store
 	$(BIN)/python -m benchmarks.duplicates
 	$(BIN)/python -m benchmarks.vector
+	$(BIN)/python -m benchmarks.audit_report
 
 picture: .venv/core.stamp
 	$(BIN)/python -m benchmarks.picture

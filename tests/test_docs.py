@@ -128,7 +128,7 @@ def fences(page: Path) -> list[tuple[str, str]]:
 def options_of(command: click.Command) -> Iterator[str]:
     """The options of a command and of those below it."""
     for parameter in command.params:
-        yield from parameter.opts
+        yield from [*parameter.opts, *parameter.secondary_opts]
     if isinstance(command, click.Group):
         context = click.Context(command)
         for name in command.list_commands(context):

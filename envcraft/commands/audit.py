@@ -41,8 +41,8 @@ _SHOWN = 10
 
 
 class _Command(Configured):
-    # There are fewer formats than `validate` has.
-    apart = frozenset({"format"})
+    # There are fewer formats than `validate` has, and another kind of report.
+    apart = frozenset({"format", "report"})
 
 
 @click.command(cls=_Command)
@@ -65,6 +65,8 @@ class _Command(Configured):
 @click.option("--only-failed", is_flag=True, help="Only those that failed, or could not be judged, when last judged.")
 @click.option("--changed", is_flag=True, help="Only what is new or changed since the last audit that was completed.")
 @click.option("--baseline", metavar="REPORT.json", help="Tell what is new, fixed and unchanged since this report.")
+@click.option("--report", metavar="DIR", help="Write a site of files about the whole corpus, with pictures and tables.")
+@click.option("--previews/--no-previews", default=True, help="With --report: play a little for pictures, or do not.")
 @click.option("--format", "form", type=click.Choice(["console", "json"]), default="console", show_default=True)
 @click.option("--exit-zero", is_flag=True, help="Exit with 0 even if environments fail.")
 @click.pass_context
@@ -88,6 +90,8 @@ def audit(
     only_failed: bool,
     changed: bool,
     baseline: str | None,
+    report: str | None,
+    previews: bool,
     form: str,
     exit_zero: bool,
 ) -> None:
@@ -103,6 +107,12 @@ def audit(
     engine = executor_named(executor)
     if engine is None and scheduler is not None:
         raise UsageError(f"--scheduler {scheduler} goes with an executor that has one, such as --executor dask")
+    if report:
+        from pathlib import Path
+
+        from envcraft.corpus.report.command import ready, write
+
+        ready(Path(report))
     with contextlib.ExitStack() as stack:
         driver = driver_named(sandbox, require_isolation, runtime, probe=False)
         stack.callback(driver.close)
@@ -131,6 +141,8 @@ def audit(
                 judging = dispatch(engine, workers, scheduler, order, plan)
             _judge(run, judging)
         run.end()
+        if report:
+            write(opened, Path(report), folder, promised if previews else None, driver, workers)
         difference = compare(run, known) if known is not None else None
         verdicts = run.verdicts()
         told = {"schema": SCHEMA, "envcraft": __version__, "contract": contract, "seed": seed, "budget": budget}

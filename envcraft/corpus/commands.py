@@ -14,6 +14,7 @@ import msgspec
 
 from envcraft.commands.targets import environments_below
 from envcraft.corpus.likeness_commands import dedup, diversity, split
+from envcraft.corpus.report.command import report
 from envcraft.corpus.store import Store, decode
 from envcraft.errors import EnvCraftError, ExitCode, UsageError
 from envcraft.reports import one_line, plural
@@ -242,7 +243,7 @@ def records(corpus: Path, output: BinaryIO) -> None:
                 click.echo(f"{plural(line.records, 'record')}; the digest of all is {line.digest}", err=True)
 
 
-COMMANDS = (init, add, list_, show, rm, verify, merge, records, dedup, diversity, split)
+COMMANDS = (init, add, list_, show, rm, verify, merge, records, dedup, diversity, split, report)
 
 
 def _files(paths: tuple[str, ...]) -> Iterator[tuple[str, Target]]:

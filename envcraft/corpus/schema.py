@@ -74,6 +74,16 @@ MIGRATIONS = (
         PRIMARY KEY (source, layer)
     );
     """,
+    """
+    CREATE TABLE previews (
+        source TEXT NOT NULL,
+        class TEXT NOT NULL,
+        recipe TEXT NOT NULL,
+        media TEXT,
+        PRIMARY KEY (source, class)
+    ) WITHOUT ROWID;
+    CREATE INDEX previews_by_media ON previews (media);
+    """,
 )
 
 

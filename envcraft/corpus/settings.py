@@ -73,7 +73,7 @@ def settings_of(contract: Contract, checks: Iterable[Check], driver: Driver, bud
 
 
 def contract_digest(contract: Contract) -> str:
-    """SHA-256 of all that a contract promises."""
+    """The SHA-256 of all that a contract promises; what it is called in listings is no part of it."""
     promises = msgspec.structs.replace(contract, summary="")
     return hashlib.sha256(msgspec.json.encode(plain(promises), order="sorted")).hexdigest()
 

@@ -152,21 +152,25 @@ class Store:
         sha256 = hashlib.sha256(data).hexdigest()
         place = self.place(sha256)
         if not place.exists():
-            (self.root / "tmp").mkdir(exist_ok=True)
-            place.parent.mkdir(parents=True, exist_ok=True)
-            descriptor, temporary = tempfile.mkstemp(dir=self.root / "tmp")
-            try:
-                with open(descriptor, "wb") as stream:
-                    stream.write(data)
-                    stream.flush()
-                    os.fsync(stream.fileno())
-                os.replace(temporary, place)
-            except BaseException:
-                with contextlib.suppress(OSError):
-                    os.unlink(temporary)
-                raise
-            _sync(place.parent)
+            self.keep(place, data)
         return sha256
+
+    def keep(self, place: Path, data: bytes) -> None:
+        """Write a file of the corpus, whole or not at all. Raises OSError."""
+        (self.root / "tmp").mkdir(exist_ok=True)
+        place.parent.mkdir(parents=True, exist_ok=True)
+        descriptor, temporary = tempfile.mkstemp(dir=self.root / "tmp")
+        try:
+            with open(descriptor, "wb") as stream:
+                stream.write(data)
+                stream.flush()
+                os.fsync(stream.fileno())
+            os.replace(temporary, place)
+        except BaseException:
+            with contextlib.suppress(OSError):
+                os.unlink(temporary)
+            raise
+        _sync(place.parent)
 
     def source(self, sha256: str) -> bytes:
         """A source. Raises CorpusDamaged where it is gone or has changed."""

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 
 import msgspec
 
+from envcraft.corpus.report import media
 from envcraft.corpus.store import SOURCES, Store, decode, finding_rows
 from envcraft.verdict import SubjectReport, plain
 
@@ -42,6 +43,9 @@ def verify(store: Store, repair: bool = False) -> Iterator[Damage]:
     yield from _files(store, repair, restored)
     yield from _environments(store, repair, restored)
     yield from _verdicts(store, repair)
+    yield from (
+        Damage(words, "the next report makes it anew" if repair else "") for words in media.verify(store, repair)
+    )
 
 
 def _database(store: Store, repair: bool) -> Iterator[Damage]:

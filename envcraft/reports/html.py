@@ -48,7 +48,10 @@ class HtmlReporter(Reporter):
             self.output.write(page.encode("ascii", "xmlcharrefreplace").decode())
 
     def _page(self, report: Report) -> str:
-        style, script = (Path(__file__).with_name(name).read_text("utf-8") for name in ("page.css", "page.js"))
+        palette, rest, script = (
+            Path(__file__).with_name(name).read_text("utf-8") for name in ("palette.css", "page.css", "page.js")
+        )
+        style = palette + rest
         policy = (
             f"default-src 'none'; img-src data:; style-src '{_digest(style)}'; script-src '{_digest(script)}'; "
             "base-uri 'none'; form-action 'none'"

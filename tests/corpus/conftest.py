@@ -77,3 +77,16 @@ def invoke(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Invoke:
         return CliRunner().invoke(cli, [str(argument) for argument in arguments])
 
     return run
+
+
+@pytest.fixture(scope="session")
+def reported(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """A corpus with verdicts of every kind and three pictures, and the report on it."""
+    from .reported import HOSTILE, fill, picture, written
+
+    folder = tmp_path_factory.mktemp("reported")
+    with Store.create(folder / "corpus") as made:
+        fill(made)
+        for name in (HOSTILE, "games/env0001.py", "games/env0002.py"):
+            picture(made, name)
+    return folder / "corpus", written(folder / "corpus", folder / "report")

@@ -1,0 +1,224 @@
+"""The figures of a report, drawn by matplotlib: each once for a wide screen and once for a narrow one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from envcraft.corpus.report.data import Attempt, CheckRow, CodeRow, Measure, Stage
+from envcraft.corpus.report.svg import COLOURS, markup
+from envcraft.stats import Proportion
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+#: Inches at 72 points, so that a point is a pixel.
+_WIDE, _NARROW = 10.0, 5.0
+_ROW = 0.36
+_VERDICTS = ("pass", "fail", "error", "skip")
+#: So many codes are drawn; the table has all.
+CODES = 12
+_STYLE: Any = {
+    "svg.fonttype": "none",
+    "svg.hashsalt": "envcraft",
+    "font.size": 12.5,
+    "text.color": COLOURS["ink"],
+    "axes.labelcolor": COLOURS["soft"],
+    "axes.edgecolor": COLOURS["line"],
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.spines.left": False,
+    "xtick.color": COLOURS["line"],
+    "ytick.color": COLOURS["line"],
+    "xtick.labelcolor": COLOURS["soft"],
+    "ytick.labelcolor": COLOURS["ink"],
+    "ytick.left": False,
+    "grid.color": COLOURS["line"],
+}
+
+
+class Drawn(NamedTuple):
+    """One figure, as two elements of which the page shows the one that fits."""
+
+    wide: str
+    narrow: str
+
+
+Draw = Callable[[bool], "Figure"]
+
+
+def cascade(stages: Sequence[Stage], judged: int) -> Drawn:
+    """How many are left after each check, and how many it took out."""
+    labels = ["judged", *(stage.name for stage in stages)]
+    left = [judged, *(stage.left for stage in stages)]
+    failed = [0, *(stage.failed for stage in stages)]
+    unjudged = [0, *(stage.unjudged for stage in stages)]
+
+    def draw(wide: bool) -> Figure:
+        figure, axes = _rows(len(labels), wide)
+        places = range(len(labels))
+        axes.barh(places, left, height=0.62, color=COLOURS["pass"])
+        axes.barh(places, failed, height=0.62, left=left, color=COLOURS["fail"])
+        axes.barh(places, unjudged, height=0.62, left=np.add(left, failed), color=COLOURS["error"])
+        for place, stage in enumerate(stages, 1):
+            lost = stage.failed + stage.unjudged
+            words = f"{stage.left:,}" + (f"  \N{MINUS SIGN}{lost:,}" if lost else "")
+            _beside(axes, stage.entered, place, words, judged)
+        _beside(axes, judged, 0, f"{judged:,}", judged)
+        _names(axes, labels, judged * (1.16 if wide else 1.36))
+        return figure
+
+    return _both(draw, "cascade", f"Of {judged:,} environments that were judged, {left[-1]:,} pass every check")
+
+
+def checks(rows: Sequence[CheckRow]) -> Drawn:
+    """The shares of verdicts that each check gave."""
+
+    def draw(wide: bool) -> Figure:
+        figure, axes = _rows(len(rows), wide, legend=True)
+        at = np.zeros(len(rows))
+        totals = np.array([max(row.verdicts.total(), 1) for row in rows])
+        for verdict in _VERDICTS:
+            share = np.array([row.verdicts[verdict] for row in rows]) / totals
+            axes.barh(range(len(rows)), share, height=0.62, left=at, color=COLOURS[verdict], label=verdict)
+            at += share
+        for place, row in enumerate(rows):
+            if row.judged:
+                _beside(axes, 1.0, place, f"{row.rate.estimate:.1%}", 1.0)
+        _names(axes, [row.name for row in rows], 1.12 if wide else 1.24)
+        box = {"handlelength": 1, "handleheight": 1, "columnspacing": 1.5 if wide else 0.9, "handletextpad": 0.5}
+        axes.legend(loc="lower left", bbox_to_anchor=(-0.01, 1), ncols=4, frameon=False, **box)
+        return figure
+
+    return _both(draw, "checks", "Each check's verdicts, as shares; beside them how many pass of those judged")
+
+
+def codes(rows: Sequence[CodeRow], judged: int) -> Drawn:
+    """In how many environments the most frequent codes were found."""
+    rows = rows[:CODES]
+
+    def draw(wide: bool) -> Figure:
+        figure, axes = _rows(len(rows), wide)
+        colours = [COLOURS["fail" if row.severity == "error" else "skip"] for row in rows]
+        axes.barh(range(len(rows)), [row.environments for row in rows], height=0.62, color=colours)
+        most = max(row.environments for row in rows)
+        for place, row in enumerate(rows):
+            share = row.environments / max(judged, 1)
+            _beside(axes, row.environments, place, f"{row.environments:,} · {share:.1%}", most)
+        _names(axes, [row.code for row in rows], most * (1.16 if wide else 1.42))
+        return figure
+
+    return _both(draw, "codes", "In how many environments each code was found, the most frequent first")
+
+
+def distributions(measures: Sequence[Measure]) -> Drawn:
+    """A histogram of each measure on a logarithmic scale, with its median."""
+    shown = [measure for measure in measures if measure.values]
+
+    def draw(wide: bool) -> Figure:
+        shape = (1, len(shown)) if wide else (len(shown), 1)
+        figure, grid = _figure(wide, 2.1 if wide else 1.75 * len(shown), shape)
+        for axes, measure in zip(np.ravel(grid), shown, strict=True):
+            values = np.asarray(measure.values)
+            low, high = values.min(), values.max()
+            edges = np.geomspace(low / 1.05, high * 1.05, 28)
+            axes.hist(values, edges, color=COLOURS["accent"])
+            axes.axvline(float(np.median(values)), color=COLOURS["ink"], linewidth=1)
+            axes.set_xscale("log")
+            _log_ticks(axes, low / 1.05, high * 1.05)
+            axes.set_yticks([])
+            axes.set_title(measure.name, loc="left", fontsize=12.5, color=COLOURS["soft"])
+        return figure
+
+    return _both(draw, "spread", "How " + ", ".join(measure.name for measure in shown) + " are distributed")
+
+
+def yields(attempts: Sequence[Attempt]) -> Drawn:
+    """What share passes of the environments that each attempt gave, with its interval."""
+
+    def draw(wide: bool) -> Figure:
+        figure, axes = _figure(wide, 2.4, (1, 1))
+        rates = [attempt.rate for attempt in attempts]
+        places = [attempt.number for attempt in attempts]
+        _bars(axes, places, rates)
+        axes.set_xticks(places)
+        axes.set_xlabel("attempt")
+        return figure
+
+    return _both(draw, "yields", "The share that passes after each attempt")
+
+
+def _bars(axes: Axes, places: Sequence[int], rates: Sequence[Proportion]) -> None:
+    estimates = np.array([rate.estimate for rate in rates])
+    low, high = ([getattr(rate, side) for rate in rates] for side in ("low", "high"))
+    reach = np.maximum([estimates - low, high - estimates], 0)
+    axes.errorbar(places, estimates, reach, fmt="o", color=COLOURS["accent"], markersize=6, linewidth=1.5)
+    axes.set_ylim(0, 1.02)
+    axes.set_yticks([0, 0.5, 1], ["0%", "50%", "100%"])
+    axes.grid(axis="y", linewidth=0.75)
+
+
+def _both(draw: Draw, name: str, words: str) -> Drawn:
+    with _drawing():
+        return Drawn(markup(draw(True), f"{name}-w", words), markup(draw(False), f"{name}-n", words))
+
+
+@contextmanager
+def _drawing() -> Iterator[None]:
+    import matplotlib
+
+    with matplotlib.rc_context(_STYLE):
+        yield
+
+
+def _figure(wide: bool, height: float, shape: tuple[int, int]) -> tuple[Figure, Any]:
+    from matplotlib.figure import Figure
+
+    # By itself, not by pyplot, which would look for a screen and keep it.
+    figure = Figure(figsize=(_WIDE if wide else _NARROW, height), dpi=72, layout="constrained")
+    return figure, figure.subplots(*shape)
+
+
+def _rows(count: int, wide: bool, legend: bool = False) -> tuple[Figure, Axes]:
+    """A figure for horizontal bars, the first one on top."""
+    figure, axes = _figure(wide, _ROW * count + 0.2 + 0.3 * legend, (1, 1))
+    axes.set_ylim(count - 0.5, -0.5)
+    axes.spines["bottom"].set_visible(False)
+    axes.set_xticks([])
+    return figure, axes
+
+
+def _names(axes: Axes, labels: Sequence[str], right: float) -> None:
+    axes.set_yticks(range(len(labels)), labels)
+    axes.set_xlim(0, max(right, 1e-9))
+
+
+def _beside(axes: Axes, end: float, place: int, words: str, whole: float) -> None:
+    axes.text(end + whole * 0.012, place, words, va="center", color=COLOURS["soft"], fontsize=12)
+
+
+def _log_ticks(axes: Axes, low: float, high: float) -> None:
+    """A few round numbers, written out."""
+    from matplotlib.ticker import NullFormatter, NullLocator
+
+    powers = range(int(np.floor(np.log10(low))), int(np.ceil(np.log10(high))) + 1)
+    ticks = [10.0**power for power in powers if low <= 10.0**power <= high]
+    if len(ticks) < 2:
+        ticks = [base * 10.0**power for power in powers for base in (1, 2, 5) if low <= base * 10.0**power <= high]
+    if len(ticks) > 4:
+        ticks = ticks[:: -(-len(ticks) // 4)]
+    axes.set_xticks(ticks, [_short(tick) for tick in ticks])
+    axes.xaxis.set_minor_locator(NullLocator())
+    axes.xaxis.set_minor_formatter(NullFormatter())
+    axes.set_xlim(low, high)
+
+
+def _short(value: float) -> str:
+    for size, letter in ((1e6, "M"), (1e3, "k")):
+        if value >= size:
+            return f"{value / size:g}{letter}"
+    return f"{value:g}"

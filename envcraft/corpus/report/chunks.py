@@ -1,0 +1,139 @@
+"""What the list of environments loads while somebody reads: scripts of rows, and of all that is said about each.
+
+Scripts, since a page that was opened as a file may load nothing else. Each calls ``envcraft(kind, number, data)``.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from envcraft.check import Rule
+from envcraft.corpus.report.data import Entry
+from envcraft.reports import one_line, printable, repro_words
+from envcraft.verdict import CheckReport, Finding, Verdict, plain
+
+#: Rows of a script, and bytes of a script about environments after which the next one begins.
+ROWS, DETAIL = 500, 192 * 1024
+#: Characters of a source, and of one piece of evidence, that are shown.
+_SOURCE, _EVIDENCE = 400_000, 4_000
+
+
+class Legend:
+    """Numbers for words that many rows have."""
+
+    def __init__(self) -> None:
+        self.words: list[str] = []
+        self._numbers: dict[str, int] = {}
+
+    def number(self, word: str) -> int:
+        if word not in self._numbers:
+            self._numbers[word] = len(self.words)
+            self.words.append(word)
+        return self._numbers[word]
+
+
+class Chunks:
+    """Writes the scripts below `folder`. Call :meth:`end` after the last environment."""
+
+    def __init__(self, folder: Path, rules: dict[str, Rule]) -> None:
+        self._folder = folder
+        self._rules = rules
+        self.verdicts, self.checks, self.codes = Legend(), Legend(), Legend()
+        self._rows: list[list[Any]] = []
+        self._details: list[bytes] = []
+        self._size = 0
+        self.rows = self.details = 0
+        folder.mkdir()
+
+    def add(self, entry: Entry, source: bytes, lines: int, command: str, picture: bool, alike: Sequence[Any]) -> None:
+        """One environment. `command` judges it again; `alike` are numbers and names of its near-duplicates."""
+        report = entry.report
+        checks = [] if report is None else report.checks
+        failed = [self.checks.number(check.check) for check in checks if check.verdict is Verdict.FAIL]
+        # Every word in it is printable, and so has an encoding.
+        detail = msgspec.json.encode(self._detail(entry, checks, source, command, alike))
+        if self._details and self._size + len(detail) > DETAIL:
+            self._write_details()
+        self._details.append(detail)
+        self._size += len(detail)
+        self._rows.append(
+            [
+                one_line(entry.name),
+                self.verdicts.number(entry.verdict),
+                failed,
+                [self.codes.number(code) for code in entry.codes],
+                0 if report is None else report.steps,
+                0 if report is None else round(report.seconds, 2),
+                lines,
+                int(picture),
+                self.details,
+            ]
+        )
+        if len(self._rows) == ROWS:
+            self._write_rows()
+
+    def end(self) -> None:
+        """Write what is left."""
+        if self._rows:
+            self._write_rows()
+        if self._details:
+            self._write_details()
+
+    def _detail(
+        self, entry: Entry, checks: list[CheckReport], source: bytes, command: str, alike: Sequence[Any]
+    ) -> dict[str, Any]:
+        text = source.decode("utf-8", "replace")
+        return {
+            "number": entry.number,
+            "name": one_line(entry.name),
+            "class": one_line(entry.report.env_class if entry.report and entry.report.env_class else ""),
+            "sha256": entry.environment.source,
+            "added": entry.added,
+            "origin": [[one_line(key), one_line(_value(value))[:_EVIDENCE]] for key, value in entry.origin.items()],
+            "reason": one_line(entry.report.reason) if entry.report else "",
+            "isolation": entry.report.isolation if entry.report else "",
+            "checks": [[one_line(c.check), c.verdict.value, c.seconds, one_line(c.reason)] for c in checks],
+            "findings": [self._finding(check, finding) for check in checks for finding in check.findings],
+            "command": command,
+            "alike": alike,
+            "source": printable(text[:_SOURCE]),
+            "cut": len(text) > _SOURCE,
+        }
+
+    def _finding(self, check: CheckReport, finding: Finding) -> dict[str, Any]:
+        rule = self._rules.get(finding.code)
+        return {
+            "check": one_line(check.check),
+            "code": one_line(finding.code),
+            "name": rule.name if rule else "",
+            "fix": rule.fix if rule else "",
+            "severity": finding.severity.value,
+            "message": one_line(finding.message),
+            "line": finding.line,
+            "evidence": [
+                [one_line(key), printable(_value(value))[:_EVIDENCE]]
+                for key, value in finding.evidence.items()
+                if value is not None
+            ],
+            "repro": repro_words(finding.repro),
+        }
+
+    def _write_rows(self) -> None:
+        self._write("rows", self.rows, msgspec.json.encode(self._rows))
+        self.rows, self._rows = self.rows + 1, []
+
+    def _write_details(self) -> None:
+        self._write("about", self.details, b"[" + b",\n".join(self._details) + b"]")
+        self.details, self._details, self._size = self.details + 1, [], 0
+
+    def _write(self, kind: str, number: int, data: bytes) -> None:
+        (self._folder / f"{kind}-{number}.js").write_bytes(b'envcraft("%s",%d,%s);\n' % (kind.encode(), number, data))
+
+
+def _value(value: Any) -> str:
+    return value if isinstance(value, str) else json.dumps(plain(value))

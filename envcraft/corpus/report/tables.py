@@ -1,0 +1,132 @@
+"""The report's numbers for other programs: CSV files, the summary as ``report.json``, each environment in
+``environments.json``.
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Iterable
+from contextlib import ExitStack
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import msgspec
+
+from envcraft import __version__
+from envcraft.check import Rule
+from envcraft.corpus.report.data import Entry, Survey
+from envcraft.stats import Proportion
+from envcraft.verdict import plain
+
+SCHEMA = 1
+STAGES = ("stage", "input", "failed", "not_judged", "skipped", "output", "pass_rate", "low", "high")
+ENVIRONMENTS = ("name", "class", "source", "verdict", "codes", "steps", "seconds", "lines", "added", "cluster")
+FINDINGS = ("name", "check", "code", "severity", "line", "message")
+CODES = ("code", "name", "check", "severity", "environments", "findings")
+#: What spreadsheets take for a formula where a cell begins with it.
+_FORMULA = ("=", "+", "-", "@", "\t", "\r")
+
+
+class Tables:
+    """The files about single environments, written one by one. Use as a context manager."""
+
+    def __init__(self, folder: Path) -> None:
+        self._files = ExitStack()
+        self._environments = self._csv(folder / "environments.csv", ENVIRONMENTS)
+        self._findings = self._csv(folder / "findings.csv", FINDINGS)
+        self._json = self._files.enter_context((folder / "environments.json").open("wb"))
+        self._json.write(b"[")
+        self._first = True
+
+    def __enter__(self) -> Tables:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None) -> None:
+        self._json.write(b"\n]\n")
+        self._files.close()
+
+    def _csv(self, path: Path, columns: Iterable[str]) -> Any:
+        writer = csv.writer(self._files.enter_context(path.open("w", encoding="utf-8", newline="")))
+        writer.writerow(columns)
+        return writer
+
+    def add(self, entry: Entry, lines: int, cluster: int | None) -> None:
+        """One environment; `cluster` is that of its near-duplicates, if it has any."""
+        name, source, env_class = plain(list(entry.environment))
+        report = entry.report
+        steps, seconds = (report.steps, report.seconds) if report is not None else (None, None)
+        cells = [name, env_class, source, entry.verdict, " ".join(entry.codes), steps, seconds, lines, entry.added]
+        self._environments.writerow(map(cell, [*cells, cluster]))
+        findings = []
+        for check in report.checks if report is not None else ():
+            for found in check.findings:
+                row = plain([check.check, found.code, found.severity, found.line, found.message])
+                self._findings.writerow(map(cell, [name, *row]))
+                findings.append(dict(zip(FINDINGS[1:], row, strict=True)))
+        told = {
+            **dict(zip(ENVIRONMENTS, [*cells, cluster], strict=True)),
+            "codes": entry.codes,
+            "origin": entry.origin,
+            "findings": findings,
+        }
+        self._json.write((b"\n" if self._first else b",\n") + msgspec.json.encode(plain(told)))
+        self._first = False
+
+
+def cell(value: Any) -> Any:
+    """A cell of a CSV file: text that a spreadsheet would compute gets an apostrophe in front."""
+    return f"'{value}" if isinstance(value, str) and value.startswith(_FORMULA) else value
+
+
+def write_summary(folder: Path, survey: Survey, rules: dict[str, Rule], more: dict[str, Any]) -> None:
+    """The tables that are small, and all of them in ``report.json`` with `more`."""
+    stages = [
+        {
+            **dict(zip(STAGES, (s.name, s.entered, s.failed, s.unjudged, s.skipped, s.left), strict=False)),
+            **_rate(s.rate),
+        }
+        for s in survey.stages()
+    ]
+    codes = [
+        dict(zip(CODES, plain([row.code, _name(rules, row.code), *_counts(row)]), strict=True))
+        for row in survey.codes()
+    ]
+    for name, columns, rows in (("stages.csv", STAGES, stages), ("codes.csv", CODES, codes)):
+        with open(folder / name, "w", encoding="utf-8", newline="") as stream:
+            writer = csv.DictWriter(stream, columns)
+            writer.writeheader()
+            writer.writerows({key: cell(value) for key, value in row.items()} for row in rows)
+    told = {
+        "schema": SCHEMA,
+        "envcraft": __version__,
+        **more,
+        "environments": survey.total,
+        "judged": survey.judged,
+        "verdicts": dict(survey.verdicts),
+        "steps": survey.steps,
+        "seconds": survey.seconds,
+        "stages": stages,
+        "checks": [{"check": row.name, "seconds": row.seconds, **row.verdicts} for row in survey.checks()],
+        "codes": codes,
+        "attempts": [{"attempt": a.number, "judged": a.judged, "passed": a.passed} for a in survey.attempts()],
+        "measures": [
+            {"measure": m.name, **dict(zip(("median", "p90", "highest"), m.quantiles(0.5, 0.9, 1), strict=False))}
+            for m in survey.measures
+        ],
+        "outliers": [{"name": survey.names[o.number], **msgspec.structs.asdict(o)} for o in survey.outliers()],
+    }
+    (folder / "report.json").write_text(json.dumps(plain(told), indent=1) + "\n", "utf-8")
+
+
+def _name(rules: dict[str, Rule], code: str) -> str:
+    return rules[code].name if code in rules else ""
+
+
+def _counts(row: Any) -> list[Any]:
+    return [row.check, row.severity, row.environments, row.findings]
+
+
+def _rate(rate: Proportion) -> dict[str, float]:
+    return {"pass_rate": rate.estimate, "low": rate.low, "high": rate.high} if rate.n else {}

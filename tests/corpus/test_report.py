@@ -1,0 +1,426 @@
+"""Reports on a corpus: the numbers are those of the database, words stay words, and a report is whole or not there."""
+
+from __future__ import annotations
+
+import csv
+import importlib.util
+import json
+import re
+import signal
+import subprocess
+import sys
+from collections import Counter
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from envcraft.corpus.report import media, swap
+from envcraft.corpus.report.data import Measure, outliers
+from envcraft.corpus.store import Store, decode
+from envcraft.corpus.verify import verify
+from envcraft.reports import one_line
+from envcraft.verdict import SubjectReport
+
+from .conftest import Invoke, judged
+from .reported import CHECKS, HOSTILE, SIZE
+from .test_audit import ENVIRONMENT, QUICK
+
+
+@pytest.fixture(scope="module")
+def corpus(reported: tuple[Path, Path]) -> Path:
+    return reported[0]
+
+
+@pytest.fixture(scope="module")
+def site(reported: tuple[Path, Path]) -> Path:
+    return reported[1]
+
+
+@pytest.fixture(scope="module")
+def reports(corpus: Path) -> dict[str, SubjectReport | None]:
+    """What the database has, by name."""
+    with Store(corpus) as store:
+        rows = store.db.execute(
+            "SELECT name, report FROM environments LEFT JOIN verdicts ON verdicts.id = environments.verdict "
+            "ORDER BY name"
+        ).fetchall()
+    return {name: None if text is None else decode(text) for name, text in rows}
+
+
+def table(path: Path) -> list[dict[str, str]]:
+    with open(path, encoding="utf-8", newline="") as stream:
+        return list(csv.DictReader(stream))
+
+
+def numbers_of(reports: dict[str, SubjectReport | None]) -> list[tuple[str, int, int]]:
+    """Each check with how many passed all before it, and how many of these it let through."""
+    left = [report for report in reports.values() if report is not None]
+    found = []
+    for check in CHECKS:
+        kept = [
+            report for report in left if next(c.verdict for c in report.checks if c.check == check) in ("pass", "skip")
+        ]
+        found.append((check, len(left), len(kept)))
+        left = kept
+    return found
+
+
+class Parsed(HTMLParser):
+    """Tags, attributes, and the cells of the table in each section."""
+
+    def __init__(self, page: str) -> None:
+        super().__init__(convert_charrefs=True)
+        self.tags: Counter[str] = Counter()
+        self.attributes: list[tuple[str, str]] = []
+        self.tables: dict[str, list[list[str]]] = {}
+        self.section = ""
+        self.data: list[str] | None = None
+        self.feed(page)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags[tag] += 1
+        self.attributes += [(name, value or "") for name, value in attrs]
+        if tag == "section":
+            self.section = dict(attrs).get("id") or ""
+        if tag == "tr":
+            self.tables.setdefault(self.section, []).append([])
+        if tag in ("td", "th"):
+            self.data = []
+
+    def handle_endtag(self, tag: str) -> None:
+        if tag in ("td", "th") and self.data is not None:
+            self.tables[self.section][-1].append("".join(self.data).strip())
+            self.data = None
+
+    def handle_data(self, data: str) -> None:
+        if self.data is not None:
+            self.data.append(data)
+
+
+def script(path: Path) -> Any:
+    """What a script hands over."""
+    found = re.fullmatch(r'envcraft\("(\w+)",(\d+),(.*)\);\n', path.read_text("utf-8"), re.DOTALL)
+    assert found is not None
+    assert path.name == f"{found[1]}-{found[2]}.js"
+    return json.loads(found[3])
+
+
+def test_the_stages_are_those_of_the_database(site: Path, reports: dict[str, SubjectReport | None]) -> None:
+    expected = numbers_of(reports)
+    assert [left for _, _, left in expected] != sorted({left for _, _, left in expected})
+    rows = table(site / "stages.csv")
+    assert [(row["stage"], int(row["input"]), int(row["output"])) for row in rows] == expected
+    assert json.loads((site / "report.json").read_text())["stages"][1]["input"] == expected[1][1]
+    shown = Parsed((site / "index.html").read_text("utf-8")).tables["cascade"]
+    assert [(row[0], int(row[1]), int(row[4])) for row in shown[1:-1]] == expected
+    for row, line in zip(rows, shown[1:-1], strict=True):
+        rate = int(row["output"]) / (int(row["input"]) - int(row["not_judged"]))
+        assert float(row["pass_rate"]) == pytest.approx(rate)
+        assert float(row["low"]) < rate <= float(row["high"])
+        assert line[5] == f"{rate:.1%}"
+    # By hand, for one that is small enough: Wilson's interval at 95%.
+    n, p, z = int(rows[1]["input"]), float(rows[1]["pass_rate"]), 1.959964
+    middle, half = p + z * z / (2 * n), z * (p * (1 - p) / n + z * z / (4 * n * n)) ** 0.5
+    assert float(rows[1]["low"]) == pytest.approx((middle - half) / (1 + z * z / n))
+
+
+def test_verdicts_and_codes_are_those_of_the_database(
+    site: Path, corpus: Path, reports: dict[str, SubjectReport | None]
+) -> None:
+    told = json.loads((site / "report.json").read_text())
+    assert told["verdicts"] == Counter(report.verdict if report else "none" for report in reports.values())
+    with Store(corpus) as store:
+        codes = store.db.execute(
+            "SELECT code, count(DISTINCT verdict), count(*) FROM findings GROUP BY code ORDER BY 2 DESC, 1"
+        ).fetchall()
+    assert [(row["code"], row["environments"], row["findings"]) for row in told["codes"]] == codes
+    assert [(row["code"], int(row["findings"])) for row in table(site / "codes.csv")] == [(c, n) for c, _, n in codes]
+    checks = {row["check"]: row for row in told["checks"]}
+    failing = sum(report is not None and report.checks[1].verdict == "fail" for report in reports.values())
+    assert checks["api"]["fail"] == failing
+    attempts = {row["attempt"]: row for row in told["attempts"]}
+    odd = [(int(name[9:13]), report) for name, report in reports.items() if report and name != HOSTILE]
+    for attempt in range(3):
+        of_it = [report for number, report in odd if number % 2 and number % 3 == attempt]
+        assert attempts[attempt]["passed"] == sum(report.verdict == "pass" for report in of_it)
+        assert attempts[attempt]["judged"] == len(of_it)
+
+
+def test_tables_read_back(site: Path, reports: dict[str, SubjectReport | None]) -> None:
+    told = json.loads((site / "environments.json").read_text())
+    assert [row["name"] for row in told] == list(reports)
+    assert {row["name"]: row["verdict"] for row in told} == {n: r.verdict if r else "none" for n, r in reports.items()}
+    assert next(row for row in told if row["name"] == HOSTILE)["origin"] == {"words": HOSTILE}
+    rows = table(site / "environments.csv")
+    # A spreadsheet would compute what begins with "=".
+    assert [row["name"].removeprefix("'") for row in rows] == list(reports)
+    assert f"'{HOSTILE}" in [row["name"] for row in rows]
+    messages = [row["message"] for row in table(site / "findings.csv")]
+    findings = [f.message for r in reports.values() if r for c in r.checks for f in c.findings]
+    assert [words.removeprefix("'") for words in messages] == findings
+
+
+def test_scripts_have_every_environment(site: Path, reports: dict[str, SubjectReport | None]) -> None:
+    rows = [row for part in range(2) for row in script(site / "data" / f"rows-{part}.js")]
+    assert [row[0] for row in rows] == [one_line(name) for name in reports]
+    assert not (site / "data" / "rows-2.js").exists()
+    for number, (name, report) in enumerate(reports.items()):
+        if number % 100 and name != HOSTILE:
+            continue
+        about = next(a for a in script(site / "data" / f"about-{rows[number][8]}.js") if a["number"] == number)
+        assert about["name"] == one_line(name)
+        assert len(about["findings"]) == sum(len(check.findings) for check in report.checks) if report else True
+        assert "import gymnasium" in about["source"]
+        assert about["command"].startswith("envcraft validate ")
+    assert [number for number, row in enumerate(rows) if row[7]] == [
+        int(file.stem) for file in (site / "media").rglob("*.webp")
+    ]
+
+
+def test_hostile_words_stay_words(site: Path) -> None:
+    plain = Parsed((site / "index.html").read_text("utf-8"))
+    assert plain.tags["script"] == 1
+    listed = Parsed((site / "environments.html").read_text("utf-8"))
+    assert listed.tags["script"] == 2
+    for page in (plain, listed):
+        assert not [name for name, _ in page.attributes if name.startswith("on") or name == "style"]
+        loaded = [value for name, value in page.attributes if name in ("src", "href")]
+        assert not [value for value in loaded if ":" in value and not value.startswith("data:,")]
+        assert "default-src 'none'" in dict(page.attributes)["content"] or any(
+            "default-src 'none'" in value for name, value in page.attributes if name == "content"
+        )
+    assert not re.search("[\u202a-\u202e]", "".join(file.read_text("utf-8") for file in (site / "data").iterdir()))
+
+
+def measure(*values: float) -> Measure:
+    made = Measure("steps", "")
+    for number, value in enumerate(values):
+        made.take(number, value)
+    return made
+
+
+def test_outliers() -> None:
+    spread = [float(value) for value in range(90, 111)]
+    assert [(found.number, found.times > 1) for found in outliers(measure(*spread, 1000.0, 9.0))] == [
+        (21, True),
+        (22, False),
+    ]
+    assert not list(outliers(measure(*spread)))
+    # Few, all but one the same, or far in spreads but hardly more than the others.
+    assert not list(outliers(measure(*spread[:6], 1000.0)))
+    assert not list(outliers(measure(*[100.0] * 20, 1000.0)))
+    assert not list(outliers(measure(*(100 + number / 1000 for number in range(20)), 120.0)))
+
+
+def test_the_planted_outlier_is_found(site: Path) -> None:
+    told = json.loads((site / "report.json").read_text())["outliers"]
+    assert ("games/env0033.py", "seconds") in [(found["name"], found["measure"]) for found in told]
+
+
+def test_copies_are_named_and_counted(site: Path) -> None:
+    told = json.loads((site / "report.json").read_text())
+    (cluster,) = told["clusters"]
+    copies = [f"games/env{number:04}.py" for number in (100, 101, 102)]
+    assert sorted(cluster["members"]) == copies
+    assert {layer["name"]: layer["clusters"] for layer in told["layers"]}["exact"] == 1
+    rows = {row["name"]: row["cluster"] for row in table(site / "environments.csv")}
+    assert [name for name, number in rows.items() if number] == copies
+    row = next(row for row in script(site / "data" / "rows-0.js") if row[0] == copies[1])
+    about = next(a for a in script(site / "data" / f"about-{row[8]}.js") if a["name"] == copies[1])
+    assert sorted(name for _, name in about["alike"]) == [copies[0], copies[2]]
+    shown = (site / "index.html").read_text("utf-8")
+    assert f"{SIZE - 2} environments are left where one of each is kept" in shown
+    assert "and 2 more" in shown
+
+
+# The folder
+
+
+def test_a_report_that_is_not_finished_leaves_the_old_one(tmp_path: Path) -> None:
+    place = tmp_path / "report"
+    with swap.replaced(place) as made:
+        (made / swap.MARK).write_text("old")
+
+    def interrupted(error: type[BaseException]) -> None:
+        with swap.replaced(place) as made:
+            (made / swap.MARK).write_text("half")
+            raise error
+
+    for error in (KeyboardInterrupt, ValueError):
+        with pytest.raises(error):
+            interrupted(error)
+    assert (place / swap.MARK).read_text() == "old"
+    assert [path.name for path in tmp_path.iterdir()] == ["report"]
+    with swap.replaced(place) as made:
+        (made / swap.MARK).write_text("new")
+    assert (place / swap.MARK).read_text() == "new"
+    assert [path.name for path in tmp_path.iterdir()] == ["report"]
+
+
+def test_a_killed_writer_leaves_the_old_one_and_the_next_clears_up(tmp_path: Path) -> None:
+    place = tmp_path / "report"
+    with swap.replaced(place) as made:
+        (made / swap.MARK).write_text("old")
+    program = (
+        "import os, pathlib; from envcraft.corpus.report.swap import replaced\n"
+        f"with replaced(pathlib.Path({str(place)!r})) as made:\n"
+        "    (made / 'report.json').write_text('half'); os.kill(os.getpid(), 9)\n"
+    )
+    assert subprocess.run([sys.executable, "-c", program], check=False).returncode == -signal.SIGKILL
+    assert (place / swap.MARK).read_text() == "old"
+    assert len(list(tmp_path.iterdir())) == 2
+    with swap.replaced(place) as made:
+        (made / swap.MARK).write_text("new")
+    assert [path.name for path in tmp_path.iterdir()] == ["report"]
+
+
+def test_one_that_was_killed_between_the_renames_is_put_back(tmp_path: Path) -> None:
+    process = subprocess.Popen([sys.executable, "-c", ""])
+    process.wait()
+    (tmp_path / f".report.old-{process.pid}").mkdir()
+    (tmp_path / f".report.old-{process.pid}" / swap.MARK).write_text("old")
+    with pytest.raises(ValueError, match="oops"), swap.replaced(tmp_path / "report"):
+        raise ValueError("oops")
+    assert (tmp_path / "report" / swap.MARK).read_text() == "old"
+
+
+def test_only_a_report_is_replaced(store: Store, invoke: Invoke, tmp_path: Path) -> None:
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "letter.txt").write_text("dear")
+    (tmp_path / "file").write_text("")
+    for place in ("mine", "file"):
+        result = invoke("corpus", "report", store.root, "--output", place, "--no-previews")
+        assert result.exit_code == 2
+        assert place in result.output
+    assert (tmp_path / "mine" / "letter.txt").read_text() == "dear"
+
+
+def test_what_is_not_installed_is_named_first(invoke: Invoke, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    found = importlib.util.find_spec
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None if name == "matplotlib" else found(name))
+    result = invoke("audit", tmp_path / "nowhere", "--report", "report")
+    assert result.exit_code == 2
+    assert "matplotlib" in result.output
+    assert "pip install 'envcraft-rl[report]'" in result.output
+
+
+def test_without_verdicts_there_is_a_report(invoke: Invoke, tmp_path: Path) -> None:
+    with Store.create(tmp_path / "corpus") as made:
+        made.add("ant", b"import gymnasium\n")
+        # Reading needs no lock, so an audit may be running.
+        result = invoke("corpus", "report", made.root, "--output", "report", "--no-previews")
+    assert result.exit_code == 0, result.output
+    assert "none of which has a verdict" in (tmp_path / "report" / "index.html").read_text()
+
+
+# Pictures
+
+
+def frames(count: int, height: int = 84, width: int = 84, noise: bool = False) -> list[np.ndarray[Any, Any]]:
+    generator = np.random.default_rng(0)
+    if noise:
+        return [generator.integers(0, 256, (height, width, 3), np.uint8) for _ in range(count)]
+    return [np.full((height, width, 3), number * 3, np.uint8) for number in range(count)]
+
+
+def opened(data: bytes) -> np.ndarray[Any, Any]:
+    import io
+
+    from PIL import Image
+
+    return np.asarray(Image.open(io.BytesIO(data)).convert("RGB"))
+
+
+def test_previews_are_strips_of_bounded_size() -> None:
+    strip = opened(media.encode(frames(61)))
+    assert strip.shape == (84 * 12, 84, 3)
+    assert [int(strip[84 * number, 0, 0]) // 3 for number in range(12)] == [
+        0,
+        5,
+        11,
+        16,
+        22,
+        27,
+        33,
+        38,
+        44,
+        49,
+        55,
+        60,
+    ]
+    assert opened(media.encode(frames(1))).shape == (84, 84, 3)
+    wide = opened(media.encode([np.full((200, 400, 3), 200, np.uint8)]))
+    assert wide.shape == (84, 84, 3)
+    assert (wide[:20] == 0).all()
+    assert (wide[22:62] == 200).all()
+    for shape in ((84, 84), (3, 250), (600, 400)):
+        assert len(media.encode(frames(61, *shape, noise=True))) <= media.MOST
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """A game that passes, one that fails but plays, and one that cannot be imported."""
+    games = tmp_path / "games"
+    games.mkdir()
+    (games / "good.py").write_text(ENVIRONMENT.replace("CRASH", "-1"))
+    (games / "late.py").write_text(ENVIRONMENT.replace("CRASH", "8"))
+    (games / "none.py").write_text("import gymnasium\nimport nothing_of_the_kind\nclass A(gymnasium.Env): pass\n")
+    return games
+
+
+def test_an_audit_writes_a_report_with_pictures(folder: Path, invoke: Invoke, tmp_path: Path) -> None:
+    result = invoke("audit", folder, *QUICK, "--report", "report")
+    assert result.exit_code == 1, result.output
+    assert "2 environments played for pictures" in result.stderr
+    site = tmp_path / "report"
+    rows = script(site / "data" / "rows-0.js")
+    assert [(row[0], row[7]) for row in rows] == [("good.py", 1), ("late.py", 1), ("none.py", 0)]
+    assert opened((site / "media" / "0" / "0.webp").read_bytes()).shape[1] == 84
+    about = script(site / "data" / "about-0.js")
+    assert (
+        about[0]["command"] == f"envcraft validate {folder}/good.py --budget quick --format json --output report.json"
+    )
+    # Known pictures are taken again, one that is lost is played again.
+    again = invoke("corpus", "report", folder, "--output", "report", "--sandbox", "process")
+    assert again.exit_code == 0, again.output
+    assert "played" not in again.stderr
+    with Store(folder, write=True) as store:
+        file = media.files(store)[0]
+        file.write_bytes(b"torn")
+        (store.root / "media" / "stray.webp").write_bytes(b"")
+        assert len(list(verify(store))) == 2
+        assert all(damage.done for damage in verify(store, repair=True))
+        assert list(verify(store)) == []
+    assert (
+        "1 environment played"
+        in invoke("corpus", "report", folder, "--output", "report", "--sandbox", "process").stderr
+    )
+    (folder / "late.py").unlink()
+    invoke("audit", folder, *QUICK, "--report", "report")
+    with Store(folder) as store:
+        assert len(media.files(store)) == 2
+    (folder / "good.py").write_text(ENVIRONMENT.replace("CRASH", "-2"))
+    invoke("audit", folder, *QUICK, "--report", "report")
+    with Store(folder) as store:
+        (kept,) = media.files(store)
+        assert store.db.execute("SELECT media FROM previews").fetchall() == [(kept.stem,)]
+
+
+def test_no_previews_plays_nothing(store: Store, invoke: Invoke, tmp_path: Path) -> None:
+    judged(store, "eel")
+    result = invoke("corpus", "report", store.root, "--output", "report", "--no-previews")
+    assert result.exit_code == 0, result.output
+    assert not (tmp_path / "report" / "media").exists()
+
+
+def test_what_is_not_a_corpus_is_refused(invoke: Invoke, tmp_path: Path) -> None:
+    result = invoke("corpus", "report", tmp_path, "--output", "report", "--no-previews")
+    assert result.exit_code == 2
+    assert "is no corpus" in result.output
+
+
+def test_the_corpus_is_the_size_that_the_tests_suppose(reports: dict[str, SubjectReport | None]) -> None:
+    assert len(reports) == SIZE

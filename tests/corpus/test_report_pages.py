@@ -1,0 +1,223 @@
+"""The pages of a report in a real browser: nothing complains, and no more is loaded than is shown."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from envcraft.reports import one_line
+
+from .reported import HOSTILE, SIZE
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser, Page
+
+pytestmark = pytest.mark.browser
+CHROMIUM = shutil.which("chromium")
+Open = Callable[..., "Page"]
+
+
+@pytest.fixture(scope="module")
+def site(reported: tuple[Path, Path]) -> Path:
+    return reported[1]
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    if CHROMIUM is None:
+        pytest.skip("no chromium on this machine: apt-get install chromium")
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as playwright:
+        # Its own sandbox needs more than a container gives; the pages are ours.
+        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+        yield browser
+        browser.close()
+
+
+@pytest.fixture
+def show(browser: Browser, site: Path) -> Iterator[Open]:
+    """Open a page; nothing may be logged, raised or asked of anybody. What it loads is in ``page.loaded``."""
+    complaints: list[str] = []
+    contexts = []
+
+    def show(name: str, **options: Any) -> Page:
+        context = browser.new_context(**options)
+        contexts.append(context)
+        page = context.new_page()
+        urls: list[str] = []
+        page.loaded = urls  # type: ignore[attr-defined]
+        page.on("console", lambda message: complaints.append(message.text))
+        page.on("pageerror", lambda error: complaints.append(str(error)))
+        page.on("request", lambda request: urls.append(request.url.removeprefix(site.as_uri() + "/")))
+        page.goto(f"{site.as_uri()}/{name}")
+        page.wait_for_load_state("networkidle")
+        return page
+
+    yield show
+    for context in contexts:
+        context.close()
+    assert not complaints, complaints
+
+
+def loaded(page: Any, kind: str) -> list[str]:
+    """What was loaded with such an ending; everything was of the report's own folder."""
+    urls: list[str] = page.loaded
+    assert not [url for url in urls if ":" in url and not url.startswith("data:,")], urls
+    return [url for url in urls if url.endswith(kind)]
+
+
+def scripts(page: Page) -> list[str]:
+    return loaded(page, ".js")
+
+
+@pytest.mark.parametrize("width", [320, 1200])
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_pages_fit_any_screen(show: Open, scheme: str, width: int) -> None:
+    for name in ("index.html", "environments.html", "environments.html#show=0"):
+        page = show(name, viewport={"width": width, "height": 800}, color_scheme=scheme)
+        assert page.evaluate("document.documentElement.scrollWidth") <= width, name
+        look = page.evaluate("[getComputedStyle(document.body).backgroundColor, getComputedStyle(document.body).color]")
+        paper, ink = (sum(int(part) for part in colour[4:-1].split(",")) for colour in look)
+        assert (paper > ink) == (scheme == "light")
+        assert abs(paper - ink) > 3 * 150
+
+
+def test_figures_take_the_colours_of_the_page(show: Open) -> None:
+    colours = set()
+    for scheme in ("light", "dark"):
+        page = show("index.html", color_scheme=scheme)
+        charts = page.locator("svg.chart:visible")
+        assert charts.count() == 5
+        colours.add(charts.first.locator(".f-pass path, path.f-pass").first.evaluate("e => getComputedStyle(e).fill"))
+        assert "difficulty" in (charts.first.text_content() or "")
+        narrow = show("index.html", color_scheme=scheme, viewport={"width": 375, "height": 800})
+        assert narrow.locator("svg.chart:visible").count() == 5
+    assert len(colours) == 2
+
+
+def test_the_first_page_loads_no_list(show: Open) -> None:
+    page = show("index.html")
+    assert scripts(page) == []
+    assert len(loaded(page, ".webp")) == 2
+    page.get_by_role("link", name=f"All {SIZE} environments").click()
+    page.wait_for_selector("#rows li")
+    assert scripts(page) == ["data/rows-0.js"]
+
+
+def test_only_what_is_shown_is_loaded(show: Open) -> None:
+    page = show("environments.html")
+    assert page.locator("#rows li").count() == 50
+    assert scripts(page) == ["data/rows-0.js"]
+    page.get_by_role("button", name="Next").click()
+    page.get_by_text("2 of 13").wait_for()
+    assert scripts(page) == ["data/rows-0.js"]
+    page.locator("#rows a").nth(0).click()
+    page.wait_for_selector("#one .source")
+    assert len(scripts(page)) == 2
+    assert page.locator("#one h1").inner_text() == "games/env0050.py"
+    page.go_back()
+    page.wait_for_selector("#rows li:visible")
+    page.locator("#query").fill("env0619")
+    page.get_by_text(f"1 of {SIZE}").wait_for()
+    assert "data/rows-1.js" in scripts(page)
+    assert page.locator("#shown").inner_text() == f"1 of {SIZE}"
+
+
+def test_the_list_filters_and_sorts(show: Open) -> None:
+    page = show("environments.html")
+
+    def shown() -> str:
+        page.wait_for_timeout(200)
+        return page.locator("#shown").inner_text()
+
+    page.keyboard.press("/")
+    page.keyboard.type("EC107")
+    api = sum(number % 5 == 0 and number not in (7, 11) for number in range(SIZE))
+    assert shown() == f"{api} of {SIZE}"
+    page.locator("#query").fill("")
+    page.get_by_label("Failed check").select_option("determinism")
+    page.get_by_label("Verdict").select_option("fail")
+    both = [n for n in range(SIZE) if n % 7 == 0 and n not in (7, 11)]
+    assert shown() == f"{len(both)} of {SIZE}"
+    page.locator("#code").select_option("EC107")
+    assert shown() == f"{sum(n % 5 == 0 for n in both)} of {SIZE}"
+    page.reload()
+    page.wait_for_selector("#rows li")
+    assert shown() == f"{sum(n % 5 == 0 for n in both)} of {SIZE}"
+    for field in ("#check", "#verdict", "#code"):
+        page.locator(field).select_option("")
+    page.get_by_label("Order").select_option("-seconds")
+    shown()
+    assert "env0033" in page.locator("#rows li").first.inner_text()
+    page.get_by_label("Verdict").select_option("none")
+    assert shown() == f"1 of {SIZE}"
+
+
+def test_an_environment_says_everything_and_runs_nothing(show: Open) -> None:
+    page = show("environments.html#show=0")
+    assert page.title() == one_line(HOSTILE)
+    assert page.locator("#one h1").inner_text() == one_line(HOSTILE)
+    assert page.locator(".finding").count() == 3
+    assert page.locator(".message").first.inner_text() == one_line(HOSTILE)
+    page.get_by_text("Evidence").first.click()
+    assert HOSTILE.replace("\u202e", "\ufffd") in page.locator(".finding pre").first.inner_text()
+    page.get_by_text("Reproduction:").first.click()
+    assert "envcraft replay report.json --finding 1" in (page.locator("pre.command").first.text_content() or "")
+    page.get_by_role("link", name="line 2").first.click()
+    assert page.evaluate("document.activeElement.id") == "line-2"
+    assert page.locator(".source li").nth(1).inner_text() == "import gymnasium"
+    # The words stand where an environment says so, and nowhere became elements.
+    assert page.locator("#one script, #one img:not(.film)").count() == 0
+
+
+def test_previews_move_while_pointed_at_and_stand_still_for_who_wants_that(show: Open) -> None:
+    moving = "document.querySelector('#rows .film').getAnimations().length"
+    page = show("environments.html")
+    assert page.locator("#rows img.film").count() == 3
+    assert page.evaluate(moving) == 0
+    page.locator("#rows a").first.hover()
+    assert page.evaluate(moving) == 1
+    page.mouse.move(0, 0)
+    assert page.evaluate(moving) == 0
+    page.locator("#rows a").first.focus()
+    assert page.evaluate(moving) == 1
+    page = show("environments.html", reduced_motion="reduce")
+    page.locator("#rows a").first.hover()
+    assert page.evaluate(moving) == 0
+    page.locator("#rows a").first.click()
+    button = page.get_by_role("button", name="Play")
+    button.click()
+    assert page.evaluate("document.querySelector('#one .film').getAnimations().length") == 1
+    assert page.get_by_role("button", name="Pause").is_visible()
+
+
+def test_it_is_read_by_keyboard(show: Open) -> None:
+    page = show("environments.html")
+    page.locator("#sort").focus()
+    page.keyboard.press("Tab")
+    page.keyboard.press("Enter")
+    page.wait_for_selector("#one .source")
+    assert page.evaluate("document.activeElement.tagName") == "H1"
+    page.get_by_role("link", name="All environments").press("Enter")
+    page.wait_for_selector("#rows li:visible")
+
+
+def test_a_report_that_lacks_a_file_says_so(browser: Browser, site: Path) -> None:
+    page = browser.new_page()
+    page.goto(f"{site.as_uri()}/environments.html")
+    page.evaluate("info.total = 2000")
+    page.locator("#query").fill("zzz")
+    page.get_by_text("not whole").wait_for()
+    page.close()
+
+
+def test_without_scripts_it_says_where_the_list_is(show: Open) -> None:
+    page = show("environments.html", java_script_enabled=False)
+    assert page.locator("noscript .note").is_visible()
+    page = show("index.html", java_script_enabled=False)
+    assert page.locator("svg.chart:visible").count() == 5
