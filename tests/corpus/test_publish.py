@@ -218,7 +218,7 @@ def test_what_is_no_text_is_left_out_and_counted(store: Store, tmp_path: Path) -
 @pytest.mark.parametrize(
     ("origins", "said", "licence", "words"),
     [
-        ({"ant": {"licence": "MIT"}, "bee": {"license": "MIT"}}, None, "mit", "licensed under MIT,"),
+        ({"ant": {"licence": "MIT"}, "bee": {"license": "mit"}}, None, "mit", "licensed under MIT,"),
         ({"ant": {"licence": "MIT"}}, None, None, "not one for all. Stated are: MIT (1), none (1)."),
         ({"ant": {"licence": "MIT"}, "bee": {"licence": "isc"}}, None, None, "Stated are: MIT (1), isc (1)."),
         ({"ant": {"licence": ""}, "bee": {"licence": 3}}, None, None, "None is stated"),
@@ -246,9 +246,12 @@ def test_licences(
     assert words in (tmp_path / "made" / "README.md").read_text()
 
 
-def test_without_pyarrow_it_says_what_to_install(store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "pyarrow", None)
-    with pytest.raises(UsageError, match=r"envcraft-rl\[publish\]"):
+@pytest.mark.parametrize("module", ["pyarrow", "rensa"])
+def test_without_a_library_it_says_what_to_install(
+    store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, module: str
+) -> None:
+    monkeypatch.setitem(sys.modules, module, None)
+    with pytest.raises(UsageError, match=rf"needs {module}: pip install 'envcraft-rl\[publish\]'"):
         DatasetExporter().export(Order(store, tmp_path / "made"))
     assert not (tmp_path / "made").exists()
 

@@ -48,12 +48,14 @@ class Licences:
         own = one_line(told) if isinstance(told, str) and told.strip() else None
         if own is not None and self.said is not None and own.lower() != self.said.lower():
             raise UsageError(f"--licence {self.said}, but the corpus says {own} of some: leave it out")
-        self.found[own or self.said] += 1
+        self.found[self.said or own] += 1
 
     @property
     def one(self) -> str | None:
         """The licence of all; None where there is not one that all are under."""
-        return next(iter(self.found)) if len(self.found) == 1 else None
+        stated = sorted(name for name in self.found if name is not None)
+        same = len({name.lower() for name in stated}) == 1 and None not in self.found
+        return stated[0] if same else None
 
 
 class Contents:

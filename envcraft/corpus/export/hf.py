@@ -1,11 +1,12 @@
 """A data set of a corpus in the layout of the Hugging Face Hub: parquet files for each split, and a card.
 
-Copies are in one split (:mod:`envcraft.corpus.splits`). With one version of pyarrow the same corpus gives the same files,
-whatever the order in which environments were added.
+Copies are in one split (:mod:`envcraft.corpus.splits`). With one version of pyarrow the same corpus gives the same
+files, whatever the order in which environments were added.
 """
 
 from __future__ import annotations
 
+import importlib.util
 import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
 
     from envcraft.corpus.export.card import Contents
 
+_NEEDED = ("pyarrow", "rensa")
 #: The splits, by the names that the Hub gives them.
 SPLITS = {"train": 0.8, "validation": 0.1, "test": 0.1}
 #: The columns, with their types and what they have.
@@ -53,10 +55,9 @@ class DatasetExporter(Exporter):
     summary = "a data set for the Hugging Face Hub: parquet files with splits that no copy crosses, and a card"
 
     def export(self, order: Order) -> list[str]:
-        try:
-            import pyarrow  # noqa: F401
-        except ImportError:
-            raise UsageError("a data set needs pyarrow: pip install 'envcraft-rl[publish]'") from None
+        missing = [name for name in _NEEDED if importlib.util.find_spec(name) is None]
+        if missing:
+            raise UsageError(f"a data set needs {' and '.join(missing)}: pip install 'envcraft-rl[publish]'")
         from envcraft.corpus import likeness
         from envcraft.corpus.export.card import Contents, Licences, card
 
