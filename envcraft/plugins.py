@@ -27,6 +27,8 @@ DEFAULT_PLUGINS = (
     "envcraft.reports.markdown",
     "envcraft.reports.html",
     "envcraft.corpus.export.package",
+    "envcraft.corpus.export.hf",
+    "envcraft.corpus.export.site",
     "envcraft_sandbox.plugin",
     "envcraft_checks.source",
     "envcraft_checks.api",

@@ -119,10 +119,15 @@ def clusters(store: Store, layers: Sequence[str] = LAYERS, threshold: float = ne
 
 def groups_of(store: Store, layers: Sequence[str] = LAYERS, threshold: float = near.THRESHOLD) -> list[list[str]]:
     """Every environment in exactly one group: its cluster, together with what shares a source with it, or itself."""
+    return grouped(store, clusters(store, layers, threshold))
+
+
+def grouped(store: Store, found: Likeness) -> list[list[str]]:
+    """The groups of :func:`groups_of` from the clusters that were found."""
     members = _members(store)
     numbers = {member.name: number for number, member in enumerate(members)}
     groups = Groups(len(members))
-    for cluster in clusters(store, layers, threshold).clusters:
+    for cluster in found.clusters:
         for name in cluster.members:
             groups.join(numbers[cluster.members[0]], numbers[name])
     first: dict[str, int] = {}

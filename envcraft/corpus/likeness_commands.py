@@ -9,7 +9,7 @@ import click
 import msgspec
 
 from envcraft import __version__
-from envcraft.corpus.store import CorpusBusy, Store
+from envcraft.corpus.store import opened
 from envcraft.errors import UsageError
 from envcraft.reports import one_line, plural
 from envcraft.verdict import SCHEMA, plain
@@ -53,7 +53,7 @@ def dedup(corpus: Path, layers: tuple[str, ...], threshold: float, keep_best: bo
     """
     from envcraft.corpus.likeness import clusters
 
-    with _opened(corpus, write=keep_best) as store:
+    with opened(corpus, write=keep_best) as store:
         if keep_best and store.follows_folder:
             raise UsageError(f"{corpus} follows a folder: remove files there; without --keep-best they are named")
         found = clusters(store, _chosen(layers), threshold)
@@ -86,7 +86,7 @@ def diversity(corpus: Path, layers: tuple[str, ...], sample: int, seed: int, for
     """
     from envcraft.corpus.likeness import diversities
 
-    with _opened(corpus) as store:
+    with opened(corpus) as store:
         found = diversities(store, _chosen(layers), sample, seed)
     if form == "json":
         _write({"seed": seed, "diversity": found})
@@ -116,21 +116,10 @@ def split(
     from envcraft.corpus.splits import corpus_splits
 
     shares = _shares(fractions, folds)
-    with _opened(corpus) as store:
+    with opened(corpus) as store:
         found = corpus_splits(store, shares, seed, _chosen(layers), threshold)
     told = [{"fraction": share, "environments": names} for share, names in zip(shares, found, strict=True)]
     _write({"seed": seed, "layers": _chosen(layers), "threshold": threshold, "splits": told})
-
-
-def _opened(corpus: Path, write: bool = False) -> Store:
-    """The corpus, for writing where that may be, so that keys are kept. Raises UsageError, CorpusBusy,
-    CorpusDamaged."""
-    try:
-        return Store(corpus, write=True)
-    except (CorpusBusy, UsageError):
-        if write:
-            raise
-        return Store(corpus)
 
 
 def _chosen(layers: tuple[str, ...]) -> tuple[str, ...]:

@@ -22,6 +22,9 @@ class Merged(msgspec.Struct):
 def merge(store: Store, other: Store) -> Merged:
     """Take over what `store` lacks. Where both have a verdict, its own stays, unless the other one could be judged.
 
+    The other's list of audits stays behind: it says since when `store` has changed, and an audit that never was in here
+    would make ``--changed`` pass over what only this one holds.
+
     Raises UsageError where both are one; OSError, CorpusDamaged.
     """
     if store.root.resolve() == other.root.resolve():

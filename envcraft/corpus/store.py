@@ -300,6 +300,18 @@ class Store:
         )
 
 
+def opened(root: Path, write: bool = False) -> Store:
+    """The corpus: for writing if that can be, so that what sources are compared by is kept, and where it must be.
+    Raises UsageError, CorpusBusy, CorpusDamaged.
+    """
+    try:
+        return Store(root, write=True)
+    except (CorpusBusy, UsageError):
+        if write:
+            raise
+        return Store(root)
+
+
 def finding_rows(report: SubjectReport) -> Iterator[tuple[Any, ...]]:
     """The findings of a report as the table has them, in order, without verdict and number."""
     for check in report.checks:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 import subprocess
 import sys
 import sysconfig
@@ -113,6 +114,22 @@ def test_only_what_has_passed_unless_all_is_wanted(corpus: Path, tmp_path: Path)
     entries = json.loads((tmp_path / "package" / "games" / "environments.json").read_text())["environments"]
     assert [(one["name"], one["verdict"]) for one in entries] == [("failed.py", "fail"), ("new.py", None)]
     assert "0 of them have passed" in (tmp_path / "package" / "README.md").read_text()
+
+
+def test_an_environment_is_made_of_a_row_as_the_card_says(
+    corpus: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from pyarrow import parquet
+
+    assert export(corpus, "--to", "hf", "--output", tmp_path / "set").exit_code == 0
+    rows = [row for file in (tmp_path / "set" / "data").iterdir() for row in parquet.read_table(file).to_pylist()]
+    assert len(rows) == 6
+    _, code = re.findall(r"```python\n(.*?)```", (tmp_path / "set" / "README.md").read_text(), re.DOTALL)
+    monkeypatch.chdir(tmp_path)
+    told = {"row": next(row for row in rows if row["name"] == "native.py")}
+    exec(code.replace('"auto"', '"process"'), told)
+    told["env"].close()
+    np.testing.assert_array_equal(told["observation"], envcraft.make(corpus, "native").reset(seed=0)[0])
 
 
 def test_wrong_use(corpus: Path, tmp_path: Path) -> None:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+import re
+import shlex
 import shutil
 import tempfile
 from abc import ABC, abstractmethod
@@ -41,6 +43,11 @@ class Exported:
     driver: str | None
     image: str | None
 
+    @property
+    def public(self) -> dict[str, Any]:
+        """The origin, but for where the file lay, which is nobody's business."""
+        return {key: value for key, value in self.origin.items() if key != "file"}
+
 
 @dataclass(frozen=True)
 class Order:
@@ -51,15 +58,26 @@ class Order:
         output: the folder to make.
         name: what the export is called, as the user said.
         everything: also what has no passing verdict.
+        licence: what the user says the sources are licensed under.
     """
 
     store: Store
     output: Path
     name: str | None = None
     everything: bool = False
+    licence: str | None = None
+
+    @property
+    def title(self) -> str:
+        """What the corpus is called: as its folder, or the folder whose files it has."""
+        root = self.store.root.resolve()
+        return root.parent.name if root.name.startswith(".") else root.name
 
     def environments(self) -> Iterator[Exported]:
-        """Those to export, in the order of their names."""
+        """Those to export, in the order of their names, each of which is a path that stays in its folder.
+
+        Raises CorpusDamaged where one does not.
+        """
         wanted = "1" if self.everything else "verdicts.verdict = 'pass'"
         rows = self.store.db.execute(
             "SELECT name, environments.source, environments.class, origin, verdicts.verdict, report, contract, "
@@ -69,7 +87,33 @@ class Order:
             f"WHERE {wanted} ORDER BY name"
         )
         for name, source, env_class, origin, *judged in rows:
+            if _leaves(name):
+                raise self._astray(name)
             yield Exported(name, source, env_class, json.loads(origin), *judged)
+
+    def nothing(self) -> UsageError:
+        """For an exporter that found nothing to export."""
+        root = self.store.root
+        return UsageError(
+            f"{root} has no environment that passes: `envcraft audit {root}` judges them, and --all exports what has "
+            "not passed, too"
+        )
+
+    def _astray(self, name: str) -> EnvCraftError:
+        from envcraft.corpus.store import CorpusDamaged
+
+        root = self.store.root
+        mend = f"audit {root.parent}" if self.store.follows_folder else f"corpus rm {root} -- {shlex.quote(name)}"
+        return CorpusDamaged(
+            f"{root} has an environment called {name!r}, which leads out of any folder that it is written to; "
+            f"`envcraft {mend}` removes it"
+        )
+
+
+def _leaves(name: str) -> bool:
+    """Whether a name, taken for a path, may lead out of the folder that it is put into, here or on Windows."""
+    first, *others = re.split(r"[/\\]", name)
+    return not first or re.fullmatch("[A-Za-z]:", first) is not None or ".." in (first, *others) or "\0" in name
 
 
 class Exporter(ABC):

@@ -29,6 +29,8 @@ class PackageExporter(Exporter):
     summary = "a Python package that pip installs and that registers the environments with Gymnasium"
 
     def export(self, order: Order) -> list[str]:
+        if order.licence is not None:
+            raise UsageError("--licence is for the card of --to hf; a package's goes into its pyproject.toml")
         package = package_name(order)
         from envcraft.target import imported
 
@@ -46,10 +48,7 @@ class PackageExporter(Exporter):
                 modules.update(imported(source))
                 entries.append(_entry(environment, package, module))
             if not entries:
-                raise UsageError(
-                    f"{order.store.root} has no environment that passes: `envcraft audit {order.store.root}` judges "
-                    "them, and --all exports what has not passed, too"
-                )
+                raise order.nothing()
             _write_code(folder / package)
             _write_texts(folder, package, entries, _requirements(modules))
         first = entries[0]["id"]
@@ -61,9 +60,7 @@ class PackageExporter(Exporter):
 
 def package_name(order: Order) -> str:
     """What the package is called: as the user said, else after the corpus. Raises UsageError."""
-    root = order.store.root.resolve()
-    after = root.parent.name if root.name.startswith(".") else root.name
-    name = order.name or re.sub(r"\W+", "_", after.lower(), flags=re.ASCII).strip("_")
+    name = order.name or re.sub(r"\W+", "_", order.title.lower(), flags=re.ASCII).strip("_")
     taken = {*sys.stdlib_module_names, "envcraft", "gymnasium", "numpy"}
     if not (name.isidentifier() and name.isascii()) or keyword.iskeyword(name) or name in taken or name[0] == "_":
         raise UsageError(f"{name!r} is no name for a package; give another with --name, such as --name my_games")
@@ -110,8 +107,7 @@ def _entry(environment: Exported, package: str, module: str) -> dict[str, Any]:
         "seed": environment.seed,
         "sandbox": environment.driver,
         "image": environment.image,
-        # Where the file lay is nobody's business.
-        "origin": {key: value for key, value in environment.origin.items() if key != "file"},
+        "origin": environment.public,
     }
 
 

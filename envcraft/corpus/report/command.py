@@ -12,7 +12,7 @@ from envcraft.cli import Sharing
 from envcraft.commands.choices import all_checks, contract_named, driver_named, runtime_option
 from envcraft.contract import Contract
 from envcraft.corpus.report.swap import usable
-from envcraft.corpus.store import CorpusBusy, Store
+from envcraft.corpus.store import BESIDE, Store, opened
 from envcraft.errors import UsageError
 from envcraft.reports import plural
 from envcraft.sandbox import Driver
@@ -40,21 +40,13 @@ def report(corpus: Path, output: Path, previews: bool, sandbox: str, runtime: st
         if previews:
             driver = driver_named(sandbox, runtime=runtime)
             stack.callback(driver.close)
-        store = stack.enter_context(_opened(corpus, previews))
-        files = str(corpus) if store.follows_folder and corpus.resolve() != store.root.resolve() else ""
-        write(store, output, files, _contract(store) if previews else None, driver, workers)
+        store = stack.enter_context(opened(corpus, previews))
+        write(store, output, followed(store), _contract(store) if previews else None, driver, workers)
 
 
-def _opened(corpus: Path, writes: bool) -> Store:
-    """The corpus: for writing if that can be, so that what sources are compared by is kept, and where it must be.
-    Raises UsageError, CorpusBusy, CorpusDamaged.
-    """
-    try:
-        return Store(corpus, write=True)
-    except (CorpusBusy, UsageError):
-        if writes:
-            raise
-        return Store(corpus)
+def followed(store: Store) -> str:
+    """The folder whose files a corpus has, or ""."""
+    return str(store.root.parent) if store.follows_folder and store.root.name == BESIDE else ""
 
 
 def ready(output: Path) -> None:

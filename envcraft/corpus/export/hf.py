@@ -1,0 +1,221 @@
+"""A data set of a corpus in the layout of the Hugging Face Hub: parquet files for each split, and a card.
+
+Copies are in one split (:mod:`envcraft.corpus.splits`). With one version of pyarrow the same corpus gives the same
+files, whatever the order in which environments were added.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from envcraft.corpus.export import Exported, Exporter, Order, fresh_folder
+from envcraft.errors import UsageError
+from envcraft.plugins import hookimpl
+
+if TYPE_CHECKING:
+    import pyarrow
+
+    from envcraft.corpus.export.card import Contents
+
+_NEEDED = ("pyarrow", "rensa")
+#: The splits, by the names that the Hub gives them.
+SPLITS = {"train": 0.8, "validation": 0.1, "test": 0.1}
+#: The columns, with their types and what they have.
+COLUMNS = (
+    ("name", "string", "what the environment is called in the corpus, a path below a folder; unique"),
+    ("source", "string", "the Python file, whole"),
+    ("sha256", "string", "the SHA-256 of the file, which is that of `source` in UTF-8"),
+    ("class", "string", "the environment's class in the file, where it is known"),
+    ("group", "int64", "environments with the same number are copies of each other, and in the same split"),
+    ("verdict", "string", "`pass`, `fail`, or `error` where it could not be judged"),
+    ("codes", "list<string>", "the codes of the findings, each once; `envcraft explain CODE` says what one means"),
+    ("checks", "list<check>", "each check's `name`, `verdict` and, where it has none, the `reason`"),
+    ("steps", "int64", "environment steps that judging took"),
+    ("seconds", "double", "and wall time"),
+    ("contract", "string", "what the environment promises; the rest are the settings of the verdict"),
+    ("contract_sha256", "string", "a digest of all that the contract promises"),
+    ("rules", "string", "EnvCraft's version and a digest of the code that judged"),
+    ("seed", "int64", "the seed of the episodes"),
+    ("budget", "string", "how much was played"),
+    ("sandbox", "string", "where the environment ran"),
+    ("image", "string", "the container image's digest, else the versions of Python and the libraries"),
+    ("origin", "string", "JSON: what is known of where the environment comes from"),
+    ("report", "string", "JSON: the whole verdict, with each finding's message, evidence and reproduction"),
+)
+#: A row group is written once it has so many rows or so many bytes of text; it is all that is kept in memory. After so
+#: many bytes another file is begun.
+_ROWS, _GROUP, _FILE = 500, 8 * 1024**2, 256 * 1024**2
+
+
+class DatasetExporter(Exporter):
+    name = "hf"
+    summary = "a data set for the Hugging Face Hub: parquet files with splits that no copy crosses, and a card"
+
+    def export(self, order: Order) -> list[str]:
+        missing = [name for name in _NEEDED if importlib.util.find_spec(name) is None]
+        if missing:
+            raise UsageError(f"a data set needs {' and '.join(missing)}: pip install 'envcraft-rl[publish]'")
+        from envcraft.corpus import likeness
+        from envcraft.corpus.export.card import Contents, Licences, card
+
+        with fresh_folder(order.output) as folder:
+            found = likeness.clusters(order.store)
+            groups, splits = _divided(order, likeness.grouped(order.store, found))
+            contents = Contents(order.name or order.title, found, Licences(order.licence))
+            with _Files(folder / "data") as files:
+                for environment in order.environments():
+                    # Another process may have added some in the meantime.
+                    if environment.name in groups:
+                        _write(order, environment, groups[environment.name], splits[environment.name], files, contents)
+            if not contents.rows.total():
+                raise order.nothing()
+            (folder / "README.md").write_text(card(order.store, contents), "utf-8")
+        told = [f"{contents.rows.total():,} environments are in {order.output}: {contents.shares}; in Python"]
+        if contents.undecoded:
+            told.insert(0, f"left out, since they are no UTF-8: {contents.undecoded:,}")
+        return [*told, f'  datasets.load_dataset("{order.output}")']
+
+
+def _divided(order: Order, groups: list[list[str]]) -> tuple[dict[str, int], dict[str, str]]:
+    """The number of the group, and the split, of each environment to export."""
+    from envcraft.corpus.splits import split
+
+    wanted = {environment.name for environment in order.environments()}
+    if not wanted:
+        raise order.nothing()
+    kept = sorted(sorted(wanted.intersection(group)) for group in groups)
+    kept = [group for group in kept if group]
+    numbers = {name: number for number, group in enumerate(kept) for name in group}
+    parts = zip(SPLITS, split(kept, list(SPLITS.values())), strict=True)
+    return numbers, {name: part for part, names in parts for name in names}
+
+
+def _write(order: Order, environment: Exported, group: int, split: str, files: _Files, contents: Contents) -> None:
+    """Write an environment's row, unless its source is no text."""
+    try:
+        # Not as Python reads it: a mark at the beginning belongs to the digest.
+        source = order.store.source(environment.source).decode("utf-8")
+    except UnicodeDecodeError:
+        contents.undecoded += 1
+        return
+    files.add(split, _row(environment, source, group))
+    contents.add(environment, group, split)
+
+
+def _row(environment: Exported, source: str, group: int) -> dict[str, Any]:
+    """An environment's values in :data:`COLUMNS`."""
+    from envcraft.corpus.store import decode
+
+    report = decode(environment.report) if environment.report is not None else None
+    judged: dict[str, Any] = {"class": environment.env_class or None}
+    if report is not None:
+        judged = {
+            "class": environment.env_class or report.env_class,
+            "codes": sorted({finding.code for check in report.checks for finding in check.findings}),
+            "checks": [
+                {"name": check.check, "verdict": check.verdict.value, "reason": check.reason} for check in report.checks
+            ],
+            "steps": report.steps,
+            "seconds": report.seconds,
+        }
+    return {
+        "name": environment.name,
+        "source": source,
+        "sha256": environment.source,
+        "group": group,
+        "verdict": environment.verdict,
+        **judged,
+        "contract": environment.contract,
+        "contract_sha256": environment.contract_sha256,
+        "rules": environment.rules,
+        "seed": environment.seed,
+        "budget": environment.budget,
+        "sandbox": environment.driver,
+        "image": environment.image,
+        "origin": json.dumps(environment.public, sort_keys=True, ensure_ascii=False),
+        "report": environment.report,
+    }
+
+
+class _Files:
+    """The parquet files of all splits in `folder`, named as the Hub names them. Use as a context manager."""
+
+    def __init__(self, folder: Path) -> None:
+        folder.mkdir()
+        self._splits = {name: _Split(folder, name) for name in SPLITS}
+
+    def __enter__(self) -> _Files:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *rest: object) -> None:
+        for split in self._splits.values():
+            split.close(whole=kind is None)
+
+    def add(self, split: str, row: dict[str, Any]) -> None:
+        self._splits[split].add(row)
+
+
+class _Split:
+    """The parquet files of one split; none where it has no rows."""
+
+    def __init__(self, folder: Path, name: str) -> None:
+        self._folder, self._name = folder, name
+        self._schema = _schema()
+        self._rows: list[dict[str, Any]] = []
+        self._waiting = self._written = 0
+        self._paths: list[Path] = []
+        self._writer: Any = None
+
+    def add(self, row: dict[str, Any]) -> None:
+        self._rows.append(row)
+        self._waiting += sum(len(value) for value in row.values() if isinstance(value, str))
+        if len(self._rows) >= _ROWS or self._waiting >= _GROUP:
+            self._flush()
+
+    def close(self, whole: bool) -> None:
+        """Write what is left and give the files their names, if all went well."""
+        if whole:
+            self._flush()
+        if self._writer is not None:
+            self._writer.close()
+        for number, path in enumerate(self._paths):
+            path.rename(self._folder / f"{self._name}-{number:05}-of-{len(self._paths):05}.parquet")
+
+    def _flush(self) -> None:
+        import pyarrow
+        from pyarrow import parquet
+
+        if not self._rows:
+            return
+        if self._writer is not None and self._written >= _FILE:
+            self._writer.close()
+            self._writer, self._written = None, 0
+        if self._writer is None:
+            self._paths.append(self._folder / f"{self._name}-{len(self._paths)}.part")
+            self._writer = parquet.ParquetWriter(self._paths[-1], self._schema, compression="zstd")
+        self._writer.write_table(pyarrow.Table.from_pylist(self._rows, self._schema))
+        self._written += self._waiting
+        self._waiting = 0
+        self._rows.clear()
+
+
+def _schema() -> pyarrow.Schema:
+    import pyarrow
+
+    text = pyarrow.string()
+    types = {
+        "string": text,
+        "int64": pyarrow.int64(),
+        "double": pyarrow.float64(),
+        "list<string>": pyarrow.list_(text),
+        "list<check>": pyarrow.list_(pyarrow.struct([("name", text), ("verdict", text), ("reason", text)])),
+    }
+    return pyarrow.schema([(name, types[kind]) for name, kind, _ in COLUMNS])
+
+
+@hookimpl
+def envcraft_exporters() -> list[Exporter]:
+    return [DatasetExporter()]
