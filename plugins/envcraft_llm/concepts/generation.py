@@ -28,8 +28,8 @@ KINDS = {
 
 
 def concepts(count: int, seed: int = 0, shares: Mapping[str, float] = SHARES) -> Iterator[Concept]:
-    """`count` concepts, no two of the same ingredients and none with another's text, in an order in which the first of
-    any number have these shares as nearly as can be. A larger count, with the same seed and shares, begins with the same.
+    """`count` concepts, no two of the same ingredients and none with another's text; the first of any number have these
+    shares as nearly as can be. A larger count, with the same seed and shares, begins with the same concepts.
 
     Raises UsageError, before the first is made, on a strategy that does not exist, shares that do not sum up to 1, and
     more concepts than there are.

@@ -1,8 +1,8 @@
 """The curated pools: 234 entries, each specific enough to build on, read from the TOML files in ``pools/``.
 
 Texts of entries are templates. ``{hero}``, ``{home}``, ``{foe}``, ``{foes}`` and ``{a_foe}``, and the same of prize and
-block, are filled in from a theme; ``{button}`` and ``{button2}`` are the entry's first and second button, whichever they
-turn out to be; all other fields are parameters of the entry.
+block, are filled in from a theme; ``{button}`` and ``{button2}`` are the entry's first and second button, whichever
+these turn out to be; all other fields are parameters of the entry.
 """
 
 from __future__ import annotations
@@ -136,6 +136,7 @@ def fields(template: str) -> tuple[str, ...]:
     return tuple(dict.fromkeys(_FIELD.findall(template)))
 
 
+@cache
 def buttons(*templates: str) -> int:
     """How many buttons one entry needs, by its templates."""
     return sum(any(name in fields(template) for template in templates) for name in BUTTONS)

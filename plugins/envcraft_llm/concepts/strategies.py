@@ -81,8 +81,8 @@ class Strategy(ABC):
 
 
 class GenreBlend(Strategy):
-    """Three genres: one gives controls, loop and goal, two each lend it a rule. Of four blends one is of a mashup, whose
-    rule and goal take the place of what its genres would lend.
+    """Three genres: one gives controls, loop and goal, two each lend it a rule. Of four blends one is of a mashup,
+    whose rule and goal take the place of what its genres would lend.
     """
 
     name = "genre-blend"
@@ -124,14 +124,14 @@ class GenreBlend(Strategy):
         return Draft(
             self.name,
             names,
-            f"This is a game of {host.name} that takes over a rule each from {guests[0].name} and {guests[1].name}.",
+            f"This is a blend: its genre is {host.name}, and a rule each comes from {guests[0].name} and {guests[1].name}.",
             (f"theme:{theme.id}", *(f"genre:{genre.id}" for genre in (host, *guests))),
             theme,
             host.views[0],
             [Said(host, host.pad)],
             [Said(host, host.loop), *(Said(guest, guest.lend) for guest in guests)],
             Said(host, host.win),
-            [Said(host, host.loss)],
+            Said(host, host.loss),
             host.objects,
         )
 
@@ -150,14 +150,14 @@ class GenreBlend(Strategy):
         return Draft(
             self.name,
             mashup.name + besides.replace(" a rule of", "").replace(" besides", ""),
-            f"This is {mashup.name}: a game of {host.name} mixed with {blended}{besides}.",
+            f"This is {mashup.name}: the genre {host.name} mixed with {blended}{besides}.",
             (f"theme:{theme.id}", f"mashup:{mashup.id}", *(f"genre:{genre.id}" for genre in genres)),
             theme,
             host.views[0],
             [Said(host, host.pad)],
             [Said(host, host.loop), Said(mashup, mashup.rule), *lent],
             Said(mashup, mashup.win),
-            [Said(mashup, mashup.loss)],
+            Said(mashup, mashup.loss),
             host.objects,
         )
 
@@ -167,8 +167,8 @@ class GenreBlend(Strategy):
 
 
 class Mechanical(Strategy):
-    """Four mechanics that can be played at once: one for the pad, one or two that need a button, and what the world does
-    by itself. One of them says how the game is won, another how it is lost.
+    """Four mechanics that can be played at once: one for the pad, one or two that need a button, and what the world
+    does by itself. One of them says how the game is won, another how it is lost.
     """
 
     name = "mechanical"
@@ -215,7 +215,7 @@ class Mechanical(Strategy):
             [Said(mechanic, mechanic.rule) for mechanic in chosen if mechanic.control != "world"],
             [Said(mechanic, mechanic.rule) for mechanic in chosen if mechanic.control == "world"],
             Said(winning, winning.win),
-            [Said(losing, losing.loss)],
+            Said(losing, losing.loss),
         )
 
 
@@ -252,7 +252,7 @@ class Thematic(Strategy):
             controls,
             rules,
             Said(core, core.win),
-            [Said(core, core.loss)],
+            Said(core, core.loss),
         )
 
 
@@ -284,7 +284,7 @@ class Experimental(Strategy):
             [Said(idea, idea.pad)],
             [Said(idea, idea.rule), Said(twist, twist.rule)],
             Said(idea, idea.win),
-            [Said(idea, idea.loss)],
+            Said(idea, idea.loss),
         )
 
 
