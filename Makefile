@@ -34,6 +34,7 @@ bench: .venv/dev.stamp
 	$(BIN)/python -m benchmarks.corpus_store
 	$(BIN)/python -m benchmarks.duplicates
 	$(BIN)/python -m benchmarks.vector
+	$(BIN)/python -m benchmarks.concepts
 
 picture: .venv/core.stamp
 	$(BIN)/python -m benchmarks.picture

@@ -124,7 +124,7 @@ class GenreBlend(Strategy):
         return Draft(
             self.name,
             names,
-            f"This is a blend: its genre is {host.name}, and a rule each comes from {guests[0].name} and {guests[1].name}.",
+            f"This is a blend: its genre is {host.name}, a rule each comes from {guests[0].name} and {guests[1].name}.",
             (f"theme:{theme.id}", *(f"genre:{genre.id}" for genre in (host, *guests))),
             theme,
             host.views[0],

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import random
 import re
+import string
 import unicodedata
 from collections.abc import Iterable, Sequence
 from functools import cache
@@ -26,7 +27,7 @@ _SEEN: dict[View, str] = {
 _ORDINALS = ("the first button", "the second button")
 _START = re.compile(r"(^|\. )\{(\w+)\}")
 _SINGLE = re.compile(r"\b1 (pixel|step|cell|degree|unit|hit|level)s?\b")
-_NO_WORD = re.compile(r"\W+")
+_SPACED = str.maketrans(dict.fromkeys(string.punctuation, " "))
 _LIFE = re.compile(r"\ba life\b")
 
 
@@ -103,7 +104,7 @@ def write(draft: Draft, rng: random.Random) -> Concept:
 
 def text_sha256(text: str) -> str:
     """The digest by which two concepts are the same: case, punctuation, spacing and forms of letters do not count."""
-    plain = _NO_WORD.sub(" ", unicodedata.normalize("NFKC", text).casefold()).strip()
+    plain = " ".join(unicodedata.normalize("NFKC", text).casefold().translate(_SPACED).split())
     return hashlib.sha256(plain.encode()).hexdigest()
 
 
@@ -216,7 +217,9 @@ def _kept_apart(theme: Theme, spoken: Sequence[Said]) -> list[str]:
     shared = [getattr(theme, role)[1] for role, parts in users.items() if len(parts) > 1]
     if not shared:
         return []
-    return [f"Where several rules speak of {_listed(shared, 'or')}, each rule means its own, in a shade of their own."]
+    return [
+        f"Where several rules speak of {_listed(shared, 'or')}, each rule means its own kind, in a shade of its own."
+    ]
 
 
 def _picture(draft: Draft, said: Sequence[Said]) -> str:
