@@ -26,7 +26,7 @@ _SEEN: dict[View, str] = {
 }
 _ORDINALS = ("the first button", "the second button")
 _START = re.compile(r"(^|\. )\{(\w+)\}")
-_SINGLE = re.compile(r"\b1 (pixel|step|cell|degree|unit|hit|level)s?\b")
+_SINGLE = re.compile(r"(?<![.\d])1 (pixel|step|cell|degree|unit|hit|level)s?\b")
 _SPACED = str.maketrans(dict.fromkeys(string.punctuation, " "))
 _LIFE = re.compile(r"\ba life\b")
 
