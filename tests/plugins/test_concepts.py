@@ -141,7 +141,7 @@ def test_a_text_is_whole_and_can_be_won_and_lost() -> None:
         heads = re.findall(r"^(Controls|Rules|Win|Loss|Picture): ", text, re.MULTILINE)
         assert heads == ["Controls", "Rules", "Win", "Loss", "Picture"]
         assert not re.search(r"[{}]|  |\.\.|\. [a-z]|(?<![.\d])1 (steps|pixels|cells)\b", text)
-        assert ("last of" in text) == bool(re.search(r"\ba life\b", text))
+        assert ("lives is lost" in text) == bool(re.search(r"\ba life\b", text))
         lasting = "shepherd-night.last" in concept.parameters
         assert lasting or LIMIT[0] <= concept.parameters["game.limit"] <= LIMIT[1] <= 1000
         assert lasting != ("steps have passed without a win" in text)
