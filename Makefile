@@ -36,6 +36,7 @@ bench: .venv/dev.stamp
 	$(BIN)/python -m benchmarks.duplicates
 	$(BIN)/python -m benchmarks.vector
 	$(BIN)/python -m benchmarks.audit_report
+	$(BIN)/python -m benchmarks.concepts
 
 picture: .venv/core.stamp
 	$(BIN)/python -m benchmarks.picture
