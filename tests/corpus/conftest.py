@@ -10,11 +10,12 @@ import pytest
 from click.testing import CliRunner, Result
 
 from envcraft.cli import cli
-from envcraft.corpus.settings import Settings
+from envcraft.contract import ARCADE
+from envcraft.corpus.settings import Settings, contract_digest
 from envcraft.corpus.store import Environment, Store
 from envcraft.verdict import CheckReport, Finding, Severity, SubjectReport, Verdict
 
-SETTINGS = Settings("arcade", "0" * 64, "0.1.0+rules", 0, "quick", "process", "python 3")
+SETTINGS = Settings("arcade", contract_digest(ARCADE), "0.1.0+rules", 0, "quick", "process", "python 3")
 Invoke = Callable[..., Result]
 
 

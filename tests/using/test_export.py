@@ -84,10 +84,13 @@ def test_what_a_package_says_of_itself(corpus: Path, tmp_path: Path) -> None:
         judged(store, "moon.py", text, "Moon", ARCADE, Verdict.PASS)
         store.db.execute("""UPDATE environments SET origin = '{"file": "/home/me/moon.py", "model": "m"}'""")
     folder = tmp_path / "package"
-    assert export(corpus, "--to", "package", "--output", folder).exit_code == 0
+    written = export(corpus, "--to", "package", "--output", folder)
+    assert written.exit_code == 0
+    assert "sources import also lunar, which the package does not require" in written.output
+    assert f"`pip install {folder}`" in written.output
     project = tomllib.loads((folder / "pyproject.toml").read_text())["project"]
     assert project["name"] == "games"
-    assert project["dependencies"] == ["gymnasium>=1.0", "numpy>=1.26", "lunar", "pygame-ce>=2.5", "scipy"]
+    assert project["dependencies"] == ["gymnasium>=1.0", "numpy>=1.26", "pygame-ce>=2.5", "scipy>=1.11"]
     told = {
         one["name"]: one for one in json.loads((folder / "games" / "environments.json").read_text())["environments"]
     }
@@ -168,3 +171,12 @@ def test_the_names_of_packages_and_of_modules(tmp_path: Path) -> None:
     assert len({module.lower() for module in modules}) == 8
     assert all(module.isidentifier() for module in modules)
     assert {"env_1", "env_class", "Snake", "_"} <= set(modules)
+
+
+def test_what_was_judged_under_another_contract_of_that_name_is_not_exported(corpus: Path, tmp_path: Path) -> None:
+    with Store(corpus, write=True) as store:
+        store.db.execute("UPDATE settings SET contract_sha256 = ?", ("0" * 64,))
+    result = export(corpus, "--to", "package", "--output", tmp_path / "package")
+    assert result.exit_code == 2
+    assert "was judged under another contract" in result.output
+    assert not (tmp_path / "package").exists()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.util
 import keyword
 import re
+import shlex
 import sys
 from collections.abc import Iterable
 from pathlib import Path
@@ -13,13 +14,14 @@ from typing import Any
 from envcraft.corpus.export import Exported, Exporter, Order, fresh_folder
 from envcraft.errors import UsageError
 from envcraft.plugins import hookimpl
+from envcraft.reports import one_line, plural
 
 _SKELETON = Path(__file__).parent / "skeleton"
 #: Of ``envcraft_runtime``, what makes an environment of a class; each package has its own copy.
 _RUNTIME = ("__init__.py", "adapters.py", "classes.py")
 _ALWAYS = ("gymnasium>=1.0", "numpy>=1.26")
-#: Distributions of modules that are not called as they are.
-_DISTRIBUTIONS = {"gymnasium": None, "numpy": None, "pygame": "pygame-ce>=2.5"}
+#: Distributions of what the built-in contracts let environments import, but for those that are always required.
+_DISTRIBUTIONS = {"gymnasium": None, "numpy": None, "pygame": "pygame-ce>=2.5", "scipy": "scipy>=1.11"}
 #: So many ids are listed in the README.
 _LISTED = 20
 
@@ -52,10 +54,16 @@ class PackageExporter(Exporter):
             _write_code(folder / package)
             _write_texts(folder, package, entries, _requirements(modules))
         first = entries[0]["id"]
-        return [
-            f"{len(entries):,} environments are in {order.output}: `pip install {order.output}`, then in Python",
+        lines = [
+            # A bare word would be the name of something in the registry.
+            f"{plural(len(entries), 'environment')} in {order.output}: "
+            f"`pip install {shlex.quote(str(order.output.absolute()))}`, then in Python",
             f'  gymnasium.make("{package}:{first}")',
         ]
+        if others := sorted(name for name in modules - {*sys.stdlib_module_names, *_DISTRIBUTIONS}):
+            # Sources are not asked what to install: a name that nobody has taken yet may be taken for them.
+            lines.append(f"sources import also {one_line(', '.join(others))}, which the package does not require")
+        return lines
 
 
 def package_name(order: Order) -> str:
@@ -86,19 +94,26 @@ class _Names:
 
 
 def _entry(environment: Exported, package: str, module: str) -> dict[str, Any]:
-    """What the package knows of an environment: where it is, and what was judged of it."""
+    """What the package knows of an environment: where it is, and what was judged of it. Raises UsageError."""
+    from envcraft.corpus.settings import contract_digest
     from envcraft.corpus.store import decode
     from envcraft.using.ids import identifier
     from envcraft.using.sources import contract_named
 
     judged = decode(environment.report).env_class if environment.report else None
+    contract = contract_named(environment.contract or "arcade")
+    if environment.contract_sha256 not in (None, contract_digest(contract)):
+        raise UsageError(
+            f"{one_line(environment.name)} was judged under another contract {contract.name} than there is now: "
+            "`envcraft audit` judges it under this one"
+        )
     return {
         "id": identifier(environment.name, package),
         "name": environment.name,
         "module": module,
         "class": environment.env_class or judged,
         "sha256": environment.source,
-        "adapter": contract_named(environment.contract or "arcade").adapter,
+        "adapter": contract.adapter,
         "verdict": environment.verdict,
         "contract": environment.contract,
         "contract_sha256": environment.contract_sha256,
@@ -112,17 +127,9 @@ def _entry(environment: Exported, package: str, module: str) -> dict[str, Any]:
 
 
 def _requirements(modules: Iterable[str]) -> list[str]:
-    """What the sources import, as requirements; a module of no known distribution by its own name."""
-    outside = {name for name in modules if name not in sys.stdlib_module_names and name not in _DISTRIBUTIONS}
-    found: dict[str, list[str]] = {}
-    if outside:
-        # Slow to import, and mostly nothing is outside.
-        import importlib.metadata
-
-        found = dict(importlib.metadata.packages_distributions())
-    named = {sorted(found.get(name, [name]))[0] for name in outside}
-    named |= {known for name, known in _DISTRIBUTIONS.items() if known is not None and name in modules}
-    return [*_ALWAYS, *sorted(named)]
+    """What the package requires of the modules that its sources import."""
+    known = {_DISTRIBUTIONS.get(name) for name in modules}
+    return [*_ALWAYS, *sorted(filter(None, known))]
 
 
 def _write_code(folder: Path) -> None:
