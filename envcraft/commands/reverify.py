@@ -78,7 +78,14 @@ def reverify(
         chosen = choose(known, sample, seed)
         came_out: Counter[ExitCode] = Counter()
         for group in _groups(chosen):
-            driver = driver_named(sandbox or group[0].settings.driver, require_isolation, runtime, probe=False)
+            named = sandbox or group[0].settings.driver
+            if sandbox is None and named == "process" and not os.path.isdir(place):
+                # Who wrote the file does not choose how far its environments are isolated.
+                raise UsageError(
+                    f"{place} was judged in the sandbox process, which isolates least: --sandbox process judges there "
+                    "again, --sandbox auto in the strongest that works here"
+                )
+            driver = driver_named(named, require_isolation, runtime, probe=False)
             with contextlib.closing(driver):
                 ensure(driver)
                 came_out.update(_again(group, driver, workers, lambda record: _target(record, place, store)))

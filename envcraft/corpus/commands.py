@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import sys
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import IO, Any
 
 import click
 import msgspec
@@ -228,19 +229,31 @@ def merge(corpus: Path, other: Path) -> None:
 
 @click.command()
 @_CORPUS
-@click.option("--output", type=click.File("wb", lazy=False), default="-", metavar="FILE", help="Where to write.")
-def records(corpus: Path, output: BinaryIO) -> None:
+@click.option("--output", type=click.Path(dir_okay=False), default="-", metavar="FILE", help="Where to write.")
+def records(corpus: Path, output: str) -> None:
     """Write a validation record for each environment that was judged, as JSON lines that are chained by digests.
 
     `envcraft reverify` judges again what they say.
     """
     from envcraft.corpus.records import End, chain, encode, records_of
 
-    with Store(corpus) as store:
+    with Store(corpus) as store, _written(output) as stream:
         for line in chain(records_of(store)):
-            output.write(encode(line))
-            if isinstance(line, End):
-                click.echo(f"{plural(line.records, 'record')}; the digest of all is {line.digest}", err=True)
+            stream.write(encode(line))
+    assert isinstance(line, End)
+    click.echo(f"{plural(line.records, 'record')}; the digest of all is {line.digest}", err=True)
+
+
+@contextlib.contextmanager
+def _written(output: str) -> Iterator[IO[bytes]]:
+    """A file, or standard output for ``-``, whose content takes the place of the old one once it is whole. Raises
+    UsageError.
+    """
+    try:
+        with click.open_file(output, "wb", atomic=output != "-") as stream:
+            yield stream
+    except OSError as error:
+        raise UsageError(f"{output} cannot be written: {error.strerror}") from None
 
 
 COMMANDS = (init, add, list_, show, rm, verify, merge, records, dedup, diversity, split, report)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections import Counter, deque
 from collections.abc import Generator
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, Future, wait
@@ -23,6 +24,8 @@ _LOSSES = 3
 _FAILURES = 5
 #: Seconds after which an executor is looked at again: it may have more workers than it had.
 _LOOK = 5.0
+#: Seconds for which an executor may have nobody to run a task.
+_EMPTY = 60.0
 
 _Events = Generator[tuple[int, Event], None, None]
 
@@ -63,6 +66,7 @@ class _Dispatch:
         self._begun: dict[int, _Named] = {}
         self._losses: Counter[int] = Counter()
         self._verdicts = self._failures = 0
+        self._empty: float | None = None
 
     def on(self, opened: Opened) -> _Events:
         """Go on with an executor: to the end, or until it takes no more. Raises EnvCraftError."""
@@ -105,10 +109,12 @@ class _Dispatch:
     def _send(self, opened: Opened) -> Generator[tuple[int, Event], None, str]:
         """Have as many tasks out as can run, and some; give why the executor takes none, if so."""
         try:
-            room = _EACH * max(opened.slots(), 1)
+            slots = opened.slots()
         except Exception as error:
             # Engines have errors of their own for being gone.
             return _words(error)
+        self._wait_for_workers(slots)
+        room = _EACH * max(slots, 1)
         while len(self._out) < room:
             number = self._again.popleft() if self._again else next(self._fresh, None)
             if number is None:
@@ -126,6 +132,17 @@ class _Dispatch:
                 self._again.appendleft(number)
                 return _words(error)
         return ""
+
+    def _wait_for_workers(self, slots: int) -> None:
+        """Raises EnvCraftError where there have been none for too long."""
+        if slots:
+            self._empty = None
+            return
+        self._empty = self._empty or time.monotonic()
+        if time.monotonic() - self._empty > _EMPTY:
+            raise EnvCraftError(
+                f"the executor {self._name} has had no worker for {_EMPTY:.0f} s: start some, and run this again"
+            )
 
     def _begin(self, number: int, named: _Named) -> _Events:
         """Tell of an environment's turn, the first time."""

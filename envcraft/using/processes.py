@@ -277,4 +277,10 @@ class _Worker:
 
 
 def _plain(value: Any) -> bytes:
-    return msgspec.msgpack.encode(value)
+    """Raises UsageError."""
+    try:
+        return msgspec.msgpack.encode(value)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise UsageError(
+            f"environments of other processes take plain data (numbers, text, lists, dictionaries): {error}"
+        ) from None

@@ -16,7 +16,7 @@ import pytest
 from envcraft.budget import BUDGETS
 from envcraft.commands.choices import checks_named, driver_named
 from envcraft.contract import GYMNASIUM
-from envcraft.corpus import tasks
+from envcraft.corpus import dispatch, tasks
 from envcraft.corpus.dispatch import stream
 from envcraft.corpus.settings import settings_of
 from envcraft.engine import Plan
@@ -86,13 +86,14 @@ class Engine(ExecutorPlugin):
         self.came: Counter[str] = Counter()
         self.out: list[Future[bytes]] = []
         self.most = self.opened = 0
+        self.slots = SLOTS
         self.fate: Callable[[str, int], Fate] = lambda path, time: verdict
         self.breaks: Callable[[str, int], bool] = lambda path, time: False
 
     @contextlib.contextmanager
     def open(self, workers: int | None, scheduler: str | None) -> Iterator[Opened]:
         self.opened += 1
-        yield Opened(Scripted(self), lambda: SLOTS)
+        yield Opened(Scripted(self), lambda: self.slots)
 
 
 @pytest.fixture
@@ -132,6 +133,17 @@ def reports(engine: Engine, count: int) -> dict[str, SubjectReport]:
             found[event.report.path] = event.report
     assert set(found) == {f"e{number}" for number in range(count)}
     return found
+
+
+def test_an_executor_without_workers_is_not_waited_for_for_ever(
+    engine: Engine, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(dispatch, "_LOOK", 0.02)
+    monkeypatch.setattr(dispatch, "_EMPTY", 0.1)
+    engine.fate = lambda path, time: never
+    engine.slots = 0
+    with pytest.raises(EnvCraftError, match="scripted has had no worker for 0 s: start some"):
+        reports(engine, 3)
 
 
 def test_only_a_few_tasks_are_out_at_a_time(engine: Engine) -> None:

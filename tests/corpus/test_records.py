@@ -211,6 +211,8 @@ def test_a_corpus_is_recorded_and_judged_again(games: Path, invoke: Invoke) -> N
     digest = json.loads(file.read_text().splitlines()[-1])["digest"]
     assert written.stderr == f"2 records; the digest of all is {digest}\n"
     assert invoke("corpus", "records", "games").stdout == file.read_text()
+    assert invoke("corpus", "records", "nowhere", "--output", "games/records.jsonl").exit_code == 2
+    assert json.loads(file.read_text().splitlines()[-1])["digest"] == digest
 
     # From the corpus, from the files beside the records, and from the corpus beside.
     again = invoke("reverify", "games")
@@ -219,7 +221,10 @@ def test_a_corpus_is_recorded_and_judged_again(games: Path, invoke: Invoke) -> N
         "2 of 2 records judged again: 2 as recorded, 0 drifted, 0 could not be judged\n",
     )
     (games / "a.py").write_text("changed\n")
-    again = invoke("reverify", "games/records.jsonl")
+    refused = invoke("reverify", "games/records.jsonl")
+    assert refused.exit_code == 2
+    assert "--sandbox process judges there again" in refused.stderr
+    again = invoke("reverify", "games/records.jsonl", "--sandbox", "process")
     assert again.exit_code == 3
     assert "a.py: could not be judged: games/a.py has changed since it was recorded" in again.stdout
     assert "1 as recorded, 0 drifted, 1 could not be judged" in again.stdout
@@ -233,7 +238,7 @@ def test_a_corpus_is_recorded_and_judged_again(games: Path, invoke: Invoke) -> N
         return msgspec.structs.replace(known, traces="f" * 32, settings=settings)
 
     rewritten(file, played, passes)
-    again = invoke("reverify", file, "--corpus", "games")
+    again = invoke("reverify", file, "--corpus", "games", "--sandbox", "process")
     assert again.exit_code == 1, again.output
     first, second, _ = again.stdout.splitlines()
     assert first.startswith("a.py: other traces (judged now by rules 0.1.0+")

@@ -17,12 +17,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from envcraft.corpus.report import media, swap
+from envcraft.corpus.report import data, media, swap
 from envcraft.corpus.report.data import Measure, outliers
-from envcraft.corpus.store import Store, decode
+from envcraft.corpus.store import Environment, Store, decode
 from envcraft.corpus.verify import verify
+from envcraft.errors import UsageError
 from envcraft.reports import one_line
-from envcraft.verdict import SubjectReport
+from envcraft.verdict import CheckReport, SubjectReport, Verdict, overall
 
 from .conftest import Invoke, judged
 from .reported import CHECKS, HOSTILE, SIZE
@@ -117,14 +118,33 @@ def test_the_stages_are_those_of_the_database(site: Path, reports: dict[str, Sub
     shown = Parsed((site / "index.html").read_text("utf-8")).tables["cascade"]
     assert [(row[0], int(row[1]), int(row[4])) for row in shown[1:-1]] == expected
     for row, line in zip(rows, shown[1:-1], strict=True):
-        rate = int(row["output"]) / (int(row["input"]) - int(row["not_judged"]))
+        passed, failed = int(row["output"]) - int(row["skipped"]), int(row["failed"])
+        rate = passed / (passed + failed)
         assert float(row["pass_rate"]) == pytest.approx(rate)
         assert float(row["low"]) < rate <= float(row["high"])
         assert line[5] == f"{rate:.1%}"
     # By hand, for one that is small enough: Wilson's interval at 95%.
-    n, p, z = int(rows[1]["input"]), float(rows[1]["pass_rate"]), 1.959964
+    n = int(rows[1]["output"]) - int(rows[1]["skipped"]) + int(rows[1]["failed"])
+    p, z = float(rows[1]["pass_rate"]), 1.959964
     middle, half = p + z * z / (2 * n), z * (p * (1 - p) / n + z * z / (4 * n * n)) ** 0.5
     assert float(rows[1]["low"]) == pytest.approx((middle - half) / (1 + z * z / n))
+
+
+def test_what_no_check_saw_and_what_one_skipped_is_in_no_rate() -> None:
+    def entry(number: int, *verdicts: Verdict) -> data.Entry:
+        checks = [CheckReport(name, verdict) for name, verdict in zip(("source", "api"), verdicts, strict=False)]
+        report = SubjectReport("a.py", None, "0" * 64, overall(checks), "process", 1.0, 10, checks)
+        return data.Entry(number, Environment(f"{number}.py", "0" * 64, ""), {}, "", None, report)
+
+    survey = data.Survey(["source", "api"])
+    ways = [(), (Verdict.PASS,), (Verdict.PASS, Verdict.SKIP), (Verdict.PASS, Verdict.PASS), (Verdict.FAIL,)]
+    for number, way in enumerate(ways):
+        survey.take(entry(number, *way), 1)
+    first, second = survey.stages()
+    assert (first.entered, first.unjudged, first.failed, first.left) == (5, 1, 1, 3)
+    assert (first.rate.hits, first.rate.n) == (3, 4)
+    assert (second.entered, second.unjudged, second.skipped, second.left) == (3, 1, 1, 2)
+    assert (second.rate.hits, second.rate.n) == (1, 1)
 
 
 def test_verdicts_and_codes_are_those_of_the_database(
@@ -242,38 +262,38 @@ def test_copies_are_named_and_counted(site: Path) -> None:
 def test_a_report_that_is_not_finished_leaves_the_old_one(tmp_path: Path) -> None:
     place = tmp_path / "report"
     with swap.replaced(place) as made:
-        (made / swap.MARK).write_text("old")
+        (made / "report.json").write_text("old")
 
     def interrupted(error: type[BaseException]) -> None:
         with swap.replaced(place) as made:
-            (made / swap.MARK).write_text("half")
+            (made / "report.json").write_text("half")
             raise error
 
     for error in (KeyboardInterrupt, ValueError):
         with pytest.raises(error):
             interrupted(error)
-    assert (place / swap.MARK).read_text() == "old"
+    assert (place / "report.json").read_text() == "old"
     assert [path.name for path in tmp_path.iterdir()] == ["report"]
     with swap.replaced(place) as made:
-        (made / swap.MARK).write_text("new")
-    assert (place / swap.MARK).read_text() == "new"
+        (made / "report.json").write_text("new")
+    assert (place / "report.json").read_text() == "new"
     assert [path.name for path in tmp_path.iterdir()] == ["report"]
 
 
 def test_a_killed_writer_leaves_the_old_one_and_the_next_clears_up(tmp_path: Path) -> None:
     place = tmp_path / "report"
     with swap.replaced(place) as made:
-        (made / swap.MARK).write_text("old")
+        (made / "report.json").write_text("old")
     program = (
         "import os, pathlib; from envcraft.corpus.report.swap import replaced\n"
         f"with replaced(pathlib.Path({str(place)!r})) as made:\n"
         "    (made / 'report.json').write_text('half'); os.kill(os.getpid(), 9)\n"
     )
     assert subprocess.run([sys.executable, "-c", program], check=False).returncode == -signal.SIGKILL
-    assert (place / swap.MARK).read_text() == "old"
+    assert (place / "report.json").read_text() == "old"
     assert len(list(tmp_path.iterdir())) == 2
     with swap.replaced(place) as made:
-        (made / swap.MARK).write_text("new")
+        (made / "report.json").write_text("new")
     assert [path.name for path in tmp_path.iterdir()] == ["report"]
 
 
@@ -281,21 +301,30 @@ def test_one_that_was_killed_between_the_renames_is_put_back(tmp_path: Path) -> 
     process = subprocess.Popen([sys.executable, "-c", ""])
     process.wait()
     (tmp_path / f".report.old-{process.pid}").mkdir()
-    (tmp_path / f".report.old-{process.pid}" / swap.MARK).write_text("old")
+    (tmp_path / f".report.old-{process.pid}" / "report.json").write_text("old")
     with pytest.raises(ValueError, match="oops"), swap.replaced(tmp_path / "report"):
         raise ValueError("oops")
-    assert (tmp_path / "report" / swap.MARK).read_text() == "old"
+    assert (tmp_path / "report" / "report.json").read_text() == "old"
 
 
 def test_only_a_report_is_replaced(store: Store, invoke: Invoke, tmp_path: Path) -> None:
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "letter.txt").write_text("dear")
+    # What `audit --format json` may have been told to write.
+    (tmp_path / "mine" / "report.json").write_text("{}")
     (tmp_path / "file").write_text("")
     for place in ("mine", "file"):
         result = invoke("corpus", "report", store.root, "--output", place, "--no-previews")
         assert result.exit_code == 2
         assert place in result.output
     assert (tmp_path / "mine" / "letter.txt").read_text() == "dear"
+
+    with swap.replaced(tmp_path / "site") as made:
+        (made / "index.html").write_text("")
+    swap.usable(tmp_path / "site")
+    (tmp_path / "site" / "letter.txt").write_text("dear")
+    with pytest.raises(UsageError, match=r"holds letter\.txt, which is no part of a report"):
+        swap.usable(tmp_path / "site")
 
 
 def test_what_is_not_installed_is_named_first(invoke: Invoke, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

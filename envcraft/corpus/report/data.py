@@ -70,7 +70,9 @@ def entries(store: Store) -> Iterator[Entry]:
 
 
 class Stage(msgspec.Struct, frozen=True):
-    """A check as a filter: of those that had passed all checks before it."""
+    """A check as a filter: of those that had passed all checks before it. Those that it did not judge (`unjudged`) go
+    no further; those that it had nothing to say of (`skipped`) do.
+    """
 
     name: str
     entered: int
@@ -84,8 +86,9 @@ class Stage(msgspec.Struct, frozen=True):
 
     @property
     def rate(self) -> Proportion:
-        """Of those that could be judged."""
-        return Proportion(self.left, self.entered - self.unjudged, Z95)
+        """Of those that it judged."""
+        passed = self.left - self.skipped
+        return Proportion(passed, passed + self.failed, Z95)
 
 
 class CheckRow(msgspec.Struct):
@@ -185,8 +188,8 @@ class Survey:
         self._checks: dict[str, CheckRow] = {}
         self._codes: dict[str, CodeRow] = {}
         self._attempts: dict[int, Attempt] = {}
-        self._lost: Counter[tuple[str, str]] = Counter()
-        self._skipped: Counter[str] = Counter()
+        #: How many environments came by which verdicts: the cascade is told from these.
+        self._ways: Counter[tuple[tuple[str, Verdict], ...]] = Counter()
 
     def take(self, entry: Entry, lines: int) -> None:
         """Count an environment whose source has so many lines."""
@@ -206,16 +209,12 @@ class Survey:
         self._take_attempt(entry.origin.get("attempt"), report)
 
     def _take_checks(self, report: SubjectReport) -> None:
-        through, seen = True, set()
+        seen = set()
+        self._ways[tuple((check.check, check.verdict) for check in report.checks)] += 1
         for check in report.checks:
             row = self._checks.setdefault(check.check, CheckRow(check.check, Counter()))
             row.verdicts[check.verdict.value] += 1
             row.seconds += check.seconds
-            if through and check.verdict in (Verdict.FAIL, Verdict.ERROR):
-                self._lost[check.check, check.verdict.value] += 1
-                through = False
-            elif through and check.verdict is Verdict.SKIP:
-                self._skipped[check.check] += 1
             for finding in check.findings:
                 known = CodeRow(finding.code, check.check, finding.severity)
                 code = self._codes.setdefault(finding.code, known)
@@ -251,12 +250,15 @@ class Survey:
         return sorted(self._checks.values(), key=lambda row: place.get(row.name, last))
 
     def stages(self) -> list[Stage]:
-        """The checks as filters, one after the other. A check that has nothing to say lets through."""
-        found, left = [], self.judged
+        """The checks as filters, one after the other. One that did not run is one that did not judge."""
+        found, left, ways = [], self.judged, [(dict(way), count) for way, count in self._ways.items()]
         for row in self.checks():
-            failed, unjudged = self._lost[row.name, "fail"], self._lost[row.name, "error"]
-            found.append(Stage(row.name, left, failed, unjudged, self._skipped[row.name]))
+            met: Counter[Verdict] = Counter()
+            for way, count in ways:
+                met[way.get(row.name, Verdict.ERROR)] += count
+            found.append(Stage(row.name, left, met[Verdict.FAIL], met[Verdict.ERROR], met[Verdict.SKIP]))
             left = found[-1].left
+            ways = [(way, count) for way, count in ways if way.get(row.name) in (Verdict.PASS, Verdict.SKIP)]
         return found
 
     def codes(self) -> list[CodeRow]:

@@ -9,17 +9,26 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from envcraft.errors import UsageError
+from envcraft.reports import one_line
 
-#: By this file a folder is known to be a report, which may be replaced.
-MARK = "report.json"
+#: By this file a folder is known to be a report: it lists what is in it, a name a line.
+MARK = ".envcraft-report"
 
 
 def usable(folder: Path) -> None:
     """Raises UsageError where a report cannot be put."""
     if folder.exists() and not folder.is_dir():
         raise UsageError(f"{folder} is a file; name a folder for the report")
-    if folder.is_dir() and any(folder.iterdir()) and not (folder / MARK).is_file():
-        raise UsageError(f"{folder} is not empty and holds no report; name a folder that is new or empty")
+    if not folder.is_dir():
+        return
+    foreign = {entry.name for entry in folder.iterdir()} - {MARK}
+    with contextlib.suppress(OSError, UnicodeDecodeError):
+        foreign.difference_update((folder / MARK).read_text("utf-8").splitlines())
+    if foreign:
+        raise UsageError(
+            f"{folder} holds {one_line(min(foreign))}, which is no part of a report; name a folder that is new, empty "
+            "or a report alone"
+        )
 
 
 @contextlib.contextmanager
@@ -37,6 +46,7 @@ def replaced(folder: Path) -> Iterator[Path]:
         made.mkdir()
         try:
             yield made
+            (made / MARK).write_text("".join(f"{entry.name}\n" for entry in sorted(made.iterdir())), "utf-8")
             if folder.exists():
                 folder.rename(old)
             made.rename(folder)
