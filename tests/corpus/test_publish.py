@@ -198,7 +198,7 @@ def test_only_what_has_passed_unless_all_is_wanted(store: Store, invoke: Invoke,
     store.close()
     result = invoke("export", "corpus", "--to", "hf", "--output", "made", "--name", "Games")
     assert result.exit_code == 0, result.output
-    assert result.output.startswith("1 environments are in made: train 1")
+    assert result.output.startswith("made has 1 environment: train 1")
     (rows,) = rows_of(tmp_path / "made").values()
     assert [(row["name"], row["origin"]) for row in rows] == [("ant", '{"model": "m"}')]
     assert [part["split"] for part in front(tmp_path / "made")["configs"][0]["data_files"]] == ["train"]
