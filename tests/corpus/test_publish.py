@@ -23,6 +23,7 @@ from envcraft.stats import Proportion
 
 from .conftest import SETTINGS, Invoke, judged, source
 from .reported import fill
+from .reported import source as program
 
 #: How the file of the worked plugin is found, which is not installed here.
 FILES = Path(__file__).parents[1] / "plugin_package" / "src" / "envcraft_lantern" / "files.py"
@@ -57,6 +58,9 @@ def corpus(tmp_path_factory: pytest.TempPathFactory) -> Path:
     root = tmp_path_factory.mktemp("published") / "games"
     with Store.create(root) as store:
         fill(store, 140)
+        for number in range(20, 40):
+            # So many that not one of them is kept together by chance.
+            store.add(f"copies/{number}.py", program(number) + b"# a copy\n")
     return root
 
 
@@ -72,7 +76,7 @@ def test_every_row_is_as_in_the_corpus(corpus: Path, dataset: Path) -> None:
             environment.name: environment for environment in Order(store, dataset, everything=True).environments()
         }
         assert sorted(rows) == sorted(wanted)
-        assert len(rows) == 140
+        assert len(rows) == 160
         for name, row in rows.items():
             assert list(row) == [column for column, *_ in COLUMNS]
             environment = wanted[name]
@@ -94,12 +98,12 @@ def test_every_row_is_as_in_the_corpus(corpus: Path, dataset: Path) -> None:
             assert tuple(row[column] for column in columns) == tuple(
                 getattr(SETTINGS, "driver" if column == "sandbox" else column) for column in columns
             )
-    assert sum(row["verdict"] is None for row in rows.values()) == 1
+    assert sum(row["verdict"] is None for row in rows.values()) == 21
 
 
 def test_splits_never_cut_a_group(corpus: Path, dataset: Path) -> None:
     rows = rows_of(dataset)
-    assert {name: len(part) for name, part in rows.items()} == {"train": 112, "validation": 14, "test": 14}
+    assert {name: len(part) for name, part in rows.items()} == {"train": 128, "validation": 16, "test": 16}
     group = {row["name"]: row["group"] for part in rows.values() for row in part}
     split = {row["name"]: name for name, part in rows.items() for row in part}
     with Store(corpus) as store:
@@ -170,8 +174,8 @@ def test_what_the_card_says(corpus: Path, dataset: Path) -> None:
     assert f"{rate.estimate:.1%} passed (interval {rate.low:.1%} to {rate.high:.1%})" in text
     share = Proportion(api, 139, 1.959964)
     assert f"| {api} | {share.estimate:.1%} | {share.low:.1%} to {share.high:.1%} |" in text
-    # 100, 101 and 102 are one program with other comments.
-    assert re.search(r"^\| exact \| \d+ \| 1 \| 2 \|$", text, re.MULTILINE)
+    # 100, 101 and 102 are one program with other comments, and there are the copies.
+    assert re.search(r"^\| exact \| 160 \| 21 \| 22 \|$", text, re.MULTILINE)
 
 
 def test_words_of_a_corpus_are_text_in_the_card(store: Store, tmp_path: Path) -> None:
@@ -194,7 +198,7 @@ def test_only_what_has_passed_unless_all_is_wanted(store: Store, invoke: Invoke,
     store.close()
     result = invoke("export", "corpus", "--to", "hf", "--output", "made", "--name", "Games")
     assert result.exit_code == 0, result.output
-    assert result.output.startswith("1 environments are in made: train 1")
+    assert result.output.startswith("made has 1 environment: train 1")
     (rows,) = rows_of(tmp_path / "made").values()
     assert [(row["name"], row["origin"]) for row in rows] == [("ant", '{"model": "m"}')]
     assert [part["split"] for part in front(tmp_path / "made")["configs"][0]["data_files"]] == ["train"]

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 from envcraft.corpus.export import Exported, Exporter, Order, fresh_folder
 from envcraft.errors import UsageError
 from envcraft.plugins import hookimpl
+from envcraft.reports import plural
 
 if TYPE_CHECKING:
     import pyarrow
@@ -73,7 +74,7 @@ class DatasetExporter(Exporter):
             if not contents.rows.total():
                 raise order.nothing()
             (folder / "README.md").write_text(card(order.store, contents), "utf-8")
-        told = [f"{contents.rows.total():,} environments are in {order.output}: {contents.shares}; in Python"]
+        told = [f"{order.output} has {plural(contents.rows.total(), 'environment')}: {contents.shares}; in Python"]
         if contents.undecoded:
             told.insert(0, f"left out, since they are no UTF-8: {contents.undecoded:,}")
         return [*told, f'  datasets.load_dataset("{order.output}")']
