@@ -91,7 +91,7 @@ def records_of(store: Store) -> Iterator[Record]:
     """
     rows = store.db.execute(
         "SELECT name, environments.source, environments.class, report, contract, contract_sha256, rules, seed, budget, "
-        "driver, image FROM environments JOIN verdicts ON verdicts.id = environments.verdict "
+        "driver, image, settings.checks FROM environments JOIN verdicts ON verdicts.id = environments.verdict "
         "AND verdicts.source = environments.source JOIN settings ON settings.id = verdicts.settings "
         "WHERE verdicts.verdict != ? ORDER BY name",
         (Verdict.ERROR.value,),

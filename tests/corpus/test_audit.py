@@ -16,13 +16,15 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import pytest
 
 from envcraft.budget import BUDGETS
 from envcraft.check import Check, Rule
+from envcraft.commands.choices import select_checks
 from envcraft.contract import ARCADE
 from envcraft.corpus.audit import Audit, Choice, follow
-from envcraft.corpus.settings import rules_version, settings_of
+from envcraft.corpus.settings import Settings, rules_version, settings_of
 from envcraft.corpus.store import CorpusBusy, Store
 from envcraft.engine import Plan, stream
 from envcraft.errors import UsageError
@@ -283,6 +285,17 @@ def test_the_version_of_the_rules_follows_the_rules() -> None:
     assert version == rules_version([Words()], driver)
     assert version != rules_version([Other()], driver)
     assert version != rules_version([], driver)
+
+
+def test_settings_say_whether_all_checks_ran() -> None:
+    def settings(checks: list[Check]) -> Settings:
+        return settings_of(ARCADE, checks, StubDriver(), BUDGETS["quick"], 0)
+
+    assert settings(select_checks(None, None)).checks == ""
+    some = settings(select_checks("source,api", None))
+    assert some.checks == ",".join(sorted(check.name for check in select_checks("source,api", None)))
+    # What ran is told apart by the rules already, so that verdicts from before this was kept still count.
+    assert some.digest == msgspec.structs.replace(some, checks="").digest
 
 
 @pytest.fixture

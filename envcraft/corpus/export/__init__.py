@@ -50,7 +50,7 @@ class Order:
         store: the corpus, open for reading.
         output: the folder to make.
         name: what the export is called, as the user said.
-        everything: also what has no passing verdict.
+        everything: also what has not passed (:mod:`envcraft.corpus.trust`).
     """
 
     store: Store
@@ -60,7 +60,9 @@ class Order:
 
     def environments(self) -> Iterator[Exported]:
         """Those to export, in the order of their names."""
-        wanted = "1" if self.everything else "verdicts.verdict = 'pass'"
+        from envcraft.corpus.trust import PASSED
+
+        wanted = "1" if self.everything else PASSED
         rows = self.store.db.execute(
             "SELECT name, environments.source, environments.class, origin, verdicts.verdict, report, contract, "
             "contract_sha256, rules, seed, budget, driver, image FROM environments "
