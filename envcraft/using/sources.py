@@ -59,8 +59,8 @@ class Found(msgspec.Struct, frozen=True):
         option = "" if contract == _DEFAULT else f" --contract {contract}"
         raise Untrusted(
             f"{self.name} {self.doubt} under the contract {contract}, and only what has passed runs in your own "
-            f"process: `envcraft audit {self.folder}{option}` judges it, sandbox='auto' runs it in a sandbox, and trust=True "
-            "runs it here all the same"
+            f"process: `envcraft audit {self.folder}{option}` judges it, sandbox='auto' runs it in a sandbox, and "
+            "trust=True runs it here all the same"
         )
 
 
