@@ -23,14 +23,14 @@ from envcraft.verdict import Verdict, plain
 
 _FORMAT = click.option("--format", "form", type=click.Choice(["table", "json"]), default="table", show_default=True)
 _CORPUS = click.argument("corpus", metavar="CORPUS", type=click.Path(path_type=Path))
-#: Environments with the last verdict on each, which is out of date once the source has changed.
+#: Environments with the last verdict on each, which is out of date once the source or the class has changed.
 _LISTED = (
     "SELECT name, environments.source, environments.class, added, "
-    "CASE WHEN verdicts.source = environments.source THEN verdicts.verdict END AS judged, steps, seconds, "
+    "verdicts.verdict AS judged, steps, seconds, "
     "(SELECT group_concat(code, ' ') FROM (SELECT DISTINCT code FROM findings "
     "WHERE findings.verdict = verdicts.id ORDER BY code)) AS codes "
     "FROM environments LEFT JOIN verdicts ON verdicts.id = environments.verdict "
-    "AND verdicts.source = environments.source"
+    "AND verdicts.source = environments.source AND verdicts.class = environments.class"
 )
 
 
@@ -62,16 +62,19 @@ def add(
         if store.follows_folder:
             raise UsageError(f"{corpus} follows a folder: put files there, and `envcraft audit` finds them")
         for name, target in _files(paths):
-            found = store.db.execute("SELECT source FROM environments WHERE name = ?", (name,)).fetchone()
+            found = store.db.execute("SELECT source, class FROM environments WHERE name = ?", (name,)).fetchone()
             twins = [twin for twin in store.twins(target.source, env_class) if twin != name]
             if len(target.source) > MAX_SOURCE:
-                click.echo(f"Error: {target.path} is larger than {MAX_SOURCE:,} bytes: no environment is", err=True)
+                words = f"{target.path} is larger than {MAX_SOURCE:,} bytes: no environment is"
+                click.echo(f"Error: {one_line(words)}", err=True)
                 refused += 1
             elif twins:
-                click.echo(f"{target.path} is the same as {one_line(twins[0])}, and left out", err=True)
+                click.echo(f"{one_line(target.path)} is the same as {one_line(twins[0])}, and left out", err=True)
                 known += 1
-            elif found is not None and found[0] != target.sha256 and not replace:
-                click.echo(f"Error: {name} is another source in {corpus}; --replace puts {target.path} there", err=True)
+            elif found not in (None, (target.sha256, env_class)) and not replace:
+                other = "source" if found[0] != target.sha256 else "class of this source"
+                words = f"{name} is another {other} in {corpus}; --replace puts {target.path} there"
+                click.echo(f"Error: {one_line(words)}", err=True)
                 refused += 1
             else:
                 fresh = _put(store, name, target, env_class, {"file": target.path, **told})

@@ -24,6 +24,7 @@ from envcraft.check import Check, Rule
 from envcraft.commands.choices import select_checks
 from envcraft.contract import ARCADE
 from envcraft.corpus.audit import Audit, Choice, follow
+from envcraft.corpus.records import records_of
 from envcraft.corpus.settings import Settings, rules_version, settings_of
 from envcraft.corpus.store import CorpusBusy, Store
 from envcraft.engine import Plan, stream
@@ -32,10 +33,10 @@ from envcraft.events import SubjectFinished
 from envcraft.pool import Pool
 from envcraft.sandbox import Availability, Driver, Isolation, JobEnd, Limits, Player, Recorder, Worker
 from envcraft.subject import Subject
-from envcraft.target import Target
+from envcraft.target import MAX_SOURCE, Target
 from envcraft.verdict import Finding
 
-from .conftest import Invoke
+from .conftest import Invoke, judged, source
 
 #: How often a run is killed; an acceptance run takes 20.
 KILLS = int(os.environ.get("ENVCRAFT_KILLS", "3"))
@@ -374,6 +375,31 @@ def test_a_corpus_is_made_filled_and_judged(games: Path, invoke: Invoke) -> None
     assert invoke("corpus", "rm", "corpus", "b.py").exit_code == 2
     assert invoke("audit", "corpus", *QUICK).exit_code == 0
     assert invoke("corpus", "verify", "corpus").exit_code == 0
+
+
+def test_another_class_is_another_environment(invoke: Invoke, tmp_path: Path) -> None:
+    with Store.create(tmp_path / "corpus") as store:
+        judged(store, "ant")
+    (tmp_path / "ant").write_bytes(source("ant"))
+    refused = invoke("corpus", "add", "corpus", "ant", "--class", "Bee")
+    assert refused.exit_code == 2
+    assert "ant is another class of this source in corpus; --replace puts ant there" in refused.stderr
+    assert invoke("corpus", "list", "corpus").stdout == "pass   ant\n"
+    assert invoke("corpus", "add", "corpus", "ant").stdout == "0 environments added, 1 there already\n"
+    assert invoke("corpus", "add", "corpus", "ant", "--class", "Bee", "--replace").exit_code == 0
+    assert invoke("corpus", "list", "corpus").stdout == "none   ant\n"
+    with Store(tmp_path / "corpus") as store:
+        assert list(records_of(store)) == []
+
+
+def test_names_of_files_are_told_on_one_line(invoke: Invoke, tmp_path: Path) -> None:
+    with Store.create(tmp_path / "corpus") as store:
+        store.add("odd\nname.py", source("ant"))
+    for text in (source("bee"), b"#" * (MAX_SOURCE + 1)):
+        (tmp_path / "odd\nname.py").write_bytes(text)
+        refused = invoke("corpus", "add", "corpus", "odd\nname.py")
+        assert refused.exit_code == 2
+        assert len(refused.stderr.splitlines()) == 1
 
 
 @pytest.mark.parametrize(
