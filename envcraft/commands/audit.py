@@ -63,7 +63,9 @@ class _Command(Configured):
 )
 @click.option("--sample", type=click.IntRange(1), metavar="N", help="Only so many, picked by --seed.")
 @click.option("--only-failed", is_flag=True, help="Only those that failed, or could not be judged, when last judged.")
-@click.option("--changed", is_flag=True, help="Only what is new or changed since the last audit that was completed.")
+@click.option(
+    "--changed", is_flag=True, help="Only what is new or changed since the last complete audit, or not judged yet."
+)
 @click.option("--baseline", metavar="REPORT.json", help="Tell what is new, fixed and unchanged since this report.")
 @click.option("--report", metavar="DIR", help="Write a site of files about the whole corpus, with pictures and tables.")
 @click.option("--previews/--no-previews", default=True, help="With --report: play a little for pictures, or do not.")

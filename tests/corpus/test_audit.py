@@ -236,6 +236,21 @@ def test_choices(corpus: Corpus) -> None:
     assert sorted(corpus.judged) == ["e00", "e08", "e12", "e16"]
 
 
+def test_what_a_part_left_out_is_still_new(corpus: Corpus) -> None:
+    corpus.write(a="EC101", b="b", c="c")
+    corpus.audit()
+    corpus.write(a="EC101", b="other", c="another", d="d")
+    corpus.audit(sample=1)
+    corpus.audit(only_failed=True)
+    corpus.audit(changed=True, sample=1)
+    assert corpus.audit(changed=True).selected == 3
+    assert corpus.audit(changed=True).selected == 0
+    corpus.write(a="EC101", b="other", c="another")
+    assert corpus.audit(changed=True).selected == 0
+    # Nothing has changed, and yet nothing is known of it.
+    assert corpus.audit(changed=True, seed=1).selected == 3
+
+
 def test_what_failed_is_looked_at_again_once_it_is_mended(corpus: Corpus) -> None:
     corpus.write(a="EC101", b="b", c="EC107")
     corpus.audit()
