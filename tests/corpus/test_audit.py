@@ -358,6 +358,20 @@ def test_a_folder_is_followed(games: Path, invoke: Invoke) -> None:
     assert [row["name"] for row in json.loads(listed.stdout)] == ["more/c.py"]
 
 
+def test_sources_of_a_corpus_in_the_folder_are_passed_over(games: Path, invoke: Invoke) -> None:
+    with Store.create(games / "more" / "kept") as store:
+        store.add("a.py", (games / "a.py").read_bytes())
+    (games / "verdicts").mkdir()
+    (games / "verdicts.py").write_text(ENVIRONMENT.replace("CRASH", "-4"))
+    options = ("--checks", "source", "--sandbox", "process", "--budget", "quick")
+    for judged_now in (4, 0):
+        result = invoke("audit", "games", "--store", "games/verdicts", *options)
+        assert result.exit_code == 0, result.output
+        assert f"5 environments: 5 passed\n{judged_now} judged now" in result.stdout
+    assert invoke("corpus", "init", "new").exit_code == 0
+    assert "1 environment added" in invoke("corpus", "add", "new", "games/more/kept/sources").stdout
+
+
 def test_a_finding_whose_check_did_not_run_is_not_fixed(games: Path, invoke: Invoke) -> None:
     (games / "base.json").write_text(invoke("audit", "games", *QUICK, "--format", "json").stdout)
     (games / "b.py").write_text(f"import nothing_of_this_name\n{ENVIRONMENT}")
