@@ -15,7 +15,7 @@ import msgspec
 from envcraft.commands.targets import environments_below
 from envcraft.corpus.likeness_commands import dedup, diversity, split
 from envcraft.corpus.report.command import report
-from envcraft.corpus.store import Store, decode
+from envcraft.corpus.store import DATABASE, SOURCES, CorpusDamaged, Store, decode, find
 from envcraft.errors import EnvCraftError, ExitCode, UsageError
 from envcraft.reports import one_line, plural
 from envcraft.target import MAX_SOURCE, Target, read_target
@@ -188,23 +188,24 @@ def verify(ctx: click.Context, corpus: Path, repair: bool) -> None:
     from envcraft.corpus.verify import verify as check
 
     left = found = 0
-    with Store(corpus, write=True) as store:
-        try:
+    try:
+        with Store(corpus, write=True) as store:
             for damage in check(store, repair):
                 found += 1
                 left += not damage.done
                 click.echo(one_line(f"{damage.what}: {damage.done}" if damage.done else damage.what))
-        except OSError as error:
-            raise EnvCraftError(f"{error.filename or corpus} cannot be read or mended: {error.strerror}") from None
-        count = store.db.execute("SELECT count(*) FROM environments").fetchone()[0]
+            count = store.db.execute("SELECT count(*) FROM environments").fetchone()[0]
+    except OSError as error:
+        raise EnvCraftError(f"{error.filename or corpus} cannot be read or mended: {error.strerror}") from None
+    except CorpusDamaged as error:
+        raise CorpusDamaged(f"{error.what}: {_anew(find(corpus))}") from error
     if not found:
         click.echo(f"{plural(count, 'environment')}: all is well")
     elif left and not repair:
         click.echo(f"{left:,} damaged; --repair mends what can be", err=True)
     elif left:
         click.echo(
-            f"{left:,} cannot be mended: restore the database from a copy, or make a new corpus and add the files that "
-            f"`envcraft corpus add NEW {corpus}/sources` finds",
+            f"{left:,} cannot be mended: {_anew(find(corpus))}",
             err=True,
         )
     ctx.exit(ExitCode.FAIL if left else ExitCode.PASS)
@@ -261,6 +262,14 @@ def _files(paths: tuple[str, ...]) -> Iterator[tuple[str, Target]]:
                 raise UsageError(f"{path} holds no environment: no .py file below it has a class and names gymnasium")
         else:
             yield plain(os.path.basename(path)), read_target(path)
+
+
+def _anew(root: Path) -> str:
+    """What is left to do where a database is lost."""
+    return (
+        f"restore {root / DATABASE} from a copy, or make a new corpus of the sources, with `envcraft corpus init NEW` "
+        f"and `envcraft corpus add NEW {root / SOURCES}`"
+    )
 
 
 def _put(store: Store, name: str, target: Target, env_class: str, origin: dict[str, Any]) -> bool:

@@ -37,7 +37,11 @@ class CorpusBusy(EnvCraftError):
 
 
 class CorpusDamaged(EnvCraftError):
-    """The corpus is not what it was when it was written."""
+    """The corpus is not what it was when it was written: `what` is wrong, and the next step, if there is one."""
+
+    def __init__(self, what: str, step: str = "") -> None:
+        super().__init__(f"{what}; {step}" if step else what)
+        self.what = what
 
 
 class Environment(NamedTuple):
@@ -178,13 +182,13 @@ class Store:
             data = self.place(sha256).read_bytes()
         except OSError as error:
             raise CorpusDamaged(
-                f"the source {self.place(sha256)} cannot be read ({error.strerror}); "
-                f"`envcraft corpus verify {self.root} --repair` removes what names it"
+                f"the source {self.place(sha256)} cannot be read ({error.strerror})",
+                f"`envcraft corpus verify {self.root} --repair` removes what names it",
             ) from None
         if hashlib.sha256(data).hexdigest() != sha256:
             raise CorpusDamaged(
-                f"the source {self.place(sha256)} has changed; "
-                f"`envcraft corpus verify {self.root} --repair` sets it aside"
+                f"the source {self.place(sha256)} has changed",
+                f"`envcraft corpus verify {self.root} --repair` sets it aside",
             )
         return data
 
@@ -326,7 +330,8 @@ def now() -> str:
 
 
 def is_corpus(root: Path) -> bool:
-    return (root / DATABASE).is_file()
+    # Where one may not look, there is none to be used.
+    return os.path.isfile(root / DATABASE)
 
 
 def find(root: Path) -> Path:
@@ -380,7 +385,8 @@ def _told(root: Path) -> Iterator[None]:
 
 def _damaged(root: Path, error: sqlite3.Error) -> CorpusDamaged:
     return CorpusDamaged(
-        f"the corpus database {root / DATABASE} cannot be used ({error}); `envcraft corpus verify {root}` tells more"
+        f"the corpus database {root / DATABASE} cannot be used ({error})",
+        f"`envcraft corpus verify {root}` tells more",
     )
 
 

@@ -149,6 +149,28 @@ def test_command_tells_damage_by_its_status(store: Store, invoke: Invoke) -> Non
     assert invoke("corpus", "verify", store.root).exit_code == 0
 
 
+def test_what_makes_way_outlives_a_repair_that_is_ended(store: Store) -> None:
+    copy(store)
+    place(store, "ant").write_bytes(b"somebody's work")
+    assert next(verify(store, repair=True)).done
+    store.close()
+    with Store(store.root, write=True) as again:
+        assert [file.read_bytes() for file in (again.root / LOST).iterdir()] == [b"somebody's work"]
+        assert place(again, "ant").read_bytes() == source("ant")
+
+
+def test_where_the_database_is_lost_the_sources_are_what_is_left(store: Store, invoke: Invoke) -> None:
+    store.close()
+    (store.root / "corpus.sqlite").write_bytes(b"no database at all" * 100)
+    result = invoke("corpus", "verify", store.root)
+    assert result.exit_code == 3
+    assert "corpus verify" not in result.stderr
+    assert f"`envcraft corpus init NEW` and `envcraft corpus add NEW {store.root}/sources`" in result.stderr
+    assert invoke("corpus", "init", "new").exit_code == 0
+    assert "4 environments added" in invoke("corpus", "add", "new", store.root / "sources").stdout
+    assert "`envcraft corpus verify" in invoke("corpus", "list", store.root).stderr
+
+
 def test_a_torn_database_is_told_and_leaves_the_files_alone(store: Store, invoke: Invoke) -> None:
     for number in range(200):
         judged(store, f"a{number}", "EC107")
