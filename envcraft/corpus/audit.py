@@ -78,11 +78,13 @@ class Audit:
         number: of the audit in the store.
         selected: how many environments it is about.
         pending: those that have to be judged: one for each source, with verdicts of which all that have it are served.
+        kept: of those that could not be judged again, the reports; the verdicts of before stay.
     """
 
     def __init__(self, store: Store, settings: int, choice: Choice, folder: str = "", resume: bool = True) -> None:
         """Choose, and write down that the audit has begun; without `resume`, nothing counts as judged."""
         self.store, self.settings, self.folder = store, settings, folder
+        self.kept: list[SubjectReport] = []
         self.selected, complete = _choose(store, choice, settings)
         found = store.db.execute(
             # The first name of each source, so that it does not matter where an earlier run ended.
@@ -123,8 +125,10 @@ class Audit:
         """
         with contextlib.closing(judging) as events:
             for number, event in events:
-                if isinstance(event, SubjectFinished):
-                    self.store.record(self.pending[number - 1], self.settings, event.report)
+                if isinstance(event, SubjectFinished) and not self.store.record(
+                    self.pending[number - 1], self.settings, event.report
+                ):
+                    self.kept.append(event.report)
                 tell(event)
 
     def end(self) -> None:

@@ -271,30 +271,38 @@ class Store:
         found: int = self.db.execute("SELECT id FROM settings WHERE digest = ?", row[:1]).fetchone()[0]
         return found
 
-    def record(self, environment: Environment, settings: int, report: SubjectReport) -> None:
-        """Write a verdict down, in place of one that there was, for every environment with this source."""
+    def record(self, environment: Environment, settings: int, report: SubjectReport) -> bool:
+        """Write a verdict down, in place of one that there was, for every environment with this source; give whether
+        it was: what could not be judged takes no verdict's place.
+        """
         report = msgspec.structs.replace(report, path=environment.name)
         with self.transaction():
             verdict = self.insert(environment.source, environment.env_class, settings, report)
+            (stands,) = self.db.execute("SELECT verdict FROM verdicts WHERE id = ?", (verdict,)).fetchone()
             self.db.execute(
                 "UPDATE environments SET verdict = ? WHERE source = ? AND class = ?",
                 (verdict, environment.source, environment.env_class),
             )
+        return stands == report.verdict.value
 
     def insert(self, source: str, env_class: str, settings: int, report: SubjectReport) -> int:
-        """Write a verdict's rows within a transaction; give its number."""
+        """Write a verdict's rows within a transaction, unless they would be an error in place of a verdict that stands;
+        give the number.
+        """
         key = (source, env_class, settings)
         text = msgspec.json.encode(plain(report)).decode()
-        self.db.execute(
+        cursor = self.db.execute(
             "INSERT INTO verdicts (source, class, settings, verdict, steps, seconds, report) "
             "VALUES (?, ?, ?, ?, ?, ?, ?) ON CONFLICT (source, class, settings) DO UPDATE SET "
-            "verdict = excluded.verdict, steps = excluded.steps, seconds = excluded.seconds, report = excluded.report",
+            "verdict = excluded.verdict, steps = excluded.steps, seconds = excluded.seconds, report = excluded.report "
+            "WHERE excluded.verdict != 'error' OR verdicts.verdict = 'error'",
             (*key, report.verdict.value, report.steps, report.seconds, text),
         )
         verdict: int = self.db.execute(
             "SELECT id FROM verdicts WHERE source = ? AND class = ? AND settings = ?", key
         ).fetchone()[0]
-        self.write_findings(verdict, report)
+        if cursor.rowcount > 0:
+            self.write_findings(verdict, report)
         return verdict
 
     def write_findings(self, verdict: int, report: SubjectReport) -> None:

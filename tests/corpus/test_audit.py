@@ -203,6 +203,40 @@ def test_what_could_not_be_judged_is_tried_again(corpus: Corpus) -> None:
         assert sorted(corpus.judged) == expected
 
 
+def test_what_cannot_be_judged_again_keeps_its_verdict(corpus: Corpus, monkeypatch: pytest.MonkeyPatch) -> None:
+    corpus.write(a="EC101", b="b")
+    corpus.audit()
+
+    def judge(*_: object) -> Iterator[Finding]:
+        raise OSError("no memory")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Words, "judge", judge)
+        audit = corpus.audit(resume=False)
+    assert (audit.verdicts(), audit.codes()) == ({"pass": 1, "fail": 1}, {"EC101": 1})
+    assert sorted((report.path, report.verdict.value) for report in audit.kept) == [
+        ("games/a", "error"),
+        ("games/b", "error"),
+    ]
+    assert corpus.audit(resume=False).kept == []
+
+
+def test_it_is_told_that_the_verdict_of_before_stays(invoke: Invoke, tmp_path: Path) -> None:
+    (tmp_path / "a.py").write_text(ENVIRONMENT.replace("CRASH", "-1"))
+    options = ("--checks", "source", "--sandbox", "process", "--budget", "quick")
+    assert invoke("corpus", "init", "corpus").exit_code == 0
+    assert invoke("corpus", "add", "corpus", "a.py").exit_code == 0
+    first = invoke("audit", "corpus", *options)
+    assert (first.exit_code, first.stderr) == (0, "1 environment, 1 of them to be judged\n")
+    (kept,) = (tmp_path / "corpus" / "sources").rglob("*.py")
+    kept.unlink()
+    again = invoke("audit", "corpus", *options, "--no-resume")
+    assert again.exit_code == 3
+    assert "a.py: could not be judged again (the source" in again.stderr
+    assert again.stderr.endswith("; the verdict of before stays\n")
+    assert "1 environment: 1 passed" in again.stdout
+
+
 def test_a_source_that_is_damaged_stops_nothing_else(corpus: Corpus) -> None:
     corpus.write(a="x", b="y", c="z")
     corpus.store.place(hashlib.sha256(b"y").hexdigest()).write_bytes(b"else")
@@ -540,7 +574,7 @@ def test_ctrl_c_keeps_what_was_judged(games: Path) -> None:
     _, error = process.communicate(timeout=60)
     if process.returncode != 1:
         assert process.returncode == 130
-        assert "are kept; the same command goes on from there" in error
+        assert "are kept; the same command judges all of them again, and without --no-resume only" in error
     again = audited(games, "--format", "json")
     out, error = again.communicate(timeout=240)
     assert again.returncode == 1, error

@@ -90,9 +90,12 @@ class TestTrust:
         with pytest.raises(Untrusted, match="has the verdict fail"):
             envcraft.make(corpus, "ant")
         with Store(corpus, write=True) as store:
-            # One that could not be judged says nothing against an earlier pass.
-            judged(store, "ant.py", text, "Ant", ARCADE, Verdict.ERROR, "newer rules")
-        envcraft.make(corpus, "ant")
+            # One that could not be judged says nothing, neither against an earlier fail nor against an earlier pass.
+            judged(store, "ant.py", text, "Ant", ARCADE, Verdict.ERROR, "newest rules")
+            judged(store, "bee.py", game("Bee", "self.steps >= 7"), "Bee", ARCADE, Verdict.ERROR, "newest rules")
+        with pytest.raises(Untrusted, match="has the verdict fail"):
+            envcraft.make(corpus, "ant")
+        envcraft.make(corpus, "bee")
 
     def test_a_pass_of_some_checks_is_none(self, corpus: Path, tmp_path: Path) -> None:
         (text,) = _texts(corpus, "failed.py")
