@@ -29,6 +29,14 @@ from envcraft.verdict import SubjectReport, Verdict, plain
 DATABASE, SOURCES, LOCK = "corpus.sqlite", "sources", "lock"
 #: Where the corpus of a plain folder lies, in that folder.
 BESIDE = ".envcraft"
+#: What SQLite says of folders, disks and other processes, not of the database.
+_ELSEWHERE = {
+    sqlite3.SQLITE_PERM,
+    sqlite3.SQLITE_BUSY,
+    sqlite3.SQLITE_READONLY,
+    sqlite3.SQLITE_FULL,
+    sqlite3.SQLITE_CANTOPEN,
+}
 _UNFINISHED = (f"{DATABASE}.new", f"{DATABASE}.new-journal")
 
 
@@ -65,14 +73,12 @@ class Store:
         self._lock = _lock(self.root) if write else None
         try:
             with _told(self.root):
-                self.db = sqlite3.connect(self.root / DATABASE, isolation_level=None, timeout=30.0)
-                self.db.execute("PRAGMA foreign_keys = ON")
-                self.db.execute("PRAGMA journal_mode = WAL")
-                # A commit that a power cut loses is judged again; nothing is torn.
-                self.db.execute("PRAGMA synchronous = NORMAL")
+                self.db = _connect(self.root / DATABASE, write)
                 if schema.version(self.db, str(self.root)) < len(schema.MIGRATIONS):
                     if self._lock is None:
                         self._lock = _lock(self.root)
+                        self.db.close()
+                        self.db = _connect(self.root / DATABASE, write=True)
                     schema.migrate(self.db, str(self.root))
             if self._lock is not None:
                 # Whoever was writing these is gone.
@@ -114,7 +120,7 @@ class Store:
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None) -> None:
         self.close()
         if isinstance(error, sqlite3.DatabaseError) and not isinstance(error, sqlite3.ProgrammingError):
-            raise _damaged(self.root, error) from error
+            raise _unusable(self.root, error) from error
 
     def close(self) -> None:
         """Close the database, and let others write."""
@@ -352,6 +358,31 @@ def find(root: Path) -> Path:
     )
 
 
+def _connect(database: Path, write: bool) -> sqlite3.Connection:
+    """Raises sqlite3.Error."""
+    db = sqlite3.connect(_uri(database, write), uri=True, isolation_level=None, timeout=30.0)
+    try:
+        db.execute("PRAGMA foreign_keys = ON")
+        if write:
+            db.execute("PRAGMA journal_mode = WAL")
+            # A commit that a power cut loses is judged again; nothing is torn.
+            db.execute("PRAGMA synchronous = NORMAL")
+    except BaseException:
+        db.close()
+        raise
+    return db
+
+
+def _uri(database: Path, write: bool) -> str:
+    """How SQLite opens a database. Even who only reads needs the log and the index of it beside the database; where
+    these are not there and cannot be made, nobody can be writing, and none is needed.
+    """
+    log = database.with_name(f"{database.name}-wal")
+    fixed = not os.access(database.parent, os.W_OK) and not (os.path.isfile(log) and os.path.getsize(log))
+    options = "mode=rw" if write else "mode=ro&immutable=1" if fixed else "mode=ro"
+    return f"{database.absolute().as_uri()}?{options}"
+
+
 def _make_database(root: Path, folder: bool) -> None:
     """Make the database whole before it has its name. Raises OSError."""
     for name in _UNFINISHED:
@@ -388,10 +419,12 @@ def _told(root: Path) -> Iterator[None]:
     try:
         yield
     except sqlite3.DatabaseError as error:
-        raise _damaged(root, error) from error
+        raise _unusable(root, error) from error
 
 
-def _damaged(root: Path, error: sqlite3.Error) -> CorpusDamaged:
+def _unusable(root: Path, error: sqlite3.Error) -> EnvCraftError:
+    if getattr(error, "sqlite_errorcode", 0) & 0xFF in _ELSEWHERE:
+        return EnvCraftError(f"the corpus database {root / DATABASE} cannot be read or written here: {error}")
     return CorpusDamaged(
         f"the corpus database {root / DATABASE} cannot be used ({error})",
         f"`envcraft corpus verify {root}` tells more",
