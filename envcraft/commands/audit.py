@@ -15,6 +15,7 @@ from envcraft.budget import BUDGETS
 from envcraft.cli import Configured, uninterrupted
 from envcraft.errors import ExitCode, UsageError
 from envcraft.pool import Pool
+from envcraft.reports import one_line, plural
 from envcraft.sandbox import ensure
 from envcraft.verdict import SCHEMA, plain
 
@@ -63,7 +64,9 @@ class _Command(Configured):
 )
 @click.option("--sample", type=click.IntRange(1), metavar="N", help="Only so many, picked by --seed.")
 @click.option("--only-failed", is_flag=True, help="Only those that failed, or could not be judged, when last judged.")
-@click.option("--changed", is_flag=True, help="Only what is new or changed since the last audit that was completed.")
+@click.option(
+    "--changed", is_flag=True, help="Only what is new or changed since the last complete audit, or not judged yet."
+)
 @click.option("--baseline", metavar="REPORT.json", help="Tell what is new, fixed and unchanged since this report.")
 @click.option("--report", metavar="DIR", help="Write a site of files about the whole corpus, with pictures and tables.")
 @click.option("--previews/--no-previews", default=True, help="With --report: play a little for pictures, or do not.")
@@ -131,7 +134,7 @@ def audit(
         stack.enter_context(opened)
         choice = Choice(only_failed, changed, sample, seed)
         run = Audit(opened, opened.settings(settings), choice, folder, resume)
-        click.echo(f"{run.selected:,} environments, {len(run.pending):,} of them to be judged", err=True)
+        click.echo(f"{plural(run.selected, 'environment')}, {len(run.pending):,} of them to be judged", err=True)
         if run.pending:
             plan = Plan(run.targets, promised, driver, selected, BUDGETS[budget], seed)
             if engine is None:
@@ -139,7 +142,10 @@ def audit(
             else:
                 order = Order(settings, promised, [check.name for check in selected], runtime, require_isolation)
                 judging = dispatch(engine, workers, scheduler, order, plan)
-            _judge(run, judging)
+            _judge(run, judging, resume)
+            for lost in run.kept:
+                told = f"{lost.path}: could not be judged again ({lost.reason}); the verdict of before stays"
+                click.echo(one_line(told), err=True)
         run.end()
         if report:
             write(opened, Path(report), folder, promised if previews else None, driver, workers)
@@ -152,7 +158,7 @@ def audit(
             _write_summary(run, verdicts, difference)
     if verdicts.get("fail") and not exit_zero:
         ctx.exit(ExitCode.FAIL)
-    ctx.exit(ExitCode.ERROR if verdicts.get("error") else ExitCode.PASS)
+    ctx.exit(ExitCode.ERROR if verdicts.get("error") or run.kept else ExitCode.PASS)
 
 
 def _open(place: str, store: str | None) -> tuple[Store, str]:
@@ -194,7 +200,7 @@ def _open(place: str, store: str | None) -> tuple[Store, str]:
     return opened, place
 
 
-def _judge(run: Audit, judging: Judging) -> None:
+def _judge(run: Audit, judging: Judging, resume: bool) -> None:
     import io
 
     from envcraft.events import SubjectFinished
@@ -212,8 +218,12 @@ def _judge(run: Audit, judging: Judging) -> None:
         try:
             run.run(judging, tell)
         except KeyboardInterrupt:
-            kept = f"{judged:,} of {len(run.pending):,} were judged and are kept; the same command goes on from there"
-            click.echo(kept, err=True)
+            again = (
+                "the same command goes on from there"
+                if resume
+                else "the same command judges all of them again, and without --no-resume only what has no verdict"
+            )
+            click.echo(f"{judged:,} of {len(run.pending):,} were judged and are kept; {again}", err=True)
             raise
 
 
@@ -243,8 +253,6 @@ def _write_json(run: Audit, told: dict[str, Any], verdicts: dict[str, int], diff
 
 
 def _write_summary(run: Audit, verdicts: dict[str, int], difference: Difference | None) -> None:
-    from envcraft.reports import one_line, plural
-
     words = {"pass": "passed", "fail": "failed", "error": "could not be judged"}
     counts = ", ".join(f"{verdicts[verdict]:,} {words[verdict]}" for verdict in words if verdict in verdicts)
     steps, seconds = run.totals()

@@ -6,6 +6,7 @@ import os
 import re
 import stat
 from collections.abc import Iterator
+from pathlib import Path
 
 from envcraft.errors import UsageError
 from envcraft.target import MAX_SOURCE, Kind, Target, kind_of, read_target
@@ -64,8 +65,15 @@ def _is_environment(target: Target) -> bool:
 
 
 def _python_files(folder: str) -> Iterator[str]:
+    from envcraft.corpus.store import is_corpus
+
     for parent, folders, files in os.walk(folder):
-        folders[:] = sorted(name for name in folders if not name.startswith(".") and name not in _PASSED_OVER)
+        folders[:] = sorted(
+            name
+            for name in folders
+            # The sources that a corpus keeps are copies, and none of the folder's own environments.
+            if not name.startswith(".") and name not in _PASSED_OVER and not is_corpus(Path(parent, name))
+        )
         for name in sorted(files):
             path = os.path.join(parent, name)
             if name.endswith(".py") and stat.S_ISREG(os.lstat(path).st_mode):

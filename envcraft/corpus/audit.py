@@ -33,7 +33,8 @@ class Choice(msgspec.Struct, frozen=True):
 
     Attributes:
         only_failed: those whose last verdict was no pass, whatever their source has become since.
-        changed: those that are new, or whose source is, since the last audit that came to its end.
+        changed: those that are new, or whose source or class is, since the last audit that came to its end and left
+            nothing of that out, and those without a verdict under the same settings.
         sample: so many of what is left, picked by `seed`.
     """
 
@@ -77,12 +78,14 @@ class Audit:
         number: of the audit in the store.
         selected: how many environments it is about.
         pending: those that have to be judged: one for each source, with verdicts of which all that have it are served.
+        kept: of those that could not be judged again, the reports; the verdicts of before stay.
     """
 
     def __init__(self, store: Store, settings: int, choice: Choice, folder: str = "", resume: bool = True) -> None:
         """Choose, and write down that the audit has begun; without `resume`, nothing counts as judged."""
         self.store, self.settings, self.folder = store, settings, folder
-        self.selected = _choose(store, choice)
+        self.kept: list[SubjectReport] = []
+        self.selected, complete = _choose(store, choice, settings)
         found = store.db.execute(
             # The first name of each source, so that it does not matter where an earlier run ended.
             f"SELECT min(name), environments.source, environments.class FROM {_VERDICTS} "
@@ -100,8 +103,8 @@ class Audit:
                 (settings,),
             )
             cursor = store.db.execute(
-                "INSERT INTO audits (settings, started, selected, known) VALUES (?, ?, ?, ?)",
-                (settings, now(), self.selected, self.known),
+                "INSERT INTO audits (settings, started, selected, known, complete) VALUES (?, ?, ?, ?, ?)",
+                (settings, now(), self.selected, self.known, complete),
             )
         assert cursor.lastrowid is not None
         self.number = cursor.lastrowid
@@ -122,8 +125,10 @@ class Audit:
         """
         with contextlib.closing(judging) as events:
             for number, event in events:
-                if isinstance(event, SubjectFinished):
-                    self.store.record(self.pending[number - 1], self.settings, event.report)
+                if isinstance(event, SubjectFinished) and not self.store.record(
+                    self.pending[number - 1], self.settings, event.report
+                ):
+                    self.kept.append(event.report)
                 tell(event)
 
     def end(self) -> None:
@@ -210,14 +215,18 @@ def follow(store: Store, files: Iterable[tuple[str, Target]]) -> None:
     store.prune()
 
 
-def _choose(store: Store, choice: Choice) -> int:
-    """Fill the table of what an audit is about; give how many."""
+def _choose(store: Store, choice: Choice, settings: int) -> tuple[int, bool]:
+    """Fill the table of what an audit is about; give how many, and whether all that had changed is among them."""
     db = store.db
-    conditions = ["1"]
+    conditions, complete = ["1"], not choice.only_failed
     if choice.only_failed:
         conditions.append("verdict IN (SELECT id FROM verdicts WHERE verdict IN ('fail', 'error'))")
     if choice.changed:
-        conditions.append("changed > (SELECT coalesce(max(id), 0) FROM audits WHERE ended IS NOT NULL)")
+        conditions.append(
+            "(changed > (SELECT coalesce(max(id), 0) FROM audits WHERE ended IS NOT NULL AND complete) "
+            "OR NOT EXISTS (SELECT 1 FROM verdicts AS v WHERE v.source = environments.source "
+            f"AND v.class = environments.class AND v.settings = {settings:d}))"
+        )
     names = f"SELECT name FROM environments WHERE {' AND '.join(conditions)}"
     db.execute("DROP TABLE IF EXISTS chosen")
     db.execute(_CHOSEN)
@@ -225,7 +234,8 @@ def _choose(store: Store, choice: Choice) -> int:
         db.execute(f"INSERT INTO chosen {names}")
     else:
         found = [name for (name,) in db.execute(f"{names} ORDER BY name")]
+        complete = complete and len(found) <= choice.sample
         picked = random.Random(choice.seed).sample(found, min(choice.sample, len(found)))
         db.executemany("INSERT INTO chosen VALUES (?)", [(name,) for name in picked])
     count: int = db.execute("SELECT count(*) FROM chosen").fetchone()[0]
-    return count
+    return count, complete

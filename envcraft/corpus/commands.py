@@ -16,7 +16,7 @@ import msgspec
 from envcraft.commands.targets import environments_below
 from envcraft.corpus.likeness_commands import dedup, diversity, split
 from envcraft.corpus.report.command import report
-from envcraft.corpus.store import Store, decode
+from envcraft.corpus.store import DATABASE, SOURCES, CorpusDamaged, Store, decode, find
 from envcraft.errors import EnvCraftError, ExitCode, UsageError
 from envcraft.reports import one_line, plural
 from envcraft.target import MAX_SOURCE, Target, read_target
@@ -24,14 +24,14 @@ from envcraft.verdict import Verdict, plain
 
 _FORMAT = click.option("--format", "form", type=click.Choice(["table", "json"]), default="table", show_default=True)
 _CORPUS = click.argument("corpus", metavar="CORPUS", type=click.Path(path_type=Path))
-#: Environments with the last verdict on each, which is out of date once the source has changed.
+#: Environments with the last verdict on each, which is out of date once the source or the class has changed.
 _LISTED = (
     "SELECT name, environments.source, environments.class, added, "
-    "CASE WHEN verdicts.source = environments.source THEN verdicts.verdict END AS judged, steps, seconds, "
+    "verdicts.verdict AS judged, steps, seconds, "
     "(SELECT group_concat(code, ' ') FROM (SELECT DISTINCT code FROM findings "
     "WHERE findings.verdict = verdicts.id ORDER BY code)) AS codes "
     "FROM environments LEFT JOIN verdicts ON verdicts.id = environments.verdict "
-    "AND verdicts.source = environments.source"
+    "AND verdicts.source = environments.source AND verdicts.class = environments.class"
 )
 
 
@@ -63,16 +63,19 @@ def add(
         if store.follows_folder:
             raise UsageError(f"{corpus} follows a folder: put files there, and `envcraft audit` finds them")
         for name, target in _files(paths):
-            found = store.db.execute("SELECT source FROM environments WHERE name = ?", (name,)).fetchone()
+            found = store.db.execute("SELECT source, class FROM environments WHERE name = ?", (name,)).fetchone()
             twins = [twin for twin in store.twins(target.source, env_class) if twin != name]
             if len(target.source) > MAX_SOURCE:
-                click.echo(f"Error: {target.path} is larger than {MAX_SOURCE:,} bytes: no environment is", err=True)
+                words = f"{target.path} is larger than {MAX_SOURCE:,} bytes: no environment is"
+                click.echo(f"Error: {one_line(words)}", err=True)
                 refused += 1
             elif twins:
-                click.echo(f"{target.path} is the same as {one_line(twins[0])}, and left out", err=True)
+                click.echo(f"{one_line(target.path)} is the same as {one_line(twins[0])}, and left out", err=True)
                 known += 1
-            elif found is not None and found[0] != target.sha256 and not replace:
-                click.echo(f"Error: {name} is another source in {corpus}; --replace puts {target.path} there", err=True)
+            elif found not in (None, (target.sha256, env_class)) and not replace:
+                other = "source" if found[0] != target.sha256 else "class of this source"
+                words = f"{name} is another {other} in {corpus}; --replace puts {target.path} there"
+                click.echo(f"Error: {one_line(words)}", err=True)
                 refused += 1
             else:
                 fresh = _put(store, name, target, env_class, {"file": target.path, **told})
@@ -186,23 +189,24 @@ def verify(ctx: click.Context, corpus: Path, repair: bool) -> None:
     from envcraft.corpus.verify import verify as check
 
     left = found = 0
-    with Store(corpus, write=True) as store:
-        try:
+    try:
+        with Store(corpus, write=True) as store:
             for damage in check(store, repair):
                 found += 1
                 left += not damage.done
                 click.echo(one_line(f"{damage.what}: {damage.done}" if damage.done else damage.what))
-        except OSError as error:
-            raise EnvCraftError(f"{error.filename or corpus} cannot be read or mended: {error.strerror}") from None
-        count = store.db.execute("SELECT count(*) FROM environments").fetchone()[0]
+            count = store.db.execute("SELECT count(*) FROM environments").fetchone()[0]
+    except OSError as error:
+        raise EnvCraftError(f"{error.filename or corpus} cannot be read or mended: {error.strerror}") from None
+    except CorpusDamaged as error:
+        raise CorpusDamaged(f"{error.what}: {_anew(find(corpus))}") from error
     if not found:
         click.echo(f"{plural(count, 'environment')}: all is well")
     elif left and not repair:
         click.echo(f"{left:,} damaged; --repair mends what can be", err=True)
     elif left:
         click.echo(
-            f"{left:,} cannot be mended: restore the database from a copy, or make a new corpus and add the files that "
-            f"`envcraft corpus add NEW {corpus}/sources` finds",
+            f"{left:,} cannot be mended: {_anew(find(corpus))}",
             err=True,
         )
     ctx.exit(ExitCode.FAIL if left else ExitCode.PASS)
@@ -271,6 +275,14 @@ def _files(paths: tuple[str, ...]) -> Iterator[tuple[str, Target]]:
                 raise UsageError(f"{path} holds no environment: no .py file below it has a class and names gymnasium")
         else:
             yield plain(os.path.basename(path)), read_target(path)
+
+
+def _anew(root: Path) -> str:
+    """What is left to do where a database is lost."""
+    return (
+        f"restore {root / DATABASE} from a copy, or make a new corpus of the sources, with `envcraft corpus init NEW` "
+        f"and `envcraft corpus add NEW {root / SOURCES}`"
+    )
 
 
 def _put(store: Store, name: str, target: Target, env_class: str, origin: dict[str, Any]) -> bool:

@@ -30,6 +30,7 @@ LAYERS = (*_OF_SOURCES, "behavioural")
 _BEST_FIRST = (
     "SELECT name, environments.source, environments.class FROM environments "
     "LEFT JOIN verdicts ON verdicts.id = environments.verdict AND verdicts.source = environments.source "
+    "AND verdicts.class = environments.class "
     "LEFT JOIN findings ON findings.verdict = verdicts.id GROUP BY name ORDER BY "
     "CASE verdicts.verdict WHEN 'pass' THEN 0 WHEN 'fail' THEN 1 WHEN 'error' THEN 2 ELSE 3 END, "
     "coalesce(sum(severity = 'error'), 0), coalesce(sum(severity = 'warning'), 0), added, name"

@@ -38,7 +38,7 @@ def merge(store: Store, other: Store) -> Merged:
     numbers = {
         number: store.settings(Settings(*row))
         for number, *row in other.db.execute(
-            "SELECT id, contract, contract_sha256, rules, seed, budget, driver, image FROM settings"
+            "SELECT id, contract, contract_sha256, rules, seed, budget, driver, image, checks FROM settings"
         )
     }
     for source, env_class, settings, verdict, report in other.db.execute(
@@ -50,13 +50,25 @@ def merge(store: Store, other: Store) -> Merged:
         ).fetchone()
         if known is None or (settled(verdict) and not settled(known[0])):
             with store.transaction():
-                number = store.insert(source, env_class, numbers[settings], decode(report))
-                store.db.execute(
-                    "UPDATE environments SET verdict = ? WHERE source = ? AND class = ? AND verdict IS NULL",
-                    (number, source, env_class),
-                )
+                store.insert(source, env_class, numbers[settings], decode(report))
             merged.verdicts += 1
+    with store.transaction():
+        _last_verdicts(store, other, numbers)
     return merged
+
+
+def _last_verdicts(store: Store, other: Store, numbers: dict[int, int]) -> None:
+    """What has no last verdict here gets the other one's; `numbers` are the settings of here by those of there."""
+    for source, env_class, *judged, settings in other.db.execute(
+        "SELECT e.source, e.class, v.source, v.class, v.settings FROM environments AS e JOIN verdicts AS v "
+        # One on what an environment is now before one on what another of the same source was once.
+        "ON v.id = e.verdict ORDER BY v.source = e.source AND v.class = e.class DESC, e.name"
+    ):
+        store.db.execute(
+            "UPDATE environments SET verdict = (SELECT id FROM verdicts AS v WHERE v.source = ? AND v.class = ? "
+            "AND v.settings = ?) WHERE source = ? AND class = ? AND verdict IS NULL",
+            (*judged, numbers[settings], source, env_class),
+        )
 
 
 def _environment(

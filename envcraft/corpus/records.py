@@ -86,13 +86,14 @@ _Line = TypeVar("_Line", Record, End)
 
 
 def records_of(store: Store) -> Iterator[Record]:
-    """The last verdict on each present source, in the order of names, not chained yet; what could not be judged is left
-    out.
+    """The last verdict on each present source and class, in the order of names, not chained yet; what could not be
+    judged is left out.
     """
     rows = store.db.execute(
         "SELECT name, environments.source, environments.class, report, contract, contract_sha256, rules, seed, budget, "
-        "driver, image FROM environments JOIN verdicts ON verdicts.id = environments.verdict "
-        "AND verdicts.source = environments.source JOIN settings ON settings.id = verdicts.settings "
+        "driver, image, settings.checks FROM environments JOIN verdicts ON verdicts.id = environments.verdict "
+        "AND verdicts.source = environments.source AND verdicts.class = environments.class "
+        "JOIN settings ON settings.id = verdicts.settings "
         "WHERE verdicts.verdict != ? ORDER BY name",
         (Verdict.ERROR.value,),
     )

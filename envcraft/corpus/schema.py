@@ -84,6 +84,10 @@ MIGRATIONS = (
     ) WITHOUT ROWID;
     CREATE INDEX previews_by_media ON previews (media);
     """,
+    # What ran before is not known; the next audit with the same rules says it.
+    "ALTER TABLE settings ADD COLUMN checks TEXT NOT NULL DEFAULT '?';",
+    # Whether an audit was about all that had changed; of those before, nobody knows.
+    "ALTER TABLE audits ADD COLUMN complete INTEGER NOT NULL DEFAULT 0;",
 )
 
 

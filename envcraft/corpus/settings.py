@@ -11,12 +11,14 @@ import sys
 from collections.abc import Iterable, Iterator
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import msgspec
 
 import envcraft
 from envcraft.budget import Budget
 from envcraft.check import Check
+from envcraft.cli import offered
 from envcraft.contract import Contract
 from envcraft.sandbox import Driver
 from envcraft.verdict import plain
@@ -39,6 +41,8 @@ class Settings(msgspec.Struct, frozen=True):
         budget: its name; its numbers are part of `rules`.
         driver: the sandbox driver's name.
         image: the digest of the image that workers run in, else the versions of the interpreter and the libraries.
+        checks: the names of those that ran, empty where all did that were offered, ``?`` where that is not known. It
+            is no part of what tells settings apart: `rules` has a digest of the checks that ran.
     """
 
     contract: str
@@ -48,19 +52,27 @@ class Settings(msgspec.Struct, frozen=True):
     budget: str
     driver: str
     image: str
+    checks: str = ""
 
     @property
     def digest(self) -> str:
-        return hashlib.sha256(msgspec.json.encode(self)).hexdigest()
+        return hashlib.sha256(msgspec.json.encode(self._telling())).hexdigest()
 
     def differing(self, other: Settings) -> list[str]:
         """In words, each setting that is not as in `other`, with both values."""
-        pairs = zip(msgspec.structs.asdict(self).items(), msgspec.structs.astuple(other), strict=True)
-        return [f"{_WORDS.get(name, name)} {mine}, not {theirs}" for (name, mine), theirs in pairs if mine != theirs]
+        told = other._telling()
+        pairs = [(name, mine, told[name]) for name, mine in self._telling().items()]
+        return [f"{_WORDS.get(name, name)} {mine}, not {theirs}" for name, mine, theirs in pairs if mine != theirs]
+
+    def _telling(self) -> dict[str, Any]:
+        """What tells settings apart."""
+        return {name: value for name, value in msgspec.structs.asdict(self).items() if name != "checks"}
 
 
 def settings_of(contract: Contract, checks: Iterable[Check], driver: Driver, budget: Budget, seed: int) -> Settings:
     """The settings of a run. Raises SandboxUnavailable where the driver's image is missing."""
+    checks = list(checks)
+    names = {check.name for check in checks}
     return Settings(
         contract.name,
         contract_digest(contract),
@@ -69,6 +81,7 @@ def settings_of(contract: Contract, checks: Iterable[Check], driver: Driver, bud
         budget.name,
         driver.name,
         driver.image() or _libraries(),
+        "" if names == {check.name for check in offered("envcraft_checks")} else ",".join(sorted(names)),
     )
 
 

@@ -29,6 +29,14 @@ from envcraft.verdict import SubjectReport, Verdict, plain
 DATABASE, SOURCES, LOCK = "corpus.sqlite", "sources", "lock"
 #: Where the corpus of a plain folder lies, in that folder.
 BESIDE = ".envcraft"
+#: What SQLite says of folders, disks and other processes, not of the database.
+_ELSEWHERE = {
+    sqlite3.SQLITE_PERM,
+    sqlite3.SQLITE_BUSY,
+    sqlite3.SQLITE_READONLY,
+    sqlite3.SQLITE_FULL,
+    sqlite3.SQLITE_CANTOPEN,
+}
 _UNFINISHED = (f"{DATABASE}.new", f"{DATABASE}.new-journal")
 
 
@@ -37,7 +45,11 @@ class CorpusBusy(EnvCraftError):
 
 
 class CorpusDamaged(EnvCraftError):
-    """The corpus is not what it was when it was written."""
+    """The corpus is not what it was when it was written: `what` is wrong, and the next step, if there is one."""
+
+    def __init__(self, what: str, step: str = "") -> None:
+        super().__init__(f"{what}; {step}" if step else what)
+        self.what = what
 
 
 class Environment(NamedTuple):
@@ -61,14 +73,12 @@ class Store:
         self._lock = _lock(self.root) if write else None
         try:
             with _told(self.root):
-                self.db = sqlite3.connect(self.root / DATABASE, isolation_level=None, timeout=30.0)
-                self.db.execute("PRAGMA foreign_keys = ON")
-                self.db.execute("PRAGMA journal_mode = WAL")
-                # A commit that a power cut loses is judged again; nothing is torn.
-                self.db.execute("PRAGMA synchronous = NORMAL")
+                self.db = _connect(self.root / DATABASE, write)
                 if schema.version(self.db, str(self.root)) < len(schema.MIGRATIONS):
                     if self._lock is None:
                         self._lock = _lock(self.root)
+                        self.db.close()
+                        self.db = _connect(self.root / DATABASE, write=True)
                     schema.migrate(self.db, str(self.root))
             if self._lock is not None:
                 # Whoever was writing these is gone.
@@ -110,7 +120,7 @@ class Store:
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None) -> None:
         self.close()
         if isinstance(error, sqlite3.DatabaseError) and not isinstance(error, sqlite3.ProgrammingError):
-            raise _damaged(self.root, error) from error
+            raise _unusable(self.root, error) from error
 
     def close(self) -> None:
         """Close the database, and let others write."""
@@ -178,13 +188,13 @@ class Store:
             data = self.place(sha256).read_bytes()
         except OSError as error:
             raise CorpusDamaged(
-                f"the source {self.place(sha256)} cannot be read ({error.strerror}); "
-                f"`envcraft corpus verify {self.root} --repair` removes what names it"
+                f"the source {self.place(sha256)} cannot be read ({error.strerror})",
+                f"`envcraft corpus verify {self.root} --repair` removes what names it",
             ) from None
         if hashlib.sha256(data).hexdigest() != sha256:
             raise CorpusDamaged(
-                f"the source {self.place(sha256)} has changed; "
-                f"`envcraft corpus verify {self.root} --repair` sets it aside"
+                f"the source {self.place(sha256)} has changed",
+                f"`envcraft corpus verify {self.root} --repair` sets it aside",
             )
         return data
 
@@ -258,37 +268,47 @@ class Store:
         """The number of a way to judge, which is written down if it is new."""
         row = (settings.digest, *msgspec.structs.astuple(settings))
         self.db.execute(
-            "INSERT INTO settings (digest, contract, contract_sha256, rules, seed, budget, driver, image) "
-            "VALUES (?, ?, ?, ?, ?, ?, ?, ?) ON CONFLICT (digest) DO NOTHING",
+            "INSERT INTO settings (digest, contract, contract_sha256, rules, seed, budget, driver, image, checks) "
+            "VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?) ON CONFLICT (digest) DO UPDATE SET checks = excluded.checks "
+            # What was all of them may be some by now, and the other way round.
+            "WHERE excluded.checks != '?'",
             row,
         )
         found: int = self.db.execute("SELECT id FROM settings WHERE digest = ?", row[:1]).fetchone()[0]
         return found
 
-    def record(self, environment: Environment, settings: int, report: SubjectReport) -> None:
-        """Write a verdict down, in place of one that there was, for every environment with this source."""
+    def record(self, environment: Environment, settings: int, report: SubjectReport) -> bool:
+        """Write a verdict down, in place of one that there was, for every environment with this source; give whether
+        it was: what could not be judged takes no verdict's place.
+        """
         report = msgspec.structs.replace(report, path=environment.name)
         with self.transaction():
             verdict = self.insert(environment.source, environment.env_class, settings, report)
+            (stands,) = self.db.execute("SELECT verdict FROM verdicts WHERE id = ?", (verdict,)).fetchone()
             self.db.execute(
                 "UPDATE environments SET verdict = ? WHERE source = ? AND class = ?",
                 (verdict, environment.source, environment.env_class),
             )
+        return stands == report.verdict.value
 
     def insert(self, source: str, env_class: str, settings: int, report: SubjectReport) -> int:
-        """Write a verdict's rows within a transaction; give its number."""
+        """Write a verdict's rows within a transaction, unless they would be an error in place of a verdict that stands;
+        give the number.
+        """
         key = (source, env_class, settings)
         text = msgspec.json.encode(plain(report)).decode()
-        self.db.execute(
+        cursor = self.db.execute(
             "INSERT INTO verdicts (source, class, settings, verdict, steps, seconds, report) "
             "VALUES (?, ?, ?, ?, ?, ?, ?) ON CONFLICT (source, class, settings) DO UPDATE SET "
-            "verdict = excluded.verdict, steps = excluded.steps, seconds = excluded.seconds, report = excluded.report",
+            "verdict = excluded.verdict, steps = excluded.steps, seconds = excluded.seconds, report = excluded.report "
+            "WHERE excluded.verdict != 'error' OR verdicts.verdict = 'error'",
             (*key, report.verdict.value, report.steps, report.seconds, text),
         )
         verdict: int = self.db.execute(
             "SELECT id FROM verdicts WHERE source = ? AND class = ? AND settings = ?", key
         ).fetchone()[0]
-        self.write_findings(verdict, report)
+        if cursor.rowcount > 0:
+            self.write_findings(verdict, report)
         return verdict
 
     def write_findings(self, verdict: int, report: SubjectReport) -> None:
@@ -336,7 +356,8 @@ def now() -> str:
 
 
 def is_corpus(root: Path) -> bool:
-    return (root / DATABASE).is_file()
+    # Where one may not look, there is none to be used.
+    return os.path.isfile(root / DATABASE)
 
 
 def find(root: Path) -> Path:
@@ -347,6 +368,31 @@ def find(root: Path) -> Path:
     raise UsageError(
         f"{root} is no corpus; `envcraft corpus init {root}` makes one, and `envcraft audit FOLDER` that of a folder"
     )
+
+
+def _connect(database: Path, write: bool) -> sqlite3.Connection:
+    """Raises sqlite3.Error."""
+    db = sqlite3.connect(_uri(database, write), uri=True, isolation_level=None, timeout=30.0)
+    try:
+        db.execute("PRAGMA foreign_keys = ON")
+        if write:
+            db.execute("PRAGMA journal_mode = WAL")
+            # A commit that a power cut loses is judged again; nothing is torn.
+            db.execute("PRAGMA synchronous = NORMAL")
+    except BaseException:
+        db.close()
+        raise
+    return db
+
+
+def _uri(database: Path, write: bool) -> str:
+    """How SQLite opens a database. Even who only reads needs the log and the index of it beside the database; where
+    these are not there and cannot be made, nobody can be writing, and none is needed.
+    """
+    log = database.with_name(f"{database.name}-wal")
+    fixed = not os.access(database.parent, os.W_OK) and not (os.path.isfile(log) and os.path.getsize(log))
+    options = "mode=rw" if write else "mode=ro&immutable=1" if fixed else "mode=ro"
+    return f"{database.absolute().as_uri()}?{options}"
 
 
 def _make_database(root: Path, folder: bool) -> None:
@@ -385,12 +431,15 @@ def _told(root: Path) -> Iterator[None]:
     try:
         yield
     except sqlite3.DatabaseError as error:
-        raise _damaged(root, error) from error
+        raise _unusable(root, error) from error
 
 
-def _damaged(root: Path, error: sqlite3.Error) -> CorpusDamaged:
+def _unusable(root: Path, error: sqlite3.Error) -> EnvCraftError:
+    if getattr(error, "sqlite_errorcode", 0) & 0xFF in _ELSEWHERE:
+        return EnvCraftError(f"the corpus database {root / DATABASE} cannot be read or written here: {error}")
     return CorpusDamaged(
-        f"the corpus database {root / DATABASE} cannot be used ({error}); `envcraft corpus verify {root}` tells more"
+        f"the corpus database {root / DATABASE} cannot be used ({error})",
+        f"`envcraft corpus verify {root}` tells more",
     )
 
 

@@ -97,6 +97,7 @@ def _files(store: Store, repair: bool, restored: set[str]) -> Iterator[Damage]:
         needed = store.named(sha256)
         if file == place and needed:
             continue
+        parked = file.is_relative_to(store.root / LOST)
         name = file.relative_to(store.root)
         if file == place:
             words = f"{name} belongs to no environment and no verdict"
@@ -110,9 +111,10 @@ def _files(store: Store, repair: bool, restored: set[str]) -> Iterator[Damage]:
         if repair and back:
             place.parent.mkdir(parents=True, exist_ok=True)
             if place.exists():
-                displaced.append(place.rename(store.root / "tmp" / place.name))
+                # The next writer empties the folder for what is not finished.
+                displaced.append(_set_file_aside(store, place))
             file.rename(place)
-        elif repair:
+        elif repair and not parked:
             _set_file_aside(store, file)
         done = f"it was moved to {place.relative_to(store.root)}" if back else f"it was moved to {LOST}"
         yield Damage(words, done if repair else "")
@@ -181,13 +183,14 @@ def _walk(folder: Path) -> Iterator[Path]:
         yield from [Path(parent, name) for name in sorted(files)]
 
 
-def _set_file_aside(store: Store, file: Path) -> None:
+def _set_file_aside(store: Store, file: Path) -> Path:
+    """Give where it lies then."""
     folder = store.root / LOST
     folder.mkdir(exist_ok=True)
     number = 0
     while (aside := folder / (f"{file.name}.{number}" if number else file.name)).exists():
         number += 1
-    file.rename(aside)
+    return file.rename(aside)
 
 
 def _set_rows_aside(store: Store, table: str, condition: str, *values: Any) -> None:

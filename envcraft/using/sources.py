@@ -10,6 +10,7 @@ import msgspec
 from envcraft.contract import Contract, envcraft_contracts
 from envcraft.corpus.settings import contract_digest
 from envcraft.corpus.store import BESIDE, CorpusDamaged, Store, decode, find, is_corpus
+from envcraft.corpus.trust import last_verdicts
 from envcraft.errors import UsageError
 from envcraft.pyproject import settings
 from envcraft.target import read_target
@@ -18,6 +19,7 @@ from envcraft.verdict import Verdict
 #: The environment variable that names a corpus.
 VARIABLE = "ENVCRAFT_CORPUS"
 _DEFAULT = "arcade"
+_NONE = "has no verdict"
 
 
 class Untrusted(UsageError):
@@ -35,6 +37,7 @@ class Found(msgspec.Struct, frozen=True):
         env_class: the class to use; None where the file says that itself, having only one.
         contract: what it promises.
         verdict: the last one on exactly this source under exactly this contract; None where there is none.
+        doubt: in words, why that is no pass that counts; empty where it is.
         folder: what to audit, so that there is one.
     """
 
@@ -45,19 +48,19 @@ class Found(msgspec.Struct, frozen=True):
     env_class: str | None
     contract: Contract
     verdict: Verdict | None
+    doubt: str
     folder: str
 
     def ensure_trusted(self) -> None:
         """Raises Untrusted, with the next step, unless it has passed."""
-        if self.verdict is Verdict.PASS:
+        if not self.doubt:
             return
         contract = self.contract.name
-        had = "has no verdict" if self.verdict is None else f"has the verdict {self.verdict.value}"
         option = "" if contract == _DEFAULT else f" --contract {contract}"
         raise Untrusted(
-            f"{self.name} {had} under the contract {contract}, and only what has passed runs in your own process: "
-            f"`envcraft audit {self.folder}{option}` judges it, sandbox='auto' runs it in a sandbox, and trust=True "
-            "runs it here all the same"
+            f"{self.name} {self.doubt} under the contract {contract}, and only what has passed runs in your own "
+            f"process: `envcraft audit {self.folder}{option}` judges it, sandbox='auto' runs it in a sandbox, and "
+            "trust=True runs it here all the same"
         )
 
 
@@ -125,35 +128,25 @@ def _in_file(path: Path, contract: str | None) -> Found:
             env_class = row[0] if row else ""
             return _found(store, str(path), str(whole), target.source, target.sha256, env_class, contract, str(parent))
     promised = contract_named(contract or _DEFAULT)
-    return Found(str(path), str(whole), target.source, target.sha256, None, promised, None, str(whole.parent))
+    return Found(str(path), str(whole), target.source, target.sha256, None, promised, None, _NONE, str(whole.parent))
 
 
 def _found(
     store: Store, name: str, path: str, source: bytes, sha256: str, env_class: str, contract: str | None, folder: str
 ) -> Found:
     """What a corpus knows of a source and class."""
-    last: dict[str, tuple[str, str, str]] = {}
-    rows = store.db.execute(
-        "SELECT contract, contract_sha256, verdict, report FROM verdicts JOIN settings "
-        "ON settings.id = verdicts.settings WHERE source = ? AND class = ? AND verdict != 'error' "
-        # The environment's own is the last one, also where an older row was written again.
-        "ORDER BY verdicts.id IN (SELECT verdict FROM environments WHERE source = ? AND class = ?) DESC, "
-        "verdicts.id DESC",
-        (sha256, env_class, sha256, env_class),
-    )
-    for promised, digest, verdict, report in rows:
-        last.setdefault(promised, (digest, verdict, report))
-    passed = [promised for promised, (_, verdict, _) in last.items() if verdict == Verdict.PASS]
+    last = last_verdicts(store, sha256, env_class)
+    passed = [promised for promised, given in last.items() if not given.doubt]
     chosen = contract_named(contract or next(iter([*passed, *last]), _DEFAULT))
-    digest, verdict, report = last.get(chosen.name, ("", "", ""))
-    if digest != contract_digest(chosen):
+    given = last.get(chosen.name)
+    if given is None or given.contract_sha256 != contract_digest(chosen):
         # None, or one on other promises under the same name.
-        return Found(name, path, source, sha256, env_class or None, chosen, None, folder)
+        return Found(name, path, source, sha256, env_class or None, chosen, None, _NONE, folder)
     try:
-        judged = decode(report).env_class
+        judged = decode(given.report).env_class
     except msgspec.DecodeError as error:
         raise CorpusDamaged(f"the report on {name} in {store.root} cannot be read: {error}") from None
-    return Found(name, path, source, sha256, env_class or judged, chosen, Verdict(verdict), folder)
+    return Found(name, path, source, sha256, env_class or judged, chosen, given.verdict, given.doubt, folder)
 
 
 def contract_named(name: str) -> Contract:

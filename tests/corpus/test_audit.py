@@ -16,13 +16,16 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import pytest
 
 from envcraft.budget import BUDGETS
 from envcraft.check import Check, Rule
+from envcraft.commands.choices import select_checks
 from envcraft.contract import ARCADE
 from envcraft.corpus.audit import Audit, Choice, follow
-from envcraft.corpus.settings import rules_version, settings_of
+from envcraft.corpus.records import records_of
+from envcraft.corpus.settings import Settings, rules_version, settings_of
 from envcraft.corpus.store import CorpusBusy, Store
 from envcraft.engine import Plan, stream
 from envcraft.errors import UsageError
@@ -30,10 +33,10 @@ from envcraft.events import SubjectFinished
 from envcraft.pool import Pool
 from envcraft.sandbox import Availability, Driver, Isolation, JobEnd, Limits, Player, Recorder, Worker
 from envcraft.subject import Subject
-from envcraft.target import Target
+from envcraft.target import MAX_SOURCE, Target
 from envcraft.verdict import Finding
 
-from .conftest import Invoke
+from .conftest import Invoke, judged, source
 
 #: How often a run is killed; an acceptance run takes 20.
 KILLS = int(os.environ.get("ENVCRAFT_KILLS", "3"))
@@ -200,6 +203,40 @@ def test_what_could_not_be_judged_is_tried_again(corpus: Corpus) -> None:
         assert sorted(corpus.judged) == expected
 
 
+def test_what_cannot_be_judged_again_keeps_its_verdict(corpus: Corpus, monkeypatch: pytest.MonkeyPatch) -> None:
+    corpus.write(a="EC101", b="b")
+    corpus.audit()
+
+    def judge(*_: object) -> Iterator[Finding]:
+        raise OSError("no memory")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Words, "judge", judge)
+        audit = corpus.audit(resume=False)
+    assert (audit.verdicts(), audit.codes()) == ({"pass": 1, "fail": 1}, {"EC101": 1})
+    assert sorted((report.path, report.verdict.value) for report in audit.kept) == [
+        ("games/a", "error"),
+        ("games/b", "error"),
+    ]
+    assert corpus.audit(resume=False).kept == []
+
+
+def test_it_is_told_that_the_verdict_of_before_stays(invoke: Invoke, tmp_path: Path) -> None:
+    (tmp_path / "a.py").write_text(ENVIRONMENT.replace("CRASH", "-1"))
+    options = ("--checks", "source", "--sandbox", "process", "--budget", "quick")
+    assert invoke("corpus", "init", "corpus").exit_code == 0
+    assert invoke("corpus", "add", "corpus", "a.py").exit_code == 0
+    first = invoke("audit", "corpus", *options)
+    assert (first.exit_code, first.stderr) == (0, "1 environment, 1 of them to be judged\n")
+    (kept,) = (tmp_path / "corpus" / "sources").rglob("*.py")
+    kept.unlink()
+    again = invoke("audit", "corpus", *options, "--no-resume")
+    assert again.exit_code == 3
+    assert "a.py: could not be judged again (the source" in again.stderr
+    assert again.stderr.endswith("; the verdict of before stays\n")
+    assert "1 environment: 1 passed" in again.stdout
+
+
 def test_a_source_that_is_damaged_stops_nothing_else(corpus: Corpus) -> None:
     corpus.write(a="x", b="y", c="z")
     corpus.store.place(hashlib.sha256(b"y").hexdigest()).write_bytes(b"else")
@@ -231,6 +268,21 @@ def test_choices(corpus: Corpus) -> None:
     assert corpus.audit(only_failed=True).verdicts() == {"fail": 4}
     assert corpus.audit(only_failed=True, resume=False).selected == 4
     assert sorted(corpus.judged) == ["e00", "e08", "e12", "e16"]
+
+
+def test_what_a_part_left_out_is_still_new(corpus: Corpus) -> None:
+    corpus.write(a="EC101", b="b", c="c")
+    corpus.audit()
+    corpus.write(a="EC101", b="other", c="another", d="d")
+    corpus.audit(sample=1)
+    corpus.audit(only_failed=True)
+    corpus.audit(changed=True, sample=1)
+    assert corpus.audit(changed=True).selected == 3
+    assert corpus.audit(changed=True).selected == 0
+    corpus.write(a="EC101", b="other", c="another")
+    assert corpus.audit(changed=True).selected == 0
+    # Nothing has changed, and yet nothing is known of it.
+    assert corpus.audit(changed=True, seed=1).selected == 3
 
 
 def test_what_failed_is_looked_at_again_once_it_is_mended(corpus: Corpus) -> None:
@@ -285,6 +337,17 @@ def test_the_version_of_the_rules_follows_the_rules() -> None:
     assert version != rules_version([], driver)
 
 
+def test_settings_say_whether_all_checks_ran() -> None:
+    def settings(checks: list[Check]) -> Settings:
+        return settings_of(ARCADE, checks, StubDriver(), BUDGETS["quick"], 0)
+
+    assert settings(select_checks(None, None)).checks == ""
+    some = settings(select_checks("source,api", None))
+    assert some.checks == ",".join(sorted(check.name for check in select_checks("source,api", None)))
+    # What ran is told apart by the rules already, so that verdicts from before this was kept still count.
+    assert some.digest == msgspec.structs.replace(some, checks="").digest
+
+
 @pytest.fixture
 def games(tmp_path: Path) -> Path:
     """Four small environments, one of which crashes, and two of which are the same."""
@@ -329,6 +392,20 @@ def test_a_folder_is_followed(games: Path, invoke: Invoke) -> None:
     assert [row["name"] for row in json.loads(listed.stdout)] == ["more/c.py"]
 
 
+def test_sources_of_a_corpus_in_the_folder_are_passed_over(games: Path, invoke: Invoke) -> None:
+    with Store.create(games / "more" / "kept") as store:
+        store.add("a.py", (games / "a.py").read_bytes())
+    (games / "verdicts").mkdir()
+    (games / "verdicts.py").write_text(ENVIRONMENT.replace("CRASH", "-4"))
+    options = ("--checks", "source", "--sandbox", "process", "--budget", "quick")
+    for judged_now in (4, 0):
+        result = invoke("audit", "games", "--store", "games/verdicts", *options)
+        assert result.exit_code == 0, result.output
+        assert f"5 environments: 5 passed\n{judged_now} judged now" in result.stdout
+    assert invoke("corpus", "init", "new").exit_code == 0
+    assert "1 environment added" in invoke("corpus", "add", "new", "games/more/kept/sources").stdout
+
+
 def test_a_finding_whose_check_did_not_run_is_not_fixed(games: Path, invoke: Invoke) -> None:
     (games / "base.json").write_text(invoke("audit", "games", *QUICK, "--format", "json").stdout)
     (games / "b.py").write_text(f"import nothing_of_this_name\n{ENVIRONMENT}")
@@ -361,6 +438,31 @@ def test_a_corpus_is_made_filled_and_judged(games: Path, invoke: Invoke) -> None
     assert invoke("corpus", "rm", "corpus", "b.py").exit_code == 2
     assert invoke("audit", "corpus", *QUICK).exit_code == 0
     assert invoke("corpus", "verify", "corpus").exit_code == 0
+
+
+def test_another_class_is_another_environment(invoke: Invoke, tmp_path: Path) -> None:
+    with Store.create(tmp_path / "corpus") as store:
+        judged(store, "ant")
+    (tmp_path / "ant").write_bytes(source("ant"))
+    refused = invoke("corpus", "add", "corpus", "ant", "--class", "Bee")
+    assert refused.exit_code == 2
+    assert "ant is another class of this source in corpus; --replace puts ant there" in refused.stderr
+    assert invoke("corpus", "list", "corpus").stdout == "pass   ant\n"
+    assert invoke("corpus", "add", "corpus", "ant").stdout == "0 environments added, 1 there already\n"
+    assert invoke("corpus", "add", "corpus", "ant", "--class", "Bee", "--replace").exit_code == 0
+    assert invoke("corpus", "list", "corpus").stdout == "none   ant\n"
+    with Store(tmp_path / "corpus") as store:
+        assert list(records_of(store)) == []
+
+
+def test_names_of_files_are_told_on_one_line(invoke: Invoke, tmp_path: Path) -> None:
+    with Store.create(tmp_path / "corpus") as store:
+        store.add("odd\nname.py", source("ant"))
+    for text in (source("bee"), b"#" * (MAX_SOURCE + 1)):
+        (tmp_path / "odd\nname.py").write_bytes(text)
+        refused = invoke("corpus", "add", "corpus", "odd\nname.py")
+        assert refused.exit_code == 2
+        assert len(refused.stderr.splitlines()) == 1
 
 
 @pytest.mark.parametrize(
@@ -472,7 +574,7 @@ def test_ctrl_c_keeps_what_was_judged(games: Path) -> None:
     _, error = process.communicate(timeout=60)
     if process.returncode != 1:
         assert process.returncode == 130
-        assert "are kept; the same command goes on from there" in error
+        assert "are kept; the same command judges all of them again, and without --no-resume only" in error
     again = audited(games, "--format", "json")
     out, error = again.communicate(timeout=240)
     assert again.returncode == 1, error

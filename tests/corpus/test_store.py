@@ -15,7 +15,7 @@ import pytest
 from envcraft.corpus import schema
 from envcraft.corpus.settings import Settings
 from envcraft.corpus.store import CorpusBusy, CorpusDamaged, Environment, Store, decode
-from envcraft.errors import UsageError
+from envcraft.errors import EnvCraftError, UsageError
 from envcraft.verdict import Verdict
 
 from .conftest import SETTINGS, report, rows, source
@@ -128,6 +128,34 @@ def test_a_second_writer_is_told_who_the_first_is_and_readers_are_let_in(store: 
         assert rows(reader) == rows(store)
     store.close()
     Store(store.root, write=True).close()
+
+
+def test_a_corpus_that_may_only_be_read_is_read(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
+    written = rows(store)
+    # Of a folder that nobody may write to, whoever asks.
+    monkeypatch.setattr(os, "access", lambda path, mode: mode != os.W_OK)
+    with Store(store.root) as reader:
+        # A log that is there is read.
+        assert rows(reader) == written
+    store.close()
+    for file in store.root.glob("corpus.sqlite-*"):
+        file.unlink()
+    with Store(store.root) as reader:
+        assert rows(reader) == written
+        assert not list(store.root.glob("corpus.sqlite-*"))
+        with pytest.raises(sqlite3.OperationalError, match="readonly"):
+            reader.db.execute("DELETE FROM environments")
+    with pytest.raises(EnvCraftError, match="cannot be read or written here") as told, Store(store.root) as reader:
+        reader.db.execute("DELETE FROM environments")
+    assert not isinstance(told.value, CorpusDamaged)
+
+
+def test_names_of_corpora_may_have_any_signs(tmp_path: Path) -> None:
+    root = tmp_path / "a?mode=memory#b%20c ü"
+    with Store.create(root) as made:
+        made.add("ant", source("ant"))
+    with Store(root) as reader:
+        assert [name for name, *_ in rows(reader)] == ["ant"]
 
 
 def test_migrations_run_once_each_and_keep_what_there_is(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -8,14 +8,15 @@ import sqlite3
 from collections.abc import Callable
 from pathlib import Path
 
+import msgspec
 import pytest
 
 from envcraft.corpus.merge import merge
-from envcraft.corpus.store import Store
+from envcraft.corpus.store import Environment, Store
 from envcraft.corpus.verify import LOST, verify
 from envcraft.errors import UsageError
 
-from .conftest import Invoke, judged, rows, source
+from .conftest import SETTINGS, Invoke, judged, report, rows, source
 
 
 def place(store: Store, name: str) -> Path:
@@ -148,6 +149,28 @@ def test_command_tells_damage_by_its_status(store: Store, invoke: Invoke) -> Non
     assert invoke("corpus", "verify", store.root).exit_code == 0
 
 
+def test_what_makes_way_outlives_a_repair_that_is_ended(store: Store) -> None:
+    copy(store)
+    place(store, "ant").write_bytes(b"somebody's work")
+    assert next(verify(store, repair=True)).done
+    store.close()
+    with Store(store.root, write=True) as again:
+        assert [file.read_bytes() for file in (again.root / LOST).iterdir()] == [b"somebody's work"]
+        assert place(again, "ant").read_bytes() == source("ant")
+
+
+def test_where_the_database_is_lost_the_sources_are_what_is_left(store: Store, invoke: Invoke) -> None:
+    store.close()
+    (store.root / "corpus.sqlite").write_bytes(b"no database at all" * 100)
+    result = invoke("corpus", "verify", store.root)
+    assert result.exit_code == 3
+    assert "corpus verify" not in result.stderr
+    assert f"`envcraft corpus init NEW` and `envcraft corpus add NEW {store.root}/sources`" in result.stderr
+    assert invoke("corpus", "init", "new").exit_code == 0
+    assert "4 environments added" in invoke("corpus", "add", "new", store.root / "sources").stdout
+    assert "`envcraft corpus verify" in invoke("corpus", "list", store.root).stderr
+
+
 def test_a_torn_database_is_told_and_leaves_the_files_alone(store: Store, invoke: Invoke) -> None:
     for number in range(200):
         judged(store, f"a{number}", "EC107")
@@ -189,6 +212,27 @@ def test_merging_takes_what_lacks_and_merging_again_changes_nothing(store: Store
         store.db.execute("SELECT name, v.verdict FROM environments e LEFT JOIN verdicts v ON v.id = e.verdict")
     )
     assert (verdicts["cat"], verdicts["fox"], verdicts["dog"]) == ("pass", "fail", None)
+
+
+def test_the_last_verdict_stays_the_last_when_it_is_merged(store: Store, tmp_path: Path) -> None:
+    newer = msgspec.structs.replace(SETTINGS, rules="newer")
+    with Store.create(tmp_path / "newest") as made:
+        for name, codes in (("fox", ()), ("gnu", ("EC101",))):
+            judged(made, name)
+            environment = Environment(name, hashlib.sha256(source(name)).hexdigest(), "")
+            made.record(environment, made.settings(newer), report(name, "EC107"))
+            # Of two that failed last, one by the older rules.
+            if codes:
+                made.record(environment, made.settings(SETTINGS), report(name, *codes))
+    with Store(tmp_path / "newest") as other:
+        for _ in range(2):
+            merge(store, other)
+            assert dict(
+                store.db.execute(
+                    "SELECT name, s.rules || ' ' || v.verdict FROM environments e JOIN verdicts v ON v.id = e.verdict "
+                    "JOIN settings s ON s.id = v.settings WHERE name IN ('fox', 'gnu')"
+                )
+            ) == {"fox": "newer fail", "gnu": f"{SETTINGS.rules} fail"}
 
 
 def test_a_corpus_does_not_merge_with_itself(store: Store) -> None:

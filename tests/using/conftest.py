@@ -54,12 +54,20 @@ def game(name: str = "Game", end: str = "self.steps >= 9", body: str = "pass", s
 
 
 def judged(
-    store: Store, name: str, text: str, env_class: str, contract: Contract, verdict: Verdict, rules: str = "rules"
+    store: Store,
+    name: str,
+    text: str,
+    env_class: str,
+    contract: Contract,
+    verdict: Verdict,
+    rules: str = "rules",
+    budget: str = "quick",
+    checks: str = "",
 ) -> None:
     """Add an environment with a verdict."""
     store.add(name, text.encode())
     sha256 = hashlib.sha256(text.encode()).hexdigest()
-    settings = Settings(contract.name, contract_digest(contract), rules, 0, "quick", "process", "python 3")
+    settings = Settings(contract.name, contract_digest(contract), rules, 0, budget, "process", "python 3", checks)
     report = SubjectReport(name, env_class, sha256, verdict, "process", 0.1, 10, [])
     store.record(Environment(name, sha256, ""), store.settings(settings), report)
 

@@ -17,6 +17,8 @@ import envcraft
 from envcraft.budget import BUDGETS
 from envcraft.commands.choices import driver_named
 from envcraft.contract import ARCADE, ARCADE_NATIVE
+from envcraft.corpus.export import Order
+from envcraft.corpus.settings import Settings, contract_digest
 from envcraft.corpus.store import CorpusDamaged, Store
 from envcraft.errors import EnvironmentFailed, UsageError
 from envcraft.rollout import Rollout
@@ -41,6 +43,12 @@ def test_importing_the_package_imports_nothing() -> None:
     assert "'make', 'make_vec', 'register'" in told
     with pytest.raises(AttributeError, match="made"):
         envcraft.made  # noqa: B018
+
+
+def _texts(corpus: Path, *names: str) -> list[str]:
+    with Store(corpus) as store:
+        find = "SELECT source FROM environments WHERE name = ?"
+        return [store.source(store.db.execute(find, (name,)).fetchone()[0]).decode() for name in names]
 
 
 class TestTrust:
@@ -82,8 +90,50 @@ class TestTrust:
         with pytest.raises(Untrusted, match="has the verdict fail"):
             envcraft.make(corpus, "ant")
         with Store(corpus, write=True) as store:
-            # One that could not be judged says nothing against an earlier pass.
-            judged(store, "ant.py", text, "Ant", ARCADE, Verdict.ERROR, "newer rules")
+            # One that could not be judged says nothing, neither against an earlier fail nor against an earlier pass.
+            judged(store, "ant.py", text, "Ant", ARCADE, Verdict.ERROR, "newest rules")
+            judged(store, "bee.py", game("Bee", "self.steps >= 7"), "Bee", ARCADE, Verdict.ERROR, "newest rules")
+        with pytest.raises(Untrusted, match="has the verdict fail"):
+            envcraft.make(corpus, "ant")
+        envcraft.make(corpus, "bee")
+
+    def test_a_pass_of_some_checks_is_none(self, corpus: Path, tmp_path: Path) -> None:
+        (text,) = _texts(corpus, "failed.py")
+        with Store(corpus, write=True) as store:
+            judged(store, "failed.py", text, "Failed", ARCADE, Verdict.PASS, "fewer rules", checks="source")
+            assert [one.name for one in Order(store, tmp_path).environments()].count("failed.py") == 0
+        with pytest.raises(Untrusted, match=r"failed\.py has passed only some of the checks under"):
+            envcraft.make(corpus, "failed")
+        assert not (corpus.parent / "imported").exists()
+        with Store(corpus, write=True) as store:
+            judged(store, "failed.py", text, "Failed", ARCADE, Verdict.PASS, "later rules")
+            assert [one.name for one in Order(store, tmp_path).environments()].count("failed.py") == 1
+        envcraft.make(corpus, "failed")
+
+    def test_another_budget_takes_no_finding_back(self, corpus: Path, tmp_path: Path) -> None:
+        (text,) = _texts(corpus, "ant.py")
+        with Store(corpus, write=True) as store:
+            judged(store, "ant.py", text, "Ant", ARCADE, Verdict.FAIL, budget="standard")
+            judged(store, "ant.py", text, "Ant", ARCADE, Verdict.PASS)
+            names = [one.name for one in Order(store, tmp_path).environments()]
+            assert "bee.py" in names
+            assert "ant.py" not in names
+        with pytest.raises(Untrusted, match="failed by the same checks with another budget or seed"):
+            envcraft.make(corpus, "ant")
+
+    def test_what_ran_before_that_was_kept_is_known_once_it_runs_again(self, corpus: Path) -> None:
+        with Store(corpus, write=True) as store:
+            store.db.execute("UPDATE settings SET checks = '?'")
+        with pytest.raises(Untrusted, match="has passed checks that are not known"):
+            envcraft.make(corpus, "ant")
+        with Store(corpus, write=True) as store:
+            for other in ("?", ""):
+                store.settings(
+                    Settings("arcade", contract_digest(ARCADE), "rules", 0, "quick", "process", "python 3", other)
+                )
+                assert store.db.execute("SELECT checks FROM settings WHERE contract = 'arcade'").fetchall() == [
+                    (other,)
+                ]
         envcraft.make(corpus, "ant")
 
     def test_a_file_is_trusted_by_the_audit_of_a_folder_above(self, tmp_path: Path) -> None:

@@ -57,7 +57,7 @@ class Order:
         store: the corpus, open for reading.
         output: the folder to make.
         name: what the export is called, as the user said.
-        everything: also what has no passing verdict.
+        everything: also what has not passed (:mod:`envcraft.corpus.trust`).
         licence: what the user says the sources are licensed under.
     """
 
@@ -78,7 +78,9 @@ class Order:
 
         Raises CorpusDamaged where one does not.
         """
-        wanted = "1" if self.everything else "verdicts.verdict = 'pass'"
+        from envcraft.corpus.trust import PASSED
+
+        wanted = "1" if self.everything else PASSED
         rows = self.store.db.execute(
             "SELECT name, environments.source, environments.class, origin, verdicts.verdict, report, contract, "
             "contract_sha256, rules, seed, budget, driver, image FROM environments "
