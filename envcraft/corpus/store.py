@@ -284,7 +284,7 @@ class Store:
         report = msgspec.structs.replace(report, path=environment.name)
         with self.transaction():
             verdict = self.insert(environment.source, environment.env_class, settings, report)
-            (stands,) = self.db.execute("SELECT verdict FROM verdicts WHERE id = ?", (verdict,)).fetchone()
+            stands: str = self.db.execute("SELECT verdict FROM verdicts WHERE id = ?", (verdict,)).fetchone()[0]
             self.db.execute(
                 "UPDATE environments SET verdict = ? WHERE source = ? AND class = ?",
                 (verdict, environment.source, environment.env_class),
