@@ -448,8 +448,9 @@ class Subject:
         # A process with threads must not be forked.
         return told.get("modules", []) if told.get("effects", {}).get("threads") == 0 else []
 
-    def _launch(self, hash_seed: int) -> Worker:
-        worker = self.driver.launch(hash_seed=hash_seed, limits=self.limits)
+    def _launch(self, place: Place) -> Worker:
+        launch = self.driver.launch if place.fresh else self.driver.sibling
+        worker = launch(hash_seed=place.hash_seed, limits=self.limits)
         self.about = self.about or worker.about
         libraries = sorted(set(imported(self.target.source)) & set(self.contract.libraries or ()))
         if libraries:

@@ -68,7 +68,7 @@ def test_no_more_than_the_subjects_to_come_will_want() -> None:
         settled(driver, [0, 0])
         for _ in range(2):
             with pool.turn() as turn:
-                turn.launch(hash_seed=0, limits=LIMITS)
+                turn.sibling(hash_seed=0, limits=LIMITS)
         settled(driver, [0, 0])
 
 
@@ -77,7 +77,7 @@ def test_a_warm_worker_is_handed_out_once_and_further_ones_are_launched() -> Non
     with Pool(driver, LIMITS, subjects=1) as pool:
         settled(driver, [0])
         with pool.turn() as turn:
-            taken = [turn.launch(hash_seed=0, limits=LIMITS) for _ in range(3)]
+            taken = [turn.sibling(hash_seed=0, limits=LIMITS) for _ in range(3)]
     assert taken[0] is driver.workers[0]
     assert len(set(taken)) == 3
     assert len(driver.workers) == 3
@@ -86,12 +86,12 @@ def test_a_warm_worker_is_handed_out_once_and_further_ones_are_launched() -> Non
 def test_a_subject_says_what_it_expects() -> None:
     driver = StubDriver()
     with Pool(driver, LIMITS, subjects=1) as pool, pool.turn() as turn:
-        first = turn.launch(hash_seed=0, limits=LIMITS)
+        first = turn.sibling(hash_seed=0, limits=LIMITS)
         settled(driver, [0])
         turn.expect([7])
         settled(driver, [0, 7])
-        assert turn.launch(hash_seed=7, limits=LIMITS) is driver.workers[1]
-        assert turn.launch(hash_seed=7, limits=LIMITS) is driver.workers[2]
+        assert turn.sibling(hash_seed=7, limits=LIMITS) is driver.workers[1]
+        assert turn.sibling(hash_seed=7, limits=LIMITS) is driver.workers[2]
         assert first is driver.workers[0]
 
 
@@ -99,7 +99,7 @@ def test_what_a_subject_expected_and_never_took_is_ended_with_its_turn() -> None
     driver = StubDriver()
     with Pool(driver, LIMITS, subjects=2) as pool:
         with pool.turn() as turn:
-            turn.launch(hash_seed=0, limits=LIMITS)
+            turn.sibling(hash_seed=0, limits=LIMITS)
             turn.expect([7])
             settled(driver, [0, 0, 7])
         (other,) = (worker for worker in driver.workers if worker.hash_seed == 7)
@@ -119,7 +119,7 @@ def test_one_that_is_not_under_way_yet_is_not_waited_for() -> None:
 
         def take() -> None:
             with pool.turn() as turn:
-                taken.append(turn.launch(hash_seed=0, limits=LIMITS))
+                taken.append(turn.sibling(hash_seed=0, limits=LIMITS))
 
         threads = [threading.Thread(target=take) for _ in range(3)]
         for thread in threads:
@@ -139,7 +139,7 @@ def test_a_launch_that_fails_is_told_to_who_wants_the_worker() -> None:
     with Pool(Broken(), LIMITS, subjects=2) as pool:
         for _ in range(2):
             with pool.turn() as turn, pytest.raises(SandboxUnavailable, match="no room"):
-                turn.launch(hash_seed=0, limits=LIMITS)
+                turn.sibling(hash_seed=0, limits=LIMITS)
 
 
 def test_nothing_is_launched_after_the_end() -> None:
@@ -157,7 +157,7 @@ def test_an_interruption_ends_warm_workers_those_in_use_and_those_on_the_way() -
 
     def judge() -> None:
         with Pool(driver, LIMITS, subjects=9) as pool, pool.turn() as turn:
-            in_use.append(turn.launch(hash_seed=0, limits=LIMITS))
+            in_use.append(turn.sibling(hash_seed=0, limits=LIMITS))
             until(lambda: len(driver.workers) == 4)
             driver.room.clear()
             pool.take(0)
