@@ -27,8 +27,8 @@ _LAYERS = [
 ]
 _SYSTEM = ("/usr", "/lib", "/lib64", "/lib32", "/bin", "/etc/ld.so.cache", "/etc/localtime")
 _TMPFS_BYTES = 64 * 1024**2
-#: As bwrap makes them itself, but read-only, and without new terminals, which workers of one zygote would share. bwrap's
-#: own make it root inside, and then it covers parts of /proc: below that no namespace can have a /proc of its own.
+#: As bwrap makes them itself, but read-only, and without new terminals, which workers of one zygote would share. For
+#: its own it is root inside first, and then covers parts of /proc: below that no namespace can have a /proc of its own.
 _DEVICES = [
     *("--tmpfs", "/dev"),
     *(

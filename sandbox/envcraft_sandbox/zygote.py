@@ -214,10 +214,10 @@ class Nursery(Driver):
             except Refused as refused:
                 self.refusal = str(refused)
             except SandboxUnavailable as error:
-                self._mishap(str(error))
-                self._leave(hash_seed, zygote)
+                self._leave(hash_seed, zygote, str(error))
             except WorkerLost as error:
-                self._mishap(str(error))
+                with self._lock:
+                    self._note(str(error))
         return None
 
     def _zygote(self, hash_seed: int) -> Zygote | None:
@@ -231,17 +231,17 @@ class Nursery(Driver):
                 self._zygotes[hash_seed] = Zygote(lambda: self._start(hash_seed))
             return self._zygotes[hash_seed]
 
-    def _mishap(self, why: str) -> None:
-        with self._lock:
-            self._mishaps += 1
-            if self._mishaps == _PATIENCE:
-                self.refusal = why
-
-    def _leave(self, hash_seed: int, zygote: Zygote) -> None:
-        """Start another one for the next worker."""
+    def _leave(self, hash_seed: int, zygote: Zygote, why: str) -> None:
+        """Start another one for the next worker. However many threads wait for this one, it fails once."""
         with self._lock:
             if self._zygotes.get(hash_seed) is zygote:
                 self._left.append(self._zygotes.pop(hash_seed))
+                self._note(why)
+
+    def _note(self, mishap: str) -> None:
+        self._mishaps += 1
+        if self._mishaps >= _PATIENCE:
+            self.refusal = mishap
 
 
 def _has_ended(pidfd: int, seconds: float | None) -> bool:
