@@ -372,7 +372,8 @@ class Subject:
         key = (request.key(), again)
 
         def attempt() -> Trace:
-            return self._result(self._ahead.pop(key, None) or self._begin(request, again))
+            begun = self._ahead.pop(key, None) or self._begin(request, again)
+            return self._result(begun)
 
         trace = self._persist(attempt)
         if isinstance(request, Rollout):

@@ -270,7 +270,7 @@ class TestFallback:
 
 def judged(driver: Driver, kill_in: list[Nursery] | None = None) -> list[Any]:
     """What some checks find in three environments; with `kill_in` a zygote is killed while each of them is judged."""
-    lines = ("pass", "self.steps += hash('rain') % 2", "x = [self.steps]")
+    lines = ("pass", "self.steps += hash('snow') % 2", "x = [self.steps]")
     targets = [Target(f"tiny{number}.py", environment(step=line).encode()) for number, line in enumerate(lines)]
     checks = [check for check in plugins().collect("envcraft_checks") if check.name in ("source", "determinism")]
     found, killed = [], 0
