@@ -106,18 +106,17 @@ class Zygote:
     def close(self) -> None:
         """End it. Workers that it forked have been closed before, or end with it."""
         self._born.wait()
+        if self._started is not None:
+            process, control = self._started
+            hang_up(control)
+            try:
+                process.wait(_END_SECONDS)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.wait()
+            if process.stderr:
+                process.stderr.close()
         self._over.set()
-        if self._started is None:
-            return
-        process, control = self._started
-        hang_up(control)
-        try:
-            process.wait(_END_SECONDS)
-        except subprocess.TimeoutExpired:
-            process.kill()
-            process.wait()
-        if process.stderr:
-            process.stderr.close()
 
     def _live(self) -> None:
         try:
