@@ -3,9 +3,9 @@
 *Workers*: each driver that works here launches some, one by one, and ends them: by itself as for a single subject, and
 from its nursery as for many. What the zygote costs is told apart, from a nursery that is asked for one worker alone.
 
-*Audit*: small environments, good fixtures of the tests, are judged at the budget ``quick`` by all checks, once with every
-worker launched by itself and once from a nursery, beside the time that the same episodes take in a plain loop in one
-process. Steps of searches, of which no actions are told, count with that loop's median.
+*Audit*: small environments, good fixtures of the tests, are judged at the budget ``quick`` by all checks, once with
+every worker launched by itself and once from a nursery, beside the time that the same episodes take in a plain loop in
+one process. Steps of searches, of which no actions are told, count with the mean of that loop's.
 
 Processor time is that of this process and of all that it started, to their ends. Exit status 1 where a forked worker
 takes more than a quarter of the processor time of one that was launched.
