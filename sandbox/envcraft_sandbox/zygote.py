@@ -140,8 +140,11 @@ class Zygote:
             socket.send_fds(control, [json.dumps({"folder": folder}).encode() + b"\n"], [theirs.fileno()])
             words, descriptors = self._answer(control, deadline)
         except (OSError, ValueError) as error:
-            self._ready = False
-            raise SandboxUnavailable(f"the zygote is gone: {launch.last_words(process) or error}") from None
+            said = ""
+            # Whoever closes it meanwhile has closed this, too.
+            with contextlib.suppress(ValueError):
+                said = launch.last_words(process)
+            raise SandboxUnavailable(f"the zygote is gone: {said or error}") from None
         if "refused" in words:
             raise Refused(words["refused"])
         return descriptors[0]

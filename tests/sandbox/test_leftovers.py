@@ -282,7 +282,8 @@ def test_kill_9_at_any_moment_leaves_nothing(
     command = [sys.executable, "-m", "envcraft", "validate", *files, "--sandbox", kind.name]
     generator = random.Random(0)
     busy = 0
-    for number, moment in enumerate(generator.uniform(0, 1.2) for _ in range(10)):
+    moments = 10 if games == 1 else 6
+    for number, moment in enumerate(generator.uniform(0, 1.2) for _ in range(moments)):
         checker = subprocess.Popen(command, cwd=temporary, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
         # Half of the moments count from the first program that it starts, whenever a busy machine gets there.
         while number % 2 and checker.poll() is None and not _children(checker.pid):
@@ -298,4 +299,4 @@ def test_kill_9_at_any_moment_leaves_nothing(
             for owner in owners:
                 label = f"label={OWNER_LABEL}={owner}"
                 assert engine.docker("ps", "--all", "--quiet", "--filter", label) == "", moment
-    assert busy >= 5
+    assert busy >= moments // 2

@@ -26,7 +26,7 @@ from envcraft.errors import SandboxUnavailable, WorkerLost
 from envcraft.events import CheckStarted, SubjectFinished
 from envcraft.plugins import plugins
 from envcraft.sandbox import Driver, Limits, Worker
-from envcraft.target import Target
+from envcraft.target import Target, read_target
 
 from .conftest import environment
 
@@ -268,10 +268,12 @@ class TestFallback:
         assert "is gone" in nursery.refusal
 
 
-def judged(driver: Driver, kill_in: list[Nursery] | None = None) -> list[Any]:
-    """What some checks find in three environments; with `kill_in` a zygote is killed while each of them is judged."""
-    lines = ("pass", "self.steps += hash('snow') % 2", "x = [self.steps]")
-    targets = [Target(f"tiny{number}.py", environment(step=line).encode()) for number, line in enumerate(lines)]
+_LINES = ("pass", "self.steps += hash('snow') % 2", "x = [self.steps]")
+TINY = [Target(f"tiny{number}.py", environment(step=line).encode()) for number, line in enumerate(_LINES)]
+
+
+def judged(driver: Driver, targets: list[Target], kill_in: list[Nursery] | None = None) -> list[Any]:
+    """What some checks find; with `kill_in` a zygote is killed while each environment is judged."""
     checks = [check for check in plugins().collect("envcraft_checks") if check.name in ("source", "determinism")]
     found, killed = [], 0
     for event in validate(Plan(targets, ARCADE, driver, checks, BUDGETS["quick"], lanes=1), workers=1):
@@ -285,7 +287,7 @@ def judged(driver: Driver, kill_in: list[Nursery] | None = None) -> list[Any]:
 
 @pytest.fixture(scope="module")
 def undisturbed() -> list[Any]:
-    return judged(ProcessDriver())
+    return judged(ProcessDriver(), TINY)
 
 
 @pytest.mark.parametrize("kind", [BUBBLEWRAP, PROCESS])
@@ -300,8 +302,16 @@ def test_no_verdict_depends_on_a_zygote_s_life(kind: type[Driver], undisturbed: 
             nurseries.append(super().nursery())
             return nurseries[-1]
 
-    assert judged(Noted(), nurseries) == undisturbed
+    assert judged(Noted(), TINY, nurseries) == undisturbed
     assert {found.code for _, _, _, findings in undisturbed[1] for found in findings} == {"EC203"}
+
+
+@pytest.mark.parametrize("nursery", [BUBBLEWRAP], indirect=True)
+def test_what_follows_addresses_or_process_ids_is_found_in_forked_workers(nursery: Nursery, root: Path) -> None:
+    folder = root / "tests" / "fixtures" / "determinism" / "bad"
+    targets = [read_target(str(folder / name)) for name in ("set_of_objects.py", "process_id.py")]
+    for checks in judged(nursery._driver, targets):
+        assert {found.code for _, _, _, findings in checks for found in findings} == {"EC202"}
 
 
 def zygote_of(nursery: Nursery, hash_seed: int = 0) -> int:
