@@ -30,6 +30,7 @@ bench: .venv/dev.stamp
 	$(BIN)/python -m tests.hostile.judge
 	$(BIN)/python -m benchmarks.overhead
 	$(BIN)/python -m benchmarks.cold
+	$(BIN)/python -m benchmarks.launch
 	$(BIN)/python -m benchmarks.memory
 	$(BIN)/python -m benchmarks.audit
 	$(BIN)/python -m benchmarks.corpus_store

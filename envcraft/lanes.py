@@ -33,6 +33,11 @@ class Place:
     own: bool = False
     home: bytes = b""
 
+    @property
+    def fresh(self) -> bool:
+        """Whether its worker may not have the memory layout of the one that ordinary jobs run in."""
+        return self.own or (self.apart and not self.hash_seed)
+
 
 @dataclass(eq=False)
 class Task:
@@ -48,9 +53,9 @@ _Slot = tuple[str, int]
 
 
 class Lanes:
-    """Up to `count` jobs at a time. `launch` makes a worker with a hash seed, in the thread that will use it."""
+    """Up to `count` jobs at a time. `launch` makes a worker for a place, in the thread that will use it."""
 
-    def __init__(self, launch: Callable[[int], Worker], count: int) -> None:
+    def __init__(self, launch: Callable[[Place], Worker], count: int) -> None:
         self._launch = launch
         self._count = count
         self._queue: list[Task] = []
@@ -166,7 +171,7 @@ class Lanes:
     def _run(self, task: Task, slot: _Slot) -> Any:
         lasts = False
         try:
-            result = task.work(self._worker(slot, task.place.hash_seed))
+            result = task.work(self._worker(slot, task.place))
             lasts = not task.place.own
             return result
         finally:
@@ -174,9 +179,9 @@ class Lanes:
             if not lasts:
                 self._end(slot)
 
-    def _worker(self, slot: _Slot, hash_seed: int) -> Worker:
+    def _worker(self, slot: _Slot, place: Place) -> Worker:
         if slot not in self._workers:
-            worker = self._launch(hash_seed)
+            worker = self._launch(place)
             with self._changed:
                 self._workers[slot] = worker
                 closed = self._closed

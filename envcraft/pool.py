@@ -1,7 +1,8 @@
 """Warm workers: what the next subjects will want is launched while the present ones are judged.
 
-Each worker serves one subject and is destroyed. Background launches run in one thread that lives as long as the pool,
-since some sandboxes end with the thread that started them.
+Each worker serves one subject and is destroyed. For several subjects they come from the driver's nursery, but for
+those that must share no memory layout with others, which are launched by themselves when they are wanted. Background
+launches run in one thread that lives as long as the pool, since some sandboxes end with the thread that started them.
 """
 
 from __future__ import annotations
@@ -21,6 +22,8 @@ if TYPE_CHECKING:
 
 #: So many workers are kept warm, or on the way, at the most.
 _WARM = 3
+#: For more subjects than this, workers come from the driver's nursery.
+_FEW = 1
 
 
 class Pool(Driver):
@@ -33,6 +36,7 @@ class Pool(Driver):
         self.name, self.isolation, self.rank = driver.name, driver.isolation, driver.rank
         self.ended = False
         self._driver = driver
+        self._nursery = driver.nursery() if subjects > _FEW else driver
         self._limits = limits
         self._wanted = Counter({0: subjects})
         self._warm: list[tuple[int, Future[Worker]]] = []
@@ -57,14 +61,20 @@ class Pool(Driver):
         return self._driver.probe()
 
     def launch(self, *, hash_seed: int, limits: Limits) -> Worker:
+        return self._launch(self._driver, hash_seed, limits)
+
+    def sibling(self, *, hash_seed: int, limits: Limits) -> Worker:
+        return self._launch(self._nursery, hash_seed, limits)
+
+    def _launch(self, driver: Driver, hash_seed: int, limits: Limits) -> Worker:
         if self.ended:
             raise _ended()
-        return self._keep(self._driver.begin(hash_seed=hash_seed, limits=limits))
+        return self._keep(driver.begin(hash_seed=hash_seed, limits=limits))
 
     def _begin_first(self) -> Callable[[], Worker] | None:
         """By this thread, which would not let another one get on while it imports what the judging needs."""
         try:
-            return self._driver.begin(hash_seed=0, limits=self._limits)
+            return self._nursery.begin(hash_seed=0, limits=self._limits)
         except SandboxUnavailable:
             # Said when the worker is asked for.
             return None
@@ -103,7 +113,7 @@ class Pool(Driver):
                 self._warm.remove(found)
         try:
             if found is None or found[1].cancel():
-                return self.launch(hash_seed=hash_seed, limits=self._limits)
+                return self.sibling(hash_seed=hash_seed, limits=self._limits)
             return found[1].result()
         finally:
             self._restock()
@@ -119,6 +129,8 @@ class Pool(Driver):
             worker.close()
         # One that is being launched closes itself.
         self._background.shutdown()
+        if self._nursery is not self._driver:
+            self._nursery.close()
 
     def _restock(self) -> None:
         with self._lock:
@@ -128,7 +140,7 @@ class Pool(Driver):
                 if not lacking:
                     return
                 seed = min(lacking, key=stock.__getitem__)
-                launched = self._background.submit(self.launch, hash_seed=seed, limits=self._limits)
+                launched = self._background.submit(self.sibling, hash_seed=seed, limits=self._limits)
                 self._warm.append((seed, launched))
 
     def _release(self, hash_seeds: set[int]) -> None:
@@ -168,10 +180,13 @@ class Turn(Driver):
         return self._pool.probe()
 
     def launch(self, *, hash_seed: int, limits: Limits) -> Worker:
+        return self._pool.launch(hash_seed=hash_seed, limits=limits)
+
+    def sibling(self, *, hash_seed: int, limits: Limits) -> Worker:
         if hash_seed in self.wanted:
             self.wanted.discard(hash_seed)
             return self._pool.take(hash_seed)
-        return self._pool.launch(hash_seed=hash_seed, limits=limits)
+        return self._pool.sibling(hash_seed=hash_seed, limits=limits)
 
 
 def _ended() -> WorkerLost:

@@ -194,6 +194,18 @@ class Driver(ABC):
         """
         return lambda: self.launch(hash_seed=hash_seed, limits=limits)
 
+    def nursery(self) -> Driver:
+        """This driver for many workers, which cost less each. Those with one hash seed may share their memory layout,
+        and nothing else. Close it after the last of them; a driver that knows no such way gives itself.
+        """
+        return self
+
+    def sibling(self, *, hash_seed: int, limits: Limits) -> Worker:
+        """A worker that may share its memory layout with another one of this driver and hash seed. Raises
+        SandboxUnavailable.
+        """
+        return self.launch(hash_seed=hash_seed, limits=limits)
+
     def under(self, runtime: str) -> Driver:
         """This driver with another container runtime. Raises UsageError where there are no containers."""
         raise UsageError(f"--runtime {runtime} goes with the docker sandbox, and this one is {self.name}")

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from types import TracebackType
-from typing import Any
+from typing import Any, TypeVar
 
 import msgspec
 
@@ -17,7 +17,7 @@ from envcraft.budget import Budget
 from envcraft.check import Skip
 from envcraft.contract import Contract
 from envcraft.description import Description, Outcome
-from envcraft.errors import EnvCraftError
+from envcraft.errors import EnvCraftError, WorkerLost
 from envcraft.lanes import Lanes, Place, Task
 from envcraft.players import Players
 from envcraft.rollout import Action, Conditions, Rollout
@@ -30,6 +30,10 @@ from envcraft.trace import Recording, Trace
 _SEARCH_SHARE = 0.2
 #: So many hung jobs are waited for, then no more are begun.
 _PATIENCE = 3
+#: So many jobs whose worker was gone are run again on another one: what ended it may have been meant for its neighbour.
+_LOST = 2
+
+_T = TypeVar("_T")
 
 
 class Loaded(msgspec.Struct, frozen=True):
@@ -100,6 +104,7 @@ class Subject:
         self.stepped: Callable[[int], None] | None = None
         self.about: dict[str, Any] = {}
         self._timeouts = 0
+        self._lost = 0
         self._lanes = Lanes(self._launch, lanes)
         self._ahead: dict[tuple[bytes, bool], Begun] = {}
         self._prepared: weakref.WeakSet[Worker] = weakref.WeakSet()
@@ -151,20 +156,26 @@ class Subject:
 
     def find_modules(self, names: list[str]) -> tuple[list[str], list[str]]:
         """Ask the worker which modules it lacks; with any missing, also which it has."""
-        found: tuple[list[str], list[str]] = self._lanes.wait(
-            self._lanes.submit(Place(), lambda worker: worker.find(names))
-        )
-        return found
+
+        def attempt() -> tuple[list[str], list[str]]:
+            task = self._lanes.submit(Place(), lambda worker: worker.find(names))
+            found: tuple[list[str], list[str]] = self._lanes.wait(task)
+            return found
+
+        return self._persist(attempt)
 
     def load(self) -> Loaded:
         """Load the file in the worker and construct one instance. The result is kept."""
         if self._loaded is None:
-            recording = Recording(Rollout(0, []), None, None)
-            end = recording.trace.end = self._end(self._submit(Place(), self._job("describe"), recording))
-            self._loaded = Loaded(recording.description, recording.trace, end)
+            self._loaded = self._persist(self._describe)
             self._prepared.clear()
-            self.env_class = recording.description.get("class", self.env_class)
+            self.env_class = self._loaded.description.get("class", self.env_class)
         return self._loaded
+
+    def _describe(self) -> Loaded:
+        recording = Recording(Rollout(0, []), None, None)
+        end = recording.trace.end = self._end(self._submit(Place(), self._job("describe"), recording))
+        return Loaded(recording.description, recording.trace, end)
 
     @property
     def observation_space(self) -> spaces.Space:
@@ -345,7 +356,7 @@ class Subject:
             trace.end.how is How.DIED or (trace.end.how is How.TIMEOUT and self._timeouts == 1)
         ):
             # Batches hide how far it came: the same episode once more, every step sent at once, tells.
-            slow = self._result(self._begin(rollout, again, every_step=True))
+            slow = self._persist(lambda: self._result(self._begin(rollout, again, every_step=True)))
             if slow.end is not None and slow.end.how is trace.end.how:
                 trace = slow
         self._count(trace.steps)
@@ -367,8 +378,13 @@ class Subject:
         """Wait for what a check asks for. Whatever depends on the order of asking is done here. Raises Skip."""
         if refusal := self._refusal:
             raise Skip(refusal)
-        begun = self._ahead.pop((request.key(), again), None) or self._begin(request, again)
-        trace = self._result(begun)
+        key = (request.key(), again)
+
+        def attempt() -> Trace:
+            begun = self._ahead.pop(key, None) or self._begin(request, again)
+            return self._result(begun)
+
+        trace = self._persist(attempt)
         if isinstance(request, Rollout):
             # Foreseen it may have had another name.
             trace.rollout = request
@@ -376,6 +392,16 @@ class Subject:
         if self._refusal:
             self.forget()
         return trace
+
+    def _persist(self, attempt: Callable[[], _T]) -> _T:
+        """What an attempt gives, or where its worker was lost, what another one does. Raises EnvCraftError."""
+        try:
+            return attempt()
+        except WorkerLost:
+            self._lost += 1
+            if self._lost > _LOST:
+                raise
+        return attempt()
 
     def _result(self, begun: Begun) -> Trace:
         begun.recording.trace.end = self._end(begun)
@@ -467,8 +493,9 @@ class Subject:
         # A process with threads must not be forked.
         return told.get("modules", []) if told.get("effects", {}).get("threads") == 0 else []
 
-    def _launch(self, hash_seed: int) -> Worker:
-        worker = self.driver.launch(hash_seed=hash_seed, limits=self.limits)
+    def _launch(self, place: Place) -> Worker:
+        launch = self.driver.launch if place.fresh else self.driver.sibling
+        worker = launch(hash_seed=place.hash_seed, limits=self.limits)
         self.about = self.about or worker.about
         libraries = sorted(set(imported(self.target.source)) & set(self.contract.libraries or ()))
         if libraries:

@@ -16,6 +16,7 @@ from envcraft.installed import Installed
 from envcraft.sandbox import Availability, Driver, Isolation, Limits, Worker
 
 from . import launch
+from .zygote import Nursery, Started
 
 _LAYERS = [
     "user, mount, pid, network, ipc and uts namespaces",
@@ -26,6 +27,23 @@ _LAYERS = [
 ]
 _SYSTEM = ("/usr", "/lib", "/lib64", "/lib32", "/bin", "/etc/ld.so.cache", "/etc/localtime")
 _TMPFS_BYTES = 64 * 1024**2
+#: As bwrap makes them itself, but read-only, and without new terminals, which workers of one zygote would share. For
+#: its own it is root inside first, and then covers parts of /proc: below that no namespace can have a /proc of its own.
+_DEVICES = [
+    *("--tmpfs", "/dev"),
+    *(
+        word
+        for name in ("null", "zero", "full", "random", "urandom", "tty")
+        for word in ("--dev-bind-try", f"/dev/{name}", f"/dev/{name}")
+    ),
+    *("--symlink", "/proc/self/fd", "/dev/fd", "--symlink", "/proc/kcore", "/dev/core"),
+    *(
+        word
+        for number, name in enumerate(("stdin", "stdout", "stderr"))
+        for word in ("--symlink", f"/proc/self/fd/{number}", f"/dev/{name}")
+    ),
+    *("--dir", "/dev/shm", "--dir", "/dev/pts", "--symlink", "pts/ptmx", "/dev/ptmx", "--remount-ro", "/dev"),
+]
 
 
 class BubblewrapDriver(Driver):
@@ -46,10 +64,20 @@ class BubblewrapDriver(Driver):
         return self.begin(hash_seed=hash_seed, limits=limits)()
 
     def begin(self, *, hash_seed: int, limits: Limits) -> Callable[[], Worker]:
+        return launch.start(self._argv(isolate(self._found), hash_seed), {}, limits, self.name)
+
+    def nursery(self) -> Driver:
+        return Nursery(self, self._zygote, launch.JOB_FOLDER)
+
+    def _zygote(self, hash_seed: int) -> Started:
+        argv = [*self._argv(isolate(self._found, nested=True), hash_seed), "--zygote", str(_TMPFS_BYTES)]
+        return Started(*launch.spawn(argv, {}, self.name))
+
+    def _argv(self, isolated: list[str], hash_seed: int) -> list[str]:
         variables = launch.environment(hash_seed)
         variables["PYTHONPATH"] = os.pathsep.join(launch.module_paths(self._found))
-        argv = [*isolate(self._found), *(word for name in variables for word in ("--setenv", name, variables[name]))]
-        return launch.start([*argv, "--", *launch.command(read=self._found.folders)], {}, limits, self.name)
+        options = [word for name in variables for word in ("--setenv", name, variables[name])]
+        return [*isolated, *options, "--", *launch.command(read=self._found.folders)]
 
 
 @functools.cache
@@ -68,12 +96,14 @@ def _probe() -> Availability:
     return Availability(True, layers=_LAYERS)
 
 
-def isolate(found: Installed = Installed()) -> list[str]:  # noqa: B008 (it is immutable)
+def isolate(found: Installed = Installed(), nested: bool = False) -> list[str]:  # noqa: B008 (it is immutable)
     """The bwrap command line up to the program: what the worker sees is the system, the interpreter, the
-    libraries, and what is installed elsewhere.
+    libraries, and what is installed elsewhere. With `nested` the program is to make such namespaces in its own.
     """
     argv = [shutil.which("bwrap") or "bwrap", "--unshare-all", "--die-with-parent", "--new-session", "--as-pid-1"]
-    if _knows("--disable-userns"):
+    if nested:
+        argv += ["--unshare-user"]
+    elif _knows("--disable-userns"):
         # A namespace of its own would give the job capabilities again, if only inside.
         argv += ["--unshare-user", "--disable-userns"]
     argv += ["--cap-drop", "ALL", "--clearenv", "--hostname", "sandbox", "--uid", "65534", "--gid", "65534"]
@@ -82,10 +112,14 @@ def isolate(found: Installed = Installed()) -> list[str]:  # noqa: B008 (it is i
             argv += ["--symlink", os.readlink(path), path]
         else:
             argv += ["--ro-bind-try", path, path]
-    argv += ["--proc", "/proc", "--dev", "/dev", "--size", str(_TMPFS_BYTES), "--tmpfs", "/tmp"]
+    argv += ["--proc", "/proc", *(_DEVICES if nested else ("--dev", "/dev"))]
+    argv += ["--size", str(_TMPFS_BYTES), "--tmpfs", "/tmp"]
     # After the empty /tmp, which would hide an interpreter that lies below it.
     for path in _python_paths(found):
         argv += ["--ro-bind", path, path]
+    if nested:
+        # Each has files of its own here.
+        argv += ["--dir", launch.JOB_FOLDER, "--remount-ro", "/tmp"]
     return [*argv, "--remount-ro", "/", "--chdir", "/tmp"]
 
 

@@ -105,6 +105,23 @@ def start(
     """Start `argv` with ``--fd N`` appended, N being the control socket; what is returned waits until the worker is
     ready. Both raise SandboxUnavailable.
     """
+    process, ours = spawn(argv, variables, name)
+
+    def wait() -> ChildWorker:
+        try:
+            return ChildWorker(process, ours, limits, folder)
+        except WorkerLost as error:
+            ours.close()
+            raise SandboxUnavailable(f"the {name} sandbox did not start: {last_words(process) or error}") from None
+
+    return wait
+
+
+def spawn(argv: list[str], variables: dict[str, str], name: str) -> tuple[subprocess.Popen[bytes], socket.socket]:
+    """Start `argv` with ``--fd N`` appended; give the process and the other end of that socket.
+
+    Raises SandboxUnavailable.
+    """
     ours, theirs = socket.socketpair()
     try:
         process = subprocess.Popen(
@@ -122,15 +139,7 @@ def start(
         theirs.close()
         raise SandboxUnavailable(f"the {name} sandbox did not start: {error}") from None
     theirs.close()
-
-    def wait() -> ChildWorker:
-        try:
-            return ChildWorker(process, ours, limits, folder)
-        except WorkerLost as error:
-            ours.close()
-            raise SandboxUnavailable(f"the {name} sandbox did not start: {last_words(process) or error}") from None
-
-    return wait
+    return process, ours
 
 
 def last_words(process: subprocess.Popen[bytes]) -> str:

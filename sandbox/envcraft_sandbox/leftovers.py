@@ -49,6 +49,13 @@ def folder() -> Path:
     return _get().path
 
 
+def job_folder() -> Path:
+    """Where a worker's jobs may write, if it has no file system of its own: a path that nobody has yet. Raises
+    SandboxUnavailable.
+    """
+    return folder() / f"job-{secrets.token_hex(8)}"
+
+
 def lifeline() -> int:
     """A descriptor for every program that this process starts to inherit: its end is waited for.
 

@@ -7,13 +7,13 @@ call filter it holds against accidents, not against malice.
 from __future__ import annotations
 
 import os
-import secrets
 from collections.abc import Callable
 
 from envcraft.installed import Installed
 from envcraft.sandbox import Availability, Driver, Isolation, Limits, Worker
 
 from . import launch, leftovers
+from .zygote import Nursery, Started
 
 
 class ProcessDriver(Driver):
@@ -36,8 +36,18 @@ class ProcessDriver(Driver):
         return self.begin(hash_seed=hash_seed, limits=limits)()
 
     def begin(self, *, hash_seed: int, limits: Limits) -> Callable[[], Worker]:
-        folder = leftovers.folder() / f"job-{secrets.token_hex(8)}"
-        variables = launch.environment(hash_seed, str(folder))
-        variables["PYTHONPATH"] = os.pathsep.join(launch.module_paths(self._found))
+        folder = leftovers.job_folder()
         argv = launch.command(str(folder), self._found.folders)
-        return launch.start(argv, variables, limits, self.name, folder)
+        return launch.start(argv, self._variables(hash_seed, str(folder)), limits, self.name, folder)
+
+    def nursery(self) -> Driver:
+        return Nursery(self, self._zygote)
+
+    def _zygote(self, hash_seed: int) -> Started:
+        nowhere = str(leftovers.job_folder())
+        argv = [*launch.command(nowhere, self._found.folders), "--zygote", "0"]
+        return Started(*launch.spawn(argv, self._variables(hash_seed, nowhere), self.name))
+
+    def _variables(self, hash_seed: int, folder: str) -> dict[str, str]:
+        paths = os.pathsep.join(launch.module_paths(self._found))
+        return launch.environment(hash_seed, folder) | {"PYTHONPATH": paths}

@@ -38,13 +38,13 @@ class StubWorker(Worker):
 class Launched(list[StubWorker]):
     """Launches workers, and remembers them."""
 
-    def __call__(self, hash_seed: int) -> StubWorker:
-        self.append(StubWorker(hash_seed))
+    def __call__(self, place: Place) -> StubWorker:
+        self.append(StubWorker(place.hash_seed))
         return self[-1]
 
 
 @contextmanager
-def lanes_of(count: int, launch: Callable[[int], Worker]) -> Iterator[Lanes]:
+def lanes_of(count: int, launch: Callable[[Place], Worker]) -> Iterator[Lanes]:
     lanes = Lanes(launch, count)
     try:
         yield lanes
@@ -183,10 +183,10 @@ def test_a_launch_that_fails_is_the_job_s_failure_only() -> None:
     launched = Launched()
     failures = iter([True, False])
 
-    def launch(hash_seed: int) -> Worker:
+    def launch(place: Place) -> Worker:
         if next(failures):
             raise WorkerLost("no room")
-        return launched(hash_seed)
+        return launched(place)
 
     with lanes_of(1, launch) as lanes:
         with pytest.raises(WorkerLost, match="no room"):
@@ -223,10 +223,10 @@ def test_a_worker_that_is_launched_while_the_lanes_close_is_ended() -> None:
     launched = Launched()
     launching, go = threading.Event(), threading.Event()
 
-    def launch(hash_seed: int) -> Worker:
+    def launch(place: Place) -> Worker:
         launching.set()
         assert go.wait(_SOON)
-        return launched(hash_seed)
+        return launched(place)
 
     lanes = Lanes(launch, 1)
     task = lanes.submit(Place(), itself)

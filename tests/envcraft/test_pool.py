@@ -25,6 +25,9 @@ class StubDriver(Driver):
 
     def __init__(self) -> None:
         self.workers: list[StubWorker] = []
+        self.begun = 0
+        self.nurses = False
+        self.nurseries: list[Nursery] = []
         self.room = threading.Event()
         self.room.set()
 
@@ -32,13 +35,28 @@ class StubDriver(Driver):
         return Availability(True)
 
     def launch(self, *, hash_seed: int, limits: Limits) -> Worker:
+        self.begun += 1
         assert self.room.wait(_SOON)
         self.workers.append(StubWorker(hash_seed))
         return self.workers[-1]
 
+    def nursery(self) -> Driver:
+        self.nurseries.append(Nursery())
+        return self.nurseries[-1] if self.nurses else self
+
     @property
     def seeds(self) -> list[int]:
         return sorted(worker.hash_seed for worker in self.workers)
+
+
+class Nursery(StubDriver):
+    """Where the workers come from that may be alike."""
+
+    closed = False
+
+    def close(self) -> None:
+        assert all(worker.ended.is_set() for worker in self.workers)
+        self.closed = True
 
 
 def until(holds: Callable[[], bool]) -> None:
@@ -68,7 +86,7 @@ def test_no_more_than_the_subjects_to_come_will_want() -> None:
         settled(driver, [0, 0])
         for _ in range(2):
             with pool.turn() as turn:
-                turn.launch(hash_seed=0, limits=LIMITS)
+                turn.sibling(hash_seed=0, limits=LIMITS)
         settled(driver, [0, 0])
 
 
@@ -77,7 +95,7 @@ def test_a_warm_worker_is_handed_out_once_and_further_ones_are_launched() -> Non
     with Pool(driver, LIMITS, subjects=1) as pool:
         settled(driver, [0])
         with pool.turn() as turn:
-            taken = [turn.launch(hash_seed=0, limits=LIMITS) for _ in range(3)]
+            taken = [turn.sibling(hash_seed=0, limits=LIMITS) for _ in range(3)]
     assert taken[0] is driver.workers[0]
     assert len(set(taken)) == 3
     assert len(driver.workers) == 3
@@ -86,20 +104,51 @@ def test_a_warm_worker_is_handed_out_once_and_further_ones_are_launched() -> Non
 def test_a_subject_says_what_it_expects() -> None:
     driver = StubDriver()
     with Pool(driver, LIMITS, subjects=1) as pool, pool.turn() as turn:
-        first = turn.launch(hash_seed=0, limits=LIMITS)
+        first = turn.sibling(hash_seed=0, limits=LIMITS)
         settled(driver, [0])
         turn.expect([7])
         settled(driver, [0, 7])
-        assert turn.launch(hash_seed=7, limits=LIMITS) is driver.workers[1]
-        assert turn.launch(hash_seed=7, limits=LIMITS) is driver.workers[2]
+        assert turn.sibling(hash_seed=7, limits=LIMITS) is driver.workers[1]
+        assert turn.sibling(hash_seed=7, limits=LIMITS) is driver.workers[2]
         assert first is driver.workers[0]
+
+
+def test_for_several_subjects_workers_come_from_the_nursery_but_for_fresh_ones() -> None:
+    driver = StubDriver()
+    driver.nurses = True
+    with Pool(driver, LIMITS, subjects=2) as pool, pool.turn() as turn:
+        (nursery,) = driver.nurseries
+        turn.expect([7])
+        settled(nursery, [0, 0, 7])
+        for hash_seed in (0, 7):
+            assert turn.sibling(hash_seed=hash_seed, limits=LIMITS) in nursery.workers
+        # A second lane's, and one in place of a worker that was lost.
+        assert turn.sibling(hash_seed=0, limits=LIMITS) in nursery.workers
+        assert [turn.launch(hash_seed=seed, limits=LIMITS) for seed in (0, 7)] == driver.workers
+        assert not nursery.closed
+    assert nursery.closed
+
+
+def test_one_subject_needs_no_nursery() -> None:
+    driver = StubDriver()
+    with Pool(driver, LIMITS, subjects=1):
+        settled(driver, [0])
+    assert driver.nurseries == []
+
+
+def test_a_fresh_worker_is_none_of_those_that_were_launched_ahead() -> None:
+    driver = StubDriver()
+    with Pool(driver, LIMITS, subjects=1) as pool, pool.turn() as turn:
+        settled(driver, [0])
+        assert turn.launch(hash_seed=0, limits=LIMITS) is driver.workers[1]
+        assert turn.sibling(hash_seed=0, limits=LIMITS) is driver.workers[0]
 
 
 def test_what_a_subject_expected_and_never_took_is_ended_with_its_turn() -> None:
     driver = StubDriver()
     with Pool(driver, LIMITS, subjects=2) as pool:
         with pool.turn() as turn:
-            turn.launch(hash_seed=0, limits=LIMITS)
+            turn.sibling(hash_seed=0, limits=LIMITS)
             turn.expect([7])
             settled(driver, [0, 0, 7])
         (other,) = (worker for worker in driver.workers if worker.hash_seed == 7)
@@ -119,7 +168,7 @@ def test_one_that_is_not_under_way_yet_is_not_waited_for() -> None:
 
         def take() -> None:
             with pool.turn() as turn:
-                taken.append(turn.launch(hash_seed=0, limits=LIMITS))
+                taken.append(turn.sibling(hash_seed=0, limits=LIMITS))
 
         threads = [threading.Thread(target=take) for _ in range(3)]
         for thread in threads:
@@ -139,7 +188,7 @@ def test_a_launch_that_fails_is_told_to_who_wants_the_worker() -> None:
     with Pool(Broken(), LIMITS, subjects=2) as pool:
         for _ in range(2):
             with pool.turn() as turn, pytest.raises(SandboxUnavailable, match="no room"):
-                turn.launch(hash_seed=0, limits=LIMITS)
+                turn.sibling(hash_seed=0, limits=LIMITS)
 
 
 def test_nothing_is_launched_after_the_end() -> None:
@@ -157,10 +206,11 @@ def test_an_interruption_ends_warm_workers_those_in_use_and_those_on_the_way() -
 
     def judge() -> None:
         with Pool(driver, LIMITS, subjects=9) as pool, pool.turn() as turn:
-            in_use.append(turn.launch(hash_seed=0, limits=LIMITS))
+            in_use.append(turn.sibling(hash_seed=0, limits=LIMITS))
             until(lambda: len(driver.workers) == 4)
             driver.room.clear()
             pool.take(0)
+            until(lambda: driver.begun == 5)
             threading.Timer(0.1, driver.room.set).start()
             raise KeyboardInterrupt
 

@@ -70,6 +70,7 @@ class Arcade(Driver):
 
     def __init__(self) -> None:
         self.games: list[Game] = []
+        self.siblings: list[Worker] = []
 
     def probe(self) -> Availability:
         return Availability(True)
@@ -77,6 +78,11 @@ class Arcade(Driver):
     def launch(self, *, hash_seed: int, limits: Limits) -> Worker:
         self.games.append(Game(self, hash_seed))
         return self.games[-1]
+
+    def sibling(self, *, hash_seed: int, limits: Limits) -> Worker:
+        made = self.launch(hash_seed=hash_seed, limits=limits)
+        self.siblings.append(made)
+        return made
 
     @property
     def served(self) -> list[dict[str, Any]]:
@@ -216,6 +222,38 @@ def test_a_fresh_rerun_has_a_worker_of_its_own_each_time() -> None:
         for _ in range(3):
             subject.rerun(fresh)
     assert [len(game.served) for game in driver.games] == [1, 1, 1, 1]
+
+
+@pytest.mark.parametrize(
+    ("conditions", "again", "alike"),
+    [
+        (Conditions(), False, True),
+        (Conditions(), True, True),
+        (Conditions(hash_seed=5), False, True),
+        (Conditions(fresh=True, hash_seed=5), False, True),
+        (Conditions(fresh=True), False, False),
+        (Conditions(fresh=True), True, False),
+        (Conditions(fresh=True, hash_seed=5), True, False),
+    ],
+)
+def test_only_what_is_fresh_and_no_other_hash_seed_needs_a_memory_layout_of_its_own(
+    conditions: Conditions, again: bool, alike: bool
+) -> None:
+    driver = Arcade()
+    with subject_of(driver, 1) as subject:
+        (subject.rerun if again else subject.rollout)(play(0, conditions=conditions))
+    assert (driver.games == driver.siblings) is alike
+
+
+def test_a_worker_that_is_lost_once_costs_no_verdict() -> None:
+    driver = Arcade()
+    with subject_of(driver, 1) as subject:
+        subject.load()
+        driver.games[0].ended.set()
+        subject.foresee([play(seed) for seed in range(3)])
+        assert [subject.rollout(play(seed)).steps for seed in range(3)] == [3, 3, 3]
+        assert subject.steps == 9
+    assert len(driver.games) == 2
 
 
 def test_about_is_the_first_worker_s() -> None:

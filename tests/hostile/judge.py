@@ -120,8 +120,9 @@ class Runs:
     `seen` are the runs whose results were asked for.
     """
 
-    def __init__(self, workers: int = _POOL) -> None:
+    def __init__(self, workers: int = _POOL, nursery: bool = False) -> None:
         self.seen: list[Run] = []
+        self._nursery = nursery
         self._started = time.monotonic()
         self._pool = ProcessPoolExecutor(workers, initializer=_set_traps)
         self._alone: dict[str, Future[Run]] = {}
@@ -136,9 +137,9 @@ class Runs:
     def begin(self, program: Program, driver: str) -> None:
         """Queue a run, and before the first of a driver one of the innocent program alone."""
         if driver not in self._alone:
-            self._alone[driver] = self._pool.submit(_run, None, driver)
+            self._alone[driver] = self._pool.submit(_run, None, driver, self._nursery)
         if (program.name, driver) not in self._runs:
-            self._runs[program.name, driver] = self._pool.submit(_run, program, driver)
+            self._runs[program.name, driver] = self._pool.submit(_run, program, driver, self._nursery)
 
     def result(self, program: Program, driver: str) -> Run:
         """Wait for a run and hold the innocent program's traces against those of its run alone."""
@@ -174,12 +175,13 @@ def _leave(*_: object) -> None:
     os._exit(1)
 
 
-def _run(program: Program | None, driver: str) -> Run:
+def _run(program: Program | None, driver: str, nursery: bool) -> Run:
     """One run, in a process of the pool."""
     machine = _machine
     assert machine is not None
     name = program.name if program else "(nothing)"
-    job = {"driver_name": driver, "program": str(program.path) if program else None, "values": machine.values}
+    path = str(program.path) if program else None
+    job = {"driver_name": driver, "program": path, "values": machine.values, "nursery": nursery}
     patience = (program.seconds if program else 0.0) + 60
     process = subprocess.Popen(
         [sys.executable, "-m", "tests.hostile.runner"],
@@ -256,9 +258,9 @@ def pairs(chosen: Sequence[Program]) -> list[tuple[Program, str]]:
     return sorted(found, key=lambda pair: -pair[0].seconds)
 
 
-def judge(chosen: Sequence[tuple[Program, str]], workers: int = _POOL) -> Iterator[Run]:
+def judge(chosen: Sequence[tuple[Program, str]], workers: int = _POOL, nursery: bool = False) -> Iterator[Run]:
     """Run them side by side and give what came of each, in order."""
-    with Runs(workers) as runs:
+    with Runs(workers, nursery) as runs:
         for program, driver in chosen:
             runs.begin(program, driver)
         for program, driver in chosen:
@@ -291,6 +293,7 @@ def main() -> int:
     )
     parser.add_argument("--driver", action="append", help="only under this driver (may be given again)")
     parser.add_argument("--workers", type=int, default=_POOL, help="so many side by side (default: %(default)s)")
+    parser.add_argument("--nursery", action="store_true", help="on forked workers, as where there are many subjects")
     options = parser.parse_args()
     wanted = [program for program in programs() if program.name.startswith(tuple(options.names or [""]))]
     started = time.monotonic()
@@ -303,7 +306,7 @@ def main() -> int:
         for program, driver in pairs(wanted)
         if not missing(driver) and driver in (options.driver or drivers())
     ]
-    for run in judge(chosen, options.workers):
+    for run in judge(chosen, options.workers, options.nursery):
         runs.append(run)
         if run.wrong or run.broken:
             print(run, file=sys.stderr, flush=True)

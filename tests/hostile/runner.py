@@ -17,6 +17,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from envcraft import pool
 from envcraft.budget import Budget
 from envcraft.check import Check
 from envcraft.contract import ARCADE
@@ -59,8 +60,12 @@ class Witness(Check):
         return iter(())
 
 
-def run(driver_name: str, program: str | None, values: dict[str, str]) -> dict[str, Any]:
-    """Judge the program whose path is `program`, its placeholders filled from `values`, and then an innocent one."""
+def run(driver_name: str, program: str | None, values: dict[str, str], nursery: bool = False) -> dict[str, Any]:
+    """Judge the program whose path is `program`, its placeholders filled from `values`, and then an innocent one; with
+    `nursery` on workers as they are where there are many subjects.
+    """
+    if nursery:
+        pool._FEW = 0
     registered = plugins()
     checks: list[Check] = registered.collect("envcraft_checks")
     driver = choose(registered.collect("envcraft_sandbox_drivers"), driver_name)

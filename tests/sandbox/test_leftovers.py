@@ -261,18 +261,29 @@ def _children(process: int) -> set[int]:
     return {int(child) for children in listed for child in children.read_text().split()}
 
 
-@pytest.mark.parametrize("kind", DRIVERS)
+@pytest.mark.parametrize(
+    ("kind", "games"),
+    [
+        pytest.param(*case.values, number, marks=case.marks, id=f"{case.id}-{number}")
+        for case in DRIVERS
+        # Workers for several are forked, where the driver has a way to.
+        for number in ((1,) if case.id == "docker" else (1, 2))
+    ],
+)
 def test_kill_9_at_any_moment_leaves_nothing(
-    kind: type[Driver], temporary: Path, orphans: Callable[[], list[int]]
+    kind: type[Driver], games: int, temporary: Path, orphans: Callable[[], list[int]]
 ) -> None:
     available = kind().probe()
     if not available.works:
         pytest.skip(f"{available.reason}; {available.fix}")
-    (temporary / "game.py").write_text(_BUSY)
-    command = [sys.executable, "-m", "envcraft", "validate", "game.py", "--sandbox", kind.name]
+    files = [f"game{number}.py" for number in range(games)]
+    for file in files:
+        (temporary / file).write_text(_BUSY)
+    command = [sys.executable, "-m", "envcraft", "validate", *files, "--sandbox", kind.name]
     generator = random.Random(0)
     busy = 0
-    for number, moment in enumerate(generator.uniform(0, 1.2) for _ in range(10)):
+    moments = 10 if games == 1 else 6
+    for number, moment in enumerate(generator.uniform(0, 1.2) for _ in range(moments)):
         checker = subprocess.Popen(command, cwd=temporary, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
         # Half of the moments count from the first program that it starts, whenever a busy machine gets there.
         while number % 2 and checker.poll() is None and not _children(checker.pid):
@@ -288,4 +299,4 @@ def test_kill_9_at_any_moment_leaves_nothing(
             for owner in owners:
                 label = f"label={OWNER_LABEL}={owner}"
                 assert engine.docker("ps", "--all", "--quiet", "--filter", label) == "", moment
-    assert busy >= 5
+    assert busy >= moments // 2

@@ -62,8 +62,8 @@ def enter(limits: dict[str, Any], shown: int | None) -> None:
     _limit(resource.RLIMIT_NOFILE, limits["descriptors"])
     if sys.platform != "linux":
         return
-    _drop_capabilities()
-    _prctl(_PR_SET_NO_NEW_PRIVS, 1)
+    drop_capabilities()
+    allow_no_new_privileges()
     if shown is not None:
         landlock.restrict(shown)
     if seccomp.available():
@@ -80,18 +80,24 @@ def adopt_orphans() -> None:
     _prctl(_PR_SET_CHILD_SUBREAPER, 1)
 
 
+def drop_capabilities() -> None:
+    """Raises OSError."""
+    libc = ctypes.CDLL(None, use_errno=True)
+    if libc.capset(struct.pack("<Ii", _CAPABILITIES_3, 0), struct.pack("<6I", *[0] * 6)):
+        raise OSError(ctypes.get_errno(), "the capabilities cannot be dropped")
+
+
+def allow_no_new_privileges() -> None:
+    """No program that this process starts gets more rights than it has."""
+    _prctl(_PR_SET_NO_NEW_PRIVS, 1)
+
+
 def _libraries() -> list[str]:
     """The interpreter's folders, and what the driver put on the path; not what a ``.pth`` file adds, which may be a
     project's whole folder.
     """
     told = os.environ.get("PYTHONPATH", "").split(os.pathsep)
     return [sys.prefix, sys.base_prefix, sys.exec_prefix, *filter(None, told)]
-
-
-def _drop_capabilities() -> None:
-    libc = ctypes.CDLL(None, use_errno=True)
-    if libc.capset(struct.pack("<Ii", _CAPABILITIES_3, 0), struct.pack("<6I", *[0] * 6)):
-        raise OSError(ctypes.get_errno(), "the capabilities cannot be dropped")
 
 
 def _offer_to_the_oom_killer() -> None:

@@ -12,6 +12,7 @@ import pytest
 from envcraft_sandbox.bubblewrap import BubblewrapDriver
 from envcraft_sandbox.docker import DockerDriver
 from envcraft_sandbox.process import ProcessDriver
+from envcraft_sandbox.zygote import Nursery
 
 from envcraft.sandbox import Driver, How, Isolation, Limits, Worker
 
@@ -23,7 +24,9 @@ DRIVERS = (
     else [
         pytest.param(DockerDriver, marks=pytest.mark.docker, id="docker"),
         pytest.param(BubblewrapDriver, marks=pytest.mark.bubblewrap, id="bubblewrap"),
+        pytest.param(lambda: BubblewrapDriver().nursery(), marks=pytest.mark.bubblewrap, id="bubblewrap-nursery"),
         pytest.param(ProcessDriver, id="process"),
+        pytest.param(lambda: ProcessDriver().nursery(), id="process-nursery"),
     ]
 )
 
@@ -38,6 +41,8 @@ def driver(request: pytest.FixtureRequest) -> Iterator[Driver]:
     if not available.works:
         (pytest.fail if NAMED else pytest.skip)(f"{available.reason}; {available.fix}")
     yield made
+    # Or it was another driver that was asked.
+    assert not isinstance(made, Nursery) or not made.refusal
     made.close()
 
 

@@ -14,6 +14,7 @@ from typing import Any
 
 import msgspec
 import pytest
+from envcraft_sandbox.zygote import Nursery
 
 from envcraft.errors import WorkerLost
 from envcraft.sandbox import Driver, Limits, Worker
@@ -102,8 +103,10 @@ class TestNothingRemains:
     ) -> None:
         source = tmp_path / "tiny.py"
         source.write_text(environment(step=_NAME_ITSELF.replace("TOKEN", token) + "\n    while True: pass"))
+        launched, how_launched = (driver._driver, "nursery") if isinstance(driver, Nursery) else (driver, "")
+        named = [type(launched).__module__, type(launched).__name__, how_launched]
         host = subprocess.Popen(
-            [sys.executable, "-c", _HOST, type(driver).__module__, type(driver).__name__, str(source)],
+            [sys.executable, "-c", _HOST, *named, str(source)],
             env={**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)},
             stderr=subprocess.DEVNULL,
         )
@@ -124,8 +127,9 @@ from envcraft.trace import Recording
 
 signal.signal(signal.SIGINT, signal.default_int_handler)
 limits = Limits(call=60.0)
-worker = getattr(importlib.import_module(sys.argv[1]), sys.argv[2])().launch(hash_seed=0, limits=limits)
-target = {"kind": "source", "source": open(sys.argv[3]).read(), "filename": "tiny.py"}
+driver = getattr(importlib.import_module(sys.argv[1]), sys.argv[2])()
+worker = (driver.nursery() if sys.argv[3] else driver).launch(hash_seed=0, limits=limits)
+target = {"kind": "source", "source": open(sys.argv[4]).read(), "filename": "tiny.py"}
 job = {"kind": "rollout", "target": target, "contract": {}, "seed": 0, "actions": [[0, 0, 0]]}
 worker.run(job, Recording(Rollout(0, [[0, 0, 0]]), None, None), limits)
 """

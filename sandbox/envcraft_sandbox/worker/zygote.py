@@ -1,0 +1,160 @@
+"""The zygote: import the libraries once, then fork a fork server for each request.
+
+It runs no untrusted code, and reads nothing that came of any. The host speaks JSON lines on the control socket, one
+request at a time::
+
+    {"folder": "/tmp/job"} + a descriptor: the fork server's own control socket
+                                             -> {"forked": <process id>} + a descriptor: the fork server's pidfd
+                                             -> {"refused": <why>}
+
+A fork server is from then on what :mod:`envcraft_sandbox.worker.server` makes of it. It shares nothing with the zygote
+and with its other fork servers that it could write to: memory is copied, the zygote's descriptors are closed, and where
+the driver has namespaces it has its own.
+"""
+
+from __future__ import annotations
+
+import gc
+import json
+import os
+import select
+import signal
+import socket
+from functools import partial
+from typing import Any, NoReturn
+
+from . import confine, namespaces, seccomp
+from .server import serve
+
+
+def run(control: socket.socket, read: list[str], size: int | None) -> None:
+    """Serve requests on `control` until the host closes it. Jobs may read `read`.
+
+    With `size`, fork servers have namespaces of their own, and so many bytes for files.
+    """
+    import gymnasium  # noqa: F401 (for those that are forked)
+
+    if seccomp.available():
+        seccomp.prepare()
+    # What untrusted code could learn of one, it could of all.
+    confine.set_dumpable(False)
+    gc.freeze()
+    Zygote(control, read, size).run()
+
+
+class Zygote:
+    """Forks fork servers, and reaps them."""
+
+    def __init__(self, control: socket.socket, read: list[str], size: int | None) -> None:
+        self._control = control
+        self._read = read
+        self._size = size
+        self._wake, self._waker = os.pipe()
+        os.set_blocking(self._waker, False)
+        signal.set_wakeup_fd(self._waker, warn_on_full_buffer=False)
+        signal.signal(signal.SIGCHLD, lambda *_: None)
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+    def run(self) -> None:
+        self._send({"ready": {}})
+        received = b""
+        descriptors: list[int] = []
+        while True:
+            readable, _, _ = select.select([self._control.fileno(), self._wake], [], [])
+            if self._wake in readable:
+                os.read(self._wake, 4096)
+                _reap()
+            if self._control.fileno() not in readable:
+                continue
+            data, fds, _, _ = socket.recv_fds(self._control, 1 << 16, 4)
+            if not data:
+                return
+            descriptors += fds
+            received += data
+            while b"\n" in received:
+                line, _, received = received.partition(b"\n")
+                self._answer(json.loads(line)["folder"], descriptors.pop(0))
+
+    def _answer(self, folder: str, theirs: int) -> None:
+        told, tell = os.pipe()
+        try:
+            pid = os.fork()
+        except OSError as error:
+            for descriptor in (told, tell, theirs):
+                os.close(descriptor)
+            self._send({"refused": str(error)})
+            return
+        if pid == 0:
+            os.close(told)
+            self._become(folder, theirs, tell)
+        os.close(tell)
+        os.close(theirs)
+        with open(told) as stream:
+            # To its end, which is when the fork server is complete, or has failed.
+            words = stream.read().splitlines()
+        if self._size is not None:
+            os.waitpid(pid, 0)
+        server, wrong = "", "it died"
+        for line in words:
+            key, _, value = line.partition(" ")
+            server, wrong = (value, wrong) if key == "forked" else (server, value)
+        if not server or len(words) > 1:
+            self._send({"refused": wrong})
+            return
+        # Nobody else has its id: it is reaped above, and not before.
+        try:
+            pidfd = os.pidfd_open(int(server))
+        except OSError as error:
+            self._send({"refused": str(error)})
+            return
+        self._send({"forked": int(server)}, [pidfd])
+        os.close(pidfd)
+
+    def _become(self, folder: str, theirs: int, tell: int) -> NoReturn:
+        """Be a fork server, and never come back."""
+        code = 1
+        try:
+            signal.set_wakeup_fd(-1)
+            for number in (signal.SIGCHLD, signal.SIGINT):
+                signal.signal(number, signal.SIG_DFL)
+            os.close(self._wake)
+            os.close(self._waker)
+            self._control.close()
+            null = os.open(os.devnull, os.O_WRONLY)
+            # The zygote's last words are for its host, and nobody reads them before.
+            os.dup2(null, 2)
+            os.close(null)
+            forked = partial(_tell, tell, "forked")
+            if self._size is None:
+                forked(os.getpid())
+            else:
+                namespaces.enter(folder, self._size, forked)
+            os.setsid()
+            os.environ["HOME"] = os.environ["TMPDIR"] = folder
+            os.close(tell)
+            tell = -1
+            serve(socket.socket(fileno=theirs), folder, self._read)
+            code = 0
+        except BaseException as error:
+            if tell >= 0:
+                _tell(tell, "refused", " ".join(str(error).split()))
+        finally:
+            os._exit(code)
+
+    def _send(self, message: dict[str, Any], descriptors: list[int] | None = None) -> None:
+        data = json.dumps(message).encode() + b"\n"
+        socket.send_fds(self._control, [data], descriptors or [])
+
+
+def _tell(tell: int, key: str, value: int | str) -> None:
+    os.write(tell, f"{key} {value}\n".encode())
+
+
+def _reap() -> None:
+    """Fork servers that have ended, and what became the zygote's with them."""
+    while True:
+        try:
+            if os.waitpid(-1, os.WNOHANG)[0] == 0:
+                return
+        except ChildProcessError:
+            return
