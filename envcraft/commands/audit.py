@@ -144,8 +144,8 @@ def audit(
                 judging = dispatch(engine, workers, scheduler, order, plan)
             _judge(run, judging, resume)
             for lost in run.kept:
-                told = f"{lost.path}: could not be judged again ({lost.reason}); the verdict of before stays"
-                click.echo(one_line(told), err=True)
+                words = f"{lost.path}: could not be judged again ({lost.reason}); the verdict of before stays"
+                click.echo(one_line(words), err=True)
         run.end()
         if report:
             write(opened, Path(report), folder, promised if previews else None, driver, workers)
