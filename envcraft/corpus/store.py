@@ -289,7 +289,7 @@ class Store:
                 "UPDATE environments SET verdict = ? WHERE source = ? AND class = ?",
                 (verdict, environment.source, environment.env_class),
             )
-        return stands == report.verdict.value
+        return bool(stands == report.verdict.value)
 
     def insert(self, source: str, env_class: str, settings: int, report: SubjectReport) -> int:
         """Write a verdict's rows within a transaction, unless they would be an error in place of a verdict that stands;

@@ -92,8 +92,8 @@ def read(text: str) -> Series | None:
     try:
         data = base64.b64decode(text, validate=True)
         version, end, steps, count, script = _HEAD.unpack_from(data)
-        whole = version == _VERSION and len(data) == _HEAD.size + 8 * count + 4 * -(-steps // EVERY) and count
-        if not whole:
+        whole = version == _VERSION and len(data) == _HEAD.size + 8 * count + 4 * -(-steps // EVERY)
+        if not whole or not count or not steps:
             return None
         frames = np.frombuffer(data, "<u8", count, _HEAD.size)
         series = Series(script, end, steps, frames, np.frombuffer(data, "<f4", -1, _HEAD.size + 8 * count))

@@ -133,7 +133,16 @@ def test_telling(what: Series, telling: bool) -> None:
 
 
 @pytest.mark.parametrize(
-    "text", ["", "!", "AAAA", base64.b64encode(b"\x01" * 40).decode(), base64.b64encode(b"\x09" * 14).decode()]
+    "text",
+    [
+        "",
+        "!",
+        "AAAA",
+        base64.b64encode(b"\x01" * 40).decode(),
+        base64.b64encode(b"\x09" * 14).decode(),
+        # Of no steps: one frame, and nothing that was paid.
+        base64.b64encode(behavioural._HEAD.pack(1, 1, 0, 1, b"12345678") + b"\x05" * 8).decode(),
+    ],
 )
 def test_what_is_no_fingerprint_is_read_as_none(text: str) -> None:
     assert behavioural.read(text) is None
