@@ -39,6 +39,7 @@ DEFAULT_PLUGINS = (
     "envcraft_checks.difficulty",
     "envcraft_checks.sandbox",
     "envcraft_dask.plugin",
+    "envcraft_tetris.plugin",
 )
 
 hookimpl = pluggy.HookimplMarker(GROUP)

@@ -21,9 +21,7 @@ class Draft:
         """Put texts behind those that the slot has: single lines, or blocks that begin with a line break and may be
         indented as a whole. They may have slots of their own.
         """
-        self._slots[slot] += [
-            textwrap.dedent(text).strip("\n") if text.startswith("\n") else text for text in texts
-        ]
+        self._slots[slot] += [textwrap.dedent(text).strip("\n") if text.startswith("\n") else text for text in texts]
 
     def take(self, slot: str) -> list[str]:
         """What was put into a slot, to be put elsewhere."""

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from random import Random
 from typing import Any
 
+from . import pace
 from .axes.board import Board
 from .axes.clearing import Clearing
 from .axes.controls import Controls
@@ -24,6 +25,8 @@ from .axes.supply import Supply
 from .draft import Draft, paragraph
 from .skeleton import SKELETON
 
+#: In steps, of the estimates: a game in which nothing is pressed, and games of random actions.
+SHORTEST_IDLE, SHORTEST, LONGEST = 70, 40, 280
 _PLACES = {
     "rectangle": "",
     "bowl": " in a bowl",
@@ -55,11 +58,19 @@ class Variant:
 
     @classmethod
     def draw(cls, rng: Random) -> Variant:
+        """A variant whose games last long enough to do something, and end where nobody plays well."""
+        while True:
+            variant = cls._draw(rng)
+            if variant.idle_steps >= SHORTEST_IDLE and SHORTEST <= variant.random_steps <= LONGEST:
+                return variant
+
+    @classmethod
+    def _draw(cls, rng: Random) -> Variant:
         pieces = Pieces.draw(rng)
         board = Board.draw(rng, pieces)
         entry = Entry.draw(rng)
         gravity = Gravity.draw(rng, board)
-        clearing = Clearing.draw(rng, pieces)
+        clearing = Clearing.draw(rng, pieces, board)
         garbage = Garbage.draw(rng, board)
         ending = Ending.draw(rng, pieces, board, entry, gravity, clearing, garbage)
         return cls(
@@ -79,6 +90,18 @@ class Variant:
         )
 
     @property
+    def idle_steps(self) -> float:
+        """About how long a game lasts in which nothing is pressed."""
+        return pace.idle_steps(self.pieces, self.board, self.entry, self.gravity, self.garbage)
+
+    @property
+    def random_steps(self) -> float:
+        """About how long a game of random actions lasts, if nothing is cleared."""
+        return pace.random_steps(
+            self.pieces, self.board, self.entry, self.gravity, self.garbage, self.locking, self.controls
+        )
+
+    @property
     def rules(self) -> tuple[Any, ...]:
         """All but the look: two variants that differ in nothing else are one game."""
         return tuple(getattr(self, field.name) for field in dataclasses.fields(self) if field.name != "look")
@@ -90,7 +113,7 @@ class Variant:
         words += [_MANNERS[self.clearing.rule]] if self.clearing.rule in _MANNERS else []
         place = _PLACES[self.board.shape]
         goal = {"dig": ", digging", "clock": " against the clock", "survive": ", surviving"}.get(self.ending.goal, "")
-        text = f"{' '.join([*words, self.pieces.family])}{place}{goal}"
+        text = f"{' '.join([*words, self.pieces.family.removeprefix('some ')])}{place}{goal}"
         return text[0].upper() + text[1:]
 
     def axes(self) -> dict[str, Any]:

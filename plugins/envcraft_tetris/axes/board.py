@@ -6,11 +6,12 @@ from dataclasses import dataclass
 from random import Random
 from typing import TYPE_CHECKING
 
-from ..draft import Draft
+from envcraft_tetris.draft import Draft
+
 from .pieces import Pieces
 
 if TYPE_CHECKING:
-    from ..variant import Variant
+    from envcraft_tetris.variant import Variant
 
 SHAPES = ("rectangle", "bowl", "pillar", "stairs", "ledges", "islands")
 #: Shapes that leave the sides free, so that they can be one.
@@ -36,9 +37,9 @@ class Board:
 
     @classmethod
     def draw(cls, rng: Random, pieces: Pieces) -> Board:
-        least = 5 if pieces.cells < 3.2 else 6 if pieces.cells < 4.4 else 7
+        least = 6 if pieces.cells < 4.4 else 7
         columns = rng.randint(least, least + 5)
-        rows = rng.randint(max(11, columns), 20)
+        rows = rng.randint(max(11, columns, 3 * pieces.side - 1), 20)
         shape = rng.choices(SHAPES, (11, 2, 2, 2, 2, 2))[0]
         wrap = shape in _ROUND and rng.random() < 0.22
         return cls(rows, columns, shape, wrap, _walls(rng, rows, columns, shape))
@@ -48,7 +49,9 @@ class Board:
         draft.add("constants", f"ROWS, COLUMNS = {self.rows}, {self.columns}")
         free = "self.board = [[EMPTY] * COLUMNS for _ in range(ROWS)]"
         if self.walls:
-            draft.add("story", _TOLD[self.shape], "Walls never move; a block that a clearing moves into one is crushed.")
+            draft.add(
+                "story", _TOLD[self.shape], "Walls never move; a block that a clearing moves into one is crushed."
+            )
             draft.add("constants", "# Hashes are walls.", "SHAPE = (", *(f'    "{row}",' for row in self.walls), ")")
             free = 'self.board = [[WALL if mark == "#" else EMPTY for mark in row] for row in SHAPE]'
         draft.add("board", free)
@@ -87,7 +90,7 @@ class Board:
 
 
 def _walls(rng: Random, rows: int, columns: int, shape: str) -> tuple[str, ...]:
-    """Every row keeps at least four free cells, and the upper half is free."""
+    """Every row keeps free cells, and the upper half is free."""
     if shape == "rectangle":
         return ()
     walls: set[tuple[int, int]] = set()
@@ -107,9 +110,9 @@ def _walls(rng: Random, rows: int, columns: int, shape: str) -> tuple[str, ...]:
             walls = {(y, columns - 1 - x) for y, x in walls}
     elif shape == "ledges":
         reach = rng.randint(1, most)
-        left, right = (rng.randint(rows // 2, rows - 3) for _ in range(2))
+        left, right = (rng.randint(2 * rows // 3, rows - 3) for _ in range(2))
         walls = {(left, x) for x in range(reach)} | {(right, columns - 1 - x) for x in range(reach)}
     else:
-        places = [(y, x) for y in range(rows // 2 + 1, rows - 1, 2) for x in range(columns)]
+        places = [(y, x) for y in range(2 * rows // 3, rows - 1, 2) for x in range(columns)]
         walls = set(rng.sample(places, rng.randint(2, 4)))
     return tuple("".join("#" if (y, x) in walls else "." for x in range(columns)) for y in range(rows))

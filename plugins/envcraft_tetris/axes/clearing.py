@@ -6,17 +6,21 @@ from dataclasses import dataclass
 from random import Random
 from typing import TYPE_CHECKING
 
-from ..draft import Draft
+from envcraft_tetris.draft import Draft
+
+from .board import Board
 from .pieces import Pieces
 
 if TYPE_CHECKING:
-    from ..variant import Variant
+    from envcraft_tetris.variant import Variant
 
 RULES = ("rows", "cascade", "sticky", "sand", "colour")
+#: With fewer colours larger groups come by chance: their least size, in pieces.
+_GROUPS = {3: 2.8, 4: 2.2, 5: 1.9}
 _TOLD = {
     "rows": "A full row is cleared, and all above comes down by one row.",
     "cascade": "A full row is cleared; then every block falls as far as it can, which may fill further rows.",
-    "sticky": "A full row is cleared; then blocks that touch fall together as far as they can, and may fill further rows.",
+    "sticky": "A full row is cleared; then blocks that touch fall together, and may fill further rows.",
     "sand": "A piece that stays crumbles: its blocks fall one by one. A full row is cleared, and the rest falls again.",
 }
 
@@ -30,11 +34,22 @@ class Clearing:
     group: int = 0
 
     @classmethod
-    def draw(cls, rng: Random, pieces: Pieces) -> Clearing:
-        rule = rng.choices(RULES, (5, 2, 2, 2, 2))[0]
+    def draw(cls, rng: Random, pieces: Pieces, board: Board) -> Clearing:
+        rule = rng.choices(RULES, (5, 2, 2, 3, 2))[0]
+        if rule == "sand" and (board.columns < 8 or board.rows > 15 or board.wrap):
+            # Grains fill a narrow board by themselves.
+            return cls("cascade")
+        if rule == "colour" and len(pieces.art) < 3:
+            return cls("rows")
         if rule == "colour":
-            return cls(rule, min(len(pieces.art), rng.randint(2, 4)), round(1.7 * pieces.cells) + rng.randint(0, 2))
+            colours = rng.randint(3, min(5, len(pieces.art)))
+            return cls(rule, colours, round(_GROUPS[colours] * pieces.cells) + rng.randint(0, 2))
         return cls(rule)
+
+    @property
+    def easy(self) -> bool:
+        """Whether random play clears something now and then."""
+        return self.rule in ("sand", "colour")
 
     @property
     def units(self) -> str:
@@ -120,8 +135,8 @@ class Clearing:
     def _write_colour(self, draft: Draft, variant: Variant) -> None:
         draft.add(
             "story",
-            f"Pieces have {self.colours} colours. {self.group} blocks of one colour or more that touch side by side are "
-            "cleared; then every block falls as far as it can, and may make further groups. Full rows stay.",
+            f"Pieces have {self.colours} colours. {self.group} blocks of one colour or more that touch side by side "
+            "are cleared; then every block falls as far as it can, and may make further groups. Full rows stay.",
         )
         draft.add("constants", f"COLOURS, GROUP = {self.colours}, {self.group}")
         draft.add("colour", "self.kind % COLOURS + 1")

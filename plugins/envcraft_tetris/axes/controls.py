@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from random import Random
 from typing import TYPE_CHECKING
 
-from ..draft import Draft
+from envcraft_tetris.draft import Draft
 
 if TYPE_CHECKING:
-    from ..variant import Variant
+    from envcraft_tetris.variant import Variant
 
 #: What a control can do: how the docstring tells it, and the statement; `drop` is acted on when all else is done.
 FUNCTIONS = {
@@ -17,7 +17,7 @@ FUNCTIONS = {
     "ccw": ("turns the piece anticlockwise", "self._rotate(3)"),
     "flip": ("turns the piece upside down", "self._rotate(2)"),
     "soft": ("lets the piece fall a row faster", "self._move(self.turn, self.row + 1, self.column)"),
-    "hard": ("drops the piece at once", "drop = True"),
+    "hard": ("drops the piece to the ground", "drop = True"),
     "hold": ("puts the piece aside for later, once for each piece", "self._hold()"),
     "dash": ("takes the piece further in the direction of the move", "self._dash(direction)"),
 }
@@ -46,13 +46,18 @@ PRESSES = ("every step", "once")
 
 @dataclass(frozen=True)
 class Controls:
-    """The function of each, of :data:`FUNCTIONS`; empty where there is none."""
+    """The function of each, of :data:`FUNCTIONS`; empty where there is none.
+
+    After a piece was dropped none can be for `rest` steps: a button pressed half of the time would else end a game
+    within a dozen steps, and playing longer would mean little but leaving it alone.
+    """
 
     up: str
     down: str
     first: str
     second: str
     press: str
+    rest: int = 0
 
     @classmethod
     def draw(cls, rng: Random) -> Controls:
@@ -68,7 +73,9 @@ class Controls:
         down = "" if "soft" in buttons else rng.choices(("soft", ""), (5, 1))[0]
         if "hard" not in buttons and rng.random() < 0.12:
             down = "hard"
-        return cls(up, down, first, second, rng.choice(PRESSES))
+        press = rng.choice(PRESSES)
+        rest = rng.randint(3, 12) if "hard" in (first, second) else rng.randint(1, 6) if down == "hard" else 0
+        return cls(up, down, first, second, press, rest)
 
     @property
     def all(self) -> tuple[str, ...]:
@@ -85,7 +92,9 @@ class Controls:
 
     def write(self, draft: Draft, variant: Variant) -> None:
         if self.drop != "none":
-            draft.add("press", "drop = False")
+            draft.add("constants", f"DROP_REST = {self.rest}")
+            draft.add("reset", "self.drop_rest = 0")
+            draft.add("press", "drop = False", "self.drop_rest = max(0, self.drop_rest - 1)")
         self._write_buttons(draft)
         self._write_moves(draft)
         if self.holds:
@@ -95,13 +104,14 @@ class Controls:
         if self.drop == "none":
             draft.add("fall", "self._fall()")
             return
-        draft.add("fall", "if drop:", "    self._drop()", "else:", "    self._fall()")
+        draft.add("fall", "if drop and self.drop_rest == 0:", "    self._drop()", "else:", "    self._fall()")
         draft.add(
             "methods",
             """
             def _drop(self) -> None:
                 while self._move(self.turn, self.row + 1, self.column):
                     pass
+                self.drop_rest = DROP_REST
                 self._lock()
             """,
         )
@@ -126,6 +136,8 @@ class Controls:
             words.append("A button has to be released before it acts again.")
         elif {self.first, self.second} - {"soft", "dash"}:
             words.append("A button that stays pressed acts at every step.")
+        if self.drop != "none":
+            words.append(f"After a drop there is none for {'a step' if self.rest == 1 else f'{self.rest} steps'}.")
         draft.add("controls", *words)
         if self.holds:
             draft.add("steer", "if self.lost:", "    return")

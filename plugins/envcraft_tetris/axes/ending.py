@@ -6,7 +6,9 @@ from dataclasses import dataclass
 from random import Random
 from typing import TYPE_CHECKING
 
-from ..draft import Draft
+from envcraft_tetris.draft import Draft
+from envcraft_tetris.pace import idle_steps
+
 from .board import Board
 from .clearing import Clearing
 from .entry import Entry
@@ -15,7 +17,7 @@ from .gravity import Gravity
 from .pieces import Pieces
 
 if TYPE_CHECKING:
-    from ..variant import Variant
+    from envcraft_tetris.variant import Variant
 
 GOALS = ("endless", "lines", "clock", "survive", "dig")
 #: Survival has to last longer than doing nothing does, by so much, and less than the limit of 1,000 steps.
@@ -33,15 +35,31 @@ class Ending:
 
     @classmethod
     def draw(
-        cls, rng: Random, pieces: Pieces, board: Board, entry: Entry, gravity: Gravity, clearing: Clearing, garbage: Garbage
+        cls,
+        rng: Random,
+        pieces: Pieces,
+        board: Board,
+        entry: Entry,
+        gravity: Gravity,
+        clearing: Clearing,
+        garbage: Garbage,
     ) -> Ending:
         goal = rng.choices(GOALS, (4, 4, 3, 3, 3))[0]
         ceiling = rng.choices((0, 2, 3), (4, 1, 1))[0] if board.rows >= 14 else 0
-        if goal == "dig" and (garbage.start == 0 or garbage.rhythm != "none" or clearing.rule == "colour"):
+        # One straight piece can fill holes above each other.
+        diggable = garbage.start >= 3 and garbage.rhythm == "none" and garbage.holes != "stays" and not clearing.easy
+        if goal == "dig" and not diggable:
             goal = "lines"
+        if clearing.easy and goal != "lines":
+            # Where anyone clears something, neither lasting nor clearing something is an achievement.
+            goal = "clock"
         count, steps = rng.randint(3, 9), 50 * rng.randint(6, 16)
+        if clearing.easy:
+            count = rng.randint(16, 24)
+        elif board.columns <= 7:
+            count += 4
         if goal == "survive":
-            least = _LONGER * idle_steps(pieces, board, entry, gravity) + 100
+            least = _LONGER * idle_steps(pieces, board, entry, gravity, garbage) + 100
             if least > _LONGEST:
                 goal = "clock"
             else:
@@ -61,7 +79,12 @@ class Ending:
         draft.add("over", "(self.won or self.lost)" if self.wins else "self.lost")
         draft.add("ended", "self.won or self.lost" if self.wins else "self.lost")
         units = variant.clearing.units
-        draft.add("info", *(['"is_success": self.won'] if self.wins else []), f'"{units}": self.cleared', '"steps": self.steps')
+        draft.add(
+            "info",
+            *(['"is_success": self.won'] if self.wins else []),
+            f'"{units}": self.cleared',
+            '"steps": self.steps',
+        )
         told = "is left above the dashed line" if self.ceiling else "sticks out at the top"
         draft.add("story", f"The game is lost when a piece {told} or the next finds no room.")
         draft.add("put", f"if y < {'CEILING' if self.ceiling else '0'}:", "    self.lost = True")
@@ -106,11 +129,3 @@ class Ending:
 
     def _show_time(self, draft: Draft) -> None:
         draft.add("frame", "frame[82, 2 : 2 + 80 * min(self.steps, TIME) // TIME] = PALETTE[BAR]")
-
-
-def idle_steps(pieces: Pieces, board: Board, entry: Entry, gravity: Gravity) -> float:
-    """About how many steps a game lasts in which nothing is pressed."""
-    stacked = board.rows / 1.7 if entry.place in ("middle", "left", "right") else 1.2 * board.rows
-    spread = 0.55 * board.rows * board.columns / pieces.cells
-    count = min(stacked if entry.place != "opposite" else 1.9 * stacked, spread)
-    return count * board.rows * 0.55 * gravity.slow

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from random import Random
 from typing import TYPE_CHECKING
 
-from ..draft import Draft
+from envcraft_tetris.draft import Draft
 
 if TYPE_CHECKING:
-    from ..variant import Variant
+    from envcraft_tetris.variant import Variant
 
 PLACES = ("middle", "left", "right", "random", "sweep", "opposite")
 
@@ -47,7 +47,9 @@ class Entry:
             draft.add("reset", "self.from_left = bool(self.np_random.integers(2))")
             draft.add("entered", "self.from_left = not self.from_left")
         again = variant.controls.holds
-        argument, kind = (", kind: int | None = None", "<<next>> if kind is None else kind") if again else ("", "<<next>>")
+        argument, kind = (
+            (", kind: int | None = None", "<<next>> if kind is None else kind") if again else ("", "<<next>>")
+        )
         draft.add(
             "methods",
             f"""

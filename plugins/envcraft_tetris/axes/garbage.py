@@ -6,11 +6,12 @@ from dataclasses import dataclass
 from random import Random
 from typing import TYPE_CHECKING
 
-from ..draft import Draft
+from envcraft_tetris.draft import Draft
+
 from .board import Board
 
 if TYPE_CHECKING:
-    from ..variant import Variant
+    from envcraft_tetris.variant import Variant
 
 RHYTHMS = ("none", "steps", "pieces", "idle pieces")
 HOLES = ("random", "stairs", "stays")
@@ -30,8 +31,13 @@ class Garbage:
         if board.walls:
             return cls("none")
         rhythm = rng.choices(RHYTHMS, (5, 2, 2, 2))[0]
-        start = rng.choices((0, 2, 3, 4), (5, 2, 2, 1))[0]
-        every = {"none": 0, "steps": 5 * rng.randint(6, 16), "pieces": rng.randint(4, 9), "idle pieces": rng.randint(3, 7)}
+        start = rng.choices((0, 2, 3, 4), (5, 1, 3, 2))[0]
+        every = {
+            "none": 0,
+            "steps": 5 * rng.randint(6, 16),
+            "pieces": rng.randint(4, 9),
+            "idle pieces": rng.randint(3, 7),
+        }
         any_rows = start or rhythm != "none"
         return cls(rhythm, start, every[rhythm], rng.choice(HOLES) if any_rows else "random")
 
@@ -42,7 +48,9 @@ class Garbage:
     def write(self, draft: Draft, variant: Variant) -> None:
         if not self.any:
             return
-        told = {"random": "at random", "stairs": "one column further in each row", "stays": "above each other"}[self.holes]
+        told = {"random": "at random", "stairs": "one column further in each row", "stays": "above each other"}[
+            self.holes
+        ]
         if self.start:
             draft.add("story", f"{self.start} rows of garbage lie there at the start.")
             draft.add("constants", f"START_ROWS = {self.start}")

@@ -6,11 +6,12 @@ from dataclasses import dataclass
 from random import Random
 from typing import TYPE_CHECKING
 
-from ..draft import Draft
+from envcraft_tetris.draft import Draft
+
 from .board import Board
 
 if TYPE_CHECKING:
-    from ..variant import Variant
+    from envcraft_tetris.variant import Variant
 
 SCHEDULES = ("constant", "levels", "ramp", "pieces", "pulse")
 
@@ -59,7 +60,10 @@ class Gravity:
             return
         unit = {"levels": variant.clearing.units, "ramp": "steps", "pieces": "pieces"}[self.schedule]
         often = f"{self.every} {unit}" if self.every > 1 else unit.removesuffix("s")
-        draft.add("story", f"A piece falls one row every {self.slow} steps, a step sooner after every {often}, at last {fast}.")
+        draft.add(
+            "story",
+            f"A piece falls one row every {self.slow} steps, a step sooner after every {often}, at last {fast}.",
+        )
         draft.add("constants", f"LEVEL = {self.every}")
         counted = {"levels": "self.cleared", "ramp": "self.steps", "pieces": "self.pieces"}[self.schedule]
         draft.add("period", f"max(FAST, SLOW - {counted} // LEVEL)")

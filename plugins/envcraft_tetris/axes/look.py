@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from random import Random
 from typing import TYPE_CHECKING
 
-from ..draft import Draft
+from envcraft_tetris.draft import Draft
 
 if TYPE_CHECKING:
-    from ..variant import Variant
+    from envcraft_tetris.variant import Variant
 
 STYLES = ("flat", "grid", "bevel", "outline", "dot", "stripes")
 FIELDS = ("plain", "checks", "columns")
@@ -76,7 +76,11 @@ class Look:
         draft.add("tiles", "TILES[EMPTY] = PALETTE[EMPTY]")
         if self.field != "plain":
             draft.add("tiles", "TILES[EMPTY_TOO] = PALETTE[EMPTY_TOO]")
-            pattern = "np.indices((ROWS, COLUMNS)).sum(axis=0)" if self.field == "checks" else "np.indices((ROWS, COLUMNS))[1]"
+            pattern = (
+                "np.indices((ROWS, COLUMNS)).sum(axis=0)"
+                if self.field == "checks"
+                else "np.indices((ROWS, COLUMNS))[1]"
+            )
             draft.add("tiles", f"SECOND = {pattern} % 2 == 1")
             draft.add("codes", "codes[(codes == EMPTY) & SECOND] = EMPTY_TOO")
         if self.ghost:

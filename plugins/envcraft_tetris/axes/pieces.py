@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from random import Random
 from typing import TYPE_CHECKING
 
-from ..draft import Draft
+from envcraft_tetris.draft import Draft
 
 if TYPE_CHECKING:
-    from ..variant import Variant
+    from envcraft_tetris.variant import Variant
 
 Piece = tuple[str, ...]
 
@@ -110,8 +110,10 @@ def _words(pieces: Pieces) -> str:
         return "the two trominoes, straight and bent"
     sizes = sorted({"".join(piece).count("#") for piece in pieces.art})
     cells = f"{sizes[0]} cells" if len(sizes) == 1 else f"{sizes[0]} to {sizes[-1]} cells"
-    named = "of shapes all their own" if pieces.family == "custom pieces" else f"({pieces.family})"
-    return f"{len(pieces.art)} {named}, of {cells}"
+    count = len(pieces.art)
+    if pieces.family == "some tetrominoes":
+        return f"{count} of the seven tetrominoes"
+    return f"{count} {pieces.family} of {cells}"
 
 
 def _custom(rng: Random, count: int) -> tuple[Piece, ...]:

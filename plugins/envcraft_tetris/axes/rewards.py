@@ -6,11 +6,12 @@ from dataclasses import dataclass
 from random import Random
 from typing import TYPE_CHECKING
 
-from ..draft import Draft
+from envcraft_tetris.draft import Draft
+
 from .ending import Ending
 
 if TYPE_CHECKING:
-    from ..variant import Variant
+    from envcraft_tetris.variant import Variant
 
 CLEARS = ("linear", "bonus", "combo", "sparse")
 EXTRAS = ("none", "piece", "holes", "height", "step")
@@ -32,12 +33,13 @@ class Rewards:
         prize = rng.choice((2.0, 5.0, 10.0))
         if not ending.wins:
             # Where nothing but the return tells success, staying alive for a while must not be one.
-            return cls(rng.choice(CLEARS[:3]), rng.choice(("none", "holes", "height")), line, 0.0, rng.choice((2.0, 3.0, 5.0)))
+            return cls(
+                rng.choice(CLEARS[:3]), rng.choice(("none", "holes", "height")), line, 0.0, rng.choice((2.0, 3.0, 5.0))
+            )
         return cls(rng.choice(CLEARS), rng.choice(EXTRAS), line, prize, rng.choice((0.0, 1.0, 2.0)))
 
     def write(self, draft: Draft, variant: Variant) -> None:
-        unit = variant.clearing.units.removesuffix("s")
-        self._write_clears(draft, unit, variant.clearing.rule == "colour")
+        self._write_clears(draft, variant.clearing.units.removesuffix("s"))
         self._write_extra(draft)
         if self.prize:
             draft.add("paid", f"+{self.prize:g} for the goal")
@@ -48,7 +50,7 @@ class Rewards:
             draft.add("constants", f"DEATH = {self.death}")
             draft.add("settle", "if self.lost:", "    self.reward -= DEATH")
 
-    def _write_clears(self, draft: Draft, unit: str, colour: bool) -> None:
+    def _write_clears(self, draft: Draft, unit: str) -> None:
         if self.clears == "linear":
             draft.add("paid", f"+{self.line:g} for each {unit}")
             draft.add("constants", f"LINE_REWARD = {self.line}")
@@ -60,8 +62,9 @@ class Rewards:
             draft.add("constants", f"LINE_REWARDS = {steps}")
             draft.add("pay", "self.reward += LINE_REWARDS[min(cleared, 4)]")
         elif self.clears == "combo":
-            draft.add("paid", f"+{self.line:g} for each {unit}, and as much again for each piece before that cleared one")
-            draft.add("paid", "as well, up to four")
+            draft.add(
+                "paid", f"+{self.line:g} for each {unit}, times the pieces in a row that cleared one (at most five)"
+            )
             draft.add("constants", f"LINE_REWARD = {self.line}", "LONGEST_COMBO = 4")
             draft.add("reset", "self.combo = 0")
             draft.add("pay", "self.reward += LINE_REWARD * cleared * (1 + self.combo)")

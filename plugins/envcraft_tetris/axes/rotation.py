@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from random import Random
 from typing import TYPE_CHECKING
 
-from ..draft import Draft
+from envcraft_tetris.draft import Draft
 
 if TYPE_CHECKING:
-    from ..variant import Variant
+    from envcraft_tetris.variant import Variant
 
 SYSTEMS = ("square", "corner", "foot")
 #: None goes up: a piece that climbs while it turns could be kept in the air for ever.
@@ -48,7 +48,7 @@ class Rotation:
             "functions",
             """
             def turns(piece: tuple[str, ...]) -> tuple[tuple[tuple[int, int], ...], ...]:
-                \"\"\"The cells (row, column) of a piece in four positions, each turned clockwise from the one before.\"\"\"
+                \"\"\"The cells (row, column) of a piece in four positions, each a turn clockwise from the last.\"\"\"
                 found = []
                 for _ in range(4):
                     cells = [(y, x) for y, row in enumerate(piece) for x, mark in enumerate(row) if mark == "#"]

@@ -6,11 +6,12 @@ from dataclasses import dataclass
 from random import Random
 from typing import TYPE_CHECKING
 
-from ..draft import Draft
+from envcraft_tetris.draft import Draft
+
 from .pieces import Pieces
 
 if TYPE_CHECKING:
-    from ..variant import Variant
+    from envcraft_tetris.variant import Variant
 
 ORDERS = ("bag", "double bag", "uniform", "weighted", "history")
 
