@@ -16,7 +16,7 @@ class TetrisFamily(Family):
 
     def generate(self, count: int, seed: int) -> Iterator[Generated]:
         rng = Random(seed)
-        known = set()
+        known: set[object] = set()
         while len(known) < count:
             variant = Variant.draw(rng)
             if variant.rules in known:

@@ -61,7 +61,8 @@ class Variant:
         """A variant whose games last long enough to do something, and end where nobody plays well."""
         while True:
             variant = cls._draw(rng)
-            if variant.idle_steps >= SHORTEST_IDLE and SHORTEST <= variant.random_steps <= LONGEST:
+            longest = LONGEST / 2 if variant.clearing.easy else LONGEST
+            if variant.idle_steps >= SHORTEST_IDLE and SHORTEST <= variant.random_steps <= longest:
                 return variant
 
     @classmethod

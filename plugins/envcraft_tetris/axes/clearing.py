@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 RULES = ("rows", "cascade", "sticky", "sand", "colour")
 #: With fewer colours larger groups come by chance: their least size, in pieces.
-_GROUPS = {3: 2.8, 4: 2.2, 5: 1.9}
+_GROUPS = {3: 3.0, 4: 2.3, 5: 2.0}
 _TOLD = {
     "rows": "A full row is cleared, and all above comes down by one row.",
     "cascade": "A full row is cleared; then every block falls as far as it can, which may fill further rows.",

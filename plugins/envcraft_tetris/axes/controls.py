@@ -128,9 +128,9 @@ class Controls:
                 words.append(f"{name} does nothing.")
         for place, (number, statement) in enumerate(branches):
             draft.add("steer", f"{'elif' if place else 'if'} direction == {number}:", f"    {statement}")
-        for number, function in (("first", self.first), ("second", self.second)):
-            words.append(f"The {number} button {FUNCTIONS[function][0]}.")
-            pressed = number if self.press == "every step" or function in ("soft", "dash") else f"{number}_pressed"
+        for button, function in (("first", self.first), ("second", self.second)):
+            words.append(f"The {button} button {FUNCTIONS[function][0]}.")
+            pressed = button if self.press == "every step" or function in ("soft", "dash") else f"{button}_pressed"
             draft.add("steer", f"if {pressed}:", f"    {FUNCTIONS[function][1]}")
         if self.press == "once":
             words.append("A button has to be released before it acts again.")
@@ -145,11 +145,11 @@ class Controls:
     def _write_buttons(self, draft: Draft) -> None:
         if self.press == "every step":
             return
-        for number, function in (("first", self.first), ("second", self.second)):
+        for button, function in (("first", self.first), ("second", self.second)):
             if function not in ("soft", "dash"):
-                draft.add("reset", f"self.{number}_down = False")
-                draft.add("press", f"{number}_pressed = bool({number}) and not self.{number}_down")
-                draft.add("press", f"self.{number}_down = bool({number})")
+                draft.add("reset", f"self.{button}_down = False")
+                draft.add("press", f"{button}_pressed = bool({button}) and not self.{button}_down")
+                draft.add("press", f"self.{button}_down = bool({button})")
 
     def _write_hold(self, draft: Draft) -> None:
         draft.add("reset", "self.held: int | None = None")
