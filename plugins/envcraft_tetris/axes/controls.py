@@ -48,7 +48,7 @@ PRESSES = ("every step", "once")
 class Controls:
     """The function of each, of :data:`FUNCTIONS`; empty where there is none.
 
-    After a piece was dropped none can be for `rest` steps: a button pressed half of the time would else end a game
+    One drop can follow another after `rest` steps: a button pressed half of the time would else end a game
     within a dozen steps, and playing longer would mean little but leaving it alone.
     """
 
@@ -137,7 +137,7 @@ class Controls:
         elif {self.first, self.second} - {"soft", "dash"}:
             words.append("A button that stays pressed acts at every step.")
         if self.drop != "none":
-            words.append(f"After a drop there is none for {'a step' if self.rest == 1 else f'{self.rest} steps'}.")
+            words.append(f"The next drop can follow after {'a step' if self.rest == 1 else f'{self.rest} steps'}.")
         draft.add("controls", *words)
         if self.holds:
             draft.add("steer", "if self.lost:", "    return")
