@@ -38,6 +38,9 @@ PIECES = (
 TURNS = tuple(turns(piece) for piece in PIECES)
 TILES = np.stack([tile(colour) for colour in PALETTE])
 <<tiles>>
+BOTTOM, RIGHT = TOP + CELL * ROWS, LEFT + CELL * COLUMNS
+BACKDROP = np.full((SIZE, SIZE, 3), PALETTE[PAGE])
+BACKDROP[TOP - 1 : BOTTOM + 1, LEFT - 1 : RIGHT + 1] = PALETTE[RIM]
 
 
 class <<class>>(gym.Env[NDArray[np.uint8], NDArray[np.int64]]):
@@ -104,12 +107,11 @@ class <<class>>(gym.Env[NDArray[np.uint8], NDArray[np.int64]]):
 
     def _paint(self) -> None:
         """Draw all but the falling piece, for frames to begin with."""
-        picture = np.full((SIZE, SIZE, 3), PALETTE[PAGE])
-        bottom, right = TOP + CELL * ROWS, LEFT + CELL * COLUMNS
-        picture[TOP - 1 : bottom + 1, LEFT - 1 : right + 1] = PALETTE[RIM]
+        picture = BACKDROP.copy()
         codes = np.array(self.board)
         <<codes>>
-        picture[TOP:bottom, LEFT:right] = TILES[codes].swapaxes(1, 2).reshape(CELL * ROWS, CELL * COLUMNS, 3)
+        blocks = TILES.take(codes, axis=0).swapaxes(1, 2)
+        picture[TOP:BOTTOM, LEFT:RIGHT] = blocks.reshape(CELL * ROWS, CELL * COLUMNS, 3)
         <<paint>>
         self.picture = picture
 

@@ -91,7 +91,7 @@ class Ending:
         draft.add("put", "if y >= 0:" if self.ceiling else "else:", "    self.board[y][x] = <<colour>>")
         if self.ceiling:
             draft.add("constants", f"CEILING = {self.ceiling}")
-            draft.add("paint", "picture[TOP + CELL * CEILING, LEFT:right:2] = PALETTE[BAR]")
+            draft.add("paint", "picture[TOP + CELL * CEILING, LEFT:RIGHT:2] = PALETTE[BAR]")
         {"endless": self._endless, "lines": self._lines, "clock": self._clock, "survive": self._survive}.get(
             self.goal, self._dig
         )(draft, units)

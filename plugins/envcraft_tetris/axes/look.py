@@ -160,10 +160,11 @@ class Look:
         draft.add("numbers", ", ".join(map(str, [0, *range(count + 1, count + len(names))])))
         draft.add("colours", "# One hexadecimal red-green-blue triple for each of these numbers.")
         # No line is longer than 120 characters.
-        lines = [" ".join(colours[start : start + 14]) for start in range(0, len(colours), 14)]
-        draft.add("colours", "COLOURS_IN_HEX = (" if len(lines) > 1 else f'COLOURS_IN_HEX = "{lines[0]}"')
-        if len(lines) > 1:
-            draft.add("colours", *(f'    "{line} "' for line in lines), ")")
+        if len(colours) <= 14:
+            draft.add("colours", f'COLOURS_IN_HEX = "{" ".join(colours)}"')
+        else:
+            lines = [" ".join(colours[start : start + 16]) for start in range(0, len(colours), 16)]
+            draft.add("colours", "COLOURS_IN_HEX = (", *(f'    "{line} "' for line in lines), ")")
         draft.add("colours", "PALETTE = np.frombuffer(bytes.fromhex(COLOURS_IN_HEX), dtype=np.uint8).reshape(-1, 3)")
 
 
