@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from envcraft.contract import Contract
     from envcraft.corpus.export import Exporter
     from envcraft.executors import ExecutorPlugin
+    from envcraft.families import Family
     from envcraft.reports import Reporter
     from envcraft.sandbox import Driver
 
@@ -52,6 +53,11 @@ def envcraft_reporters() -> list[type[Reporter]]:
 @hookspec
 def envcraft_executors() -> list[ExecutorPlugin]:
     """Where else ``envcraft audit --executor`` can judge. Making one starts nothing, and imports no library."""
+
+
+@hookspec
+def envcraft_families() -> list[Family]:
+    """Environments that a program writes, for ``envcraft generate --family`` to name."""
 
 
 @hookspec

@@ -10,6 +10,7 @@ from __future__ import annotations
 import ast
 import hashlib
 import re
+import threading
 from collections.abc import Iterator
 from enum import StrEnum
 from pathlib import Path
@@ -21,6 +22,7 @@ from envcraft.errors import UsageError
 
 #: Larger files are not read: no environment of this kind is anywhere near.
 MAX_SOURCE = 2 * 1024**2
+_PARSING = threading.Lock()
 
 _NAME = r"[^\W\d]\w*"
 _CLASS = re.compile(rf"{_NAME}(?:\.{_NAME})*:{_NAME}(?:\.{_NAME})*")
@@ -117,10 +119,17 @@ def read_policy(path: str) -> PolicyFile:
         raise UsageError(f"the policy {path} is not Python text") from None
 
 
+def parse(source: bytes | str) -> ast.Module:
+    """The syntax tree of a source. Raises SyntaxError, ValueError, RecursionError, MemoryError."""
+    # Two threads at once confuse the parser's count of its depth in Python 3.11 and 3.12 (CPython 106905).
+    with _PARSING:
+        return ast.parse(source)
+
+
 def imported(source: bytes) -> Iterator[str]:
     """The top-level modules that a source imports anywhere; none where it does not parse."""
     try:
-        tree = ast.parse(source)
+        tree = parse(source)
     except (SyntaxError, ValueError, RecursionError, MemoryError):
         return
     for node in ast.walk(tree):

@@ -36,6 +36,7 @@ from envcraft.check import Check, Rule
 from envcraft.errors import WorkerLost
 from envcraft.plugins import hookimpl
 from envcraft.sandbox import How, Isolation
+from envcraft.target import parse
 from envcraft.verdict import Finding, Severity
 
 if TYPE_CHECKING:
@@ -109,7 +110,7 @@ class Source(Check):
     def _parse(self, source: bytes) -> Finding | None:
         try:
             text = source.decode("utf-8-sig")
-            ast.parse(text)
+            parse(text)
         except UnicodeDecodeError as error:
             line = source.count(b"\n", 0, error.start) + 1
             return self.finding("EC001", f"byte {source[error.start]:#04x} in line {line} is not UTF-8 text", line=line)
@@ -121,7 +122,7 @@ class Source(Check):
         return None
 
     def _unknown_imports(self, subject: Subject) -> Iterator[Finding]:
-        wanted = required_imports(ast.parse(subject.text))
+        wanted = required_imports(parse(subject.text))
         missing, known = subject.find_modules(sorted(wanted))
         allowed = subject.contract.libraries
         for name, line in sorted(wanted.items(), key=lambda item: item[1]):

@@ -13,6 +13,7 @@ def envcraft_commands() -> list[click.Command]:
     from .corpus import corpus
     from .explain import explain
     from .export import export
+    from .generate import generate
     from .listings import checks, contracts, plugins
     from .new import new
     from .play import play
@@ -20,4 +21,4 @@ def envcraft_commands() -> list[click.Command]:
     from .reverify import reverify
     from .validate import validate
 
-    return [new, play, validate, audit, corpus, reverify, export, replay, explain, checks, contracts, plugins]
+    return [new, generate, play, validate, audit, corpus, reverify, export, replay, explain, checks, contracts, plugins]

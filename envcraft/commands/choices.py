@@ -16,6 +16,7 @@ from envcraft.contract import Contract
 from envcraft.corpus.export import Exporter
 from envcraft.errors import SandboxUnavailable, UsageError
 from envcraft.executors import ExecutorPlugin
+from envcraft.families import Family
 from envcraft.own_contracts import own_contracts
 from envcraft.reports import Reporter
 from envcraft.sandbox import Driver, Isolation, choose, ensure
@@ -99,6 +100,12 @@ def executor_named(name: str) -> ExecutorPlugin | None:
 def exporter_named(name: str) -> Exporter:
     """Raises UsageError, naming the nearest."""
     found: Exporter = _named("export", name, {exporter.name: exporter for exporter in offered("envcraft_exporters")})
+    return found
+
+
+def family_named(name: str) -> Family:
+    """Raises UsageError, naming the nearest."""
+    found: Family = _named("family", name, {family.name: family for family in offered("envcraft_families")})
     return found
 
 

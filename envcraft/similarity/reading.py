@@ -8,6 +8,8 @@ import tokenize
 import warnings
 from functools import lru_cache
 
+from envcraft.target import parse
+
 #: Larger sources are not looked into: environments have a few thousand bytes, and a token takes microseconds.
 MAX_BYTES = 512 * 1024
 #: What stands for the end of a statement, a step in and a step out: no token of a source has these.
@@ -56,7 +58,7 @@ def read_tree(source: bytes) -> ast.Module | None:
         with warnings.catch_warnings():
             # Of strings with stray backslashes: nobody asked.
             warnings.simplefilter("ignore")
-            return ast.parse(text)
+            return parse(text)
     except _UNREADABLE:
         return None
 

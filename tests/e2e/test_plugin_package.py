@@ -98,6 +98,15 @@ def test_what_it_adds_is_listed_and_explained(installed: Installed) -> None:
         assert "fades in" in explained.stdout
 
 
+def test_its_family_writes_environments_that_pass(installed: Installed, tmp_path: Path) -> None:
+    assert "doors  " in installed.run("generate", "--list").stdout
+    done = installed.run("generate", "--family", "doors", "--count", "2", "--output", tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["doors_0_000.py", "doors_0_001.py"]
+    judged = installed.run("validate", tmp_path / "doors_0_001.py", "--budget", "quick", *SANDBOX)
+    assert judged.returncode == 0, judged.stdout
+
+
 def test_its_check_finds_and_lets_pass(report: Path) -> None:
     bad, good = json.loads(report.read_text())["reports"]
     assert (bad["verdict"], good["verdict"]) == ("fail", "pass")

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from envcraft.contract import Contract
     from envcraft.corpus.export import Exporter
     from envcraft.executors import ExecutorPlugin
+    from envcraft.families import Family
     from envcraft.reports import Reporter
     from envcraft.sandbox import Driver
 
@@ -59,6 +60,13 @@ def envcraft_executors() -> list[ExecutorPlugin]:
     from .processes import ProcessesExecutor
 
     return [ProcessesExecutor()]
+
+
+@hookimpl
+def envcraft_families() -> list[Family]:
+    from .doors import DoorsFamily
+
+    return [DoorsFamily()]
 
 
 @hookimpl

@@ -1,0 +1,39 @@
+"""Families: environments that a program writes, any number of them; ``envcraft generate --family`` names one."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Any
+
+
+@dataclass(frozen=True)
+class Generated:
+    """An environment that was written.
+
+    Attributes:
+        name: that of its file without ``.py``: a Python identifier, and another one for each of a family and seed.
+        source: the text of the file.
+        metadata: plain data that says how it came about; a corpus keeps it.
+    """
+
+    name: str
+    source: str
+    metadata: dict[str, Any] = field(default_factory=dict)
+
+
+class Family(ABC):
+    """Writes environments.
+
+    Attributes:
+        name: how ``--family`` names it.
+        summary: one line for ``envcraft generate --list``.
+    """
+
+    name: str
+    summary: str
+
+    @abstractmethod
+    def generate(self, count: int, seed: int) -> Iterator[Generated]:
+        """So many environments; the same for the same seed, and a smaller `count` gives the first of them."""
