@@ -10,8 +10,9 @@ searches on copies of the environment's state, or by replaying actions where it 
 stepped for real.
 
 Unsolvable is only said of a game whose reachable states were searched through to the last without a positive
-outcome. Trivial is a game that one held action, or the best-looking first moves, win on nearly every seed. Where the
-budget settles neither the check is skipped, with the reason.
+outcome, and whose whole episodes lead to no other state: a hidden timer may yet open a door. Trivial is a game that
+one held action, or the best-looking first moves, win on nearly every seed. Where the budget settles neither the check
+is skipped, with the reason.
 
 ## Why is this bad?
 A game that cannot be won, or that any agent wins, tells nothing about an agent.

@@ -26,6 +26,11 @@ from .subject import Fault, Subject, attributes
 _Random = random.Random
 _monotonic = time.monotonic
 
+#: So many readings of a number tell whether it counts steps.
+_READINGS = 6
+#: So many whole episodes are held against the states that a search has found.
+_EPISODES = 3
+
 
 @dataclass(slots=True)
 class Path:
@@ -91,7 +96,7 @@ class Tree:
         self.out = Outcome()
         self.random = _Random(job["seed"])
         self._limit: int = job["limit"]
-        self._until = _monotonic() + job.get("seconds", float("inf"))
+        self.until = _monotonic() + job.get("seconds", float("inf"))
 
     def root(self) -> Node:
         env = self.subject.construct(announce=False)
@@ -136,7 +141,7 @@ class Tree:
         return not node.ended
 
     def spent(self) -> bool:
-        return self.out.steps >= self.budget or _monotonic() > self._until
+        return self.out.steps >= self.budget or _monotonic() > self.until
 
     def _judge(self, node: Node, info: Any) -> None:
         contract = self.subject.contract
@@ -213,7 +218,9 @@ def exhaust(tree: Tree) -> None:
     """Breadth first through every state that can be reached; `exhausted` when none is left within the budget.
 
     Two states are the same when frame and attributes are, apart from random generators and from counters that grow by
-    the step. An environment that draws random numbers while it steps is `stochastic`, and never exhausted.
+    the step. Such a counter may be a timer that lets something happen later, so nothing is exhausted while whole
+    episodes lead to other states. An environment that draws random numbers while it steps is `stochastic`, and never
+    exhausted.
     """
     root = tree.root()
     if not tree.out.copies:
@@ -243,7 +250,19 @@ def exhaust(tree: Tree) -> None:
                     grown.append(child)
         frontier = grown
     tree.out.states = len(seen)
-    tree.out.exhausted = tree.out.crash is None and not tree.out.stochastic
+    tree.out.exhausted = tree.out.crash is None and not tree.out.stochastic and _closed(tree, seen, key)
+
+
+def _closed(tree: Tree, seen: set[bytes], key: Callable[[Node], bytes]) -> bool:
+    """Whether whole episodes, one of the first action and some at random, meet no other states and no win."""
+    for play in range(_EPISODES):
+        node = tree.root()
+        while tree.step(node, tree.random.choice(tree.actions) if play else tree.actions[0]):
+            if _monotonic() > tree.until or key(node) not in seen:
+                return False
+        if tree.out.crash is not None or tree.out.win is not None:
+            return False
+    return True
 
 
 def _counters(tree: Tree, root: Node) -> set[str]:
@@ -252,7 +271,7 @@ def _counters(tree: Tree, root: Node) -> set[str]:
     for action in tree.actions:
         probe = tree.branch(root)
         readings = [attributes(probe.env)]
-        while len(readings) < 3 and not probe.ended:
+        while len(readings) < _READINGS and not probe.ended:
             tree.step(probe, action)
             readings.append(attributes(probe.env))
         counts = {name for name in readings[0] if _counts([reading.get(name) for reading in readings])}
