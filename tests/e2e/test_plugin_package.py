@@ -184,9 +184,11 @@ def test_an_audit_runs_in_its_processes_and_is_exported(installed: Installed, tm
     here = installed.run("audit", games, "--no-resume", *options)
     assert untimed(json.loads(there.stdout)["reports"]) == untimed(json.loads(here.stdout)["reports"])
 
-    written = installed.run("export", games, "--to", "files", "--output", tmp_path / "passed")
-    assert written.stdout.startswith("wrote 2 environments\n"), written.stderr
-    sums = subprocess.run(["sha256sum", "--check", "SHA256SUMS"], cwd=tmp_path / "passed", check=False)
+    # Judged by one check alone, none of them has passed.
+    for more, count in (((), 0), (("--all",), 4)):
+        written = installed.run("export", games, "--to", "files", "--output", tmp_path / f"files{count}", *more)
+        assert written.stdout.startswith(f"wrote {count} environments\n"), written.stderr
+    sums = subprocess.run(["sha256sum", "--check", "SHA256SUMS"], cwd=tmp_path / "files4", check=False)
     assert sums.returncode == 0
 
     wrong = installed.run("audit", games, "--no-resume", "--executor", "processes", "--scheduler", "x:1", *options)
