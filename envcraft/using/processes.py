@@ -212,7 +212,7 @@ class _Worker:
         # This process may be able to import what another one would not find.
         path = os.pathsep.join(os.path.abspath(entry) for entry in sys.path)
         try:
-            self._process = subprocess.Popen(  # noqa: S603
+            self._process = subprocess.Popen(  # noqa: S603 (our own program, from a list of words)
                 [sys.executable, "-m", "envcraft.using.vector_worker", str(theirs), str(answers), str(memory)],
                 stdin=subprocess.DEVNULL,
                 pass_fds=[theirs, answers, memory],

@@ -144,12 +144,9 @@ class SandboxedEnv(gymnasium.Env[Any, Any]):
             raise EnvironmentFailed(
                 f"{self._name} has no environment class, or several; `envcraft validate` tells more"
             )
-        for space, promised in (
-            ("observation_space", contract.observation),
-            ("action_space", contract.action),
-        ):
-            given: Any = promised or told[space]  # type: ignore[literal-required]
-            setattr(self, space, to_gymnasium(given, f"the {space.replace('_', ' ')} of {self._name}"))
+        seen, acted = contract.observation or told["observation_space"], contract.action or told["action_space"]
+        self.observation_space = to_gymnasium(seen, f"the observation space of {self._name}")
+        self.action_space = to_gymnasium(acted, f"the action space of {self._name}")
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Begin an episode. Raises EnvironmentFailed, and UsageError for `options`, which have no way in."""

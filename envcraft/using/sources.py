@@ -101,15 +101,19 @@ def locate(target: str | os.PathLike[str], name: str | None = None, contract: st
 def _row(store: Store, path: Path, name: str | None) -> tuple[str, str, str]:
     """The name, source and class of an environment, ``.py`` at the end of whose name may be left out."""
     if name is None:
-        rows = store.db.execute("SELECT name, source, class FROM environments ORDER BY name LIMIT 2").fetchall()
+        rows: list[tuple[str, str, str]] = store.db.execute(
+            "SELECT name, source, class FROM environments ORDER BY name LIMIT 2"
+        ).fetchall()
         if len(rows) == 1:
-            return rows[0]  # type: ignore[no-any-return]
+            return rows[0]
         such = f", such as {rows[0][0]}" if rows else ""
         raise UsageError(f"{path} has {'several environments: name one' if rows else 'no environment'}{such}")
     for spelling in (name, f"{name}.py"):
-        row = store.db.execute("SELECT name, source, class FROM environments WHERE name = ?", (spelling,)).fetchone()
+        row: tuple[str, str, str] | None = store.db.execute(
+            "SELECT name, source, class FROM environments WHERE name = ?", (spelling,)
+        ).fetchone()
         if row is not None:
-            return row  # type: ignore[no-any-return]
+            return row
     raise UsageError(f"{path} has no environment {name}; `envcraft corpus list {path}` lists them")
 
 

@@ -147,6 +147,7 @@ def _failure(crash: Crash) -> Failure:
     try:
         words = f"{type(error).__name__}: {error}"
     except Exception:
+        # Its own message raises, too.
         words = type(error).__name__
     lines = "".join(traceback.format_exception(error))[-_MAX_TRACEBACK:]
     if not isinstance(error, EnvCraftError):
