@@ -108,4 +108,4 @@ class Model(ABC):
 
     async def close(self) -> None:
         """Let go of connections and files."""
-        return None
+        return
