@@ -26,7 +26,9 @@ PACKAGE_ROOT = Path(__file__).resolve().parent.parent
 
 def environment(hash_seed: int, folder: str = JOB_FOLDER) -> dict[str, str]:
     """The only environment variables that a worker sees. One thread for each numerical library: results and limits
-    must not depend on the machine's cores."""
+    must not depend on the machine's cores. A job is short: glibc keeps what is freed from the first step on, which it
+    would otherwise learn in the first episode of a process, and every job is one (mallopt(3), M_MMAP_THRESHOLD).
+    """
     return {
         **_graphics(),
         "PATH": "/usr/bin:/bin",
@@ -41,6 +43,8 @@ def environment(hash_seed: int, folder: str = JOB_FOLDER) -> dict[str, str]:
         "OPENBLAS_NUM_THREADS": "1",
         "OMP_NUM_THREADS": "1",
         "MKL_NUM_THREADS": "1",
+        "MALLOC_MMAP_THRESHOLD_": str(32 << 20),
+        "MALLOC_TRIM_THRESHOLD_": str(256 << 20),
         "SDL_VIDEODRIVER": "dummy",
         "SDL_AUDIODRIVER": "dummy",
         "PYGAME_HIDE_SUPPORT_PROMPT": "1",
