@@ -1,10 +1,10 @@
 """``python -m benchmarks.audit``: what an audit costs beside stepping the same environments in a plain loop.
 
 ``--number`` environments are made by changing a tenth of the numbers in the good fixtures and the examples, as
-``benchmarks.duplicates`` does; those that a plain loop cannot play are left out. They are audited at the budget
-`quick`, by one worker and by two, each time from nothing. Processor time is that of the command and of all that it
-starts, but for a container engine's own; bare is the processor time of a step of each environment, in random play in
-one process, times the steps that its report counts. Memory is the auditing process's own.
+``benchmarks.duplicates`` does; those that a plain loop cannot play, or not within ten seconds, are left out. They are
+audited at the budget `quick`, by one worker and by two, each time from nothing. Processor time is that of the command
+and of all that it starts, but for a container engine's own; bare is the processor time of a step of each environment,
+in random play in one process, times the steps that its report counts. Memory is the auditing process's own.
 
 Exit status 1 when a limit does not hold: processor time 1.3 times bare, two workers 1.8 times as fast as one (where
 there are two cores), 400 MiB.
@@ -14,10 +14,12 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import itertools
 import json
 import os
 import random
 import resource
+import signal
 import subprocess
 import sys
 import tempfile
@@ -39,6 +41,8 @@ NUMBER = 100
 CPU, FASTER, LIMIT_MIB = 1.3, 1.8, 400
 #: Steps of random play by which the cost of one is told.
 _STEPS = 1_000
+#: Seconds after which an environment is left out.
+_PATIENCE = 10
 
 
 class Audited(NamedTuple):
@@ -55,13 +59,31 @@ def write(folder: Path, number: int) -> dict[str, float]:
     rng = random.Random(0)
     known = duplicates.originals()
     found: dict[str, float] = {}
-    while len(found) < number:
+    for original in itertools.cycle(known):
+        if len(found) == number:
+            break
         path = folder / f"game_{len(found):05}.py"
-        path.write_text(duplicates.edited(known[len(found) % len(known)].decode(), rng))
+        path.write_text(duplicates.edited(original.decode(), rng))
         # A changed number may break a game; the next one takes its place.
-        with contextlib.suppress(Exception):
+        with contextlib.suppress(Exception), _alarm():
             found[path.name] = step_seconds(path)
     return found
+
+
+@contextlib.contextmanager
+def _alarm() -> Iterator[None]:
+    """Raises TimeoutError when what it is around takes too long: some changed numbers make endless loops."""
+
+    def ring(*_: object) -> None:
+        raise TimeoutError
+
+    before = signal.signal(signal.SIGALRM, ring)
+    signal.alarm(_PATIENCE)
+    try:
+        yield
+    finally:
+        signal.alarm(0)
+        signal.signal(signal.SIGALRM, before)
 
 
 def step_seconds(path: Path) -> float:
