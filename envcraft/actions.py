@@ -20,7 +20,9 @@ def random_actions(space: spaces.Space, seed: int, length: int) -> list[Action]:
     if space["type"] == "MultiDiscrete" and np.ndim(space["nvec"]) == 1:
         start = np.asarray(space.get("start", 0))
         drawn: list[Action] = (rng.integers(0, space["nvec"], (length, len(space["nvec"]))) + start).tolist()
-        return drawn
+        # An action is the same object wherever it is drawn again: an episode of a thousand holds twenty.
+        shared: dict[tuple[int, ...], Action] = {}
+        return [shared.setdefault(tuple(action), action) for action in drawn]
     return [spaces.sample(space, rng) for _ in range(length)]
 
 

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
-from functools import cached_property
+import json
+from collections.abc import Callable
+from functools import cached_property, lru_cache
+from typing import Any
 
 from envcraft import actions, spaces
 from envcraft.budget import Budget
 from envcraft.check import Skip
 from envcraft.contract import Contract
 from envcraft.rollout import Action, Rollout
+
+_Draw = Callable[[spaces.Space, int, int], list[Action]]
 
 
 class Players:
@@ -19,6 +24,7 @@ class Players:
         self.budget = budget
         self.seed = seed
         self.space = space
+        self._known: dict[tuple[Any, ...], Rollout] = {}
 
     @property
     def length(self) -> int:
@@ -36,14 +42,11 @@ class Players:
 
     def random(self, number: int, length: int | None = None) -> Rollout:
         """Random play on the episode seed `number`."""
-        seed = self.episode_seed(number)
-        return Rollout(seed, actions.random_actions(self.space, seed, length or self.length), player="random play")
+        return self._drawn(actions.random_actions, number, length or self.length, "random play")
 
     def sticky(self, number: int) -> Rollout:
         """Random play with held actions."""
-        seed = self.episode_seed(number)
-        drawn = actions.sticky_actions(self.space, seed, self.length)
-        return Rollout(seed, drawn, player="random play with held actions")
+        return self._drawn(actions.sticky_actions, number, self.length, "random play with held actions")
 
     def hold(self, action: Action, number: int = 0, length: int | None = None) -> Rollout:
         """One action throughout."""
@@ -63,9 +66,11 @@ class Players:
         order = actions.rotation(self.choices, offset, seed, self.length)
         return Rollout(seed, order, player="every action in turn")
 
+    @cached_property
     def rotations(self) -> list[Rollout]:
         return [self.rotation(offset) for offset in range(self.budget.rotations)]
 
+    @cached_property
     def held(self) -> list[Rollout]:
         """Each joint action (as many as the budget allows) held on the first seed."""
         stride = max(len(self.choices) // self.budget.held, 1)
@@ -75,11 +80,30 @@ class Players:
         """The privileged policy on the episode seed `number`."""
         return Rollout(self.episode_seed(number), [], player="the policy", policy=True, max_steps=self.length)
 
+    @cached_property
     def all(self) -> list[Rollout]:
         """The episodes that several checks share: random, sticky, held and doing nothing."""
         found = [self.random(number) for number in range(self.budget.random)]
         found += [self.sticky(number) for number in range(self.budget.sticky)]
-        found += self.held()
+        found += self.held
         if self.contract.noop is not None:
             found += [self.noop(number) for number in range(1, 3)]
         return found
+
+    def _drawn(self, draw: _Draw, number: int, length: int, player: str) -> Rollout:
+        """An episode of actions that are drawn; the same object each time, whose key is made once."""
+        wanted = (draw, number, length)
+        if wanted not in self._known:
+            seed = self.episode_seed(number)
+            self._known[wanted] = Rollout(seed, _draw(draw, self._space, seed, length), player=player)
+        return self._known[wanted]
+
+    @cached_property
+    def _space(self) -> str:
+        return json.dumps(self.space)
+
+
+@lru_cache(maxsize=256)
+def _draw(draw: _Draw, space: str, seed: int, length: int) -> list[Action]:
+    """Environments of one contract are asked to play the same episodes. Nobody changes the list."""
+    return draw(json.loads(space), seed, length)

@@ -7,6 +7,7 @@ memoised, run in parallel, and run again from a report.
 from __future__ import annotations
 
 import hashlib
+from functools import cached_property
 from typing import Any
 
 import msgspec
@@ -72,7 +73,7 @@ class Conditions(msgspec.Struct, frozen=True, omit_defaults=True):
         return msgspec.convert(value, cls)
 
 
-class Rollout(msgspec.Struct, frozen=True):
+class Rollout(msgspec.Struct, frozen=True, dict=True):
     """One episode to run.
 
     `player` names the action source in messages; in place of `actions` come for `max_steps` those of the privileged
@@ -96,6 +97,10 @@ class Rollout(msgspec.Struct, frozen=True):
 
     def key(self) -> bytes:
         """What the trace depends on; the player's name is not part of it."""
+        return self._key
+
+    @cached_property
+    def _key(self) -> bytes:
         parts = (self.seed, self.actions, self.conditions, self.policy, self.max_steps, self.keep)
         return hashlib.blake2b(msgspec.json.encode(parts), digest_size=16).digest()
 

@@ -263,11 +263,11 @@ class Subject:
 
     def played(self) -> list[Trace]:
         """The episodes that several checks share: random, sticky, held and doing nothing. Run once."""
-        return self.rollouts(self.players.all())
+        return self.rollouts(self.players.all)
 
     def held(self) -> list[Trace]:
         """Each joint action (as many as the budget allows) held on the first seed."""
-        return self.rollouts(self.players.held())
+        return self.rollouts(self.players.held)
 
     def act(self, number: int) -> Trace:
         """The privileged policy on the episode seed `number`."""

@@ -152,7 +152,7 @@ class Api(Check):
         subject.foresee(rollouts)
         # The longest jobs are not left to the end, where they would run alone.
         subject.foresee(subject.explorations())
-        rollouts += [*players.all(), *players.rotations()]
+        rollouts += [*players.all, *players.rotations]
         subject.foresee(rollouts)
         yield from map(subject.rollout, rollouts)
 
@@ -166,7 +166,7 @@ class Api(Check):
         longest = max(
             (trace for trace in subject.played() if trace.usable), key=lambda trace: trace.steps, default=None
         )
-        reached = min((trace.steps for trace in subject.rollouts(subject.players.rotations())), default=0)
+        reached = min((trace.steps for trace in subject.rollouts(subject.players.rotations)), default=0)
         # Where each rotation lives as long, every action has been tried at every step already.
         if not subject.budget.sweep or longest is None or reached >= longest.steps:
             return None

@@ -65,7 +65,7 @@ class Termination(Check):
     )
 
     def judge(self, subject: Subject) -> Iterator[Finding]:
-        traces = subject.rollouts([*subject.players.all(), *subject.players.rotations()[:4]])
+        traces = subject.rollouts([*subject.players.all, *subject.players.rotations[:4]])
         usable = [trace for trace in traces if trace.usable and trace.steps]
         if not usable:
             raise Skip("no episode could be stepped")
