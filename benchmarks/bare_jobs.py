@@ -1,0 +1,120 @@
+"""What the jobs of a validation cost without a sandbox: the same episodes and searches, in a plain loop in one process.
+
+An episode is an instance that is made, reset and stepped as the job asks: with the earlier episodes on the same
+instance, the second instance beside it and the calls of render() where the conditions have them. A search is that of
+the worker, its copies of the state included, with nobody to tell.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import random
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+from envcraft_sandbox.worker import search
+from envcraft_sandbox.worker.channel import Channel
+from envcraft_sandbox.worker.subject import Fault, Subject
+
+from envcraft.engine import Plan, validate
+from envcraft.sandbox import Availability, Driver, Limits, Worker
+
+
+class Noting(Driver):
+    """A driver that notes the jobs of its workers."""
+
+    def __init__(self, driver: Driver) -> None:
+        self.name, self.isolation, self.rank = driver.name, driver.isolation, driver.rank
+        self.jobs: list[dict[str, Any]] = []
+        self._driver = driver
+
+    def probe(self) -> Availability:
+        return self._driver.probe()
+
+    def launch(self, *, hash_seed: int, limits: Limits) -> Worker:
+        worker = self._driver.launch(hash_seed=hash_seed, limits=limits)
+        run = worker.run
+
+        def noting(job: dict[str, Any], recording: Any, *rest: Any) -> Any:
+            end = run(job, recording, *rest)
+            # Actions that the host was asked for are known by now.
+            self.jobs.append({**job, "actions": recording.trace.actions} if job.get("asked") else job)
+            return end
+
+        worker.run = noting  # type: ignore[method-assign, assignment]
+        return worker
+
+
+def jobs_of(plan: Plan) -> list[dict[str, Any]]:
+    """The jobs by which a plan's targets are judged."""
+    noting = Noting(plan.driver)
+    for _ in validate(Plan(plan.targets, plan.contract, noting, plan.checks, plan.budget, plan.seed, lanes=1), 1):
+        pass
+    return noting.jobs
+
+
+def seconds(job: dict[str, Any]) -> float:
+    """Processor seconds of one job in this process; up to the exception where the environment raises one."""
+    state = job.get("seed", 0) % 2**32
+    random.seed(state)
+    np.random.seed(state)
+    subject = Subject(job, Channel(_Nobody()))  # type: ignore[arg-type]
+    started = time.process_time()
+    with contextlib.suppress(Exception, Fault):
+        subject.load()
+        if job["kind"] == "rollout":
+            _episode(subject, job)
+        elif job["kind"] == "search":
+            search.run(subject, job)
+        else:
+            subject.construct()
+    return time.process_time() - started
+
+
+def _episode(subject: Subject, job: dict[str, Any]) -> None:
+    conditions = job.get("conditions", {})
+    for _ in range(2 if conditions.get("again") else 1):
+        env = subject.construct(announce=False)
+        for earlier in conditions.get("before", ()):
+            _play(subject, env, earlier["seed"], earlier["actions"])
+        beside = _companion(subject, conditions["companion"]) if "companion" in conditions else None
+        _play(subject, env, job["seed"], job["actions"], beside, env.render if conditions.get("render") else None)
+        env.close()
+
+
+def _play(
+    subject: Subject,
+    env: Any,
+    seed: int,
+    actions: list[Any],
+    beside: Iterator[None] | None = None,
+    render: Callable[[], Any] | None = None,
+) -> None:
+    env.reset(seed=seed)
+    for action in actions:
+        _, _, terminated, truncated, _ = env.step(subject.action(action, env))
+        if beside:
+            next(beside)
+        if render:
+            render()
+        if terminated or truncated:
+            return
+
+
+def _companion(subject: Subject, plan: dict[str, Any]) -> Iterator[None]:
+    env, seed = subject.construct(announce=False), plan["seed"]
+    while True:
+        env.reset(seed=seed)
+        seed += 1
+        for action in plan["actions"]:
+            _, _, terminated, truncated, _ = env.step(subject.action(action, env))
+            yield
+            if terminated or truncated:
+                break
+
+
+class _Nobody:
+    def sendall(self, data: bytes) -> None:
+        """Let it go."""
