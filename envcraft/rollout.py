@@ -1,7 +1,7 @@
 """A request for one episode: seed, actions, and the conditions under which the process runs it.
 
-A rollout runs in a process of its own, so its trace depends on nothing but the source and the request: it can be
-memoised, run in parallel, and run again from a report.
+A rollout runs in a process of its own, or after others in one that they left as it was, so its trace depends on nothing
+but the source and the request: it can be memoised, run in parallel, and run again from a report.
 """
 
 from __future__ import annotations

@@ -79,7 +79,8 @@ class How(StrEnum):
 class JobEnd(msgspec.Struct, frozen=True):
     """The end of a job. `signal` or `exit_code` is set when it died; `output` is the head of what it printed.
 
-    `cpu` is the processor time of its processes, in seconds.
+    `cpu` is the processor time of its processes, in seconds; `before` counts the jobs of a series that its process had
+    done before, whose processor time is only known at the end of the last.
     """
 
     how: How
@@ -91,6 +92,7 @@ class JobEnd(msgspec.Struct, frozen=True):
     output: str = ""
     output_bytes: int = 0
     cpu: float = 0.0
+    before: int = 0
 
 
 class Stop(Exception):
@@ -163,7 +165,8 @@ class Worker(ABC):
     @abstractmethod
     def run(self, job: dict[str, Any], recorder: Recorder, limits: Limits, player: Player | None = None) -> JobEnd:
         """Run a job to its end, whatever that is; `player` chooses the actions of one that asks for them, which the
-        recorder is told. Raises WorkerLost when the worker itself is gone.
+        recorder is told. Where ``job["series"]`` is true, its process may be that of the one before, if that was of a
+        series and left nothing behind. Raises WorkerLost when the worker itself is gone.
         """
 
     @abstractmethod

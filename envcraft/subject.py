@@ -220,10 +220,11 @@ class Subject:
         """The seed of the episode with this number, away from the seeds of another ``--seed``."""
         return self.players.episode_seed(number)
 
-    def foresee(self, requests: Iterable[Rollout | Search], again: bool = False) -> None:
+    def foresee(self, requests: Iterable[Rollout | Search], again: bool = False, alone: bool = False) -> None:
         """Begin what is nearly sure to be asked for, in this order, and come back at once.
 
-        With `again` it is :meth:`rerun` that will ask. What is never asked for counts nowhere.
+        With `again` it is :meth:`rerun` that will ask. What is never asked for counts nowhere. Ordinary episodes may
+        follow one another in one process unless `alone`, for those that are held against others bit by bit.
         """
         if self._refusal:
             return
@@ -231,7 +232,7 @@ class Subject:
             key = (request.key(), again)
             known = not again and (key[0] in self._traces or key[0] in self._searches)
             if not known and key not in self._ahead:
-                self._ahead[key] = self._begin(request, again)
+                self._ahead[key] = self._begin(request, again, series=not (again or alone))
 
     def forget(self) -> None:
         """Begin nothing more of what was foreseen."""
@@ -424,6 +425,7 @@ class Subject:
         every_step: bool = False,
         player: Player | None = None,
         kind: type[Recording] = Recording,
+        series: bool = False,
     ) -> Begun:
         if isinstance(request, Search):
             job = self._job("search", search=request.kind, seed=request.seed, actions=self.choices)
@@ -447,6 +449,8 @@ class Subject:
             job["every_step"] = True
         if request.asked:
             job["asked"] = True
+        if series and self._may_follow(request):
+            job["series"] = True
         if conditions.fresh or conditions.hash_seed:
             own = conditions.fresh and again
             place = Place(conditions.hash_seed, apart=not own, own=own)
@@ -462,6 +466,10 @@ class Subject:
             watch=self._watches(request),
         )
         return self._submit(place, job, recording, player)
+
+    def _may_follow(self, request: Rollout) -> bool:
+        """Whether an episode may run in a process after others: one of a file, whose text runs again each time."""
+        return not request.live and request.conditions == Conditions() and not self.target.installed
 
     @cached_property
     def _watched(self) -> list[Action]:
@@ -482,7 +490,12 @@ class Subject:
             # own, jobs import them one by one.
             if self._modules and self.driver.isolation is not Isolation.PROCESS:
                 worker.preload(self._modules)
-        return worker.run(job, recording, self.limits, player)
+        end = worker.run(job, recording, self.limits, player)
+        if end.before and (end.how is not How.DONE or recording.trace.fault is not None):
+            # What goes wrong after other episodes may be their doing.
+            recording.begin()
+            end = worker.run({**job, "series": False}, recording, self.limits)
+        return end
 
     @property
     def _modules(self) -> list[str]:

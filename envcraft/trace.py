@@ -265,10 +265,15 @@ class Recording:
         self._watch = STEPS if watch else -1
         self._success = success or Success()
         self._exact_space = exact
-        self.trace = Trace(rollout, rule=self._success)
-        self.description: Description = {}
+        self._rollout = rollout
         self._observation_space = observation_space
         self._action_space = action_space
+        self.begin()
+
+    def begin(self) -> None:
+        """Forget what has come: the job runs from the start."""
+        self.trace = Trace(self._rollout, rule=self._success)
+        self.description: Description = {}
         self._layouts: list[Layout] = []
         self._exact: list[bool] = []
         self._parts = 0

@@ -120,7 +120,7 @@ class Determinism(Check):
         reset = list(itertools.takewhile(lambda play: play.observations, plays))
         probes = [play.rollout.cut(min(length, max(play.steps, 1))) for play in reset]
         for rollout in probes:
-            subject.foresee([rollout, rollout.under(self._together(subject, rollout))])
+            subject.foresee([rollout, rollout.under(self._together(subject, rollout))], alone=True)
             subject.foresee([rollout], again=True)
         told: set[str] = set()
         for rollout in probes:

@@ -9,6 +9,7 @@ import select
 import signal
 import socket
 import time
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import msgspec
@@ -23,6 +24,8 @@ _CHUNK = 1 << 20
 _SERVER_SECONDS = 60.0
 _GOODBYE_SECONDS = 1.0
 _LOADING = ("start", "import", "construct", "policy")
+#: Jobs of a series that one process runs.
+_SERIES = 16
 
 
 class Ended(NamedTuple):
@@ -31,6 +34,22 @@ class Ended(NamedTuple):
     status: int
     cpu: float
     over: How | None
+
+
+@dataclass
+class _Process:
+    """A job's process as the host sees it: its number at the fork server, its data socket, the pipe for its output, and
+    how many jobs it has done.
+    """
+
+    number: int
+    data: socket.socket
+    output: int
+    done: int = 0
+
+    def close(self) -> None:
+        self.data.close()
+        os.close(self.output)
 
 
 class ForkServerWorker(Worker):
@@ -42,6 +61,7 @@ class ForkServerWorker(Worker):
         self._received = b""
         self._jobs = 0
         self._limits = limits
+        self._waits: _Process | None = None
         self.about = self._reply("ready")["ready"]
 
     def preload(self, modules: list[str]) -> list[str]:
@@ -55,35 +75,62 @@ class ForkServerWorker(Worker):
         return answer["missing"], answer["known"]
 
     def run(self, job: dict[str, Any], recorder: Recorder, limits: Limits, player: Player | None = None) -> JobEnd:
+        series = bool(job.get("series"))
+        process, self._waits = self._waits, None
+        if process is not None and not series:
+            self._dismiss(process)
+            process = None
+        if process is None:
+            process = self._start(limits)
+        try:
+            process.data.settimeout(limits.loading)
+            payload = json.dumps(job).encode()
+            # A child that died before it read the job: how, the exit status will tell.
+            with contextlib.suppress(OSError):
+                process.data.sendall(HEADER.pack(0, len(payload)) + payload)
+            process.data.setblocking(False)
+            watch = _Watch(self, process, recorder, limits, player, series and process.done + 1 < _SERIES)
+            end = watch.run()
+            process.done += 1
+            if watch.goes_on:
+                self._waits, process = process, None
+            return end
+        finally:
+            if process is not None:
+                process.close()
+
+    def close(self) -> None:
+        hang_up(self._control)
+        process, self._waits = self._waits, None
+        if process is not None:
+            process.close()
+
+    def _start(self, limits: Limits) -> _Process:
+        """Have a process forked for a job."""
         self._jobs += 1
-        number = self._jobs
         ours, theirs = socket.socketpair()
         output, output_end = os.pipe()
+        process = _Process(self._jobs, ours, output)
         try:
             for option in (socket.SO_SNDBUF, socket.SO_RCVBUF):
                 ours.setsockopt(socket.SOL_SOCKET, option, _CHUNK)
                 theirs.setsockopt(socket.SOL_SOCKET, option, _CHUNK)
-            message = {"op": "job", "id": number, "limits": msgspec.to_builtins(limits)}
+            message = {"op": "job", "id": process.number, "limits": msgspec.to_builtins(limits)}
             self._send(message, [theirs.fileno(), output_end])
+        except BaseException:
+            process.close()
+            raise
+        finally:
             theirs.close()
             os.close(output_end)
-            output_end = -1
-            ours.settimeout(limits.loading)
-            payload = json.dumps(job).encode()
-            # A child that died before it read the job: how, the exit status will tell.
-            with contextlib.suppress(OSError):
-                ours.sendall(HEADER.pack(0, len(payload)) + payload)
-            ours.setblocking(False)
-            return _Watch(self, number, ours, output, recorder, limits, player).run()
-        finally:
-            ours.close()
-            theirs.close()
-            os.close(output)
-            if output_end >= 0:
-                os.close(output_end)
+        return process
 
-    def close(self) -> None:
-        hang_up(self._control)
+    def _dismiss(self, process: _Process) -> None:
+        """End a process that waits for another job. Raises WorkerLost."""
+        process.close()
+        if self.ended(process.number, _GOODBYE_SECONDS) is None:
+            self.kill(process.number)
+            self.ended(process.number)
 
     def kill(self, number: int) -> None:
         """Ask for the end of a job's processes."""
@@ -160,17 +207,20 @@ class _Watch:
     def __init__(
         self,
         worker: ForkServerWorker,
-        number: int,
-        data: socket.socket,
-        output: int,
+        process: _Process,
         recorder: Recorder,
         limits: Limits,
         player: Player | None,
+        series: bool,
     ) -> None:
         self._worker = worker
-        self._number = number
-        self._data = data
-        self._output = output
+        self._number = process.number
+        self._data = process.data
+        self._output = process.output
+        self._before = process.done
+        self._series = series
+        #: Whether the process waits for another job now.
+        self.goes_on = False
         self._limits = limits
         self._recorder = recorder
         self._player = player
@@ -189,6 +239,11 @@ class _Watch:
             self._worker.kill(self._number)
             raise
         self._resume()
+        if how is How.DONE and self._series and self._reader.goes_on:
+            self.goes_on = True
+            self._drain()
+            os.set_blocking(self._output, True)
+            return self._end(how)
         died = how is How.DIED
         # A job that said goodbye, or closed its channel, may still run.
         patience = _GOODBYE_SECONDS if how in (How.DONE, How.DIED) else 0
@@ -204,16 +259,23 @@ class _Watch:
             how, died, detail = ended.over, False, self._limit(ended.over)
         self._drain()
         status = ended.status
+        return msgspec.structs.replace(
+            self._end(how),
+            signal=os.WTERMSIG(status) if died and os.WIFSIGNALED(status) else None,
+            exit_code=os.WEXITSTATUS(status) if died and os.WIFEXITED(status) else None,
+            detail=detail or (_signal_name(status) if died else ""),
+            cpu=ended.cpu,
+        )
+
+    def _end(self, how: How) -> JobEnd:
+        """The end of a job, as far as it is known without that of its process."""
         return JobEnd(
             how=how,
             phase=self._reader.phase,
             seconds=time.monotonic() - self._started,
-            signal=os.WTERMSIG(status) if died and os.WIFSIGNALED(status) else None,
-            exit_code=os.WEXITSTATUS(status) if died and os.WIFEXITED(status) else None,
-            detail=detail or (_signal_name(status) if died else ""),
             output=self._head.decode("utf-8", "replace"),
             output_bytes=self._printed,
-            cpu=ended.cpu,
+            before=self._before,
         )
 
     def _limit(self, how: How) -> str:

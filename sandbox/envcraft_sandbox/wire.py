@@ -55,7 +55,7 @@ class Kind(IntEnum):
     FAULT = 11  #: JSON object: an exception, or a return value of the wrong form
     TICK = 12  #: empty: alive
     RESULT = 13  #: JSON object: what a search found
-    END = 14  #: JSON object: the job is complete
+    END = 14  #: JSON object: the job is complete; with "goes_on" its process waits for another one
     ASK = 15  #: empty: the job waits for its next action
 
 

@@ -24,7 +24,7 @@ ACTION = [0, 0, 0]
 class Game(Worker):
     """An environment that never ends, on a machine of no constant speed.
 
-    Seeds from 100 on hang, from 200 on die, from 300 on lose the worker.
+    Seeds from 100 on hang, from 200 on die, from 300 on lose the worker, and from 400 on die after another job.
     """
 
     def __init__(self, driver: Arcade, hash_seed: int) -> None:
@@ -32,6 +32,7 @@ class Game(Worker):
         self.driver = driver
         self.hash_seed = hash_seed
         self.served: list[dict[str, Any]] = []
+        self.series = 0
         self.ended = threading.Event()
 
     def preload(self, modules: list[str]) -> list[str]:
@@ -43,7 +44,8 @@ class Game(Worker):
     def run(self, job: dict[str, Any], recorder: Recorder, limits: Limits, player: Player | None = None) -> JobEnd:
         self.served.append(job)
         time.sleep(random.random() * 0.002)
-        if self.ended.is_set() or job.get("seed", 0) >= 300:
+        before, self.series = (self.series, self.series + 1) if job.get("series") else (0, 0)
+        if self.ended.is_set() or 300 <= job.get("seed", 0) < 400:
             raise WorkerLost("the worker is gone")
         hangs = 100 <= job.get("seed", 0) < 200
         if job["kind"] == "search":
@@ -56,8 +58,8 @@ class Game(Worker):
                 data = memoryview(bytes([job["seed"] % 256, number % 256]))
                 step = Step(False, False, "bool", "bool", "float", 1.0, 1, 0, data, b"")
                 (recorder.step if number else recorder.reset)(step)
-        died = 200 <= job.get("seed", 0) < 300
-        return JobEnd(How.TIMEOUT if hangs else How.DIED if died else How.DONE, "step", 1.0)
+        died = 200 <= job.get("seed", 0) < 300 or (job.get("seed", 0) >= 400 and before > 0)
+        return JobEnd(How.TIMEOUT if hangs else How.DIED if died else How.DONE, "step", 1.0, before=before)
 
     def close(self) -> None:
         self.ended.set()
@@ -117,6 +119,26 @@ def test_the_lanes_share_the_work() -> None:
     assert len(driver.served) == 60
     assert all(len(game.served) > 5 for game in driver.games)
     assert all(game.ended.is_set() for game in driver.games)
+
+
+def test_what_goes_wrong_after_others_runs_again_alone() -> None:
+    driver = Arcade()
+    with subject_of(driver, 1) as subject:
+        traces = subject.rollouts([play(0), play(401), play(1), play(250)])
+        ends = [trace.end for trace in traces if trace.end is not None]
+    assert [(end.how, end.before) for end in ends] == [(How.DONE, 0), (How.DONE, 0), (How.DONE, 0), (How.DIED, 0)]
+    assert [trace.steps for trace in traces] == [3, 3, 3, 3]
+    assert [job["seed"] for job in driver.served] == [0, 401, 401, 1, 250, 250, 250]
+
+
+def test_only_ordinary_episodes_follow_one_another() -> None:
+    driver = Arcade()
+    with subject_of(driver, 1) as subject:
+        subject.rollout(play(1))
+        subject.rerun(play(2))
+        subject.foresee([play(3)], alone=True)
+        subject.rollouts([play(3), play(4, conditions=Conditions(render=True)), play(5)])
+    assert [job["seed"] for job in driver.served if job.get("series")] == [5]
 
 
 def test_a_foreseen_trace_has_the_name_that_it_is_asked_for_under() -> None:

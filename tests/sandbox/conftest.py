@@ -84,6 +84,7 @@ def play(
     seed: int = 0,
     limits: Limits = LIMITS,
     player: Player | None = None,
+    series: bool = False,
 ) -> Ran:
     """Run one job: by default a rollout of ten actions, with a `player` one of at most ten that it chooses."""
     listed = [] if player else [[number % 5, 0, 1] for number in range(10)]
@@ -97,6 +98,7 @@ def play(
         "conditions": rollout.conditions.to_json(),
         "asked": rollout.asked,
         "max_steps": rollout.max_steps,
+        "series": series,
     }
     recording = Recording(rollout, ARCADE.observation, ARCADE.action)
     end = worker.run(job, recording, limits, player)

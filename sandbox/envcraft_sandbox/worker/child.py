@@ -1,4 +1,5 @@
-"""One job in one forked child: give up what it does not need, read the job, run it, leave.
+"""One job in one forked child: give up what it does not need, read the job, run it, leave. Jobs of a series follow one
+another in the same child, as long as each leaves it as it was.
 
 Whatever the untrusted code does from here on, the child can only write to its data socket and its output pipe.
 """
@@ -23,6 +24,7 @@ from envcraft_sandbox.wire import HEADER, MAX_MESSAGE, Kind
 from . import confine, rollout, search
 from .channel import Channel
 from .clock import Clock
+from .series import Traces
 from .subject import Fault, Subject
 
 
@@ -39,9 +41,11 @@ def main(data_fd: int, output_fd: int, limits: dict[str, Any], folder: str, show
         sock = socket.socket(fileno=3)
         job = _receive(sock)
         confine.enter(limits, shown)
-        channel = Channel(sock, every_step=bool(job.get("every_step")))
-        _run(job, channel)
-        channel.flush()
+        traces = Traces(folder)
+        while _run(job, Channel(sock, every_step=bool(job.get("every_step"))), traces) and sock.recv(
+            1, socket.MSG_PEEK
+        ):
+            job = _receive(sock)
     except BaseException:
         # Outside the job's own guard: the host sees a death and the traceback among the captured output.
         traceback.print_exc()
@@ -101,8 +105,10 @@ def _fragments(seed: int | None) -> list[Any]:
     return [item for item in made if rng.random() < 0.6]
 
 
-def _run(job: dict[str, Any], channel: Channel) -> None:
+def _run(job: dict[str, Any], channel: Channel, traces: Traces) -> bool:
+    """Run a job; give whether another one may run in this process."""
     conditions = job.get("conditions", {})
+    goes_on = bool(job.get("series"))
     subprocess._fork_exec = _without_programs  # type: ignore[attr-defined]
     subprocess._USE_POSIX_SPAWN = False  # type: ignore[misc]
     # By default from the episode's seed: one fixed state would give code that draws from it one level for all seeds.
@@ -120,8 +126,12 @@ def _run(job: dict[str, Any], channel: Channel) -> None:
         else:
             search.run(subject, job)
     except Fault as fault:
+        goes_on = False
         channel.send_json(Kind.FAULT, fault.report)
+    del subject
     with contextlib.suppress(Exception):
         sys.stdout.flush()
         sys.stderr.flush()
-    channel.send_json(Kind.END, {}, flush=True)
+    goes_on = goes_on and traces.remove()
+    channel.send_json(Kind.END, {"goes_on": True} if goes_on else {}, flush=True)
+    return goes_on

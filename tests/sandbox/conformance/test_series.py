@@ -1,0 +1,94 @@
+"""Jobs of a series: in one process as long as each leaves it as it was, and as if each had one of its own."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from envcraft.sandbox import Driver, How, Worker
+
+from .conftest import Environment
+
+_TOLD = "import json, os, random, sys, threading\nimport numpy as np\n"
+_PROCESS = _TOLD + "print(json.dumps(os.getpid()))"
+
+
+@pytest.fixture
+def follow(worker: Worker, environment: Environment, play: Any) -> Any:
+    """Plays episodes of a new series, one after the other."""
+    play(worker, environment())
+
+    def ask(source: str) -> Any:
+        return play(worker, source, series=True)
+
+    return ask
+
+
+def test_a_process_runs_one_after_the_other(follow: Any, worker: Worker, environment: Environment, play: Any) -> None:
+    source = environment(top=_PROCESS)
+    ran = [follow(source) for _ in range(4)]
+    assert [one.end.before for one in ran] == [0, 1, 2, 3]
+    assert len({one.facts for one in ran}) == 1
+    alone = play(worker, source)
+    assert alone.end.before == 0
+    assert alone.facts != ran[0].facts
+    assert {tuple(one.trace.observations) for one in ran} == {tuple(alone.trace.observations)}
+
+
+def test_a_process_runs_only_so_many(follow: Any, environment: Environment) -> None:
+    source = environment(top=_PROCESS)
+    assert len({follow(source).facts for _ in range(40)}) > 1
+
+
+@pytest.mark.parametrize(
+    "top",
+    [
+        "print(json.dumps(os.listdir('.')))\nopen('left', 'w').write('x')\nos.makedirs('deep/er', exist_ok=True)",
+        "print(json.dumps('LEFT' in os.environ))\nos.environ['LEFT'] = 'x'",
+        "print(json.dumps(sys.getrecursionlimit()))\nsys.setrecursionlimit(5000)",
+        "print(json.dumps(np.geterr()))\nnp.seterr(all='raise')",
+        "print(json.dumps([random.random(), np.random.random()]))",
+        "print(json.dumps(os.getcwd()))\nos.makedirs('deep')\nos.chdir('deep')",
+        "print(json.dumps(globals().get('seen')))\nseen = 1",
+    ],
+    ids=["files", "variables", "recursion", "floating", "random", "folder", "module"],
+)
+def test_the_next_one_does_not_see(follow: Any, environment: Environment, top: str) -> None:
+    first, second = (follow(environment(top=_TOLD + top)) for _ in range(2))
+    assert second.end.before
+    assert second.facts == first.facts
+
+
+@pytest.mark.parametrize(
+    ("top", "step"),
+    [
+        ("threading.Thread(target=threading.Event().wait, daemon=True).start()", ""),
+        ("", "raise ValueError"),
+        ("", "if self.steps == 3: os._exit(0)"),
+        ("child = os.fork()\nif not child:\n    import time\n    time.sleep(60)", ""),
+        ("", "while self.steps == 3: pass"),
+    ],
+    ids=["thread", "exception", "exit", "process", "hang"],
+)
+def test_what_stays_or_breaks_ends_it(follow: Any, environment: Environment, top: str, step: str) -> None:
+    tidy = environment(top=_PROCESS)
+    first = follow(tidy)
+    untidy = follow(environment(top=_TOLD + top, step=step))
+    assert untidy.end.before == first.end.before + 1
+    after = follow(tidy)
+    assert after.end.before == 0
+    assert after.end.how is How.DONE
+    assert after.facts != first.facts
+
+
+def test_what_is_printed_is_told_of_its_own_job(follow: Any, environment: Environment) -> None:
+    ran = [follow(environment(top=f"print({number})", step="print('.', end='')")) for number in range(5)]
+    assert [one.end.output for one in ran] == [f"{number}\n{'.' * 8}" for number in range(5)]
+
+
+def test_a_worker_that_ends_takes_it_along(driver: Driver, limits: Any, environment: Environment, play: Any) -> None:
+    worker = driver.launch(hash_seed=0, limits=limits)
+    assert play(worker, environment(), series=True).end.how is How.DONE
+    worker.close()
+    worker.close()
