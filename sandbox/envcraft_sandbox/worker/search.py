@@ -21,6 +21,7 @@ import numpy as np
 from envcraft_sandbox.wire import Kind
 
 from .channel import encode_value, jsonable
+from .state import State
 from .subject import Fault, Subject, attributes
 
 _Random = random.Random
@@ -217,20 +218,25 @@ def _choose(rng: random.Random, archive: dict[bytes, Node]) -> Node:
 def exhaust(tree: Tree) -> None:
     """Breadth first through every state that can be reached; `exhausted` when none is left within the budget.
 
-    Two states are the same when frame and attributes are, apart from random generators and from counters that grow by
-    the step. Such a counter may be a timer that lets something happen later, so nothing is exhausted while whole
-    episodes lead to other states. An environment that draws random numbers while it steps is `stochastic`, and never
-    exhausted.
+    Two states are the same when frame and attributes are, with all that these hold, apart from random generators and
+    from counters that grow by the step. Such a counter may be a timer that lets something happen later, so nothing is
+    exhausted while whole episodes lead to other states. An environment that draws random numbers while it steps is
+    `stochastic`, and never exhausted, nor is one that holds what cannot be looked into.
     """
     root = tree.root()
     if not tree.out.copies:
         return
-    generators = _generators(root.env)
+    begun = State(root.env).generators
+    opaque = False
     counters = _counters(tree, root)
 
     def key(node: Node) -> bytes:
-        state = {name: value for name, value in attributes(node.env).items() if name not in counters}
-        return _digest(tree.frame) + hashlib.blake2b(json.dumps(state).encode(), digest_size=16).digest()
+        nonlocal opaque
+        state = State(node.env)
+        opaque |= state.opaque
+        tree.out.stochastic |= state.generators != begun
+        told = {name: value for name, value in state.values.items() if name not in counters}
+        return _digest(tree.frame) + hashlib.blake2b(json.dumps(told).encode(), digest_size=16).digest()
 
     root = tree.root()
     seen = {key(root)}
@@ -244,13 +250,14 @@ def exhaust(tree: Tree) -> None:
                     return
                 child = tree.branch(node)
                 alive = tree.step(child, action)
-                tree.out.stochastic = _generators(child.env) != generators
-                if alive and (state := key(child)) not in seen:
+                state = key(child)
+                if alive and state not in seen:
                     seen.add(state)
                     grown.append(child)
         frontier = grown
     tree.out.states = len(seen)
-    tree.out.exhausted = tree.out.crash is None and not tree.out.stochastic and _closed(tree, seen, key)
+    closed = tree.out.crash is None and not tree.out.stochastic and _closed(tree, seen, key)
+    tree.out.exhausted = closed and not opaque
 
 
 def _closed(tree: Tree, seen: set[bytes], key: Callable[[Node], bytes]) -> bool:
@@ -329,19 +336,6 @@ def _cell(frame: Any) -> bytes:
 def _digest(frame: Any) -> bytes:
     data = np.ndarray.tobytes(frame) if isinstance(frame, np.ndarray) else encode_value(frame)[1]
     return hashlib.blake2b(data, digest_size=16).digest()
-
-
-def _generators(env: Any) -> list[str]:
-    """The states of the random generators that the environment holds."""
-    states = []
-    for value in vars(env.unwrapped).values():
-        if isinstance(value, np.random.Generator):
-            states.append(repr(value.bit_generator.state))
-        elif isinstance(value, np.random.RandomState):
-            states.append(repr(value.get_state()))
-        elif isinstance(value, random.Random):
-            states.append(repr(value.getstate()))
-    return states
 
 
 def _counts(values: list[Any]) -> bool:

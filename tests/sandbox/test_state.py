@@ -1,0 +1,125 @@
+"""What a search takes for two states, and what it knows that it cannot see."""
+
+from __future__ import annotations
+
+import enum
+import random
+from collections import Counter, deque
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from types import SimpleNamespace
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pygame
+import pytest
+from envcraft_sandbox.worker.state import State
+
+
+@dataclass
+class Lock:
+    entered: int = 0
+    marks: list[int] = field(default_factory=list)
+
+
+class Slotted:
+    __slots__ = ("__hidden", "shown")
+
+    def __init__(self, value: int) -> None:
+        self.shown, self.__hidden = 0, value
+
+
+class Bag(list[int]):
+    def __init__(self, value: int) -> None:
+        super().__init__([1])
+        self.value = value
+
+
+class Mode(enum.Enum):
+    CALM = 0
+    ANGRY = 1
+
+
+def surface(value: int) -> pygame.Surface:
+    made = pygame.Surface((4, 4))
+    made.set_at((1, 1), (value, 0, 0))
+    return made
+
+
+def state(value: Any) -> State:
+    env = SimpleNamespace(value=value)
+    env.unwrapped = env
+    del env.unwrapped
+    return State(SimpleNamespace(unwrapped=env))
+
+
+MAKERS: dict[str, Callable[[int], Any]] = {
+    "number": lambda n: n,
+    "float": lambda n: n + 0.5,
+    "attribute": lambda n: Lock(n),
+    "list in an attribute": lambda n: Lock(0, [1, 2, n]),
+    "far down a long list": lambda n: [0] * 3000 + [n],
+    "objects in a dictionary": lambda n: {"a": [Lock(), Lock(n)]},
+    "slots": Slotted,
+    "subclass of list": Bag,
+    "deque": lambda n: deque([1, n], maxlen=4),
+    "counter": lambda n: Counter({"a": n}),
+    "set": lambda n: {1, 5 + n},
+    "array": lambda n: np.full((3, 3), n, np.uint8),
+    "array of objects": lambda n: np.array([Lock(n), None], object),
+    "rectangle": lambda n: pygame.Rect(n, 0, 3, 3),
+    "vector": lambda n: pygame.Vector2(n, 1),
+    "picture": surface,
+    "mode": lambda n: Mode(n),
+    "bound method": lambda n: Lock(n).__repr__,
+}
+
+
+@pytest.mark.parametrize("make", MAKERS.values(), ids=MAKERS)
+def test_tells_values_apart(make: Callable[[int], Any]) -> None:
+    one, same, other = state(make(0)), state(make(0)), state(make(1))
+    assert one.values == same.values
+    assert one.values != other.values
+    assert not one.opaque
+
+
+def test_a_thing_that_holds_itself() -> None:
+    loop: list[Any] = [1]
+    loop.append(loop)
+    assert state(loop).values == state(loop).values
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda seed: np.random.default_rng(seed),
+        lambda seed: random.Random(seed),
+        lambda seed: np.random.RandomState(seed),
+        lambda seed: Lock(marks=[np.random.default_rng(seed)]),
+        lambda seed: gymnasium.spaces.Discrete(5, seed=seed),
+    ],
+    ids=["numpy", "python", "old numpy", "in an object", "of a space"],
+)
+def test_generators_are_told_apart_from_values(make: Callable[[int], Any]) -> None:
+    one, other = state(make(1)), state(make(2))
+    assert one.values == other.values
+    assert one.generators != other.generators
+
+
+@pytest.mark.parametrize(
+    "value",
+    [iter([1, 2]).__class__, (lambda kept: lambda: kept)([1]), open],
+    ids=["class", "closure", "built-in"],
+)
+def test_what_a_function_closed_over_is_not_seen(value: Any) -> None:
+    assert state(value).opaque == (getattr(value, "__closure__", None) is not None)
+
+
+def test_what_cannot_be_copied_is_not_seen() -> None:
+    class Stubborn:
+        def __reduce_ex__(self, protocol: Any) -> Any:
+            raise TypeError
+
+    assert state(Stubborn()).opaque
+    assert not state(object()).opaque
