@@ -19,7 +19,8 @@ class ReadOnlyState(AttributeError):
 
 
 class State:
-    """The environment's own attributes, to read: ``state.player_x`` or ``state["player_x"]``. Setting one is refused.
+    """The environment's own attributes, to read: ``state.player_x`` or ``state["player_x"]``; ``get`` and ``keys`` are
+    those of a mapping where the environment has no such attributes. Setting one is refused.
 
     Objects behind the attributes are the environment's own; the host finds out whether a policy changed one by stepping
     the policy's actions again without it.
@@ -30,8 +31,16 @@ class State:
     def __init__(self, env: Any) -> None:
         object.__setattr__(self, "_env", env)
 
-    def __getattr__(self, name: str) -> Any:
-        return getattr(object.__getattribute__(self, "_env"), name)
+    def __getattribute__(self, name: str) -> Any:
+        own = object.__getattribute__
+        if name.startswith("__"):
+            return own(self, name)
+        try:
+            return getattr(own(self, "_env"), name)
+        except AttributeError:
+            if name in ("get", "keys"):
+                return own(self, name)
+            raise
 
     def __getitem__(self, name: str) -> Any:
         try:
@@ -48,7 +57,8 @@ class State:
     def __setattr__(self, name: str, value: Any) -> None:
         raise ReadOnlyState(f"the state is read-only: {name} cannot be set")
 
-    __delattr__ = __getattr__
+    def __delattr__(self, name: str) -> None:
+        raise ReadOnlyState(f"the state is read-only: {name} cannot be deleted")
 
 
 class Policy:
