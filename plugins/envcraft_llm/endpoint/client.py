@@ -1,0 +1,332 @@
+"""An endpoint with an OpenAI-compatible interface, by the `openai` client."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import re
+from collections.abc import AsyncIterator, Collection
+from typing import TYPE_CHECKING, Any
+
+from envcraft.errors import UsageError
+from envcraft_llm.model import Answer, Model, ModelFailure, ModelStopped, Request
+
+from .accounts import Accounts, estimate
+from .faults import Again, ParameterRefused, fault
+from .pace import Pace
+from .reading import Chunk, Events, Garbled, Reading, decode, shown
+from .settings import ModelChoice, key_from_environment
+
+if TYPE_CHECKING:
+    from openai import AsyncAPIResponse, AsyncOpenAI
+
+#: So many requests in a row that fail for good, with no answer between, are the endpoint's fault.
+_HOPELESS = 20
+#: For the list of models, which is asked for once.
+_GREETING_SECONDS = 20.0
+#: How often a connection is tried at first; one that stood before is tried as often as any request.
+_FIRST_TRIES = 3
+
+
+class EndpointModel(Model):
+    """Asks an endpoint. Each attempt waits for its place in `pace`; those that another attempt may mend are repeated, with
+    growing pauses. Once one request finds that none can be answered, no other is sent.
+
+    Raises UsageError where the client is not installed, or no endpoint is named.
+    """
+
+    def __init__(self, choice: ModelChoice, pace: Pace, accounts: Accounts) -> None:
+        if not choice.base_url:
+            raise UsageError(
+                "no endpoint is named: give --base-url, such as http://127.0.0.1:8000/v1, or set base-url in "
+                "[tool.envcraft.llm] of pyproject.toml"
+            )
+        self._choice, self._pace, self._accounts = choice, pace, accounts
+        self._key_name, self._key = key_from_environment()
+        self._client = _client(choice, self._key)
+        self._where = re.sub(r"//[^/@]*@", "//", choice.base_url)
+        self._greeting: asyncio.Task[None] | None = None
+        self._names: list[str] = []
+        self._refused: dict[str, set[str]] = {}
+        self._failed_in_a_row = 0
+        self._stopped: ModelStopped | None = None
+        self._stop = asyncio.Event()
+
+    async def ask(self, request: Request) -> Answer:
+        if self._greeting is None:
+            self._greeting = asyncio.create_task(self._greet())
+        await asyncio.shield(self._greeting)
+        number = 0
+        while True:
+            try:
+                answer = await self._turn(request, number)
+            except Again as again:
+                number += 1
+                if number > self._choice.retries:
+                    raise self._given_up(again, number) from None
+                self._accounts.of(request.stage).retries += 1
+                with contextlib.suppress(TimeoutError):
+                    await asyncio.wait_for(self._stop.wait(), again.pause(number - 1))
+            except ModelFailure as failure:
+                # The endpoint works; but one that finds fault with every request is of no use.
+                self._failed_in_a_row = self._failed_in_a_row + 1 if failure.kind == "server-error" else 0
+                self._hopeless(failure)
+                raise
+            except ModelStopped as stopped:
+                self.stop(stopped)
+                raise
+            else:
+                self._failed_in_a_row = 0
+                return answer
+
+    def stop(self, reason: ModelStopped) -> None:
+        """Send no more requests: those that wait raise `reason`, and those that are under way come to their end."""
+        if self._stopped is None:
+            self._stopped = reason
+            self._stop.set()
+
+    async def close(self) -> None:
+        if self._greeting is not None:
+            self._greeting.cancel()
+        await self._client.close()
+
+    async def _turn(self, request: Request, number: int) -> Answer:
+        """One attempt in its place. Raises Again, ModelFailure or ModelStopped."""
+        entry = await self._pace.enter(again=number > 0)
+        try:
+            if self._stopped is not None:
+                raise type(self._stopped)(str(self._stopped))
+            reserved = self._accounts.reserve(request)
+            try:
+                answer = await self._attempts(request)
+            finally:
+                self._accounts.settle(request, reserved)
+            self._pace.succeeded()
+            return answer
+        except Again as again:
+            if again.limited:
+                self._pace.turned_away(entry, again.after)
+            raise
+        finally:
+            self._pace.leave()
+
+    async def _attempts(self, request: Request) -> Answer:
+        """One attempt, repeated at once without each parameter that the endpoint does not take."""
+        while True:
+            try:
+                return await self._attempt(request)
+            except ParameterRefused as refused:
+                self._refused.setdefault(request.model, set()).add(refused.name)
+
+    async def _attempt(self, request: Request) -> Answer:
+        loop, choice, reading = asyncio.get_running_loop(), self._choice, Reading()
+        began = loop.time()
+        ends = began + choice.total_seconds
+        try:
+            async with asyncio.timeout_at(min(ends, began + choice.first_seconds)) as clock:
+                async with self._response(request) as response, contextlib.aclosing(_chunks(response)) as chunks:
+                    async for chunk in chunks:
+                        if chunk.error is not None:
+                            raise self._told(chunk.error, request)
+                        reading.take(chunk)
+                        clock.reschedule(min(ends, loop.time() + choice.silence_seconds))
+        except TimeoutError:
+            if reading.finish is None:
+                raise self._late(reading, loop.time() - began) from None
+        except Garbled as garbled:
+            raise Again("garbage", self._plain(str(garbled))) from None
+        finally:
+            tokens = reading.tokens(estimate(request))
+            if reading.pieces or reading.usage:
+                self._accounts.use(request, *tokens, loop.time() - began)
+        return reading.answer(tokens, loop.time() - began)
+
+    @contextlib.asynccontextmanager
+    async def _response(self, request: Request) -> AsyncIterator[AsyncAPIResponse[Any]]:
+        """Raises Again, ParameterRefused, ModelFailure and ModelStopped."""
+        from openai import APIConnectionError, APIStatusError, APITimeoutError
+
+        sent = body(request, self._refused.get(request.model, set()))
+        streamed = self._client.chat.completions.with_streaming_response.create(**sent)
+        try:
+            response = await streamed.__aenter__()
+        except APITimeoutError:
+            raise Again("timeout", f"no connection within {self._choice.connect_seconds:g} s", down=True) from None
+        except APIConnectionError as error:
+            raise self._unconnected(error) from None
+        except APIStatusError as error:
+            said = self._plain(await _text(error.response))
+            raise await self._named(fault(error.status_code, said, error.response.headers, request, sent)) from None
+        try:
+            yield response
+        finally:
+            await streamed.__aexit__(None, None, None)
+
+    def _unconnected(self, error: Exception) -> Again:
+        cause = error.__cause__ or error
+        down = "connect" in type(cause).__name__.lower()
+        return Again(
+            "server-error" if down else "disconnected", self._plain(str(cause) or type(cause).__name__), down=down
+        )
+
+    def _told(self, error: Any, request: Request) -> Exception:
+        """An error that came in the stream, after the status."""
+        told = error if isinstance(error, dict) else {"message": str(error)}
+        status = told.get("code") if isinstance(told.get("code"), int) else 500
+        return fault(status, self._plain(json.dumps(told)), {}, request, {})
+
+    def _late(self, reading: Reading, seconds: float) -> Exception:
+        """What has come to nothing within its time is not waited for again, if it used all of it."""
+        if seconds >= self._choice.total_seconds:
+            return ModelFailure("timeout", f"no end of the answer within {self._choice.total_seconds:g} s")
+        if reading.pieces:
+            return Again("timeout", f"nothing more for {self._choice.silence_seconds:g} s, in the midst of the answer")
+        return Again("timeout", f"no beginning of an answer within {self._choice.first_seconds:g} s")
+
+    async def _named(self, found: Exception) -> Exception:
+        """A fault, with what helps against it."""
+        if isinstance(found, ModelStopped):
+            said = str(found)
+            if "refuses the key" in said:
+                had = "the one in" if self._key else "none is set in"
+                return ModelStopped(f"{self._where}: {said}; {had} {self._key_name}")
+            if "has no model" in said and self._names:
+                return ModelStopped(f"{self._where}: {said}; it has {', '.join(self._names[:20])}")
+            return ModelStopped(f"{self._where}: {said}")
+        return found
+
+    def _given_up(self, again: Again, number: int) -> Exception:
+        """What a request ends with whose attempts all failed."""
+        if again.down:
+            stopped = ModelStopped(
+                f"nothing answers at {self._where} any more ({again}; {number} attempts): what was answered is kept; "
+                "start the endpoint again, and the same command goes on"
+            )
+            self.stop(stopped)
+            return stopped
+        failure = ModelFailure(again.kind, f"{again} ({number} attempts)")
+        self._failed_in_a_row += 1
+        self._hopeless(failure)
+        return failure
+
+    def _hopeless(self, failure: ModelFailure) -> None:
+        if self._failed_in_a_row >= _HOPELESS:
+            self.stop(ModelStopped(f"{self._where} failed {_HOPELESS} requests in a row, the last with: {failure}"))
+
+    async def _greet(self) -> None:
+        """Ask for the names of models. An endpoint that does not tell them is taken as it is; one that is not there, or
+        refuses the key, raises ModelStopped.
+        """
+        from openai import APIConnectionError, APIError, APIStatusError
+
+        for number in range(_FIRST_TRIES):
+            try:
+                async with asyncio.timeout(_GREETING_SECONDS):
+                    listed = await self._client.models.list()
+                    self._names = [model.id async for model in listed if isinstance(model.id, str)]
+                return
+            except APIConnectionError as error:
+                again = self._unconnected(error)
+                if number + 1 < _FIRST_TRIES:
+                    await asyncio.sleep(again.pause(number))
+                    continue
+                stopped = ModelStopped(
+                    f"nothing answers at {self._where} ({again}): start the endpoint there, or give another --base-url"
+                )
+                self.stop(stopped)
+                raise stopped from None
+            except APIStatusError as error:
+                if error.status_code == 401:
+                    said = self._plain(await _text(error.response))
+                    stopped = await self._named(fault(401, said, {}, Request("", ()), {}))
+                    assert isinstance(stopped, ModelStopped)
+                    self.stop(stopped)
+                    raise stopped from None
+                return
+            except (APIError, ValueError, TypeError, AttributeError, TimeoutError):
+                return
+
+    def _plain(self, text: str) -> str:
+        """What an endpoint said, without the key, which some repeat."""
+        return text.replace(self._key, "[key]") if self._key else text
+
+
+async def _chunks(response: AsyncAPIResponse[Any]) -> AsyncIterator[Chunk]:
+    """The pieces of an answer. Raises Again where they break off, Garbled where they are none."""
+    events, finished = Events(), False
+    streamed = not response.headers.get("content-type", "").startswith("application/json")
+    whole: list[bytes] = []
+    pieces = response.iter_bytes()
+    while True:
+        try:
+            piece = await anext(pieces)
+        except StopAsyncIteration:
+            break
+        except Exception as error:
+            # Whatever the transport raises: its classes are those of the library below the client's.
+            if finished:
+                return
+            raise Again("disconnected", f"the connection broke: {shown(str(error)) or type(error).__name__}") from None
+        if not streamed:
+            whole.append(piece)
+            continue
+        for data in events.feed(piece):
+            chunk = decode(data)
+            finished = finished or bool(chunk.choices and chunk.choices[0].finish_reason)
+            yield chunk
+    for data in events.end() if streamed else [b"".join(whole)]:
+        chunk = decode(data)
+        finished = finished or bool(chunk.choices and chunk.choices[0].finish_reason)
+        yield chunk
+    if not finished:
+        raise Again("disconnected", "the connection ended before the answer did")
+
+
+def body(request: Request, refused: Collection[str] = ()) -> dict[str, Any]:
+    """The parameters of a request that is streamed. Those that are `refused` are said in words, where words can."""
+    messages: list[dict[str, str]] = [{"role": message.role, "content": message.content} for message in request.messages]
+    told: dict[str, Any] = {"model": request.model, "messages": messages, "stream": True}
+    if "stream_options" not in refused:
+        told["stream_options"] = {"include_usage": True}
+    if request.max_tokens:
+        told["max_completion_tokens" if "max_tokens" in refused else "max_tokens"] = request.max_tokens
+    if request.temperature is not None and "temperature" not in refused:
+        told["temperature"] = request.temperature
+    if request.effort and "reasoning_effort" not in refused:
+        told["reasoning_effort"] = request.effort
+    elif request.effort:
+        # How gpt-oss is told where nothing else does it.
+        if messages[0]["role"] != "system":
+            messages.insert(0, {"role": "system", "content": ""})
+        messages[0]["content"] = f"Reasoning: {request.effort}\n\n{messages[0]['content']}".strip()
+    if request.schema is not None and "response_format" not in refused:
+        schema = {"name": "answer", "schema": request.schema, "strict": True}
+        told["response_format"] = {"type": "json_schema", "json_schema": schema}
+    elif request.schema is not None:
+        messages[-1]["content"] += (
+            f"\n\nAnswer with one JSON object and nothing else. It follows this JSON Schema:\n{json.dumps(request.schema)}"
+        )
+    return told
+
+
+async def _text(response: Any) -> str:
+    with contextlib.suppress(Exception):
+        return (await response.aread()).decode("utf-8", "replace")[:2000]
+    return ""
+
+
+def _client(choice: ModelChoice, key: str) -> AsyncOpenAI:
+    """Raises UsageError."""
+    try:
+        from openai import AsyncOpenAI, Timeout
+    except ImportError:
+        raise UsageError("asking an endpoint needs its client; install it with `pip install 'envcraft-rl[llm]'`") from None
+    return AsyncOpenAI(
+        base_url=choice.base_url,
+        # One is sent in any case; endpoints of one's own rarely look at it.
+        api_key=key or "none",
+        # Attempts are repeated here, where the pace is known.
+        max_retries=0,
+        timeout=Timeout(None, connect=choice.connect_seconds),
+    )
