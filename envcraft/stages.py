@@ -41,7 +41,6 @@ class Question(msgspec.Struct, frozen=True):
         messages: the conversation so far, as pairs of a role (``system``, ``user``, ``assistant``) and a text.
         stage: who asks.
         attempt: which attempt at the concept this is, from 0.
-        large: whether the large model is to answer, rather than the small one.
         schema: the JSON Schema that the answer should follow, None for text.
         prompt: the SHA-256 of the template that the messages were made from.
     """
@@ -49,7 +48,6 @@ class Question(msgspec.Struct, frozen=True):
     messages: tuple[tuple[str, str], ...]
     stage: str
     attempt: int = 0
-    large: bool = False
     schema: dict[str, Any] | None = None
     prompt: str = ""
 
