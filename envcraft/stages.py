@@ -1,7 +1,7 @@
 """Stages: how an idea becomes an environment, step by step; ``envcraft generate --concepts`` runs them in their order.
 
-A stage is given a :class:`Case`, which is all that is known of one concept, and a :class:`Workbench`, which asks models,
-judges in the sandbox and keeps what was made. It gives an :class:`Outcome`, which is counted and kept.
+A stage is given a :class:`Case`, which is all that is known of one concept, and a :class:`Workbench`, which asks
+models, judges in the sandbox and keeps what was made. It gives an :class:`Outcome`, which is counted and kept.
 """
 
 from __future__ import annotations
@@ -194,12 +194,13 @@ def ordered(stages: Sequence[Stage]) -> list[Stage]:
     """
     replaced = {stage.replaces: stage for stage in stages if stage.replaces}
     standing = {stage.name: stage for stage in stages if stage.name not in replaced}
+    known = {stage.name for stage in stages}
     for stage in stages:
         for named in (stage.replaces, stage.after):
-            if named and named not in standing and named not in replaced:
+            if named and named not in known:
                 raise UsageError(f"the stage {stage.name} goes with a stage {named}, and there is none")
     after: dict[str, list[Stage]] = {}
-    for name, stage in standing.items():
+    for stage in standing.values():
         # In the place of another it comes where that one came.
         place = stage.after or next((old.after for old in stages if old.name == stage.replaces), "")
         place = replaced[place].name if place in replaced else place

@@ -1,8 +1,8 @@
 """The model ``demo``: answers that ship with EnvCraft, so that the whole cascade runs without an endpoint.
 
 A folder has one folder for each concept, ``NN_<id>`` with the concept's number, and in it what a model answered:
-``brief.md``, ``viability.json``, ``attempt_0.py`` and those of the repairs, ``policy_0.py`` and those of its repairs. An
-attempt that is not there is answered with the last one that is. What the checks say of all this is not recorded.
+``brief.md``, ``viability.json``, ``attempt_0.py`` and those of the repairs, ``policy_0.py`` and those of its repairs.
+An attempt that is not there is answered with the last one that is. What the checks say of all this is not recorded.
 """
 
 from __future__ import annotations

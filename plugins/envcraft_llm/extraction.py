@@ -83,12 +83,17 @@ def clean(text: str) -> str:
 
 
 def _best(text: str, names: Callable[[str], list[str]], looks: str) -> str | None:
-    """Of all pieces that may be the program, the one that is most like it; of several as good, the longest, and then the
-    last.
+    """Of all pieces that may be the program, the one that is most like it; of several as good, the longest, then the
+    last. All fences of Python together are one where none is the program by itself: some models tell it in parts.
     """
-    found = [(piece, _score(piece, names, looks)) for piece in _pieces(clean(text))]
-    good = [(score, len(piece), number) for number, (piece, score) in enumerate(found) if score > 0]
-    return _tidy(found[max(good)[2]][0]) if good else None
+    text = clean(text)
+    pieces = [*_pieces(text)]
+    scores = [_score(piece, names, looks) for piece in pieces]
+    if max(scores, default=0) < 2 and len(pieces) > 1:
+        pieces.append("\n\n".join(pieces))
+        scores.append(_score(pieces[-1], names, looks))
+    good = [(score, len(pieces[number]), number) for number, score in enumerate(scores) if score > 0]
+    return _tidy(pieces[max(good)[2]]) if good else None
 
 
 def _score(piece: str, names: Callable[[str], list[str]], looks: str) -> int:
@@ -99,18 +104,11 @@ def _score(piece: str, names: Callable[[str], list[str]], looks: str) -> int:
 
 
 def _pieces(text: str) -> Iterator[str]:
-    """The contents of the fences; all fences of Python together, since some models tell a file in parts; and where
-    there is no fence, everything from the first line of code on.
-    """
-    fences = list(_fences(text))
-    python = [body for language, body, _ in fences if language.lower() in _PYTHON]
+    """The contents of the fences of Python; where there is none, everything from the first line of code on."""
+    python = [body for language, body, _ in _fences(text) if language.lower() in _PYTHON]
     yield from python
-    if len(python) > 1:
-        yield "\n\n".join(python)
-    if not python:
-        begins = _BEGINS.search(text)
-        if begins is not None:
-            yield from _shrinking(text[begins.start() :])
+    if not python and (begins := _BEGINS.search(text)) is not None:
+        yield from _shrinking(text[begins.start() :])
 
 
 def _shrinking(text: str) -> Iterator[str]:
@@ -147,7 +145,7 @@ def _fences(text: str) -> Iterator[tuple[str, str, bool]]:
 
 def _fence_opens(text: str, mark: re.Match[str]) -> bool:
     """Whether the first fence of a continuation opens one, rather than closing that of the answer before."""
-    return bool(mark[2]) or not text[: mark.start()].strip() and bool(text[mark.end() :].strip())
+    return bool(mark[2]) or (not text[: mark.start()].strip() and bool(text[mark.end() :].strip()))
 
 
 def _tidy(piece: str) -> str:

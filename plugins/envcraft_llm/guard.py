@@ -2,8 +2,8 @@
 
 A repair is held against the attempt that it repairs and against the first one, so that a game cannot be taken apart in
 small steps. Compared are the source (its size, the ways to end, to win and to be paid, the parts of the action and the
-numbers of the brief that it names) and what it does under the same scripted play. What was broken before is no measure: an
-attempt that does not parse, or could not be played, is left out of what it cannot show.
+numbers of the brief that it names) and what it does under the same scripted play. What was broken before is no measure:
+an attempt that does not parse, or could not be played, is left out of what it cannot show.
 """
 
 from __future__ import annotations
@@ -160,11 +160,11 @@ def _does_less(old: Attempt, new: Attempt, words: str) -> str:
     noisy = any(finding.code == "EC402" for finding in findings(old.report))
     if rates[1] < _PLAY * rates[0] and now["frames"] < then["frames"] and not noisy:
         return (
-            f"play: the same moves lead to {now['frames']:,} different frames in {now['steps']:,} steps, and in {words} "
-            f"to {then['frames']:,} in {then['steps']:,}"
+            f"play: the same moves lead to {now['frames']:,} different frames in {now['steps']:,} steps, "
+            f"and in {words} to {then['frames']:,} in {then['steps']:,}"
         )
     # Of many, most may have been the defect.
-    if now["rewards"] < _PLAY * min(then["rewards"], _MANY_REWARDS):
+    if then["rewards"] >= 2 and now["rewards"] < _PLAY * min(then["rewards"], _MANY_REWARDS):
         return f"play: the same moves earn {now['rewards']} different rewards, and in {words} {then['rewards']}"
     if then["moves"] >= 3 and now["moves"] < _PLAY * then["moves"]:
         return f"play: {now['moves']} of the moves differ in what they do, and in {words} {then['moves']}"
@@ -216,6 +216,7 @@ def _parts(nodes: Iterable[ast.AST]) -> frozenset[int]:
             isinstance(node, ast.Assign)
             and isinstance(node.targets[0], ast.Tuple)
             and len(node.targets[0].elts) == 3
+            and not isinstance(node.value, ast.Tuple)
             and "act" in ast.unparse(node.value).lower()
         ):
             found.update(number for number, part in enumerate(node.targets[0].elts) if not _ignored(part))

@@ -1,7 +1,7 @@
 """The prompts: Markdown files in ``prompts``, one a stage, with parts under level-1 headings and names to be filled in.
 
-``{{brief}}`` is filled in with a text, ``{{> contract}}`` with another file of the folder. The digest of a prompt is that of
-all that it is made of, so that what was asked with another wording can be told apart.
+``{{brief}}`` is filled in with a text, ``{{> contract}}`` with another file of the folder. The digest of a prompt is
+that of all that it is made of, so that what was asked with another wording can be told apart.
 """
 
 from __future__ import annotations

@@ -11,9 +11,9 @@ from envcraft import __version__
 from envcraft.corpus.history import History
 from envcraft.stages import Attempt, Case, Played, PolicyTry, Question, Reply, Workbench
 from envcraft.target import Target, parse
+from envcraft_llm.findings import to_repair
+from envcraft_llm.model import Message, Model, Request
 
-from ..findings import to_repair
-from ..model import Message, Model, Request
 from .judging import Judges
 
 #: Of the name of an environment, so many letters are its title's.
@@ -90,7 +90,7 @@ class Bench(Workbench):
 
 
 def file_name(case: Case) -> str:
-    """A name for the file of a concept's environment, without ``.py``: a Python identifier that no other concept has."""
+    """A name for the file of a concept's environment, without ``.py``: an identifier that no other concept has."""
     title = re.sub(r"[^a-z0-9]+", "_", case.title.lower()).strip("_")[:_TITLE].strip("_")
     return f"{title or 'game'}_{case.concept[:8]}" if title[:1].isalpha() else f"game_{case.concept[:8]}"
 

@@ -15,8 +15,8 @@ from envcraft.cli import uninterrupted
 from envcraft.commands.choices import where_options
 from envcraft.errors import EnvCraftError, ExitCode, UsageError
 from envcraft.reports import one_line, plural
+from envcraft_llm.endpoint import ModelChoice, model_options
 
-from ..endpoint import ModelChoice, model_options
 from .options import (
     demo_folder,
     driver_for_generated,
@@ -32,9 +32,9 @@ if TYPE_CHECKING:
     from envcraft.corpus.history import History
     from envcraft.corpus.store import Store
     from envcraft.stages import Case, Stage, Workbench
+    from envcraft_llm.endpoint.accounts import Accounts
+    from envcraft_llm.model import Model
 
-    from ..endpoint.accounts import Accounts
-    from ..model import Model
     from .runner import Run
 
 #: Where the demo goes unless told.
@@ -106,10 +106,9 @@ def pipeline(
         run.told = view.tell
         at_once = _EACH_CORE * judging.workers + (0 if is_demo(chosen) else _EACH_REQUEST * chosen.max_concurrency)
         try:
-            with _interrupted(run, ids):
-                # Its end is that of the view, so that nothing is written into it.
-                with view:
-                    asyncio.run(_through(run, ids, bench, model, at_once))
+            # The view ends first, so that nothing is written into it.
+            with _interrupted(run, ids), view:
+                asyncio.run(_through(run, ids, bench, model, at_once))
         finally:
             _summary(history, stages, ids, accounts)
         passed = history.counts(ids).get(end or names[-1], {}).get("passed", 0)
@@ -132,9 +131,8 @@ def _cases(count: int | None, seed: int, chosen: ModelChoice) -> list[Case]:
     import msgspec
 
     from envcraft.stages import Case
-
-    from ..concepts.generation import concepts
-    from ..demo import SEED, demo_concepts
+    from envcraft_llm.concepts.generation import concepts
+    from envcraft_llm.demo import SEED, demo_concepts
 
     if is_demo(chosen):
         if seed != SEED:

@@ -21,8 +21,7 @@ from envcraft.sandbox import Driver
 from envcraft.subject import Subject
 from envcraft.target import PolicyFile, Target
 from envcraft.verdict import SubjectReport, Verdict
-
-from ..guard import profile
+from envcraft_llm.guard import profile
 
 _T = TypeVar("_T")
 
@@ -98,5 +97,3 @@ def _wins(subject: Subject) -> tuple[int, int]:
     played = [trace for trace in subject.traces if trace.rollout.policy]
     usable = [trace for trace in played[:_EPISODES] if trace.fault is None and not trace.refused]
     return sum(trace.positive for trace in usable), len(usable)
-
-

@@ -9,14 +9,13 @@ from envcraft.commands.choices import contract_named, driver_named, select_check
 from envcraft.errors import SandboxUnavailable, UsageError
 from envcraft.sandbox import Driver, Isolation
 from envcraft.stages import Stage, ordered
-
-from ..endpoint import ModelChoice
+from envcraft_llm.endpoint import ModelChoice
 
 if TYPE_CHECKING:
     from envcraft.corpus.settings import Settings
+    from envcraft_llm.endpoint.accounts import Accounts
+    from envcraft_llm.model import Model
 
-    from ..endpoint.accounts import Accounts
-    from ..model import Model
     from .judging import Judges
 
 #: How ``--model`` names answers that ship, and what they take the place of after a colon.
@@ -30,7 +29,7 @@ def is_demo(chosen: ModelChoice) -> bool:
 
 def demo_folder(chosen: ModelChoice) -> Path:
     """The folder whose answers are replayed: that of ``demo:FOLDER``, or the one that ships."""
-    from ..demo import FOLDER
+    from envcraft_llm.demo import FOLDER
 
     _, _, folder = chosen.model.partition(":")
     return Path(folder) if folder else FOLDER
@@ -39,10 +38,10 @@ def demo_folder(chosen: ModelChoice) -> Path:
 def opened(chosen: ModelChoice, journal: Path | None, offline: bool = False) -> tuple[Model, Accounts | None]:
     """The model that answers, and its accounts; those that ship cost nothing. Raises UsageError."""
     if is_demo(chosen):
-        from ..demo import DemoModel
+        from envcraft_llm.demo import DemoModel
 
         return DemoModel(demo_folder(chosen)), None
-    from ..endpoint import open_model
+    from envcraft_llm.endpoint import open_model
 
     model = open_model(chosen, journal, offline)
     return model, model.accounts

@@ -9,8 +9,8 @@ from dataclasses import dataclass, field
 from envcraft.corpus.history import History
 from envcraft.errors import EnvCraftError
 from envcraft.stages import Case, Outcome, Stage, Workbench
+from envcraft_llm.model import ModelFailure, ModelStopped
 
-from ..model import ModelFailure, ModelStopped
 from .judging import CouldNotJudge
 
 #: Failures that are not of the concept: a later run tries again.
@@ -145,5 +145,3 @@ class Run:
 def _settled(outcome: Outcome | None) -> bool:
     """Whether an outcome stands: one that is of no concept's making is tried again by a later run."""
     return outcome is not None and outcome.facts.get("failure") not in PASSING
-
-

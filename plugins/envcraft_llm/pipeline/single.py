@@ -17,8 +17,8 @@ from envcraft.cli import uninterrupted
 from envcraft.commands.choices import where_options
 from envcraft.errors import ExitCode, UsageError
 from envcraft.reports import one_line
+from envcraft_llm.endpoint import ModelChoice, model_options
 
-from ..endpoint import ModelChoice, model_options
 from .options import driver_for_generated, is_demo, judges, named, opened
 
 if TYPE_CHECKING:
@@ -63,7 +63,7 @@ def repair(ctx: click.Context, file: Path, output: Path | None, **options: Any) 
     Exit status: 0 it passes, or does now    1 it could not be repaired
                  2 wrong use                 3 it could not be judged, or no model answers
     """
-    from ..stages.repair import Repair
+    from envcraft_llm.stages.repair import Repair
 
     case, outcome = _alone(Repair(), file, **options)
     best = case.best
@@ -92,7 +92,7 @@ def privileged(ctx: click.Context, file: Path, output: Path | None, **options: A
     Exit status: 0 the policy wins, or the checker's own search does    1 neither does, or the game is trivial
                  2 wrong use                                            3 it could not be judged, or no model answers
     """
-    from ..stages.privileged import Privileged
+    from envcraft_llm.stages.privileged import Privileged
 
     case, outcome = _alone(Privileged(), file, judged=True, **options)
     for policy in case.policies:
@@ -131,8 +131,8 @@ def _alone(
             from envcraft.corpus.store import Store
             from envcraft.errors import EnvCraftError
             from envcraft.stages import Attempt, Case
+            from envcraft_llm.model import ModelFailure
 
-            from ..model import ModelFailure
             from .bench import Bench
 
             judging, settings = judges(driver, budget, workers)
@@ -171,7 +171,7 @@ def _text(file: Path) -> str:
 
 
 def _findings(report: Any) -> Iterator[str]:
-    from ..findings import findings, lines_of
+    from envcraft_llm.findings import findings, lines_of
 
     return lines_of(findings(report))
 

@@ -1,4 +1,4 @@
-"""What a run comes to, in tables: how many concepts each stage took in and gave on, which attempts helped, what it cost."""
+"""What a run comes to, in tables: what each stage took in and gave on, which attempts helped, what it cost."""
 
 from __future__ import annotations
 
@@ -9,8 +9,7 @@ from typing import NamedTuple
 from envcraft.corpus.history import History
 from envcraft.stages import Stage
 from envcraft.stats import Proportion
-
-from ..endpoint.accounts import Accounts
+from envcraft_llm.endpoint.accounts import Accounts
 
 #: Two-sided 95%: the normal quantile of 0.975.
 _Z = 1.959964

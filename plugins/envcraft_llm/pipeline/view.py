@@ -12,8 +12,8 @@ import click
 from envcraft.cli import uninterrupted
 from envcraft.progress import left_words
 from envcraft.stages import Result
+from envcraft_llm.endpoint.accounts import Accounts
 
-from ..endpoint.accounts import Accounts
 from .tables import Row
 
 if TYPE_CHECKING:

@@ -1,13 +1,12 @@
-"""Briefs: a design document of fixed sections and length, checked on this side, asked for once more with the complaint."""
+"""Briefs: a design document of fixed sections and length, checked on this side; one retry, with the complaint."""
 
 from __future__ import annotations
 
 import re
 
 from envcraft.stages import Case, Outcome, Question, Stage, Workbench
-
-from ..extraction import clean
-from ..templates import prompt
+from envcraft_llm.extraction import clean
+from envcraft_llm.templates import prompt
 
 #: The sections of a brief, in order.
 SECTIONS = (
@@ -65,7 +64,7 @@ def tidy(text: str) -> str:
 
 def count(text: str) -> int:
     """The words of a brief; markup is none."""
-    return len(re.findall(r"[^\W_][\w'’.,-]*", text))
+    return len(re.findall(r"[^\W_]['\u2019\w.,-]*", text))
 
 
 def complaints(text: str) -> list[str]:
@@ -80,7 +79,9 @@ def complaints(text: str) -> list[str]:
     names = [name for name, _ in sections]
     if names != list(SECTIONS):
         found += [f"The section `## {name}` is missing." for name in SECTIONS if name not in names]
-        found += [f"There is a level-2 heading `## {name}` that is not asked for." for name in names if name not in SECTIONS]
+        found += [
+            f"There is a level-2 heading `## {name}` that is not asked for." for name in names if name not in SECTIONS
+        ]
         if not found or sorted(names) == sorted(SECTIONS):
             found.append(f"The sections are not in the order {', '.join(SECTIONS)}, each once.")
     else:

@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from envcraft.stages import Attempt, Case, Outcome, Question, Reply, Stage, Workbench
-
-from .. import extraction
-from ..templates import Prompt, prompt
+from envcraft_llm import extraction
+from envcraft_llm.templates import Prompt, prompt
 
 _TRIES = 2
 #: So often a file that is cut off is continued.

@@ -1,11 +1,10 @@
-"""Filters: an environment that random play wins, or that is lost by doing nothing, is left out. Nothing is played anew."""
+"""Filters: what random play wins, or doing nothing loses at once, is left out. Nothing is played anew."""
 
 from __future__ import annotations
 
 from envcraft.stages import Case, Outcome, Stage, Workbench
 from envcraft.verdict import Verdict
-
-from ..findings import brief_words, findings, verdict_of
+from envcraft_llm.findings import brief_words, findings, verdict_of
 
 
 class _Filter(Stage):

@@ -1,18 +1,18 @@
 """Privileged: a policy that reads the source's own state shows that the game can be won; so does the checker's search.
 
-The model writes ``act(state)``, which plays in the sandbox beside the environment and may only read. What is wrong with it is
-told, and it is written again, up to three times. Where it never wins and the search does, the environment is kept, and
-that they disagree is kept with it.
+The model writes ``act(state)``, which plays in the sandbox beside the environment and may only read. What is wrong with
+it is told, and it is written again, up to three times. Where it never wins and the search does, the environment is
+kept, and that they disagree is kept with it.
 """
 
 from __future__ import annotations
 
 from envcraft.stages import Attempt, Case, Outcome, Played, PolicyTry, Stage, Workbench
 from envcraft.verdict import Finding, Verdict
+from envcraft_llm import extraction
+from envcraft_llm.findings import brief_words, findings, lines_of, verdict_of
+from envcraft_llm.templates import prompt
 
-from .. import extraction
-from ..findings import brief_words, findings, lines_of, verdict_of
-from ..templates import prompt
 from .code import complete
 
 #: So often a policy is written again.
@@ -74,9 +74,7 @@ async def _try(case: Case, bench: Workbench, attempt: Attempt, tried: PolicyTry)
     now is left to the end.
     """
     played: Played = await bench.play(case, attempt, tried.source)
-    found = [
-        finding for check in played.report.checks for finding in check.findings if finding.code in _POLICY_CODES
-    ]
+    found = [finding for check in played.report.checks for finding in check.findings if finding.code in _POLICY_CODES]
     tried.wins, tried.episodes = played.wins, played.episodes
     if any(finding.code in ("EC804", "EC805") for finding in found):
         tried.wins = 0

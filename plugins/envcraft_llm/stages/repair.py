@@ -5,11 +5,11 @@ from __future__ import annotations
 import difflib
 
 from envcraft.stages import Attempt, Case, Outcome, Stage, Workbench
+from envcraft_llm import extraction
+from envcraft_llm.findings import brief_words, to_repair, told
+from envcraft_llm.guard import gutted
+from envcraft_llm.templates import prompt
 
-from .. import extraction
-from ..findings import brief_words, to_repair, told
-from ..guard import gutted
-from ..templates import prompt
 from .code import complete
 
 #: So often an environment is repaired.
@@ -45,9 +45,7 @@ class Repair(Stage):
                 standing = repaired
         return _outcome(case, standing)
 
-    async def _repair(
-        self, case: Case, bench: Workbench, standing: Attempt, why: str, number: int
-    ) -> Attempt | None:
+    async def _repair(self, case: Case, bench: Workbench, standing: Attempt, why: str, number: int) -> Attempt | None:
         """Ask for the next attempt; None where the answer has no file."""
         template = prompt(self.name)
         user = template.fill(

@@ -9,9 +9,8 @@ from typing import Any, Literal, get_args
 import msgspec
 
 from envcraft.stages import Case, Outcome, Question, Stage, Workbench
-
-from ..extraction import clean
-from ..templates import prompt
+from envcraft_llm.extraction import clean
+from envcraft_llm.templates import prompt
 
 _TRIES = 2
 _DECODER = json.JSONDecoder()

@@ -1,0 +1,374 @@
+"""Each stage by itself, with a model and judges that say what the test wants."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import re
+
+import pytest
+from envcraft_llm.stages import STAGES, Briefs, Code, Instawin, Privileged, Repair, Validated, Viability
+from envcraft_llm.stages.briefs import SECTIONS, complaints, count, tidy
+from envcraft_llm.stages.viability import SCHEMA, read
+from envcraft_llm.templates import FOLDER, prompt
+
+from envcraft.errors import UsageError
+from envcraft.stages import Attempt, Case, Outcome, Played, Reply, Stage, Workbench, ordered
+from envcraft.verdict import Verdict
+
+from .content import GAME, GUTTED, IDLE, POLICY, brief, verdict
+from .scripted import ScriptedBench, finding, report
+
+
+def case(**known: object) -> Case:
+    return Case("c0", "Errand", "Fetch the key.", **known)  # type: ignore[arg-type]
+
+
+def run(stage: Stage, about: Case, bench: Workbench) -> Outcome:
+    return asyncio.run(stage.run(about, bench))
+
+
+def fenced(source: str) -> str:
+    return f"Here it is.\n\n```python\n{source}```\n"
+
+
+# Briefs
+
+
+def test_a_brief_that_is_good_is_kept_as_it_is() -> None:
+    about, bench = case(), ScriptedBench([f"Of course!\n\n{brief()}"])
+    assert run(Briefs(), about, bench).result == "passed"
+    assert about.brief.strip() == brief().strip()
+    assert len(bench.asked) == 1
+
+
+def test_a_brief_is_asked_for_once_more_with_the_complaint() -> None:
+    about, bench = case(), ScriptedBench([brief(words=900), brief()])
+    assert run(Briefs(), about, bench).facts["tries"] == 2
+    roles = [role for role, _ in bench.asked[1].messages]
+    assert roles == ["system", "user", "assistant", "user"]
+    assert "it has to have 1,500 to 3,000" in bench.asked[1].messages[-1][1]
+
+
+def test_a_brief_that_stays_bad_is_a_failure_with_its_reason() -> None:
+    outcome = run(Briefs(), case(), ScriptedBench(["I cannot do that."]))
+    assert outcome.result == "failed"
+    assert "The section `## Premise` is missing." in outcome.reason
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (brief(words=1505), None),
+        (brief(words=2970), None),
+        (brief(words=1400), "words; it has to have"),
+        (brief(words=3100), "words; it has to have"),
+        (brief().replace("# Errand\n", "", 1), "level-1 heading that gives the title"),
+        (brief().replace("## Controls", "## Input"), "`## Controls` is missing"),
+        (brief().replace("## Controls", "## Input"), "`## Input` that is not asked for"),
+        (
+            brief()
+            .replace("## Rewards", "## Swap")
+            .replace("## Controls", "## Rewards")
+            .replace("## Swap", "## Controls"),
+            "order",
+        ),
+        (brief().replace("## Premise", "### Premise"), "`## Premise` is missing"),
+        (brief() + "\n# Appendix\n", "more than one level-1"),
+        (brief().replace("## Premise\n", "## Premise\n\n### The guard\n"), None),
+        (brief().replace("## Premise\n", "## Premise\n\nIt.\n\n## Premise\n"), "order"),
+        (brief().replace("## Premise", "## Premise ##"), None),
+    ],
+)
+def test_what_is_wrong_with_a_brief(text: str, words: str | None) -> None:
+    found = complaints(tidy(text))
+    assert any(words in one for one in found) if words else not found
+
+
+def test_a_section_of_nothing_is_told_of() -> None:
+    place = brief().index("## Rewards")
+    end = brief().index("## Termination")
+    emptied = brief(words=2000)[:0] + brief()[:place] + "## Rewards\n\nSome.\n\n" + brief()[end:]
+    assert any("`## Rewards` has fewer than 40 words" in one for one in complaints(emptied))
+
+
+@pytest.mark.parametrize(
+    "text",
+    [f"```markdown\n{brief()}```", f"<think># Plan\n</think>{brief()}", f"<|channel|>final<|message|>{brief()}<|end|>"],
+)
+def test_a_brief_comes_out_of_its_wrapping(text: str) -> None:
+    assert tidy(text).strip() == brief().strip()
+
+
+def test_markup_is_no_word() -> None:
+    assert count("## A *b*: 3 | 4.5 — `c_d`\n- e\n---\n") == 6
+
+
+# Viability
+
+
+def test_viable() -> None:
+    assert run(Viability(), case(brief=brief()), ScriptedBench([verdict()])).result == "passed"
+
+
+def test_what_is_not_viable_keeps_its_reason() -> None:
+    outcome = run(Viability(), case(brief=brief()), ScriptedBench([f"```json\n{verdict(False)}\n```"]))
+    assert outcome.result == "rejected"
+    assert outcome.reason == "impossible-physics: An errand."
+    assert outcome.facts["objections"][0]["quote"] == "one cell in 3 steps"
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("It is fine.", "no JSON object"),
+        ('{"viable": true', "cannot be read"),
+        ('{"viable": "yes", "objections": [], "summary": ""}', "`$.viable`"),
+        ('{"viable": true, "summary": ""}', "objections"),
+        ('{"viable": false, "objections": [], "summary": ""}', "contradicts"),
+        (verdict(False).replace("false", "true"), "contradicts"),
+        (verdict(False).replace("impossible-physics", "boring"), "$.objections[0].kind"),
+    ],
+)
+def test_a_verdict_of_another_form_is_refused(text: str, words: str) -> None:
+    with pytest.raises(ValueError, match=re.escape(words)):
+        read(text)
+
+
+def test_a_verdict_is_asked_for_once_more() -> None:
+    bench = ScriptedBench(["Fine!", f"I think {{so}}: {verdict()}"])
+    assert run(Viability(), case(brief=brief()), bench).result == "passed"
+    assert bench.asked[0].schema == SCHEMA
+    assert run(Viability(), case(brief=brief()), ScriptedBench(["Fine!"])).reason.startswith("no verdict: ")
+
+
+def test_the_schema_takes_what_is_read() -> None:
+    import jsonschema
+
+    for text in (verdict(), verdict(False)):
+        jsonschema.validate(json.loads(text), SCHEMA)
+
+
+# Code
+
+
+def test_code_that_is_cut_off_is_continued() -> None:
+    cut = fenced(GAME)[:1500]
+    bench = ScriptedBench([Reply(cut, cut=True, provenance={"request": "1"}), Reply(fenced(GAME)[1450:])])
+    about = case(brief=brief())
+    assert run(Code(), about, bench).result == "passed"
+    assert about.attempts[0].source == GAME
+    assert bench.asked[1].messages[-2:] == (("assistant", cut), ("user", prompt("code").fill("Continue")))
+    assert "continued" in about.attempts[0].provenance
+
+
+def test_what_is_no_code_is_asked_for_once_more_and_then_failed() -> None:
+    bench = ScriptedBench(["I would rather not."])
+    outcome = run(Code(), case(brief=brief()), bench)
+    assert outcome.result == "failed"
+    assert outcome.reason.startswith("no code: ")
+    assert len(bench.asked) == 2
+
+
+# Repair
+
+
+def judged(source: str) -> list[object]:
+    return [finding("EC107", "step() raises IndexError", 40, traceback="line 40")] if "BAD" in source else []
+
+
+BAD = GAME.replace("LIMIT = 200", "LIMIT = 200  # BAD")
+
+
+def repaired(*answers: str, first: str = BAD) -> tuple[Outcome, Case, ScriptedBench]:
+    about = case(brief=brief(), attempts=[Attempt(0, first)])
+    bench = ScriptedBench([fenced(answer) for answer in answers], judged)  # type: ignore[arg-type]
+    bench.keep_attempt = lambda about, attempt: about.attempts.append(attempt) if attempt.number else None  # type: ignore[method-assign]
+    return run(Repair(), about, bench), about, bench
+
+
+def test_what_has_no_finding_is_not_repaired() -> None:
+    outcome, _, bench = repaired(GAME, first=GAME)
+    assert outcome == Outcome("passed", facts={"attempt": 0})
+    assert not bench.asked
+
+
+def test_a_repair_is_told_all_that_it_needs() -> None:
+    outcome, about, bench = repaired(GAME)
+    assert outcome.facts["attempt"] == 1
+    said = bench.asked[0].messages[1][1]
+    for words in (
+        brief().strip(),
+        BAD.strip(),
+        "EC107 (step-raises)",
+        "step() raises IndexError",
+        "Mend the line that is named",
+        "  40>",
+        "reset(seed=3)",
+        "[[1, 0, 0], [4, 1, 0]]",
+        "What was raised:\n\n```\nline 40",
+        "repair 1 of 3",
+    ):
+        assert words in said
+    assert "-LIMIT = 200  # BAD" in about.attempts[1].diff
+    assert "+LIMIT = 200" in about.attempts[1].diff
+
+
+def test_three_repairs_and_no_more() -> None:
+    outcome, about, bench = repaired(BAD.replace("DOOR_PAY = 10.0", "DOOR_PAY = 9.0"))
+    assert outcome.result == "rejected"
+    assert outcome.reason.startswith("unfixable: EC107 step() raises IndexError")
+    assert (len(bench.asked), len(about.attempts)) == (3, 4)
+
+
+def test_a_repair_that_guts_the_game_is_refused_and_told_so() -> None:
+    outcome, about, bench = repaired(GUTTED, GAME)
+    assert outcome == Outcome("passed", facts={"attempt": 2})
+    assert about.attempts[1].gutted
+    assert "The repair before was refused" in bench.asked[1].messages[1][1]
+    # It goes on from what stood before.
+    assert "# BAD" in bench.asked[1].messages[1][1]
+
+
+def test_gutting_to_the_end_is_the_reason() -> None:
+    outcome, about, _ = repaired(GUTTED)
+    assert outcome.reason.startswith("gutted: attempt 1 passes by being less")
+    assert about.best is about.attempts[0]
+
+
+def test_an_answer_without_a_file_counts_as_a_repair() -> None:
+    outcome, about, bench = repaired("", GAME)
+    assert outcome == Outcome("passed", facts={"attempt": 2})
+    assert "The answer before had no complete file in it." in bench.asked[1].messages[1][1]
+    assert [attempt.number for attempt in about.attempts] == [0, 2]
+
+
+def test_what_later_stages_judge_is_not_repaired() -> None:
+    about = case(brief=brief(), attempts=[Attempt(0, GAME)])
+    bench = ScriptedBench([""], lambda source: [finding("EC601"), finding("EC801"), finding("EC806")])
+    assert run(Repair(), about, bench).result == "passed"
+    assert run(Instawin(), about, bench).reason == "instawin: EC601 it is wrong"
+
+
+# Privileged
+
+
+def privileged(
+    *answers: str, difficulty: Verdict = Verdict.SKIP, found: str = "", fault: str = "EC806"
+) -> tuple[Outcome, Case, ScriptedBench]:
+    """A policy that goes to the door wins 5 of 6; any other has the fault."""
+    known = Attempt(0, GAME, report=report(GAME, *([finding(found)] if found else []), difficulty=difficulty))
+    about = case(brief=brief(), attempts=[known])
+
+    def plays(policy: str) -> Played:
+        if "state.door" in policy:
+            return Played(report(GAME), 5, 6)
+        return Played(report(GAME, *([finding(fault, "it stands still")] if fault else [])), 0, 6)
+
+    bench = ScriptedBench([fenced(answer) for answer in answers], plays=plays)
+    return run(Privileged(), about, bench), about, bench
+
+
+def test_a_policy_that_wins() -> None:
+    outcome, about, bench = privileged(POLICY)
+    assert (outcome.result, outcome.facts["wins"], len(bench.asked)) == ("passed", 5, 1)
+    assert about.policies[0].fault == ""
+
+
+@pytest.mark.parametrize("fault", ["EC804", "EC805", "EC806", ""])
+def test_a_policy_is_written_again_with_what_is_wrong(fault: str) -> None:
+    outcome, about, bench = privileged(IDLE, POLICY, fault=fault)
+    assert outcome.facts["policy"] == 1
+    assert ("it stands still" if fault else "It wins none of 6 episodes") in bench.asked[1].messages[1][1]
+    assert IDLE.strip() in bench.asked[1].messages[1][1]
+    assert about.policies[0].fault
+
+
+def test_where_nobody_wins_it_is_too_hard() -> None:
+    outcome, about, _ = privileged(IDLE)
+    assert outcome.result == "rejected"
+    assert outcome.reason.startswith("too hard: no policy of 4 wins, nor does the search (not all states")
+    assert len(about.policies) == 4
+
+
+def test_where_only_the_search_wins_it_is_kept_with_the_disagreement() -> None:
+    outcome, _, _ = privileged(IDLE, difficulty=Verdict.PASS)
+    assert outcome == Outcome("passed", facts={"policy": None, "search": True, "disagreement": True})
+
+
+def test_an_answer_without_a_policy_is_a_policy_that_fails() -> None:
+    outcome, about, bench = privileged("Hold left.\n", POLICY)
+    assert outcome.facts["policy"] == 1
+    assert "An answer before had no policy in it" in bench.asked[1].messages[1][1]
+    assert about.policies[0].source == ""
+
+
+@pytest.mark.parametrize(("code", "words"), [("EC801", "too hard: EC801"), ("EC802", "too easy: EC802")])
+def test_what_the_search_has_settled_is_not_played(code: str, words: str) -> None:
+    outcome, _, bench = privileged(POLICY, found=code)
+    assert outcome.reason.startswith(words)
+    assert not bench.asked
+
+
+def test_the_last_attempt_that_stands_is_published() -> None:
+    attempts = [Attempt(0, BAD), Attempt(1, GAME), Attempt(2, GUTTED, gutted="size: 3 are left")]
+    bench = ScriptedBench([""])
+    assert run(Validated(), case(attempts=attempts), bench).facts == {"environment": "game.py", "attempt": 1}
+
+
+# Order, prompts
+
+
+class _Extra(Stage):
+    name, summary = "extra", "One more."
+
+    def __init__(self, after: str = "", replaces: str = "", name: str = "extra") -> None:
+        self.after, self.replaces, self.name = after, replaces, name
+
+    async def run(self, case: Case, bench: Workbench) -> Outcome:
+        return Outcome("passed")
+
+
+NAMES = ["concepts", "briefs", "viability", "code", "repair", "instawin", "instadeath", "privileged", "validated"]
+
+
+@pytest.mark.parametrize(
+    ("extra", "names"),
+    [
+        ([], NAMES),
+        ([_Extra("briefs")], [*NAMES[:2], "extra", *NAMES[2:]]),
+        ([_Extra("validated")], [*NAMES, "extra"]),
+        ([_Extra(replaces="viability")], [*NAMES[:2], "extra", *NAMES[3:]]),
+        ([_Extra("code", name="a"), _Extra("code", name="b")], [*NAMES[:4], "a", "b", *NAMES[4:]]),
+    ],
+)
+def test_stages_run_in_their_order(extra: list[Stage], names: list[str]) -> None:
+    assert [stage.name for stage in ordered([*(kind() for kind in STAGES), *extra])] == names
+
+
+@pytest.mark.parametrize("extra", [_Extra("nowhere"), _Extra(replaces="nothing"), _Extra("extra")])
+def test_a_stage_that_has_no_place_is_refused(extra: Stage) -> None:
+    with pytest.raises(UsageError, match="extra"):
+        ordered([*(kind() for kind in STAGES), extra])
+
+
+def test_what_is_filled_in_is_not_looked_at_again() -> None:
+    assert "{{source}}" in prompt("viability").fill("User", brief="A brief with {{source}} in it.")
+
+
+def test_every_prompt_says_what_the_contract_and_the_form_are() -> None:
+    for section in SECTIONS:
+        assert f"`## {section}`" in prompt("briefs").parts["User"]
+    for stage in ("code", "repair"):
+        assert "MultiDiscrete([5, 2, 2])" in prompt(stage).parts["System"]
+        assert "What goes wrong most often" in prompt(stage).parts["System"]
+    assert len({prompt(stage).sha256 for stage in ("briefs", "viability", "code", "repair", "privileged")}) == 5
+    assert {file.stem for file in FOLDER.glob("*.md")} == {
+        "briefs",
+        "viability",
+        "code",
+        "repair",
+        "privileged",
+        "contract",
+        "defects",
+    }
