@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import re
 from collections.abc import Callable, Iterator
+from functools import lru_cache
 from typing import NamedTuple
 
 from envcraft.target import parse
@@ -162,6 +163,7 @@ def _tree(piece: str) -> ast.Module | None:
         return None
 
 
+@lru_cache(maxsize=8)
 def _environments(piece: str) -> list[str]:
     """The names of classes with ``step`` and ``reset``, in the order of the file; those that others derive from, and
     private ones, are none.

@@ -11,6 +11,7 @@ from __future__ import annotations
 import ast
 import re
 from collections.abc import Iterable
+from functools import lru_cache
 from typing import Any
 
 import msgspec
@@ -40,7 +41,7 @@ class Shape(msgspec.Struct, frozen=True):
     Attributes:
         statements: how many it has.
         methods: the functions of its classes.
-        paid: statements that change or give a reward, and the numbers in them that differ.
+        paid: statements that set a reward or a score.
         wins, losses: assignments of what tells that it was won, or is over.
         drawn: whether random numbers are drawn from the episode's generator.
         parts: the indices of the action that are read.
@@ -78,6 +79,7 @@ def profile(subject: Subject) -> dict[str, Any]:
     }
 
 
+@lru_cache(maxsize=64)
 def shape(source: str) -> Shape | None:
     """The shape of a source; None where it does not parse."""
     try:
@@ -85,14 +87,17 @@ def shape(source: str) -> Shape | None:
     except (SyntaxError, ValueError, RecursionError, MemoryError):
         return None
     nodes = list(ast.walk(tree))
-    changes = [node for node in nodes if isinstance(node, ast.Assign | ast.AugAssign | ast.AnnAssign | ast.Return)]
-    paid = [node for node in changes if _about(node, _PAID) and not _is_plain_zero(node)]
+    set_names = [
+        _names(node)
+        for node in nodes
+        if isinstance(node, (ast.Assign, ast.AugAssign, ast.AnnAssign)) and not _is_plain_zero(node)
+    ]
     return Shape(
         statements=sum(isinstance(node, ast.stmt) for node in nodes),
         methods=sum(isinstance(node, ast.FunctionDef) for node in nodes),
-        paid=len(paid),
-        wins=sum(_about(node, _WON) and not _is_plain_zero(node) for node in changes) + _keys(nodes, "is_success"),
-        losses=sum(_about(node, _LOST) and not _is_plain_zero(node) for node in changes),
+        paid=_about(set_names, _PAID),
+        wins=_about(set_names, _WON) + _keys(nodes, "is_success"),
+        losses=_about(set_names, _LOST),
         drawn=any(isinstance(node, ast.Attribute) and node.attr == "np_random" for node in nodes),
         parts=_parts(nodes),
         numbers=frozenset(
@@ -171,18 +176,16 @@ def _does_less(old: Attempt, new: Attempt, words: str) -> str:
     return ""
 
 
-def _about(node: ast.Assign | ast.AugAssign | ast.AnnAssign | ast.Return, wanted: re.Pattern[str]) -> bool:
-    """Whether a statement sets, or gives back, what is called so."""
-    if isinstance(node, ast.Return):
-        return False
+def _names(node: ast.Assign | ast.AugAssign | ast.AnnAssign) -> list[str]:
+    """What a statement sets: the last names of its targets."""
     targets = node.targets if isinstance(node, ast.Assign) else [node.target]
-    names = [
-        name
-        for target in targets
-        for part in ast.walk(target)
-        if (name := part.attr if isinstance(part, ast.Attribute) else part.id if isinstance(part, ast.Name) else "")
-    ]
-    return any(wanted.search(name) for name in names)
+    parts = [part for target in targets for part in (target.elts if isinstance(target, ast.Tuple) else [target])]
+    return [part.attr if isinstance(part, ast.Attribute) else getattr(part, "id", "") for part in parts]
+
+
+def _about(set_names: list[list[str]], wanted: re.Pattern[str]) -> int:
+    """How many statements set what is called so."""
+    return sum(any(wanted.search(name) for name in names) for names in set_names)
 
 
 def _is_plain_zero(node: ast.AST) -> bool:

@@ -114,7 +114,7 @@ def test_a_game_is_not_taken_apart_in_small_steps() -> None:
             number, GAME + "".join(f"\n\ndef rule_{n}(x):\n    y = x + 1\n    return y\n" for n in range(lines))
         )
 
-    whole, most, half = attempt(0, 100), attempt(1, 57), attempt(2, 26)
+    whole, most, half = attempt(0, 100), attempt(1, 57), attempt(2, 28)
     assert gutted("", whole, whole, half).startswith("size")
     assert gutted("", whole, whole, most) == ""
     assert gutted("", most, most, half) == ""
