@@ -28,7 +28,7 @@ class Objection(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Critique(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What is said of a brief."""
+    """What is said of a brief. One that is viable may have objections, too: what a programmer is to mind."""
 
     viable: bool
     objections: list[Objection]
@@ -101,8 +101,7 @@ def read(text: str) -> Critique:
             critique = msgspec.convert(value, Critique)
         except msgspec.ValidationError as error:
             raise ValueError(f"the JSON object is not of the form that is asked for: {error}") from None
-        if critique.viable == bool(critique.objections):
-            said = "viable, and has objections" if critique.viable else "not viable, and has no objections"
-            raise ValueError(f"the verdict contradicts itself: it is {said}")
+        if not critique.viable and not critique.objections:
+            raise ValueError("the verdict contradicts itself: it is not viable, and has no objections")
         return critique
     raise ValueError(wrong)

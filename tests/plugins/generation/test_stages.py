@@ -88,8 +88,8 @@ def test_what_is_wrong_with_a_brief(text: str, words: str | None) -> None:
 def test_a_section_of_nothing_is_told_of() -> None:
     place = brief().index("## Rewards")
     end = brief().index("## Termination")
-    emptied = brief(words=2000)[:0] + brief()[:place] + "## Rewards\n\nSome.\n\n" + brief()[end:]
-    assert any("`## Rewards` has fewer than 40 words" in one for one in complaints(emptied))
+    emptied = brief(words=2000)[:0] + brief()[:place] + "## Rewards\n\nSome points.\n\n" + brief()[end:]
+    assert any("`## Rewards` has fewer than 15 words" in one for one in complaints(emptied))
 
 
 @pytest.mark.parametrize(
@@ -100,8 +100,8 @@ def test_a_brief_comes_out_of_its_wrapping(text: str) -> None:
     assert tidy(text).strip() == brief().strip()
 
 
-def test_markup_is_no_word() -> None:
-    assert count("## A *b*: 3 | 4.5 — `c_d`\n- e\n---\n") == 6
+def test_words_are_what_spaces_part() -> None:
+    assert count("## The *guard*: 3 | 4.5\n- a 10×10 board\n") == 9
 
 
 # Viability
@@ -109,6 +109,8 @@ def test_markup_is_no_word() -> None:
 
 def test_viable() -> None:
     assert run(Viability(), case(brief=brief()), ScriptedBench([verdict()])).result == "passed"
+    with_reservations = ScriptedBench([verdict(False).replace("false", "true")])
+    assert run(Viability(), case(brief=brief()), with_reservations).result == "passed"
 
 
 def test_what_is_not_viable_keeps_its_reason() -> None:
@@ -126,7 +128,6 @@ def test_what_is_not_viable_keeps_its_reason() -> None:
         ('{"viable": "yes", "objections": [], "summary": ""}', "`$.viable`"),
         ('{"viable": true, "summary": ""}', "objections"),
         ('{"viable": false, "objections": [], "summary": ""}', "contradicts"),
-        (verdict(False).replace("false", "true"), "contradicts"),
         (verdict(False).replace("impossible-physics", "boring"), "$.objections[0].kind"),
     ],
 )
