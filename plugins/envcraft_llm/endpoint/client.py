@@ -5,21 +5,21 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
-import re
-from collections.abc import AsyncIterator, Collection
+from collections.abc import AsyncIterator
 from typing import TYPE_CHECKING, Any
 
-from envcraft.errors import UsageError
 from envcraft_llm.model import Answer, Model, ModelFailure, ModelStopped, Request
 
 from .accounts import Accounts, estimate
+from .connection import Connection
 from .faults import Again, ParameterRefused, fault
 from .pace import Pace
 from .reading import Chunk, Events, Garbled, Reading, decode, shown
-from .settings import ModelChoice, key_from_environment
+from .settings import ModelChoice
+from .wording import body
 
 if TYPE_CHECKING:
-    from openai import AsyncAPIResponse, AsyncOpenAI
+    from openai import AsyncAPIResponse
 
 #: So many requests in a row that fail for good, with no answer between, are the endpoint's fault.
 _HOPELESS = 20
@@ -37,15 +37,8 @@ class EndpointModel(Model):
     """
 
     def __init__(self, choice: ModelChoice, pace: Pace, accounts: Accounts) -> None:
-        if not choice.base_url:
-            raise UsageError(
-                "no endpoint is named: give --base-url, such as http://127.0.0.1:8000/v1, or set base-url in "
-                "[tool.envcraft.llm] of pyproject.toml"
-            )
         self._choice, self._pace, self._accounts = choice, pace, accounts
-        self._key_name, self._key = key_from_environment()
-        self._client = _client(choice, self._key)
-        self._where = re.sub(r"//[^/@]*@", "//", choice.base_url)
+        self._connection = Connection(choice)
         self._greeting: asyncio.Task[None] | None = None
         self._names: list[str] = []
         self._refused: dict[str, set[str]] = {}
@@ -89,7 +82,7 @@ class EndpointModel(Model):
     async def close(self) -> None:
         if self._greeting is not None:
             self._greeting.cancel()
-        await self._client.close()
+        await self._connection.client.close()
 
     async def _turn(self, request: Request, number: int) -> Answer:
         """One attempt in its place. Raises Again, ModelFailure or ModelStopped."""
@@ -135,7 +128,7 @@ class EndpointModel(Model):
             if reading.finish is None:
                 raise self._late(reading, loop.time() - began) from None
         except Garbled as garbled:
-            raise Again("garbage", self._plain(str(garbled))) from None
+            raise Again("garbage", self._connection.plain(str(garbled))) from None
         finally:
             tokens = reading.tokens(estimate(request))
             if reading.pieces or reading.usage:
@@ -148,7 +141,7 @@ class EndpointModel(Model):
         from openai import APIConnectionError, APIStatusError, APITimeoutError
 
         sent = body(request, self._refused.get(request.model, set()))
-        streamed = self._client.chat.completions.with_streaming_response.create(**sent)
+        streamed = self._connection.client.chat.completions.with_streaming_response.create(**sent)
         try:
             response = await streamed.__aenter__()
         except APITimeoutError:
@@ -156,7 +149,7 @@ class EndpointModel(Model):
         except APIConnectionError as error:
             raise self._unconnected(error) from None
         except APIStatusError as error:
-            said = self._plain(await _text(error.response))
+            said = self._connection.plain(await _text(error.response))
             raise await self._named(fault(error.status_code, said, error.response.headers, request, sent)) from None
         try:
             yield response
@@ -165,16 +158,16 @@ class EndpointModel(Model):
 
     def _unconnected(self, error: Exception) -> Again:
         cause = error.__cause__ or error
-        down = "connect" in type(cause).__name__.lower()
+        down = type(cause).__name__.startswith("Connect")
         return Again(
-            "server-error" if down else "disconnected", self._plain(str(cause) or type(cause).__name__), down=down
+            "server-error" if down else "disconnected", self._connection.plain(str(cause) or type(cause).__name__), down=down
         )
 
     def _told(self, error: Any, request: Request) -> Exception:
         """An error that came in the stream, after the status."""
         told = error if isinstance(error, dict) else {"message": str(error)}
         status = told.get("code") if isinstance(told.get("code"), int) else 500
-        return fault(status, self._plain(json.dumps(told)), {}, request, {})
+        return fault(status, self._connection.plain(json.dumps(told)), {}, request, {})
 
     def _late(self, reading: Reading, seconds: float) -> Exception:
         """What has come to nothing within its time is not waited for again, if it used all of it."""
@@ -189,18 +182,18 @@ class EndpointModel(Model):
         if isinstance(found, ModelStopped):
             said = str(found)
             if "refuses the key" in said:
-                had = "the one in" if self._key else "none is set in"
-                return ModelStopped(f"{self._where}: {said}; {had} {self._key_name}")
+                had = "the one in" if self._connection.has_key else "none is set in"
+                return ModelStopped(f"{self._connection.where}: {said}; {had} {self._connection.key_name}")
             if "has no model" in said and self._names:
-                return ModelStopped(f"{self._where}: {said}; it has {', '.join(self._names[:20])}")
-            return ModelStopped(f"{self._where}: {said}")
+                return ModelStopped(f"{self._connection.where}: {said}; it has {', '.join(self._names[:20])}")
+            return ModelStopped(f"{self._connection.where}: {said}")
         return found
 
     def _given_up(self, again: Again, number: int) -> Exception:
         """What a request ends with whose attempts all failed."""
         if again.down:
             stopped = ModelStopped(
-                f"nothing answers at {self._where} any more ({again}; {number} attempts): what was answered is kept; "
+                f"nothing answers at {self._connection.where} any more ({again}; {number} attempts): what was answered is kept; "
                 "start the endpoint again, and the same command goes on"
             )
             self.stop(stopped)
@@ -212,7 +205,7 @@ class EndpointModel(Model):
 
     def _hopeless(self, failure: ModelFailure) -> None:
         if self._failed_in_a_row >= _HOPELESS:
-            self.stop(ModelStopped(f"{self._where} failed {_HOPELESS} requests in a row, the last with: {failure}"))
+            self.stop(ModelStopped(f"{self._connection.where} failed {_HOPELESS} requests in a row, the last with: {failure}"))
 
     async def _greet(self) -> None:
         """Ask for the names of models. An endpoint that does not tell them is taken as it is; one that is not there, or
@@ -223,7 +216,7 @@ class EndpointModel(Model):
         for number in range(_FIRST_TRIES):
             try:
                 async with asyncio.timeout(_GREETING_SECONDS):
-                    listed = await self._client.models.list()
+                    listed = await self._connection.client.models.list()
                     self._names = [model.id async for model in listed if isinstance(model.id, str)]
                 return
             except APIConnectionError as error:
@@ -232,13 +225,13 @@ class EndpointModel(Model):
                     await asyncio.sleep(again.pause(number))
                     continue
                 stopped = ModelStopped(
-                    f"nothing answers at {self._where} ({again}): start the endpoint there, or give another --base-url"
+                    f"nothing answers at {self._connection.where} ({again}): start the endpoint there, or give another --base-url"
                 )
                 self.stop(stopped)
                 raise stopped from None
             except APIStatusError as error:
                 if error.status_code == 401:
-                    said = self._plain(await _text(error.response))
+                    said = self._connection.plain(await _text(error.response))
                     stopped = await self._named(fault(401, said, {}, Request("", ()), {}))
                     assert isinstance(stopped, ModelStopped)
                     self.stop(stopped)
@@ -246,10 +239,6 @@ class EndpointModel(Model):
                 return
             except (APIError, ValueError, TypeError, AttributeError, TimeoutError):
                 return
-
-    def _plain(self, text: str) -> str:
-        """What an endpoint said, without the key, which some repeat."""
-        return text.replace(self._key, "[key]") if self._key else text
 
 
 async def _chunks(response: AsyncAPIResponse[Any]) -> AsyncIterator[Chunk]:
@@ -283,50 +272,7 @@ async def _chunks(response: AsyncAPIResponse[Any]) -> AsyncIterator[Chunk]:
         raise Again("disconnected", "the connection ended before the answer did")
 
 
-def body(request: Request, refused: Collection[str] = ()) -> dict[str, Any]:
-    """The parameters of a request that is streamed. Those that are `refused` are said in words, where words can."""
-    messages: list[dict[str, str]] = [{"role": message.role, "content": message.content} for message in request.messages]
-    told: dict[str, Any] = {"model": request.model, "messages": messages, "stream": True}
-    if "stream_options" not in refused:
-        told["stream_options"] = {"include_usage": True}
-    if request.max_tokens:
-        told["max_completion_tokens" if "max_tokens" in refused else "max_tokens"] = request.max_tokens
-    if request.temperature is not None and "temperature" not in refused:
-        told["temperature"] = request.temperature
-    if request.effort and "reasoning_effort" not in refused:
-        told["reasoning_effort"] = request.effort
-    elif request.effort:
-        # How gpt-oss is told where nothing else does it.
-        if messages[0]["role"] != "system":
-            messages.insert(0, {"role": "system", "content": ""})
-        messages[0]["content"] = f"Reasoning: {request.effort}\n\n{messages[0]['content']}".strip()
-    if request.schema is not None and "response_format" not in refused:
-        schema = {"name": "answer", "schema": request.schema, "strict": True}
-        told["response_format"] = {"type": "json_schema", "json_schema": schema}
-    elif request.schema is not None:
-        messages[-1]["content"] += (
-            f"\n\nAnswer with one JSON object and nothing else. It follows this JSON Schema:\n{json.dumps(request.schema)}"
-        )
-    return told
-
-
 async def _text(response: Any) -> str:
     with contextlib.suppress(Exception):
         return (await response.aread()).decode("utf-8", "replace")[:2000]
     return ""
-
-
-def _client(choice: ModelChoice, key: str) -> AsyncOpenAI:
-    """Raises UsageError."""
-    try:
-        from openai import AsyncOpenAI, Timeout
-    except ImportError:
-        raise UsageError("asking an endpoint needs its client; install it with `pip install 'envcraft-rl[llm]'`") from None
-    return AsyncOpenAI(
-        base_url=choice.base_url,
-        # One is sent in any case; endpoints of one's own rarely look at it.
-        api_key=key or "none",
-        # Attempts are repeated here, where the pace is known.
-        max_retries=0,
-        timeout=Timeout(None, connect=choice.connect_seconds),
-    )
