@@ -27,6 +27,10 @@ _HOPELESS = 20
 _GREETING_SECONDS = 20.0
 #: How often a connection is tried at first; one that stood before is tried as often as any request.
 _FIRST_TRIES = 3
+#: What follows the last piece of an answer, its usage, comes within so long or not at all.
+_TAIL_SECONDS = 5.0
+#: Of timers, in seconds.
+_RESOLUTION = 1e-3
 
 
 class EndpointModel(Model):
@@ -97,6 +101,10 @@ class EndpointModel(Model):
                 self._accounts.settle(request, reserved)
             self._pace.succeeded()
             return answer
+        except ModelFailure:
+            # Answered all the same.
+            self._pace.succeeded()
+            raise
         except Again as again:
             if again.limited:
                 self._pace.turned_away(entry, again.after)
@@ -123,7 +131,8 @@ class EndpointModel(Model):
                         if chunk.error is not None:
                             raise self._told(chunk.error, request)
                         reading.take(chunk)
-                        clock.reschedule(min(ends, loop.time() + choice.silence_seconds))
+                        silence = choice.silence_seconds if reading.finish is None else _TAIL_SECONDS
+                        clock.reschedule(min(ends, loop.time() + silence))
         except TimeoutError:
             if reading.finish is None:
                 raise self._late(reading, loop.time() - began) from None
@@ -171,7 +180,7 @@ class EndpointModel(Model):
 
     def _late(self, reading: Reading, seconds: float) -> Exception:
         """What has come to nothing within its time is not waited for again, if it used all of it."""
-        if seconds >= self._choice.total_seconds:
+        if seconds > self._choice.total_seconds - _RESOLUTION:
             return ModelFailure("timeout", f"no end of the answer within {self._choice.total_seconds:g} s")
         if reading.pieces:
             return Again("timeout", f"nothing more for {self._choice.silence_seconds:g} s, in the midst of the answer")
