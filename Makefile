@@ -39,6 +39,7 @@ bench: .venv/dev.stamp
 	$(BIN)/python -m benchmarks.audit_report
 	$(BIN)/python -m benchmarks.concepts
 	$(BIN)/python -m benchmarks.pipeline
+	$(BIN)/python -m benchmarks.conversations
 
 picture: .venv/core.stamp
 	$(BIN)/python -m benchmarks.picture

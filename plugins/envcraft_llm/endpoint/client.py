@@ -5,21 +5,21 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
-import re
-from collections.abc import AsyncIterator, Collection
+from collections.abc import AsyncIterator
 from typing import TYPE_CHECKING, Any
 
-from envcraft.errors import UsageError
 from envcraft_llm.model import Answer, Model, ModelFailure, ModelStopped, Request
 
 from .accounts import Accounts, estimate
+from .connection import Connection
 from .faults import Again, ParameterRefused, fault
 from .pace import Pace
 from .reading import Chunk, Events, Garbled, Reading, decode, shown
-from .settings import ModelChoice, key_from_environment
+from .settings import ModelChoice
+from .wording import body
 
 if TYPE_CHECKING:
-    from openai import AsyncAPIResponse, AsyncOpenAI
+    from openai import AsyncAPIResponse
 
 #: So many requests in a row that fail for good, with no answer between, are the endpoint's fault.
 _HOPELESS = 20
@@ -27,6 +27,10 @@ _HOPELESS = 20
 _GREETING_SECONDS = 20.0
 #: How often a connection is tried at first; one that stood before is tried as often as any request.
 _FIRST_TRIES = 3
+#: What follows the last piece of an answer, its usage, comes within so long or not at all.
+_TAIL_SECONDS = 5.0
+#: Of timers, in seconds.
+_RESOLUTION = 1e-3
 
 
 class EndpointModel(Model):
@@ -37,15 +41,8 @@ class EndpointModel(Model):
     """
 
     def __init__(self, choice: ModelChoice, pace: Pace, accounts: Accounts) -> None:
-        if not choice.base_url:
-            raise UsageError(
-                "no endpoint is named: give --base-url, such as http://127.0.0.1:8000/v1, or set base-url in "
-                "[tool.envcraft.llm] of pyproject.toml"
-            )
         self._choice, self._pace, self._accounts = choice, pace, accounts
-        self._key_name, self._key = key_from_environment()
-        self._client = _client(choice, self._key)
-        self._where = re.sub(r"//[^/@]*@", "//", choice.base_url)
+        self._connection = Connection(choice)
         self._greeting: asyncio.Task[None] | None = None
         self._names: list[str] = []
         self._refused: dict[str, set[str]] = {}
@@ -89,7 +86,7 @@ class EndpointModel(Model):
     async def close(self) -> None:
         if self._greeting is not None:
             self._greeting.cancel()
-        await self._client.close()
+        await self._connection.client.close()
 
     async def _turn(self, request: Request, number: int) -> Answer:
         """One attempt in its place. Raises Again, ModelFailure or ModelStopped."""
@@ -104,6 +101,10 @@ class EndpointModel(Model):
                 self._accounts.settle(request, reserved)
             self._pace.succeeded()
             return answer
+        except ModelFailure:
+            # Answered all the same.
+            self._pace.succeeded()
+            raise
         except Again as again:
             if again.limited:
                 self._pace.turned_away(entry, again.after)
@@ -130,12 +131,13 @@ class EndpointModel(Model):
                         if chunk.error is not None:
                             raise self._told(chunk.error, request)
                         reading.take(chunk)
-                        clock.reschedule(min(ends, loop.time() + choice.silence_seconds))
+                        silence = choice.silence_seconds if reading.finish is None else _TAIL_SECONDS
+                        clock.reschedule(min(ends, loop.time() + silence))
         except TimeoutError:
             if reading.finish is None:
                 raise self._late(reading, loop.time() - began) from None
         except Garbled as garbled:
-            raise Again("garbage", self._plain(str(garbled))) from None
+            raise Again("garbage", self._connection.plain(str(garbled))) from None
         finally:
             tokens = reading.tokens(estimate(request))
             if reading.pieces or reading.usage:
@@ -148,7 +150,7 @@ class EndpointModel(Model):
         from openai import APIConnectionError, APIStatusError, APITimeoutError
 
         sent = body(request, self._refused.get(request.model, set()))
-        streamed = self._client.chat.completions.with_streaming_response.create(**sent)
+        streamed = self._connection.client.chat.completions.with_streaming_response.create(**sent)
         try:
             response = await streamed.__aenter__()
         except APITimeoutError:
@@ -156,7 +158,7 @@ class EndpointModel(Model):
         except APIConnectionError as error:
             raise self._unconnected(error) from None
         except APIStatusError as error:
-            said = self._plain(await _text(error.response))
+            said = self._connection.plain(await _text(error.response))
             raise await self._named(fault(error.status_code, said, error.response.headers, request, sent)) from None
         try:
             yield response
@@ -165,20 +167,20 @@ class EndpointModel(Model):
 
     def _unconnected(self, error: Exception) -> Again:
         cause = error.__cause__ or error
-        down = "connect" in type(cause).__name__.lower()
+        down = type(cause).__name__.startswith("Connect")
         return Again(
-            "server-error" if down else "disconnected", self._plain(str(cause) or type(cause).__name__), down=down
+            "server-error" if down else "disconnected", self._connection.plain(str(cause) or type(cause).__name__), down=down
         )
 
     def _told(self, error: Any, request: Request) -> Exception:
         """An error that came in the stream, after the status."""
         told = error if isinstance(error, dict) else {"message": str(error)}
         status = told.get("code") if isinstance(told.get("code"), int) else 500
-        return fault(status, self._plain(json.dumps(told)), {}, request, {})
+        return fault(status, self._connection.plain(json.dumps(told)), {}, request, {})
 
     def _late(self, reading: Reading, seconds: float) -> Exception:
         """What has come to nothing within its time is not waited for again, if it used all of it."""
-        if seconds >= self._choice.total_seconds:
+        if seconds > self._choice.total_seconds - _RESOLUTION:
             return ModelFailure("timeout", f"no end of the answer within {self._choice.total_seconds:g} s")
         if reading.pieces:
             return Again("timeout", f"nothing more for {self._choice.silence_seconds:g} s, in the midst of the answer")
@@ -189,18 +191,18 @@ class EndpointModel(Model):
         if isinstance(found, ModelStopped):
             said = str(found)
             if "refuses the key" in said:
-                had = "the one in" if self._key else "none is set in"
-                return ModelStopped(f"{self._where}: {said}; {had} {self._key_name}")
+                had = "the one in" if self._connection.has_key else "none is set in"
+                return ModelStopped(f"{self._connection.where}: {said}; {had} {self._connection.key_name}")
             if "has no model" in said and self._names:
-                return ModelStopped(f"{self._where}: {said}; it has {', '.join(self._names[:20])}")
-            return ModelStopped(f"{self._where}: {said}")
+                return ModelStopped(f"{self._connection.where}: {said}; it has {', '.join(self._names[:20])}")
+            return ModelStopped(f"{self._connection.where}: {said}")
         return found
 
     def _given_up(self, again: Again, number: int) -> Exception:
         """What a request ends with whose attempts all failed."""
         if again.down:
             stopped = ModelStopped(
-                f"nothing answers at {self._where} any more ({again}; {number} attempts): what was answered is kept; "
+                f"nothing answers at {self._connection.where} any more ({again}; {number} attempts): what was answered is kept; "
                 "start the endpoint again, and the same command goes on"
             )
             self.stop(stopped)
@@ -212,7 +214,7 @@ class EndpointModel(Model):
 
     def _hopeless(self, failure: ModelFailure) -> None:
         if self._failed_in_a_row >= _HOPELESS:
-            self.stop(ModelStopped(f"{self._where} failed {_HOPELESS} requests in a row, the last with: {failure}"))
+            self.stop(ModelStopped(f"{self._connection.where} failed {_HOPELESS} requests in a row, the last with: {failure}"))
 
     async def _greet(self) -> None:
         """Ask for the names of models. An endpoint that does not tell them is taken as it is; one that is not there, or
@@ -223,7 +225,7 @@ class EndpointModel(Model):
         for number in range(_FIRST_TRIES):
             try:
                 async with asyncio.timeout(_GREETING_SECONDS):
-                    listed = await self._client.models.list()
+                    listed = await self._connection.client.models.list()
                     self._names = [model.id async for model in listed if isinstance(model.id, str)]
                 return
             except APIConnectionError as error:
@@ -232,13 +234,13 @@ class EndpointModel(Model):
                     await asyncio.sleep(again.pause(number))
                     continue
                 stopped = ModelStopped(
-                    f"nothing answers at {self._where} ({again}): start the endpoint there, or give another --base-url"
+                    f"nothing answers at {self._connection.where} ({again}): start the endpoint there, or give another --base-url"
                 )
                 self.stop(stopped)
                 raise stopped from None
             except APIStatusError as error:
                 if error.status_code == 401:
-                    said = self._plain(await _text(error.response))
+                    said = self._connection.plain(await _text(error.response))
                     stopped = await self._named(fault(401, said, {}, Request("", ()), {}))
                     assert isinstance(stopped, ModelStopped)
                     self.stop(stopped)
@@ -246,10 +248,6 @@ class EndpointModel(Model):
                 return
             except (APIError, ValueError, TypeError, AttributeError, TimeoutError):
                 return
-
-    def _plain(self, text: str) -> str:
-        """What an endpoint said, without the key, which some repeat."""
-        return text.replace(self._key, "[key]") if self._key else text
 
 
 async def _chunks(response: AsyncAPIResponse[Any]) -> AsyncIterator[Chunk]:
@@ -283,50 +281,7 @@ async def _chunks(response: AsyncAPIResponse[Any]) -> AsyncIterator[Chunk]:
         raise Again("disconnected", "the connection ended before the answer did")
 
 
-def body(request: Request, refused: Collection[str] = ()) -> dict[str, Any]:
-    """The parameters of a request that is streamed. Those that are `refused` are said in words, where words can."""
-    messages: list[dict[str, str]] = [{"role": message.role, "content": message.content} for message in request.messages]
-    told: dict[str, Any] = {"model": request.model, "messages": messages, "stream": True}
-    if "stream_options" not in refused:
-        told["stream_options"] = {"include_usage": True}
-    if request.max_tokens:
-        told["max_completion_tokens" if "max_tokens" in refused else "max_tokens"] = request.max_tokens
-    if request.temperature is not None and "temperature" not in refused:
-        told["temperature"] = request.temperature
-    if request.effort and "reasoning_effort" not in refused:
-        told["reasoning_effort"] = request.effort
-    elif request.effort:
-        # How gpt-oss is told where nothing else does it.
-        if messages[0]["role"] != "system":
-            messages.insert(0, {"role": "system", "content": ""})
-        messages[0]["content"] = f"Reasoning: {request.effort}\n\n{messages[0]['content']}".strip()
-    if request.schema is not None and "response_format" not in refused:
-        schema = {"name": "answer", "schema": request.schema, "strict": True}
-        told["response_format"] = {"type": "json_schema", "json_schema": schema}
-    elif request.schema is not None:
-        messages[-1]["content"] += (
-            f"\n\nAnswer with one JSON object and nothing else. It follows this JSON Schema:\n{json.dumps(request.schema)}"
-        )
-    return told
-
-
 async def _text(response: Any) -> str:
     with contextlib.suppress(Exception):
         return (await response.aread()).decode("utf-8", "replace")[:2000]
     return ""
-
-
-def _client(choice: ModelChoice, key: str) -> AsyncOpenAI:
-    """Raises UsageError."""
-    try:
-        from openai import AsyncOpenAI, Timeout
-    except ImportError:
-        raise UsageError("asking an endpoint needs its client; install it with `pip install 'envcraft-rl[llm]'`") from None
-    return AsyncOpenAI(
-        base_url=choice.base_url,
-        # One is sent in any case; endpoints of one's own rarely look at it.
-        api_key=key or "none",
-        # Attempts are repeated here, where the pace is known.
-        max_retries=0,
-        timeout=Timeout(None, connect=choice.connect_seconds),
-    )

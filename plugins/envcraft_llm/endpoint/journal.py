@@ -10,6 +10,7 @@ from __future__ import annotations
 import asyncio
 import os
 import sqlite3
+import threading
 import time
 import zlib
 from collections.abc import Iterator
@@ -86,6 +87,7 @@ class Journal:
             self._reading.execute("SELECT 1 FROM answers LIMIT 1")
         except (OSError, sqlite3.Error) as error:
             raise EnvCraftError(f"{self.path} cannot be used as a journal: {error}") from None
+        self._lock = threading.Lock()
         self._pending: list[tuple[Request, Outcome, asyncio.Future[None]]] = []
         self._flushing: asyncio.Task[None] | None = None
 
@@ -124,13 +126,14 @@ class Journal:
         assert self._writing is not None, "opened for reading"
         rows = [_row(request, outcome) for request, outcome in outcomes]
         try:
-            self._writing.execute("BEGIN IMMEDIATE")
-            try:
-                self._writing.executemany(_WRITE, rows)
-            except BaseException:
-                self._writing.execute("ROLLBACK")
-                raise
-            self._writing.execute("COMMIT")
+            with self._lock:
+                self._writing.execute("BEGIN IMMEDIATE")
+                try:
+                    self._writing.executemany(_WRITE, rows)
+                except BaseException:
+                    self._writing.execute("ROLLBACK")
+                    raise
+                self._writing.execute("COMMIT")
         except sqlite3.Error as error:
             raise EnvCraftError(f"{self.path} cannot be written: {error}; what it holds is safe") from None
 
@@ -164,8 +167,9 @@ def _connect(path: Path, write: bool) -> sqlite3.Connection:
         if not db.execute("PRAGMA user_version").fetchone()[0]:
             db.executescript(_SCHEMA)
         return db
-    # Even who only reads needs files beside it, unless nobody can be writing there.
-    fixed = not os.access(path.parent, os.W_OK)
+    # Even who only reads needs the log and its index beside the file, unless nobody can be writing there.
+    log = path.with_name(f"{path.name}-wal")
+    fixed = not os.access(path.parent, os.W_OK) and not (log.is_file() and log.stat().st_size)
     uri = f"{path.absolute().as_uri()}?mode=ro{'&immutable=1' if fixed else ''}"
     return sqlite3.connect(uri, uri=True, isolation_level=None, timeout=30.0, check_same_thread=False)
 

@@ -13,6 +13,7 @@ from .settings import ModelChoice
 
 if TYPE_CHECKING:
     from .accounts import Accounts
+    from .batch import BatchModel
     from .client import EndpointModel
     from .journal import Journal, Outcome
     from .pace import Pace
@@ -29,7 +30,7 @@ class OpenedModel(Model):
     """
 
     def __init__(
-        self, accounts: Accounts, pace: Pace, journal: Journal | None = None, endpoint: EndpointModel | None = None
+        self, accounts: Accounts, pace: Pace, journal: Journal | None = None, endpoint: EndpointModel | BatchModel | None = None
     ) -> None:
         self.accounts = accounts
         self._pace, self._journal, self._endpoint = pace, journal, endpoint
@@ -80,7 +81,7 @@ class OpenedModel(Model):
             self.accounts.of(request.stage).replayed += 1
         return found
 
-    async def _ask(self, endpoint: EndpointModel, request: Request) -> Outcome:
+    async def _ask(self, endpoint: EndpointModel | BatchModel, request: Request) -> Outcome:
         """What came of a request, once it is written. Raises ModelStopped."""
         from .journal import Failed
 
@@ -136,6 +137,13 @@ def open_model(chosen: ModelChoice, journal: Path | None, offline: bool = False)
         if journal is None:
             raise UsageError("without an endpoint and without a journal there is nothing to answer from")
         return OpenedModel(accounts, pace, Journal(journal, write=False))
+    if chosen.batch:
+        from .batch import BatchModel
+
+        if journal is None:
+            raise UsageError("batches need a journal, which their answers are read into")
+        kept = Journal(journal)
+        return OpenedModel(accounts, pace, kept, BatchModel(chosen, accounts, kept, kept.path.parent / "batches"))
     endpoint = EndpointModel(chosen, pace, accounts)
     return OpenedModel(accounts, pace, Journal(journal) if journal else None, endpoint)
 

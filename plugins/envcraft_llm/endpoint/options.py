@@ -9,10 +9,10 @@ from typing import Any
 
 import click
 
-from .settings import KEY, chosen
+from .settings import chosen
 
 _OPTIONS = (
-    click.option("--base-url", metavar="URL", help="The endpoint, such as http://127.0.0.1:8000/v1.  " f"Its key is read from {KEY}."),
+    click.option("--base-url", metavar="URL", help="The endpoint, such as http://127.0.0.1:8000/v1; its key is read from OPENAI_API_KEY."),
     click.option("--model", metavar="NAME", help="What writes code.  [default: gpt-oss-120b]"),
     click.option(
         "--small-model",
@@ -26,11 +26,17 @@ _OPTIONS = (
         type=click.IntRange(1),
         help="The most requests under way at once; the endpoint's limits lower it.  [default: 64]",
     ),
+    click.option(
+        "--batch", is_flag=True, default=None, help="Collect requests for the endpoint's Batch interface, which takes hours."
+    ),
     click.option("--max-cost", type=click.FloatRange(0), help="End where this run has cost so much, by the settings' prices."),
     click.option("--max-tokens-total", type=click.IntRange(0), help="End where this run has used so many tokens."),
     click.option("--max-seconds", type=click.FloatRange(0), help="Send no more requests after so long."),
 )
-_NAMES = ("base_url", "model", "small_model", "effort", "max_concurrency", "max_cost", "max_tokens_total", "max_seconds")
+_NAMES = (
+    *("base_url", "model", "small_model", "effort", "max_concurrency", "batch", "max_cost", "max_tokens_total"),
+    "max_seconds",
+)
 
 
 def model_options(command: Callable[..., Any]) -> Callable[..., Any]:

@@ -9,6 +9,7 @@ from typing import Any, Literal
 
 import msgspec
 
+from envcraft.cli import unknown
 from envcraft.errors import UsageError
 from envcraft.pyproject import settings
 
@@ -46,6 +47,7 @@ class ModelChoice(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
         silence_seconds: between two pieces.
         total_seconds: until the end of the answer.
         retries: how often a request is sent again that was turned away or broke off.
+        batch: whether requests are answered by the endpoint's Batch interface: cheaper, and within a day.
         max_cost: in the currency of the prices, or None for no limit.
         max_tokens_total: of prompts and answers, or None.
         max_seconds: from `open_model` until the last request is sent, or None.
@@ -64,6 +66,7 @@ class ModelChoice(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     silence_seconds: float = 120.0
     total_seconds: float = 3600.0
     retries: int = 8
+    batch: bool = False
     max_cost: float | None = None
     max_tokens_total: int | None = None
     max_seconds: float | None = None
@@ -96,14 +99,15 @@ def chosen(folder: Path, options: Mapping[str, Any]) -> ModelChoice:
     plain = {key.replace("_", "-"): value for key, value in found.items()}
     for key in plain:
         if key not in known:
-            from envcraft.cli import unknown
-
             raise UsageError(f"{place} has no setting {_no_key(key) or unknown(key, known)}")
     try:
         choice = msgspec.convert(plain, ModelChoice)
     except msgspec.ValidationError as error:
         raise UsageError(f"{place}: {str(error).replace('`$.', '`')}") from None
     _check(choice, place)
+    if not (options.get("base_url") or choice.base_url):
+        # Where the client of OpenAI looks, too.
+        choice = msgspec.structs.replace(choice, base_url=os.environ.get("OPENAI_BASE_URL", ""))
     changed = msgspec.structs.replace(choice, **{name: value for name, value in options.items() if value is not None})
     # A model that is named in the command goes for all stages that nothing else is named for there.
     if options.get("model") and not options.get("small_model"):
