@@ -132,7 +132,7 @@ def _cases(count: int | None, seed: int, chosen: ModelChoice) -> list[Case]:
 
     from envcraft.stages import Case
     from envcraft_llm.concepts.generation import concepts
-    from envcraft_llm.demo import SEED, demo_concepts
+    from envcraft_llm.demo_model import SEED, demo_concepts
 
     if is_demo(chosen):
         if seed != SEED:

@@ -29,7 +29,7 @@ def is_demo(chosen: ModelChoice) -> bool:
 
 def demo_folder(chosen: ModelChoice) -> Path:
     """The folder whose answers are replayed: that of ``demo:FOLDER``, or the one that ships."""
-    from envcraft_llm.demo import FOLDER
+    from envcraft_llm.demo_model import FOLDER
 
     _, _, folder = chosen.model.partition(":")
     return Path(folder) if folder else FOLDER
@@ -38,7 +38,7 @@ def demo_folder(chosen: ModelChoice) -> Path:
 def opened(chosen: ModelChoice, journal: Path | None, offline: bool = False) -> tuple[Model, Accounts | None]:
     """The model that answers, and its accounts; those that ship cost nothing. Raises UsageError."""
     if is_demo(chosen):
-        from envcraft_llm.demo import DemoModel
+        from envcraft_llm.demo_model import DemoModel
 
         return DemoModel(demo_folder(chosen)), None
     from envcraft_llm.endpoint import open_model

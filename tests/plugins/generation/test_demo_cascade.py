@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
-from envcraft_llm.demo import FOLDER, demo_concepts
+from envcraft_llm.demo_model import FOLDER, demo_concepts
 
 from envcraft.cli import cli
 from envcraft.corpus.history import History
