@@ -1,14 +1,14 @@
 """``python -m benchmarks.conversations``: 1,000 conversations at once, through EnvCraft and by a bare client.
 
-An endpoint on this machine, in a process of its own, streams answers as an engine does: at each tick every open answer
-gets a piece. Each conversation asks a few times, and its prompt grows with what it was answered. The bare client is the
-HTTP library on which the `openai` client is built: it sends the same bodies, reads the bytes of the stream and does
-nothing with them. EnvCraft's model paces, decodes, accounts, and writes its journal, to which every answer is synced.
-They take turns, in an order that changes, and a ratio is the median of those within one round. Answers a second below
-95% of the bare client's is exit status 1.
+An endpoint on this machine, in a process of its own, streams answers as an engine does: at each tick every open
+answer gets a piece. Each conversation asks a few times, and its prompt grows with what it was answered. The bare
+client is the HTTP library on which the `openai` client is built: it sends the same bodies, reads the bytes of the
+stream, and does nothing with them. EnvCraft's model paces, decodes, accounts, and writes its journal, to which every
+answer is synced. They take turns, in an order that changes, and a ratio is the median of those within one round. Less
+than 95% of the bare client's answers a second is exit status 1.
 
-The rate of the server is what an engine would have, not what this machine's cores can send: ``--tick 0`` takes the bound
-away, and shows what EnvCraft costs where the cores are the limit.
+The rate of the server is what an engine would have, not what this machine's cores can send: ``--tick 0`` takes the
+bound away, and shows what EnvCraft costs where the cores are the limit.
 """
 
 from __future__ import annotations
@@ -48,7 +48,14 @@ def chunk(data: bytes) -> bytes:
 
 def event(choices: list[dict[str, Any]], **more: Any) -> bytes:
     """An event of the stream."""
-    told = {"id": "chatcmpl-0", "object": "chat.completion.chunk", "created": 0, "model": "loop", "choices": choices, **more}
+    told = {
+        "id": "chatcmpl-0",
+        "object": "chat.completion.chunk",
+        "created": 0,
+        "model": "loop",
+        "choices": choices,
+        **more,
+    }
     return b"data: " + json.dumps(told).encode() + b"\n\n"
 
 
@@ -169,11 +176,11 @@ async def ours(url: str, conversations: int, turns: int) -> float:
 
 async def bare(url: str, conversations: int, turns: int) -> float:
     """By the library below the `openai` client."""
-    from openai import Timeout
+    from openai import DEFAULT_CONNECTION_LIMITS
 
-    library = importlib.import_module(Timeout.__module__.partition(".")[0])
+    library = importlib.import_module(type(DEFAULT_CONNECTION_LIMITS).__module__.partition(".")[0])
     limits = library.Limits(max_connections=conversations, max_keepalive_connections=conversations)
-    async with library.AsyncClient(limits=limits, timeout=Timeout(None)) as client:
+    async with library.AsyncClient(limits=limits, timeout=None) as client:
 
         async def ask(asked: Request) -> None:
             async with client.stream("POST", f"{url}/chat/completions", json=body(asked)) as response:
@@ -212,8 +219,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         server.join()
     ratio = statistics.median(mine / other for mine, other in zip(rates[OURS], rates[BARE], strict=True))
     table = Table(
-        title=f"{options.conversations:,} conversations of {options.turns} questions, answers of {options.pieces} pieces, "
-        f"one every {options.tick:g} s, {options.rounds} rounds"
+        title=f"{options.conversations:,} conversations of {options.turns} questions, answers of {options.pieces} "
+        f"pieces, one every {options.tick:g} s, {options.rounds} rounds"
     )
     for column in ("", "answers/s, median", "least", "most", "CPU ms an answer", "share of the bare client's"):
         table.add_column(column, justify="left" if not column else "right")

@@ -1,4 +1,4 @@
-"""An endpoint on this machine that does what a test says: a script of replies, one a request, of any bytes at any time."""
+"""An endpoint on this machine that does what a test says: a reply to each request, of any bytes at any time."""
 
 from __future__ import annotations
 
@@ -27,7 +27,9 @@ def status(code: int, body: Any = "", **headers: str) -> Reply:
 
 def error(code: int, message: str, name: str = "", **headers: str) -> Reply:
     """An error as OpenAI's interface tells it."""
-    return status(code, {"error": {"message": message, "code": name or None, "type": "invalid_request_error"}}, **headers)
+    return status(
+        code, {"error": {"message": message, "code": name or None, "type": "invalid_request_error"}}, **headers
+    )
 
 
 def piece(finish: str | None = None, **delta: Any) -> str:
@@ -76,9 +78,13 @@ class Loopback:
         most: how many requests were under way at once, at most.
     """
 
-    def __init__(self, *replies: Reply, models: Iterable[str] | None = None, **paths: Reply) -> None:
+    def __init__(
+        self, *replies: Reply, models: Iterable[str] | None = None, greeting: Reply | None = None, **paths: Reply
+    ) -> None:
         self._replies, self._paths = list(replies), paths
-        if models is not None:
+        if greeting is not None:
+            self._paths["models"] = greeting
+        elif models is not None:
             self._paths["models"] = status(200, {"object": "list", "data": [{"id": name} for name in models]})
         self.asked: list[dict[str, Any]] = []
         self.headers: dict[str, str] = {}
@@ -121,7 +127,9 @@ class Loopback:
         path = head.split()[1].removeprefix("/v1/")
         if path != "chat/completions":
             named = self._paths.get(path.partition("/")[0].partition("?")[0])
-            await (named or status(404, "nothing here"))(writer, {"path": path, "data": data, "method": head.split()[0]})
+            await (named or status(404, "nothing here"))(
+                writer, {"path": path, "data": data, "method": head.split()[0]}
+            )
             return
         self.under_way += 1
         self.most = max(self.most, self.under_way)

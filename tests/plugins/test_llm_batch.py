@@ -44,7 +44,7 @@ def well(line: dict[str, Any]) -> dict[str, Any] | None:
 
 
 class Batches(Loopback):
-    """An endpoint that has the Batch interface, and answers each line as `answering` says, after being asked `polls` times."""
+    """An endpoint that has the Batch interface: each line is answered by `answering`, after so many `polls`."""
 
     def __init__(self, answering: Answering = well, polls: int = 2, ends: str = "completed") -> None:
         super().__init__(says("never asked"), files=self._files, batches=self._batches)

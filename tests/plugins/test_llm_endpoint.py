@@ -98,7 +98,11 @@ def test_an_answer_comes_with_usage_and_without_its_pieces() -> None:
             "code",
             "hm",
         ),
-        ([piece(content="hm<|end|><|start|>assistant<|channel|>final <|message|>co"), piece(content="de")], "code", "hm"),
+        (
+            [piece(content="hm<|end|><|start|>assistant<|channel|>final <|message|>co"), piece(content="de")],
+            "code",
+            "hm",
+        ),
         ([piece(content='<|channel|>final <|constrain|>json<|message|>{"a": 1}<|return|>')], '{"a": 1}', ""),
         ([piece(content="<think>\nhm\n</think>\n\ncode")], "code", "hm"),
         ([piece(content="hm</think>code")], "code", "hm"),
@@ -207,7 +211,10 @@ def test_a_short_answer_that_is_no_refusal_is_an_answer() -> None:
 @pytest.mark.parametrize(
     ("reply", "words"),
     [
-        (error(404, "The model `gpt-oss-120b` does not exist", "model_not_found"), "has no model 'gpt-oss-120b'.*it has qwen"),
+        (
+            error(404, "The model `gpt-oss-120b` does not exist", "model_not_found"),
+            "has no model 'gpt-oss-120b'.*it has qwen",
+        ),
         (error(400, "unknown model gpt-oss-120b"), "has no model 'gpt-oss-120b'"),
         (status(404, "<html>no such page</html>"), "most addresses end in /v1"),
         (error(401, f"Incorrect API key provided: {KEY}"), r"refuses the key \(HTTP 401.*in OPENAI_API_KEY"),
@@ -236,7 +243,7 @@ def test_a_bad_key_is_told_by_the_first_question_and_the_key_is_nowhere(
     monkeypatch.setenv("ENVCRAFT_LLM_KEY_ENV", "LAB_KEY")
     monkeypatch.setenv("LAB_KEY", "lab-secret")
     caplog.set_level("DEBUG")
-    refusing = Loopback(GOOD, models=None, **{"models": error(401, "lab-secret is no key")})
+    refusing = Loopback(GOOD, greeting=error(401, "lab-secret is no key"))
     with pytest.raises(ModelStopped, match=r"\[key\] is no key.*the one in LAB_KEY") as stopped:
         asked(refusing, journal=tmp_path / "journal.sqlite")
     assert not refusing.asked
@@ -264,7 +271,7 @@ def test_an_endpoint_that_is_down_stops_at_once_and_one_that_went_down_after_ret
         async with server:
             model = open_model(choice(server), None)
             assert await model.ask(request())
-        with pytest.raises(ModelStopped, match="any more .*3 attempts.*what was answered is kept"):
+        with pytest.raises(ModelStopped, match=r"any more .*3 attempts.*what was answered is kept"):
             await model.ask(request("another"))
         with pytest.raises(ModelStopped):
             await model.ask(request("a third"))
@@ -299,7 +306,9 @@ def test_an_endpoint_that_fails_every_request_stops_the_run() -> None:
         for number in range(20):
             with pytest.raises(ModelFailure):
                 await model.ask(request(str(number)))
-        with pytest.raises(ModelStopped, match="failed 20 requests in a row, the last with: HTTP 400: .*no grammar engine"):
+        with pytest.raises(
+            ModelStopped, match=r"failed 20 requests in a row, the last with: HTTP 400: .*no grammar engine"
+        ):
             await model.ask(request("one more"))
 
     played(server, use)
@@ -401,10 +410,13 @@ def test_a_budget_ends_the_run_and_loses_no_answer(limits: dict[str, Any], words
         async def one(number: int) -> None:
             got.append(await model.ask(request(str(number))))
 
-        with pytest.raises(ExceptionGroup) as stopped:
+        async def all_of_them() -> None:
             async with asyncio.TaskGroup() as group:
                 for number in range(200):
                     group.create_task(one(number))
+
+        with pytest.raises(ExceptionGroup) as stopped:
+            await all_of_them()
         first = stopped.value.exceptions[0]
         assert isinstance(first, BudgetSpent)
         assert words in str(first)

@@ -71,7 +71,9 @@ def test_a_run_is_repeated_from_its_journal_with_the_server_gone(tmp_path: Path)
     rng = random.Random(0)
 
     async def at_random(writer: asyncio.StreamWriter, body: dict[str, Any]) -> None:
-        good = says(f"answer {rng.random()}\nto {body['messages'][0]['content']}", finish=rng.choice(["stop", "length"]))
+        good = says(
+            f"answer {rng.random()}\nto {body['messages'][0]['content']}", finish=rng.choice(["stop", "length"])
+        )
         thoughtful = stream(piece(reasoning=f"hm {rng.random()}"), piece(content="ok \u2713"), piece("stop"))
         bad = error(500, "oh"), stream(piece(content="co")), stream(piece("stop")), error(400, "context length")
         await rng.choice([good, good, thoughtful, *bad])(writer, body)

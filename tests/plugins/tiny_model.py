@@ -1,4 +1,4 @@
-"""``python -m tests.plugins.tiny_model FILE PORT``: llama.cpp's server with a model of random weights, made on the spot.
+"""``python -m tests.plugins.tiny_model FILE PORT``: llama.cpp's server with a model of random weights.
 
 Its vocabulary is the 256 bytes, so a grammar can be held to, and whatever it writes freely is garbage.
 """
@@ -42,7 +42,9 @@ def write(path: Path, seed: int = 0) -> None:
     writer.add_bos_token_id(1)
     writer.add_eos_token_id(2)
     writer.add_unk_token_id(0)
-    writer.add_chat_template("{% for message in messages %}{{ message['role'] }}: {{ message['content'] }}\n{% endfor %}")
+    writer.add_chat_template(
+        "{% for message in messages %}{{ message['role'] }}: {{ message['content'] }}\n{% endfor %}"
+    )
 
     def weights(name: str, *shape: int) -> None:
         writer.add_tensor(name, rng.normal(0, 0.3, shape).astype(np.float32))

@@ -102,8 +102,8 @@ class Accounts:
         return self.by_stage.setdefault(stage, Usage())
 
     def reserve(self, request: Request) -> Reserved:
-        """Count a request as under way, with what those of its stage used on average. Raises BudgetSpent where that would
-        pass a limit.
+        """Count a request as under way, with what those of its stage used on average. Raises BudgetSpent where that
+        would pass a limit.
         """
         choice = self._choice
         if choice.max_seconds is not None and time.monotonic() - self._began >= choice.max_seconds:

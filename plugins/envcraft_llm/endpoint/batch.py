@@ -28,8 +28,8 @@ _T = TypeVar("_T")
 
 
 class BatchModel(Model):
-    """Collects requests until no more come, has them answered as batches, and reads the answers into the journal. Stages
-    see nothing of it but that answers take long.
+    """Collects requests until no more come, has them answered as batches, and reads the answers into the journal.
+    Stages see nothing of it but that answers take long.
 
     What is sent outlives the run: one that ends is gone on with by the next on the same journal, which asks for nothing
     again. Where the endpoint has no such interface, the files remain, and ModelStopped tells what to do with them.
@@ -180,18 +180,25 @@ class BatchModel(Model):
             except APIStatusError as error:
                 if error.status_code in (404, 405, 501):
                     raise ModelStopped(self._by_hand(name)) from None
-                found = fault(error.status_code, self._connection.plain(error.message), error.response.headers, Request("", ()), {})
+                found = fault(
+                    error.status_code,
+                    self._connection.plain(error.message),
+                    error.response.headers,
+                    Request("", ()),
+                    {},
+                )
                 if not isinstance(found, Again):
                     raise ModelStopped(f"{self._connection.where}: {found}") from None
                 again = found
             await asyncio.sleep(again.pause(number))
-        raise ModelStopped(f"{self._connection.where}: {self._connection.plain(str(again))} ({number + 1} attempts); the next run goes on")
+        said = self._connection.plain(str(again))
+        raise ModelStopped(f"{self._connection.where}: {said} ({number + 1} attempts); the next run goes on")
 
     def _by_hand(self, name: str) -> str:
         place = self._folder / name
         return (
-            f"{self._connection.where} takes no batches: have {place}{batch_files.INPUT} answered elsewhere, put the answers there as "
-            f"{name}{batch_files.OUTPUT}, and the same command goes on"
+            f"{self._connection.where} takes no batches: have {place}{batch_files.INPUT} answered elsewhere, put the "
+            f"answers there as {name}{batch_files.OUTPUT}, and the same command goes on"
         )
 
     def _take(self, name: str, output: Path) -> None:

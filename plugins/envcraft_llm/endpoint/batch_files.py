@@ -1,8 +1,8 @@
 """Files of the OpenAI Batch interface: requests written for it, and answers read back.
 
-A batch is three files in one folder: ``NAME.input.jsonl``, which the endpoint takes, ``NAME.requests.jsonl`` with the same
-requests as EnvCraft knows them, and ``NAME.output.jsonl``, once there is one. The second is there as long as the answers
-are not in the journal.
+A batch is three files in one folder: ``NAME.input.jsonl``, which the endpoint takes, ``NAME.requests.jsonl`` with the
+same requests as EnvCraft knows them, and ``NAME.output.jsonl``, once there is one. The second is there as long as the
+answers are not in the journal.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from typing import Any
 import msgspec
 
 from envcraft.errors import EnvCraftError
-from envcraft_llm.model import ModelFailure, ModelStopped, Request
+from envcraft_llm.model import ModelFailure, Request
 
 from .accounts import estimate
 from .faults import Again, ParameterRefused, fault
@@ -143,7 +143,10 @@ def _parts(lines: list[tuple[bytes, Request]]) -> Iterator[list[tuple[bytes, Req
 def _write(part: list[tuple[bytes, Request]], folder: Path) -> str:
     """Raises OSError. What tells that a batch is outstanding comes last."""
     name = hashlib.sha256(b"".join(line for line, _ in part)).hexdigest()[:16]
-    for suffix, lines in ((INPUT, (line for line, _ in part)), (KNOWN, (msgspec.json.encode(asked) for _, asked in part))):
+    for suffix, lines in (
+        (INPUT, (line for line, _ in part)),
+        (KNOWN, (msgspec.json.encode(asked) for _, asked in part)),
+    ):
         unfinished = folder / f"{name}{suffix}.part"
         unfinished.write_bytes(b"".join(line + b"\n" for line in lines))
         unfinished.replace(folder / f"{name}{suffix}")

@@ -34,8 +34,8 @@ _RESOLUTION = 1e-3
 
 
 class EndpointModel(Model):
-    """Asks an endpoint. Each attempt waits for its place in `pace`; those that another attempt may mend are repeated, with
-    growing pauses. Once one request finds that none can be answered, no other is sent.
+    """Asks an endpoint. Each attempt waits for its place in `pace`; those that another attempt may mend are repeated,
+    with growing pauses. Once one request finds that none can be answered, no other is sent.
 
     Raises UsageError where the client is not installed, or no endpoint is named.
     """
@@ -169,7 +169,9 @@ class EndpointModel(Model):
         cause = error.__cause__ or error
         down = type(cause).__name__.startswith("Connect")
         return Again(
-            "server-error" if down else "disconnected", self._connection.plain(str(cause) or type(cause).__name__), down=down
+            "server-error" if down else "disconnected",
+            self._connection.plain(str(cause) or type(cause).__name__),
+            down=down,
         )
 
     def _told(self, error: Any, request: Request) -> Exception:
@@ -202,8 +204,8 @@ class EndpointModel(Model):
         """What a request ends with whose attempts all failed."""
         if again.down:
             stopped = ModelStopped(
-                f"nothing answers at {self._connection.where} any more ({again}; {number} attempts): what was answered is kept; "
-                "start the endpoint again, and the same command goes on"
+                f"nothing answers at {self._connection.where} any more ({again}; {number} attempts): what was answered "
+                "is kept; start the endpoint again, and the same command goes on"
             )
             self.stop(stopped)
             return stopped
@@ -214,7 +216,9 @@ class EndpointModel(Model):
 
     def _hopeless(self, failure: ModelFailure) -> None:
         if self._failed_in_a_row >= _HOPELESS:
-            self.stop(ModelStopped(f"{self._connection.where} failed {_HOPELESS} requests in a row, the last with: {failure}"))
+            self.stop(
+                ModelStopped(f"{self._connection.where} failed {_HOPELESS} requests in a row, the last with: {failure}")
+            )
 
     async def _greet(self) -> None:
         """Ask for the names of models. An endpoint that does not tell them is taken as it is; one that is not there, or
@@ -234,7 +238,8 @@ class EndpointModel(Model):
                     await asyncio.sleep(again.pause(number))
                     continue
                 stopped = ModelStopped(
-                    f"nothing answers at {self._connection.where} ({again}): start the endpoint there, or give another --base-url"
+                    f"nothing answers at {self._connection.where} ({again}): start the endpoint there, or give another "
+                    "--base-url"
                 )
                 self.stop(stopped)
                 raise stopped from None

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import re
 import resource
 from typing import TYPE_CHECKING
@@ -48,11 +47,13 @@ class Connection:
 def _client(choice: ModelChoice, key: str) -> AsyncOpenAI:
     """Raises UsageError."""
     try:
-        from openai import AsyncOpenAI, DefaultAsyncHttpxClient, Timeout
+        from openai import DEFAULT_CONNECTION_LIMITS, AsyncOpenAI, DefaultAsyncHttpxClient, Timeout
     except ImportError:
-        raise UsageError("asking an endpoint needs its client; install it with `pip install 'envcraft-rl[llm]'`") from None
-    # The library below the client is not the same for all its versions.
-    transport = importlib.import_module(Timeout.__module__.partition(".")[0])
+        raise UsageError(
+            "asking an endpoint needs its client; install it with `pip install 'envcraft-rl[llm]'`"
+        ) from None
+    # Of the library below the client, which is not the same for all its versions.
+    limits = type(DEFAULT_CONNECTION_LIMITS)
     places = choice.max_concurrency + _SPARE
     _allow_files(places)
     return AsyncOpenAI(
@@ -62,9 +63,7 @@ def _client(choice: ModelChoice, key: str) -> AsyncOpenAI:
         # Attempts are repeated here, where the pace is known.
         max_retries=0,
         timeout=Timeout(None, connect=choice.connect_seconds),
-        http_client=DefaultAsyncHttpxClient(
-            limits=transport.Limits(max_connections=places, max_keepalive_connections=places)
-        ),
+        http_client=DefaultAsyncHttpxClient(limits=limits(max_connections=places, max_keepalive_connections=places)),
     )
 
 

@@ -20,7 +20,7 @@ _OVERFLOW = re.compile(
     re.IGNORECASE,
 )
 _NO_MODEL = re.compile(
-    r"model_not_found|model.{0,200}?(not found|does(n['’]t| not) exist|not exist|is not (available|served|loaded))|"
+    r"model_not_found|model.{0,200}?(not found|does(n.t| not) exist|not exist|is not (available|served|loaded))|"
     r"(unknown|invalid|no such) model",
     re.IGNORECASE | re.DOTALL,
 )
@@ -28,7 +28,9 @@ _FILTERED = re.compile(r"content[_ ]?(filter|policy|management)|safety system|mo
 _SPENT = re.compile(r"insufficient_quota|exceeded your current quota|insufficient (credit|fund|balance)", re.IGNORECASE)
 #: Parameters that an endpoint may refuse, by the words with which it does.
 _PARAMETERS = {
-    "response_format": re.compile(r"response_format|json_schema|json schema|grammar|guided|structured output", re.IGNORECASE),
+    "response_format": re.compile(
+        r"response_format|json_schema|json schema|grammar|guided|structured output", re.IGNORECASE
+    ),
     "reasoning_effort": re.compile(r"reasoning[_ ]effort", re.IGNORECASE),
     "stream_options": re.compile(r"stream_options|include_usage", re.IGNORECASE),
     "temperature": re.compile(r"temperature", re.IGNORECASE),
@@ -69,7 +71,9 @@ class ParameterRefused(Exception):
         self.name = name
 
 
-def fault(status: int, body: str, headers: Mapping[str, str], request: Request, sent: Mapping[str, object]) -> Exception:
+def fault(
+    status: int, body: str, headers: Mapping[str, str], request: Request, sent: Mapping[str, object]
+) -> Exception:
     """What an HTTP error of this status means: Again, ParameterRefused, ModelFailure or ModelStopped.
 
     Args:

@@ -1,7 +1,7 @@
 """Telling what a model thought from what it answered, where the endpoint leaves both in one text.
 
-gpt-oss writes in channels: ``<|channel|>analysis<|message|>…<|end|><|start|>assistant<|channel|>final<|message|>…``. Some
-servers pass the markers on, whole or in part; other models think between ``<think>`` and ``</think>``.
+gpt-oss writes in channels: ``<|channel|>analysis<|message|>…<|end|><|start|>assistant<|channel|>final<|message|>…``.
+Some servers pass the markers on, whole or in part; other models think between ``<think>`` and ``</think>``.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ _MARKER = re.compile(r"<\|(start|channel|message|constrain|end|return|call)\|>")
 _THINKING = re.compile(r"^\s*<think(?:ing)?>(.*?)(?:</think(?:ing)?>|\Z)", re.DOTALL)
 _UNOPENED = re.compile(r"^(?!.*<think(?:ing)?>)(.*?)</think(?:ing)?>", re.DOTALL)
 #: The name of a channel whose marker before it was eaten as a special token.
-_EATEN = re.compile(r"^\s*(?:assistant)?(analysis|commentary)(?=[A-Z\s])(.*?)assistant(?:final)(.*)\Z", re.DOTALL)
+_EATEN = re.compile(r"^\s*(?:assistant)?(analysis|commentary)(?=[A-Z\s])(.*?)assistantfinal(.*\S.*)\Z", re.DOTALL)
 
 
 def separate(text: str) -> tuple[str, str]:

@@ -108,7 +108,9 @@ class Journal:
 
     def requests(self) -> Iterator[tuple[Request, Outcome]]:
         """All that was asked, in the order of writing, and what came of it."""
-        for outcome, asked, packed in self._reading.execute("SELECT outcome, request, result FROM answers ORDER BY rowid"):
+        for outcome, asked, packed in self._reading.execute(
+            "SELECT outcome, request, result FROM answers ORDER BY rowid"
+        ):
             told = zlib.decompress(packed)
             result = _ANSWER.decode(told) if outcome == "answer" else Failed(outcome, _MESSAGE.decode(told))
             yield _REQUEST.decode(zlib.decompress(asked)), result

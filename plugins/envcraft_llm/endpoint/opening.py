@@ -30,7 +30,11 @@ class OpenedModel(Model):
     """
 
     def __init__(
-        self, accounts: Accounts, pace: Pace, journal: Journal | None = None, endpoint: EndpointModel | BatchModel | None = None
+        self,
+        accounts: Accounts,
+        pace: Pace,
+        journal: Journal | None = None,
+        endpoint: EndpointModel | BatchModel | None = None,
     ) -> None:
         self.accounts = accounts
         self._pace, self._journal, self._endpoint = pace, journal, endpoint
@@ -110,8 +114,8 @@ class OpenedModel(Model):
         where = f"{self._journal.path} has no answer" if self._journal else "there is no journal"
         return (
             f"{where} for the stage {request.stage or '(none)'} of {request.concept or '(no concept)'}, attempt "
-            f"{request.attempt}, by {request.model}: the run that wrote it did not come so far, or asked something else; "
-            "with --base-url an endpoint is asked"
+            f"{request.attempt}, by {request.model}: the run that wrote it did not come so far, or asked something "
+            "else; with --base-url an endpoint is asked"
         )
 
 

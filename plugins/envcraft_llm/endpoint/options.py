@@ -12,14 +12,20 @@ import click
 from .settings import chosen
 
 _OPTIONS = (
-    click.option("--base-url", metavar="URL", help="The endpoint, such as http://127.0.0.1:8000/v1; its key is read from OPENAI_API_KEY."),
+    click.option(
+        "--base-url",
+        metavar="URL",
+        help="The endpoint, such as http://127.0.0.1:8000/v1; its key is read from OPENAI_API_KEY.",
+    ),
     click.option("--model", metavar="NAME", help="What writes code.  [default: gpt-oss-120b]"),
     click.option(
         "--small-model",
         metavar="NAME",
         help="What writes and judges briefs.  [default: --model where that is given, else gpt-oss-20b]",
     ),
-    click.option("--effort", type=click.Choice(["low", "medium", "high"]), help="Of reasoning.  [default: the endpoint's]"),
+    click.option(
+        "--effort", type=click.Choice(["low", "medium", "high"]), help="Of reasoning.  [default: the endpoint's]"
+    ),
     click.option(
         "--concurrency",
         "max_concurrency",
@@ -27,9 +33,14 @@ _OPTIONS = (
         help="The most requests under way at once; the endpoint's limits lower it.  [default: 64]",
     ),
     click.option(
-        "--batch", is_flag=True, default=None, help="Collect requests for the endpoint's Batch interface, which takes hours."
+        "--batch",
+        is_flag=True,
+        default=None,
+        help="Collect requests for the endpoint's Batch interface, which takes hours.",
     ),
-    click.option("--max-cost", type=click.FloatRange(0), help="End where this run has cost so much, by the settings' prices."),
+    click.option(
+        "--max-cost", type=click.FloatRange(0), help="End where this run has cost so much, by the settings' prices."
+    ),
     click.option("--max-tokens-total", type=click.IntRange(0), help="End where this run has used so many tokens."),
     click.option("--max-seconds", type=click.FloatRange(0), help="Send no more requests after so long."),
 )

@@ -1,7 +1,7 @@
 """An answer put together of the pieces that an endpoint streams.
 
-The pieces are decoded here, not by the client's own models: an endpoint under load sends tens of thousands a second, and
-those that keep to the protocol only nearly have to end as a failure of one request.
+The pieces are decoded here, not by the client's own models: an endpoint under load sends tens of thousands a second,
+and those that keep to the protocol only nearly have to end as a failure of one request.
 """
 
 from __future__ import annotations
@@ -16,8 +16,13 @@ from envcraft_llm.model import Answer, ModelFailure
 from .harmony import separate
 
 #: What a model says instead of an answer, where it says nothing else.
-_REFUSAL = re.compile(r"(i['’]m (very )?sorry|sorry|i (can['’]?t|cannot|can not|won['’]?t|am unable|['’]m unable))\b", re.IGNORECASE)
+_REFUSAL = re.compile(
+    r"(i['\u2019]m (very )?sorry|sorry|i (can['\u2019]?t|cannot|can not|won['\u2019]?t|am unable|['\u2019]m unable))\b",
+    re.IGNORECASE,
+)
 _REFUSAL_LENGTH = 400
+#: So much is shown of what an endpoint sent.
+_SHOWN = 200
 #: A line that does not end is no event stream.
 _LONGEST_LINE = 16 * 2**20
 
@@ -177,5 +182,4 @@ def shown(text: str | bytes) -> str:
     """The beginning of what an endpoint sent, in one line that can be printed."""
     plain = text.decode("utf-8", "replace") if isinstance(text, bytes) else text
     words = " ".join(plain.split())
-    words = "".join(letter if letter.isprintable() else "\ufffd" for letter in words[:200])
-    return words
+    return "".join(letter if letter.isprintable() else "\ufffd" for letter in words[:_SHOWN])

@@ -87,8 +87,8 @@ class ModelChoice(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
 
 
 def chosen(folder: Path, options: Mapping[str, Any]) -> ModelChoice:
-    """``[tool.envcraft.llm]`` of the ``pyproject.toml`` in `folder` or the nearest one above, and what `options`, by the
-    names of attributes, have instead; those that are None or empty have nothing. Raises UsageError.
+    """``[tool.envcraft.llm]`` of the ``pyproject.toml`` in `folder` or the nearest one above, and what `options`, by
+    the names of attributes, have instead; those that are None have nothing. Raises UsageError.
     """
     path, table = settings(folder)
     place = f"{path}: [tool.envcraft.llm]"
@@ -132,7 +132,9 @@ def _check(choice: ModelChoice, place: str) -> None:
     """Raises UsageError on numbers that do not go together."""
     low, high = choice.min_concurrency, choice.max_concurrency
     if not 1 <= low <= high:
-        raise UsageError(f"{place}: concurrency from {low} to {high}; it takes 1 or more, and no less at most than at least")
+        raise UsageError(
+            f"{place}: concurrency from {low} to {high}; it takes 1 or more, and no less at most than at least"
+        )
     for name in ("connect_seconds", "first_seconds", "silence_seconds", "total_seconds"):
         if not 0 < getattr(choice, name) < float("inf"):
             raise UsageError(f"{place}: {name.replace('_', '-')} is {getattr(choice, name):g}; it must be above 0")

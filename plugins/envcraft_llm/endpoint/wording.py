@@ -11,7 +11,9 @@ from envcraft_llm.model import Request
 
 def body(request: Request, refused: Collection[str] = (), stream: bool = True) -> dict[str, Any]:
     """The parameters of a request. Those that are `refused` are said in words, where words can."""
-    messages: list[dict[str, str]] = [{"role": message.role, "content": message.content} for message in request.messages]
+    messages: list[dict[str, str]] = [
+        {"role": message.role, "content": message.content} for message in request.messages
+    ]
     told: dict[str, Any] = {"model": request.model, "messages": messages}
     if stream:
         told["stream"] = True
@@ -29,10 +31,9 @@ def body(request: Request, refused: Collection[str] = (), stream: bool = True) -
             messages.insert(0, {"role": "system", "content": ""})
         messages[0]["content"] = f"Reasoning: {request.effort}\n\n{messages[0]['content']}".strip()
     if request.schema is not None and "response_format" not in refused:
-        schema = {"name": "answer", "schema": request.schema, "strict": True}
-        told["response_format"] = {"type": "json_schema", "json_schema": schema}
+        named = {"name": "answer", "schema": request.schema, "strict": True}
+        told["response_format"] = {"type": "json_schema", "json_schema": named}
     elif request.schema is not None:
-        messages[-1]["content"] += (
-            f"\n\nAnswer with one JSON object and nothing else. It follows this JSON Schema:\n{json.dumps(request.schema)}"
-        )
+        schema = json.dumps(request.schema)
+        messages[-1]["content"] += f"\n\nAnswer with one JSON object alone. It follows this JSON Schema:\n{schema}"
     return told
