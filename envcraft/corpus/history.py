@@ -14,9 +14,10 @@ from typing import Any
 
 import msgspec
 
+from envcraft.cli import offered
 from envcraft.corpus.settings import Settings
 from envcraft.corpus.store import Environment, Store, decode
-from envcraft.stages import Attempt, Case, Outcome, PolicyTry
+from envcraft.stages import Attempt, Case, Outcome, PolicyTry, ordered
 from envcraft.verdict import Severity, SubjectReport, Verdict, plain
 
 #: The tables whose rows belong to a concept, besides its own.
@@ -221,7 +222,7 @@ def told(store: Store, concept: str) -> dict[str, Any]:
         "concept": case.concept,
         "title": case.title,
         "words": len(case.brief.split()),
-        "outcomes": {stage: msgspec.to_builtins(outcome) for stage, outcome in case.outcomes.items()},
+        "outcomes": {stage: msgspec.to_builtins(case.outcomes[stage]) for stage in _in_order(case.outcomes)},
         "attempts": [
             {
                 "number": attempt.number,
@@ -254,6 +255,12 @@ def words(history: dict[str, Any]) -> list[str]:
     for stage, outcome in history["outcomes"].items():
         lines.append(f"  {stage:10} {outcome['result']}  {outcome['reason']}".rstrip())
     return lines
+
+
+def _in_order(outcomes: Iterable[str]) -> list[str]:
+    """Names of stages in the order in which they run; last those that no plugin has any more."""
+    names = [stage.name for stage in ordered(offered("envcraft_stages"))]
+    return sorted(outcomes, key=lambda name: (names.index(name) if name in names else len(names), name))
 
 
 def _codes(report: SubjectReport | None) -> list[tuple[str, str]]:

@@ -12,15 +12,17 @@ import ast
 import re
 from collections.abc import Iterable
 from functools import lru_cache
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 
 from envcraft.stages import Attempt
-from envcraft.subject import Subject
 from envcraft.target import parse
 
 from .findings import findings
+
+if TYPE_CHECKING:
+    from envcraft.subject import Subject
 
 #: A repair has at least this share of what the attempt before had, and of what the first one had.
 _BEFORE, _FIRST = 0.65, 0.5

@@ -104,7 +104,7 @@ def pipeline(
         bench = Bench(history, model, judging, lambda stage: named(chosen, stage), chosen.effort)
         view = View(rows(history, stages, ids), run.tally, accounts)
         run.told = view.tell
-        at_once = _EACH_CORE * judging.workers + (0 if is_demo(chosen) else _EACH_REQUEST * chosen.max_concurrency)
+        at_once = _at_once(len(ids), judging.workers, chosen)
         try:
             # The view ends first, so that nothing is written into it.
             with _interrupted(run, ids), view:
@@ -117,6 +117,14 @@ def pipeline(
     if run.tally.unjudged:
         ctx.exit(ExitCode.ERROR)
     ctx.exit(ExitCode.PASS if passed else ExitCode.FAIL)
+
+
+def _at_once(count: int, workers: int, chosen: ModelChoice) -> int:
+    """How many concepts are under way: enough that neither the endpoint nor the cores wait for the other."""
+    if chosen.batch:
+        # A batch is what is asked at the same time.
+        return count
+    return _EACH_CORE * workers + (0 if is_demo(chosen) else _EACH_REQUEST * chosen.max_concurrency)
 
 
 async def _through(run: Run, ids: Sequence[str], bench: Workbench, model: Model, at_once: int) -> None:
