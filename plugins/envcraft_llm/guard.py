@@ -34,6 +34,7 @@ _MANY_REWARDS = 4
 _NUMBER = re.compile(r"(?<![\w.])\d+(?:\.\d+)?(?![\w.]*\w)")
 _PAID = re.compile(r"reward|score|bonus|penalt|payoff", re.IGNORECASE)
 _WON = re.compile(r"is_success|won|win|victory|success|solved|escaped|complete", re.IGNORECASE)
+_RANDOM = re.compile(r"random|rng", re.IGNORECASE)
 _LOST = re.compile(r"terminated|game_over|done|dead|lost|lives|health|hp", re.IGNORECASE)
 
 
@@ -45,7 +46,7 @@ class Shape(msgspec.Struct, frozen=True):
         methods: the functions of its classes.
         paid: statements that set a reward or a score.
         wins, losses: assignments of what tells that it was won, or is over.
-        drawn: whether random numbers are drawn from the episode's generator.
+        drawn: whether random numbers are drawn, from whatever generator.
         parts: the indices of the action that are read.
         numbers: all numbers that differ.
     """
@@ -100,7 +101,11 @@ def shape(source: str) -> Shape | None:
         paid=_about(set_names, _PAID),
         wins=_about(set_names, _WON) + _keys(nodes, "is_success"),
         losses=_about(set_names, _LOST),
-        drawn=any(isinstance(node, ast.Attribute) and node.attr == "np_random" for node in nodes),
+        drawn=any(
+            _RANDOM.search(node.attr if isinstance(node, ast.Attribute) else node.id)
+            for node in nodes
+            if isinstance(node, ast.Attribute | ast.Name)
+        ),
         parts=_parts(nodes),
         numbers=frozenset(
             float(node.value)

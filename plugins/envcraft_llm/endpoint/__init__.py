@@ -10,8 +10,21 @@ A command takes `model_options` and gives the choice that comes of them to `open
 
 from __future__ import annotations
 
-from .opening import OpenedModel, open_model
+from typing import TYPE_CHECKING, Any
+
 from .options import model_options
 from .settings import ModelChoice
 
+if TYPE_CHECKING:
+    from .opening import OpenedModel, open_model
+
 __all__ = ["ModelChoice", "OpenedModel", "model_options", "open_model"]
+
+
+def __getattr__(name: str) -> Any:
+    # The options are asked for at the start of every command, and what opens a model needs asyncio.
+    if name in ("OpenedModel", "open_model"):
+        from . import opening
+
+        return getattr(opening, name)
+    raise AttributeError(name)

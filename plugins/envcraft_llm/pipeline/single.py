@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import asyncio
 import contextlib
 import hashlib
-import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -127,6 +125,10 @@ def _alone(
         driver = driver_for_generated(sandbox, require_isolation, runtime)
         stack.callback(driver.close)
         with uninterrupted():
+            # Not at the start of every command.
+            import asyncio
+            import tempfile
+
             from envcraft.corpus.history import History
             from envcraft.corpus.store import Store
             from envcraft.errors import EnvCraftError

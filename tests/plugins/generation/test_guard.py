@@ -52,6 +52,7 @@ GOOD = {
         "self.guard += self.heading", "self.guard = min(max(self.guard + self.heading, 0), 6)"
     ),
     "another generator": GAME.replace("self.np_random.integers(0, SIZE)", "self.np_random.integers(SIZE)"),
+    "the global generator": GAME.replace("self.np_random.integers", "np.random.randint"),
     "a helper less": GAME.replace("    def close(self):\n        pass\n", ""),
     "a reward less": GAME.replace("            reward += HIT_PAY\n", ""),
     "actions taken apart at once": GAME.replace(
