@@ -128,8 +128,12 @@ def _at_once(count: int, workers: int, chosen: ModelChoice) -> int:
 
 
 async def _through(run: Run, ids: Sequence[str], bench: Workbench, model: Model, at_once: int) -> None:
+    """Raises EnvCraftError."""
     try:
         await run.run(ids, bench, at_once)
+    except OSError as error:
+        where = error.filename or "the corpus"
+        raise EnvCraftError(f"{where} cannot be written: {error.strerror or error}") from None
     finally:
         await model.close()
 

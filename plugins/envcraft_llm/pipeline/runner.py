@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import sqlite3
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 
@@ -64,7 +65,7 @@ class Run:
 
     async def run(self, concepts: Sequence[str], bench: Workbench, at_once: int) -> None:
         """Take every concept as far as it comes, `at_once` of them at a time. Raises ModelStopped once nothing is under
-        way that could go on, EnvCraftError.
+        way that could go on, EnvCraftError; OSError, sqlite3.Error where the corpus cannot be written to.
         """
         self.tally.total = len(concepts)
         waiting = iter(concepts)
@@ -122,7 +123,7 @@ class Run:
             outcome = await stage.run(case, bench)
         except ModelFailure as failure:
             outcome = Outcome("failed", f"{failure.kind}: {failure}", {"failure": failure.kind})
-        except (EnvCraftError, OSError, asyncio.CancelledError):
+        except (EnvCraftError, OSError, sqlite3.Error):
             raise
         except Exception as error:
             # A stage may be anybody's: one concept is lost, and the others go on.

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import asyncio
 import hashlib
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from envcraft.stages import Attempt, Case, Played, PolicyTry, Question, Reply, Workbench
+from envcraft.stages import Attempt, Case, Outcome, Played, PolicyTry, Question, Reply, Stage, Workbench
 from envcraft.verdict import CheckReport, Finding, Repro, Severity, SubjectReport, Verdict
 
 PROFILE = {"steps": 1000, "frames": 400, "rewards": 5, "moves": 8, "longest": 200}
@@ -84,3 +85,15 @@ def report(source: str, *found: Finding, difficulty: Verdict = Verdict.PASS) -> 
     overall = Verdict.FAIL if any(check.verdict is Verdict.FAIL for check in checks) else Verdict.PASS
     sha256 = hashlib.sha256(source.encode()).hexdigest()
     return SubjectReport("game.py", "GameEnv", sha256, overall, "process", 0.5, 100, checks)
+
+
+def case(**known: Any) -> Case:
+    return Case("c0", "Errand", "Fetch the key.", **known)
+
+
+def run(stage: Stage, about: Case, bench: Workbench) -> Outcome:
+    return asyncio.run(stage.run(about, bench))
+
+
+def fenced(source: str) -> str:
+    return f"Here it is.\n\n```python\n{source}```\n"
