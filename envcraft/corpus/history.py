@@ -210,7 +210,7 @@ class History:
             "SELECT number, source, wins, episodes, fault, provenance FROM policies WHERE concept = ? ORDER BY number",
             (concept,),
         )
-        return [PolicyTry(*row[:5], json.loads(row[5])) for row in found]
+        return [PolicyTry(*row, json.loads(provenance)) for *row, provenance in found]
 
 
 def told(store: Store, concept: str) -> dict[str, Any]:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import ast
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
@@ -31,6 +31,8 @@ _PLAY = 0.5
 #: Fewer than so many statements, numbers, or steps of play say nothing.
 _FEW_STATEMENTS, _FEW_NUMBERS, _FEW_STEPS = 25, 6, 20
 _MANY_REWARDS = 4
+#: No parameter of a game, and no float either.
+_HUGE = 1e12
 _NUMBER = re.compile(r"(?<![\w.])\d+(?:\.\d+)?(?![\w.]*\w)")
 _PAID = re.compile(r"reward|score|bonus|penalt|payoff", re.IGNORECASE)
 _WON = re.compile(r"is_success|won|win|victory|success|solved|escaped|complete", re.IGNORECASE)
@@ -107,11 +109,7 @@ def shape(source: str) -> Shape | None:
             if isinstance(node, ast.Attribute | ast.Name)
         ),
         parts=_parts(nodes),
-        numbers=frozenset(
-            float(node.value)
-            for node in nodes
-            if isinstance(node, ast.Constant) and type(node.value) in (int, float) and abs(node.value) < 1e12
-        ),
+        numbers=frozenset(_numbers(nodes)),
     )
 
 
@@ -181,6 +179,13 @@ def _does_less(old: Attempt, new: Attempt, words: str) -> str:
     if then["moves"] >= 3 and now["moves"] < _PLAY * then["moves"]:
         return f"play: {now['moves']} of the moves differ in what they do, and in {words} {then['moves']}"
     return ""
+
+
+def _numbers(nodes: Iterable[ast.AST]) -> Iterator[float]:
+    for node in nodes:
+        value = node.value if isinstance(node, ast.Constant) else None
+        if isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < _HUGE:
+            yield float(value)
 
 
 def _names(node: ast.Assign | ast.AugAssign | ast.AnnAssign) -> list[str]:

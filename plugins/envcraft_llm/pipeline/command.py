@@ -111,7 +111,8 @@ def pipeline(
                 asyncio.run(_through(run, ids, bench, model, at_once))
         finally:
             _summary(history, stages, ids, accounts)
-        passed = history.counts(ids).get(end or names[-1], {}).get("passed", 0)
+        outcomes = history.counts(ids).get(end or names[-1])
+        passed = outcomes["passed"] if outcomes else 0
     for words in run.tally.unjudged[:10]:
         click.echo(one_line(words), err=True)
     if run.tally.unjudged:

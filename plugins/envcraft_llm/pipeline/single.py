@@ -52,7 +52,7 @@ _NO_BRIEF = "There is no design document: the docstrings and the constants of th
 @_BUDGET
 @where_options()
 @click.pass_context
-def repair(ctx: click.Context, file: Path, output: Path | None, **options: Any) -> None:
+def repair(ctx: click.Context, /, file: Path, output: Path | None, **options: Any) -> None:
     """Judge a file by all checks, and have a model repair what they find, up to three times.
 
     What comes of it is written to --output, or to standard output. A repair that makes the game less is refused.
@@ -81,7 +81,7 @@ def repair(ctx: click.Context, file: Path, output: Path | None, **options: Any) 
 @_BUDGET
 @where_options()
 @click.pass_context
-def privileged(ctx: click.Context, file: Path, output: Path | None, **options: Any) -> None:
+def privileged(ctx: click.Context, /, file: Path, output: Path | None, **options: Any) -> None:
     """Have a model write a policy that reads the state of a game, and see whether it wins.
 
     The policy is written to --output, or to standard output; `envcraft validate FILE --policy POLICY` plays it.

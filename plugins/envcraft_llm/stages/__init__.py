@@ -24,3 +24,16 @@ STAGES: tuple[type[Stage], ...] = (
     Privileged,
     Validated,
 )
+
+__all__ = [
+    "STAGES",
+    "Briefs",
+    "Code",
+    "Concepts",
+    "Instadeath",
+    "Instawin",
+    "Privileged",
+    "Repair",
+    "Validated",
+    "Viability",
+]

@@ -7,6 +7,8 @@ kept, and that they disagree is kept with it.
 
 from __future__ import annotations
 
+from typing import Any
+
 from envcraft.stages import Attempt, Case, Outcome, Played, PolicyTry, Stage, Workbench
 from envcraft.verdict import Finding, Verdict
 from envcraft_llm import extraction
@@ -43,9 +45,9 @@ class Privileged(Stage):
             tried.fault = "" if tried.wins else complaint
             bench.keep_policy(case, tried)
             if tried.wins:
-                facts = {"policy": number, "wins": tried.wins, "episodes": tried.episodes, "search": searched}
-                return Outcome("passed", facts=facts)
-        facts = {"policy": None, "search": searched, "disagreement": searched}
+                told = {"policy": number, "wins": tried.wins, "episodes": tried.episodes, "search": searched}
+                return Outcome("passed", facts=told)
+        facts: dict[str, Any] = {"policy": None, "search": searched, "disagreement": searched}
         if searched:
             return Outcome("passed", facts=facts)
         reason = next((check.reason for check in attempt.report.checks if check.check == "difficulty"), "")

@@ -46,7 +46,7 @@ class ScriptedBench(Workbench):
         case.brief = text
 
     def keep_attempt(self, case: Case, attempt: Attempt) -> None:
-        case.attempts.append(attempt)
+        case.attempts = [other for other in case.attempts if other.number != attempt.number] + [attempt]
 
     def keep_policy(self, case: Case, policy: PolicyTry) -> None:
         case.policies.append(policy)

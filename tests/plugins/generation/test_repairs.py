@@ -6,7 +6,7 @@ import pytest
 from envcraft_llm.stages import Instawin, Privileged, Repair, Validated
 
 from envcraft.stages import Attempt, Case, Outcome, Played
-from envcraft.verdict import Verdict
+from envcraft.verdict import Finding, Verdict
 
 from .content import GAME, GUTTED, IDLE, POLICY, brief
 from .scripted import ScriptedBench, case, fenced, finding, report, run
@@ -14,7 +14,7 @@ from .scripted import ScriptedBench, case, fenced, finding, report, run
 # Repair
 
 
-def judged(source: str) -> list[object]:
+def judged(source: str) -> list[Finding]:
     return [finding("EC107", "step() raises IndexError", 40, traceback="line 40")] if "BAD" in source else []
 
 
@@ -23,8 +23,7 @@ BAD = GAME.replace("LIMIT = 200", "LIMIT = 200  # BAD")
 
 def repaired(*answers: str, first: str = BAD) -> tuple[Outcome, Case, ScriptedBench]:
     about = case(brief=brief(), attempts=[Attempt(0, first)])
-    bench = ScriptedBench([fenced(answer) for answer in answers], judged)  # type: ignore[arg-type]
-    bench.keep_attempt = lambda about, attempt: about.attempts.append(attempt) if attempt.number else None  # type: ignore[method-assign]
+    bench = ScriptedBench([fenced(answer) for answer in answers], judged)
     return run(Repair(), about, bench), about, bench
 
 

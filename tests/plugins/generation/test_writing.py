@@ -86,7 +86,7 @@ def test_a_brief_comes_out_of_its_wrapping(text: str) -> None:
 
 
 def test_words_are_what_spaces_part() -> None:
-    assert count("## The *guard*: 3 | 4.5\n- a 10x10 board\n") == 9
+    assert count("## The *guard*: 3 | 4.5\n- a 10x10 board\n") == 10
 
 
 # Viability
