@@ -210,7 +210,10 @@ class History:
             "SELECT number, source, wins, episodes, fault, provenance FROM policies WHERE concept = ? ORDER BY number",
             (concept,),
         )
-        return [PolicyTry(*row, json.loads(provenance)) for *row, provenance in found]
+        return [
+            PolicyTry(number, source, wins, episodes, fault, json.loads(provenance))
+            for number, source, wins, episodes, fault, provenance in found
+        ]
 
 
 def told(store: Store, concept: str) -> dict[str, Any]:
