@@ -166,8 +166,7 @@ def write(folder: Path, number: int, **files: str) -> None:
 
 
 def small(folder: Path) -> Path:
-    """Three concepts: one that passes, one that is repaired, one that is not viable."""
-    write(folder, 0, attempt_0=GAME, policy_0=POLICY)
-    write(folder, 1, attempt_0=UNSEEDED, attempt_1=GAME.replace("Errand", "Chore"), policy_0=IDLE, policy_1=POLICY)
+    """Two concepts: one whose game and policy are repaired, one that is not viable."""
+    write(folder, 1, attempt_0=UNSEEDED, attempt_1=GAME, policy_0=IDLE, policy_1=POLICY)
     write(folder, 2, viability=verdict(False))
     return folder
