@@ -73,7 +73,7 @@ class Loopback:
     """The server, to be entered; replies are taken in turn, the last again and again. Those to `paths` are apart.
 
     Attributes:
-        asked: the bodies of the requests for completions.
+        asked, times: the bodies of the requests for completions, and when they came.
         headers: of the last request.
         most: how many requests were under way at once, at most.
     """
@@ -87,6 +87,7 @@ class Loopback:
         elif models is not None:
             self._paths["models"] = status(200, {"object": "list", "data": [{"id": name} for name in models]})
         self.asked: list[dict[str, Any]] = []
+        self.times: list[float] = []
         self.headers: dict[str, str] = {}
         self.most = self.under_way = 0
         self.port = 0
@@ -136,6 +137,7 @@ class Loopback:
         try:
             body = json.loads(data)
             self.asked.append(body)
+            self.times.append(asyncio.get_running_loop().time())
             reply = self._replies.pop(0) if len(self._replies) > 1 else self._replies[0]
             await reply(writer, body)
         finally:

@@ -66,10 +66,19 @@ def test_without_settings_the_models_are_those_of_gpt_oss() -> None:
 def test_settings_are_read_and_options_come_before_them(here: Path) -> None:
     (here / "pyproject.toml").write_text(SETTINGS)
     chosen = resolved(
-        "--concurrency", "8", "--max-cost", "2.5", "--effort", "high", "--model", "gpt-oss-120b", "--small-model", "s"
+        "--concurrency",
+        "8",
+        "--max-tokens-total",
+        "25",
+        "--effort",
+        "high",
+        "--model",
+        "gpt-oss-120b",
+        "--small-model",
+        "s",
     )
     assert (chosen.base_url, chosen.small, chosen.large) == ("http://127.0.0.1:8000/v1", "s", "gpt-oss-120b")
-    assert (chosen.effort, chosen.max_concurrency, chosen.max_cost) == ("high", 8, 2.5)
+    assert (chosen.effort, chosen.max_concurrency, chosen.max_tokens_total) == ("high", 8, 25)
     plain = resolved()
     assert (plain.small, plain.effort, plain.max_concurrency, plain.max_cost) == ("tiny", "low", 200, None)
     assert plain.of("privileged") == "player"

@@ -153,8 +153,8 @@ class BatchModel(Model):
         written = b""
         for file in filter(None, (batch.output_file_id, batch.error_file_id)):
             content = await self._call(name, lambda file=file: calls.files.content(file))
-            written += content.content.rstrip(b"\n") + b"\n"
-        if not written and batch.status != "expired":
+            written += content.content.strip() + b"\n"
+        if not written.strip() and batch.status in ("failed", "cancelled"):
             raise ModelStopped(f"the batch {batch.id} ended as {batch.status}: {shown(str(batch.errors))}")
         unfinished = output.with_name(f"{output.name}.part")
         unfinished.write_bytes(written)

@@ -8,6 +8,7 @@ answers are not in the journal.
 from __future__ import annotations
 
 import hashlib
+import itertools
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -92,6 +93,8 @@ def read_output(
     try:
         with output.open("rb") as lines:
             for number, line in enumerate(lines, 1):
+                if not line.strip():
+                    continue
                 try:
                     told = _line.decode(line)
                 except msgspec.DecodeError as error:
@@ -142,7 +145,10 @@ def _parts(lines: list[tuple[bytes, Request]]) -> Iterator[list[tuple[bytes, Req
 
 def _write(part: list[tuple[bytes, Request]], folder: Path) -> str:
     """Raises OSError. What tells that a batch is outstanding comes last."""
-    name = hashlib.sha256(b"".join(line for line, _ in part)).hexdigest()[:16]
+    digest = hashlib.sha256(b"".join(line for line, _ in part)).hexdigest()[:16]
+    # The same requests may have been sent before, and not all answered.
+    names = itertools.chain([digest], (f"{digest}-{again}" for again in itertools.count(2)))
+    name = next(name for name in names if not (folder / f"{name}{INPUT}").exists())
     for suffix, lines in (
         (INPUT, (line for line, _ in part)),
         (KNOWN, (msgspec.json.encode(asked) for _, asked in part)),

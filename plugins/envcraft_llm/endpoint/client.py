@@ -29,6 +29,9 @@ _GREETING_SECONDS = 20.0
 _FIRST_TRIES = 3
 #: What follows the last piece of an answer, its usage, comes within so long or not at all.
 _TAIL_SECONDS = 5.0
+#: Names of errors where there is no endpoint, and where there was one.
+_ABSENT = frozenset({"ConnectError", "ConnectTimeout"})
+_HUNG_UP = frozenset({"ServerDisconnectedError", "ClientOSError", "ConnectionResetError", "BrokenPipeError"})
 #: Of timers, in seconds.
 _RESOLUTION = 1e-3
 
@@ -147,14 +150,15 @@ class EndpointModel(Model):
     @contextlib.asynccontextmanager
     async def _response(self, request: Request) -> AsyncIterator[AsyncAPIResponse[Any]]:
         """Raises Again, ParameterRefused, ModelFailure and ModelStopped."""
-        from openai import APIConnectionError, APIStatusError, APITimeoutError
+        from openai import APIConnectionError, APIStatusError
 
         sent = body(request, self._refused.get(request.model, set()))
-        streamed = self._connection.client.chat.completions.with_streaming_response.create(**sent)
+        # As the extra body: what the client does to each message of a body costs more than all else here together.
+        streamed = self._connection.client.chat.completions.with_streaming_response.create(
+            model=request.model, messages=[], stream=True, extra_body=sent
+        )
         try:
             response = await streamed.__aenter__()
-        except APITimeoutError:
-            raise Again("timeout", f"no connection within {self._choice.connect_seconds:g} s", down=True) from None
         except APIConnectionError as error:
             raise self._unconnected(error) from None
         except APIStatusError as error:
@@ -166,13 +170,16 @@ class EndpointModel(Model):
             await streamed.__aexit__(None, None, None)
 
     def _unconnected(self, error: Exception) -> Again:
-        cause = error.__cause__ or error
-        down = type(cause).__name__.startswith("Connect")
-        return Again(
-            "server-error" if down else "disconnected",
-            self._connection.plain(str(cause) or type(cause).__name__),
-            down=down,
-        )
+        """Whether nobody was there, or one who hung up, only the names of the causes tell: which library lies below the
+        client depends on its version, and what it makes of an error of that library may be another one.
+        """
+        cause: BaseException | None = error
+        names, words = set(), ""
+        while cause is not None:
+            names.add(type(cause).__name__)
+            words, cause = str(cause) or type(cause).__name__, cause.__cause__
+        down = not names.isdisjoint(_ABSENT) and names.isdisjoint(_HUNG_UP)
+        return Again("server-error" if down else "disconnected", self._connection.plain(words), down=down)
 
     def _told(self, error: Any, request: Request) -> Exception:
         """An error that came in the stream, after the status."""
@@ -234,6 +241,8 @@ class EndpointModel(Model):
                 return
             except APIConnectionError as error:
                 again = self._unconnected(error)
+                if not again.down:
+                    return
                 if number + 1 < _FIRST_TRIES:
                     await asyncio.sleep(again.pause(number))
                     continue

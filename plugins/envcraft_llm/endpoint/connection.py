@@ -47,7 +47,9 @@ class Connection:
 def _client(choice: ModelChoice, key: str) -> AsyncOpenAI:
     """Raises UsageError."""
     try:
-        from openai import DEFAULT_CONNECTION_LIMITS, AsyncOpenAI, DefaultAsyncHttpxClient, Timeout
+        # Without it the client's class is there all the same.
+        import aiohttp  # noqa: F401
+        from openai import DEFAULT_CONNECTION_LIMITS, AsyncOpenAI, DefaultAioHttpClient, Timeout
     except ImportError:
         raise UsageError(
             "asking an endpoint needs its client; install it with `pip install 'envcraft-rl[llm]'`"
@@ -63,7 +65,8 @@ def _client(choice: ModelChoice, key: str) -> AsyncOpenAI:
         # Attempts are repeated here, where the pace is known.
         max_retries=0,
         timeout=Timeout(None, connect=choice.connect_seconds),
-        http_client=DefaultAsyncHttpxClient(limits=limits(max_connections=places, max_keepalive_connections=places)),
+        # What it costs does not grow with the number of connections.
+        http_client=DefaultAioHttpClient(limits=limits(max_connections=places, max_keepalive_connections=places)),
     )
 
 

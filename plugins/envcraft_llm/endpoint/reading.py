@@ -17,7 +17,7 @@ from .harmony import separate
 
 #: What a model says instead of an answer, where it says nothing else.
 _REFUSAL = re.compile(
-    r"(i['\u2019]m (very )?sorry|sorry|i (can['\u2019]?t|cannot|can not|won['\u2019]?t|am unable|['\u2019]m unable))\b",
+    r"(i['\u2019]m (very )?sorry|sorry(,| but)|i (can['\u2019]?t|cannot|can not|won['\u2019]?t|am unable|['\u2019]m unable))(?!\w)",
     re.IGNORECASE,
 )
 _REFUSAL_LENGTH = 400
@@ -137,15 +137,16 @@ class Reading:
         part = choice.delta or choice.message
         if part is None:
             return
-        if part.content:
-            self._text.append(part.content)
-        elif thought := part.reasoning_content or part.reasoning:
-            self._thought.append(thought)
-        elif part.refusal:
-            self._refusal.append(part.refusal)
-        else:
-            return
-        self.pieces += 1
+        told = False
+        for text, kept in (
+            (part.content, self._text),
+            (part.reasoning_content or part.reasoning, self._thought),
+            (part.refusal, self._refusal),
+        ):
+            if text:
+                kept.append(text)
+                told = True
+        self.pieces += told
 
     def tokens(self, prompt: int) -> tuple[int, int]:
         """Of prompt and answer. What the endpoint does not tell is estimated: `prompt`, and a token for a piece."""
