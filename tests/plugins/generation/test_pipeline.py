@@ -19,7 +19,6 @@ import pytest
 from click.testing import CliRunner, Result
 from envcraft_llm.model import Answer, Model, ModelFailure, ModelStopped, Request
 from envcraft_llm.pipeline import options
-from envcraft_llm.pipeline.tables import Row, stage_table, yield_lines
 
 from envcraft.cli import cli
 from envcraft.corpus.merge import merge
@@ -325,23 +324,6 @@ def test_a_repair_of_one_file(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -
     assert "EC204" in result.stderr
     assert "EC204" in model.asked[0].messages[1].content
     assert file.read_text() == UNSEEDED
-
-
-def test_tables() -> None:
-    from collections import Counter
-
-    rows = [
-        Row("a", 10, 9, 1, 0, Counter({"x": 1})),
-        Row("b", 9, 0, 9, 0, Counter({"y": 5, "z": 4})),
-        Row("c", 0, 0, 0, 0, Counter()),
-    ]
-    lines = stage_table(rows)
-    assert "| b | 9 | 0 | 9 | 0 | 0.0% (0.0% to 29.9%) | y 5, z 4 |" in lines
-    assert "| c | 0 | 0 | 0 | 0 | - |  |" in lines
-    assert yield_lines([(4, 3), (0, 0), (1, 0)]) == [
-        "first: 3 of 4 (75.0%) without a finding",
-        "repair 2: 0 of 1 (0.0%) without a finding",
-    ]
 
 
 def test_a_demo_of_other_concepts_is_refused(tmp_path: Path, generate: Generate) -> None:
