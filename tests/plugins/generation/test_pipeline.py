@@ -25,7 +25,7 @@ from envcraft.corpus.merge import merge
 from envcraft.corpus.store import Store
 from envcraft.corpus.verify import verify
 
-from .content import CONCEPTS, GAME, UNSEEDED, small, verdict, write
+from .content import CONCEPTS, GAME, POLICY, UNSEEDED, small, verdict, write
 
 Generate = Callable[..., Result]
 #: How often the pipeline is killed.
@@ -324,6 +324,20 @@ def test_a_repair_of_one_file(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -
     assert "EC204" in result.stderr
     assert "EC204" in model.asked[0].messages[1].content
     assert file.read_text() == UNSEEDED
+
+
+def test_a_policy_for_one_file(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    file, output = tmp_path / "game.py", tmp_path / "policy.py"
+    file.write_text(GAME)
+    model = _Model(f"```python\n{POLICY}```")
+    monkeypatch.setattr("envcraft_llm.pipeline.single.opened", lambda *_: (model, None))
+    given = ["privileged", str(file), "--base-url", "http://none", "--sandbox", "process", "--budget", "quick"]
+    result = CliRunner().invoke(cli, [*given, "--output", str(output)])
+    assert result.exit_code == 0, result.output
+    assert output.read_text() == POLICY
+    assert "policy 0: wins 6 of 6" in result.stderr
+    assert result.stdout == ""
+    assert GAME.strip() in model.asked[0].messages[1].content
 
 
 def test_a_demo_of_other_concepts_is_refused(tmp_path: Path, generate: Generate) -> None:
