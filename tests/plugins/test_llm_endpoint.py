@@ -200,7 +200,9 @@ def test_what_does_not_pass_is_the_end_of_one_request(reply: Reply, kind: str, t
         server._replies[:] = [GOOD]
         assert (await model.ask(request("another"))).text == "code"
 
-    short = {"first_seconds": 0.6} if reply is hang else {"total_seconds": 2.0} if "no end" in words else {}
+    short: dict[str, Any] = (
+        {"first_seconds": 0.6} if reply is hang else {"total_seconds": 2.0} if "no end" in words else {}
+    )
     played(server, use, **short)
     assert len(server.asked) == times + 1
 

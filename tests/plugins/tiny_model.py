@@ -75,7 +75,7 @@ def main() -> None:
 
     params = xllamacpp.CommonParams()
     params.model.path = sys.argv[1]
-    params.hostname, params.port = "127.0.0.1", int(sys.argv[2])
+    params.port = int(sys.argv[2])
     params.n_ctx, params.n_parallel = 4 * CONTEXT, 4
     params.cpuparams.n_threads = params.cpuparams_batch.n_threads = 1
     params.warmup = False

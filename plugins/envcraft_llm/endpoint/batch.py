@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import functools
 from collections import Counter
 from collections.abc import Awaitable, Callable
 from pathlib import Path
@@ -133,7 +134,7 @@ class BatchModel(Model):
     async def _answered(self, name: str, output: Path, earlier: bool) -> None:
         """Send a batch, unless it is, and fetch what comes of it. Raises ModelStopped and OSError."""
         calls = self._connection.client
-        batch = await self._find(name) if earlier else None
+        batch: Any = await self._find(name) if earlier else None
         if batch is None:
             sent = await self._call(
                 name, lambda: calls.files.create(file=self._folder / f"{name}{batch_files.INPUT}", purpose="batch")
@@ -149,10 +150,10 @@ class BatchModel(Model):
             )
         while batch.status not in _ENDED:
             await asyncio.sleep(POLL)
-            batch = await self._call(name, lambda found=batch.id: calls.batches.retrieve(found))
+            batch = await self._call(name, functools.partial(calls.batches.retrieve, batch.id))
         written = b""
         for file in filter(None, (batch.output_file_id, batch.error_file_id)):
-            content = await self._call(name, lambda file=file: calls.files.content(file))
+            content = await self._call(name, functools.partial(calls.files.content, file))
             written += content.content.strip() + b"\n"
         if not written.strip() and batch.status in ("failed", "cancelled"):
             raise ModelStopped(f"the batch {batch.id} ended as {batch.status}: {shown(str(batch.errors))}")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
-from collections.abc import AsyncIterator
+from collections.abc import AsyncGenerator, AsyncIterator
 from typing import TYPE_CHECKING, Any
 
 from envcraft_llm.model import Answer, Model, ModelFailure, ModelStopped, Request
@@ -163,7 +163,7 @@ class EndpointModel(Model):
             raise self._unconnected(error) from None
         except APIStatusError as error:
             said = self._connection.plain(await _text(error.response))
-            raise await self._named(fault(error.status_code, said, error.response.headers, request, sent)) from None
+            raise self._named(fault(error.status_code, said, error.response.headers, request, sent)) from None
         try:
             yield response
         finally:
@@ -184,8 +184,8 @@ class EndpointModel(Model):
     def _told(self, error: Any, request: Request) -> Exception:
         """An error that came in the stream, after the status."""
         told = error if isinstance(error, dict) else {"message": str(error)}
-        status = told.get("code") if isinstance(told.get("code"), int) else 500
-        return fault(status, self._connection.plain(json.dumps(told)), {}, request, {})
+        code = told.get("code")
+        return fault(code if isinstance(code, int) else 500, self._connection.plain(json.dumps(told)), {}, request, {})
 
     def _late(self, reading: Reading, seconds: float) -> Exception:
         """What has come to nothing within its time is not waited for again, if it used all of it."""
@@ -195,7 +195,7 @@ class EndpointModel(Model):
             return Again("timeout", f"nothing more for {self._choice.silence_seconds:g} s, in the midst of the answer")
         return Again("timeout", f"no beginning of an answer within {self._choice.first_seconds:g} s")
 
-    async def _named(self, found: Exception) -> Exception:
+    def _named(self, found: Exception) -> Exception:
         """A fault, with what helps against it."""
         if isinstance(found, ModelStopped):
             said = str(found)
@@ -255,16 +255,16 @@ class EndpointModel(Model):
             except APIStatusError as error:
                 if error.status_code == 401:
                     said = self._connection.plain(await _text(error.response))
-                    stopped = await self._named(fault(401, said, {}, Request("", ()), {}))
-                    assert isinstance(stopped, ModelStopped)
-                    self.stop(stopped)
-                    raise stopped from None
+                    refused = self._named(fault(401, said, {}, Request("", ()), {}))
+                    assert isinstance(refused, ModelStopped)
+                    self.stop(refused)
+                    raise refused from None
                 return
             except (APIError, ValueError, TypeError, AttributeError, TimeoutError):
                 return
 
 
-async def _chunks(response: AsyncAPIResponse[Any]) -> AsyncIterator[Chunk]:
+async def _chunks(response: AsyncAPIResponse[Any]) -> AsyncGenerator[Chunk, None]:
     """The pieces of an answer. Raises Again where they break off, Garbled where they are none."""
     events, finished = Events(), False
     streamed = not response.headers.get("content-type", "").startswith("application/json")
@@ -297,5 +297,6 @@ async def _chunks(response: AsyncAPIResponse[Any]) -> AsyncIterator[Chunk]:
 
 async def _text(response: Any) -> str:
     with contextlib.suppress(Exception):
-        return (await response.aread()).decode("utf-8", "replace")[:2000]
+        data: bytes = await response.aread()
+        return data.decode("utf-8", "replace")[:2000]
     return ""

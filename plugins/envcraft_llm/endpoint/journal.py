@@ -13,7 +13,6 @@ import sqlite3
 import threading
 import time
 import zlib
-from collections.abc import Iterator
 from pathlib import Path
 
 import msgspec
@@ -59,7 +58,7 @@ class Failed(msgspec.Struct, frozen=True):
 
 
 Outcome = Answer | Failed
-_REQUEST, _ANSWER, _MESSAGE = (msgspec.json.Decoder(kind) for kind in (Request, Answer, str))
+_answer, _message = msgspec.json.Decoder(Answer), msgspec.json.Decoder(str)
 
 
 class Journal:
@@ -91,9 +90,6 @@ class Journal:
         self._pending: list[tuple[Request, Outcome, asyncio.Future[None]]] = []
         self._flushing: asyncio.Task[None] | None = None
 
-    def __len__(self) -> int:
-        return int(self._reading.execute("SELECT count(*) FROM answers").fetchone()[0])
-
     def find(self, key: str, passing: bool = False) -> Outcome | None:
         """What came of the request with this key; with `passing`, failures of the network too."""
         row = self._reading.execute("SELECT outcome, result FROM answers WHERE key = ?", (key,)).fetchone()
@@ -101,19 +97,10 @@ class Journal:
             return None
         outcome, packed = row
         if outcome == "answer":
-            return _ANSWER.decode(zlib.decompress(packed))
+            return _answer.decode(zlib.decompress(packed))
         if outcome in PASSING and not passing:
             return None
-        return Failed(outcome, _MESSAGE.decode(zlib.decompress(packed)))
-
-    def requests(self) -> Iterator[tuple[Request, Outcome]]:
-        """All that was asked, in the order of writing, and what came of it."""
-        for outcome, asked, packed in self._reading.execute(
-            "SELECT outcome, request, result FROM answers ORDER BY rowid"
-        ):
-            told = zlib.decompress(packed)
-            result = _ANSWER.decode(told) if outcome == "answer" else Failed(outcome, _MESSAGE.decode(told))
-            yield _REQUEST.decode(zlib.decompress(asked)), result
+        return Failed(outcome, _message.decode(zlib.decompress(packed)))
 
     async def keep(self, request: Request, outcome: Outcome) -> None:
         """Write what came of a request; returns once it is safe. An answer that is there already stays."""

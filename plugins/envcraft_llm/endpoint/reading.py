@@ -17,7 +17,7 @@ from .harmony import separate
 
 #: What a model says instead of an answer, where it says nothing else.
 _REFUSAL = re.compile(
-    r"(i['\u2019]m (very )?sorry|sorry(,| but)|i (can['\u2019]?t|cannot|can not|won['\u2019]?t|am unable|['\u2019]m unable))(?!\w)",
+    r"(i['\u2019]?m (very |so )?(sorry|unable)|sorry(,| but)|i can(['\u2019]t|not| not)|i am (sorry|unable))\b",
     re.IGNORECASE,
 )
 _REFUSAL_LENGTH = 400
