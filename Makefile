@@ -7,7 +7,8 @@ PYTHON ?= python3
 BIN := .venv/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet --constraint constraints.txt
 # A worker writes nothing, and would compile its modules at each start.
-COMPILE := $(BIN)/python -m compileall -q envcraft checks sandbox plugins
+# The demo's files are answers of a model, and some are no Python.
+COMPILE := $(BIN)/python -m compileall -q -x envcraft_llm/demo/ envcraft checks sandbox plugins
 
 .PHONY: demo test lint types bench picture docs clean
 
@@ -38,6 +39,8 @@ bench: .venv/dev.stamp
 	$(BIN)/python -m benchmarks.vector
 	$(BIN)/python -m benchmarks.audit_report
 	$(BIN)/python -m benchmarks.concepts
+	$(BIN)/python -m benchmarks.pipeline
+	$(BIN)/python -m benchmarks.conversations
 
 picture: .venv/core.stamp
 	$(BIN)/python -m benchmarks.picture

@@ -124,7 +124,7 @@ def configuration(
     path, table = settings(folder)
     found: dict[str, Any] = {}
     for key, value in table.items():
-        if key in ("contracts", "corpus"):
+        if key in ("contracts", "corpus", "llm"):
             continue
         name = key.replace("_", "-")
         if name not in options and name in others:

@@ -141,11 +141,16 @@ def _side_by_side(plan: Plan, pool: Pool, workers: int) -> Generator[tuple[int, 
 
 
 def judge(
-    plan: Plan, target: Target, pool: Pool, tell: Callable[[Event], None] | None = None
+    plan: Plan,
+    target: Target,
+    pool: Pool,
+    tell: Callable[[Event], None] | None = None,
+    look: Callable[[Subject], None] | None = None,
 ) -> Generator[Event, None, None]:
     """Judge one target by all checks. Once ``source`` fails there is nothing that the others could run.
 
-    `tell` gets what happens within a check, while the generator cannot yield.
+    `tell` gets what happens within a check, while the generator cannot yield. `look` is shown the subject once its
+    checks are done: what it asks for is in the report's steps, and no finding.
     """
     started = time.monotonic()
     done: list[CheckReport] = []
@@ -166,6 +171,8 @@ def judge(
                 # Not sooner: workers that start would hold up the first episodes.
                 driver.expect(seed for later in plan.checks for seed in later.hash_seeds)
             yield CheckFinished(target.path, report)
+        if look is not None:
+            look(subject)
         yield SubjectFinished(report_on(plan, subject, done, started))
 
 

@@ -19,8 +19,10 @@ if TYPE_CHECKING:
     from envcraft.corpus.export import Exporter
     from envcraft.executors import ExecutorPlugin
     from envcraft.families import Family
+    from envcraft.generators import Generator
     from envcraft.reports import Reporter
     from envcraft.sandbox import Driver
+    from envcraft.stages import Stage
 
 hookspec = pluggy.HookspecMarker("envcraft")
 
@@ -58,6 +60,16 @@ def envcraft_executors() -> list[ExecutorPlugin]:
 @hookspec
 def envcraft_families() -> list[Family]:
     """Environments that a program writes, for ``envcraft generate --family`` to name."""
+
+
+@hookspec
+def envcraft_generators() -> list[Generator]:
+    """Other ways for ``envcraft generate`` to write environments, each with options of its own."""
+
+
+@hookspec
+def envcraft_stages() -> list[Stage]:
+    """Steps on the way from a concept to an environment: further ones, or ones in the place of others."""
 
 
 @hookspec

@@ -1,23 +1,68 @@
-"""``envcraft generate``: environments that a family writes, into a corpus or a folder."""
+"""``envcraft generate``: environments that a family writes, into a corpus or a folder; or what a plugin makes of it."""
 
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
+from click.core import ParameterSource
 
-from envcraft.cli import offered
+from envcraft.cli import Sharing, offered
 from envcraft.errors import EnvCraftError, UsageError
 
 from .choices import family_named
 
 if TYPE_CHECKING:
     from envcraft.families import Generated
+    from envcraft.generators import Generator
 
 
-@click.command()
+class _Generate(Sharing):
+    """A command that has the options of all generators, and becomes the one that is chosen."""
+
+    def get_params(self, ctx: click.Context) -> list[click.Parameter]:
+        own = super().get_params(ctx)
+        known = {param.name for param in own}
+        more: list[click.Parameter] = []
+        for generator in self._generators(ctx):
+            more += [param for param in generator.command.params if param.name not in known]
+            known |= {param.name for param in more}
+        # --help stays the last.
+        return [*own[: len(self.params)], *more, *own[len(self.params) :]]
+
+    def invoke(self, ctx: click.Context) -> Any:
+        mine = {str(param.name) for param in self.params}
+        given = {name for name in ctx.params if ctx.get_parameter_source(name) is ParameterSource.COMMANDLINE}
+        for generator in self._generators(ctx):
+            if given & generator.chosen_by:
+                theirs = {str(param.name) for param in generator.command.params}
+                if strange := sorted(given - theirs):
+                    chosen = self._options(ctx, given & generator.chosen_by)
+                    raise UsageError(f"{self._options(ctx, strange[:1])} does not go with {chosen}")
+                values = {name: value for name, value in ctx.params.items() if name in theirs}
+                assert generator.command.callback is not None
+                return ctx.invoke(generator.command.callback, **values)
+        if strange := sorted(given - mine):
+            chosen = self._options(ctx, {name for found in self._generators(ctx) for name in found.chosen_by})
+            raise UsageError(f"{self._options(ctx, strange[:1])} goes with one of {chosen}")
+        ctx.params = {name: value for name, value in ctx.params.items() if name in mine}
+        return super().invoke(ctx)
+
+    def _generators(self, ctx: click.Context) -> list[Generator]:
+        """Of the plugins, made once for each run of the command."""
+        found: list[Generator] = ctx.meta.setdefault(__name__, None) or offered("envcraft_generators")
+        ctx.meta[__name__] = found
+        return found
+
+    def _options(self, ctx: click.Context, names: Iterable[str]) -> str:
+        """Parameters as they are written."""
+        return ", ".join(sorted(param.opts[0] for param in self.get_params(ctx) if param.name in names))
+
+
+@click.command(cls=_Generate)
 @click.option("--family", metavar="NAME", help="Which program writes them, such as tetris.")
 @click.option("--list", "listing", is_flag=True, help="List the families, and write nothing.")
 @click.option("--count", type=click.IntRange(1, 1_000_000), default=1, show_default=True, help="How many.")
@@ -31,7 +76,8 @@ if TYPE_CHECKING:
 def generate(
     family: str | None, listing: bool, count: int, seed: int, corpus: Path | None, output: Path | None
 ) -> None:
-    """Write environments: so many of a family, a file each, with no name twice.
+    """Write environments: so many of a family, a file each, with no name twice; or with --concepts, have models write
+    them, stage by stage, into a corpus.
 
     What is there already is left as it is. Nothing is overwritten: where a name has another source, nothing is written.
     """
@@ -40,7 +86,7 @@ def generate(
             click.echo(f"{known.name}  {known.summary}")
         return
     if family is None:
-        raise UsageError("name a --family; `envcraft generate --list` lists them")
+        raise UsageError("name a --family; `envcraft generate --list` lists them; or say how many --concepts")
     writer = family_named(family)
     if (corpus is None) == (output is None):
         raise UsageError("say where to: either --corpus DIR or --output DIR")

@@ -14,11 +14,13 @@ import click
 import msgspec
 
 from envcraft.commands.targets import environments_below
+from envcraft.corpus.history import told as told_of
+from envcraft.corpus.history import words as words_of
 from envcraft.corpus.likeness_commands import dedup, diversity, split
 from envcraft.corpus.report.command import report
 from envcraft.corpus.store import DATABASE, SOURCES, CorpusDamaged, Store, decode, find
 from envcraft.errors import EnvCraftError, ExitCode, UsageError
-from envcraft.reports import one_line, plural
+from envcraft.reports import one_line, plural, printable
 from envcraft.target import MAX_SOURCE, Target, read_target
 from envcraft.verdict import Verdict, plain
 
@@ -122,7 +124,7 @@ def list_(corpus: Path, verdict: str | None, code: str | None, name: str | None,
 @click.option("--source", is_flag=True, help="Write the source itself.")
 @_FORMAT
 def show(corpus: Path, name: str, source: bool, form: str) -> None:
-    """Show one environment, and every verdict on its source."""
+    """Show one environment, every verdict on its source, and where it was generated, how it came about."""
     with Store(corpus) as store:
         row = store.db.execute(f"{_LISTED} WHERE name = ?", (name,)).fetchone()
         if row is None:
@@ -132,17 +134,21 @@ def show(corpus: Path, name: str, source: bool, form: str) -> None:
             sys.stdout.buffer.write(store.source(row[1]))
             return
         (origin,) = store.db.execute("SELECT origin FROM environments WHERE name = ?", (name,)).fetchone()
+        origin = json.loads(origin)
+        history = told_of(store, str(origin.get("concept", "")))
         found = store.db.execute(
             "SELECT contract, budget, seed, driver, rules, image, report FROM verdicts "
             "JOIN settings ON settings.id = verdicts.settings WHERE source = ? AND class = ? ORDER BY verdicts.id",
             (row[1], row[2]),
         ).fetchall()
     keys = ("contract", "budget", "seed", "driver", "rules", "image")
-    told = {**_row(row), "origin": json.loads(origin)}
+    told = {**_row(row), "origin": origin}
     if form == "json":
         told["verdicts"] = [
             {**dict(zip(keys, found_row, strict=False)), "report": decode(found_row[-1])} for found_row in found
         ]
+        if history:
+            told["history"] = history
         click.echo(msgspec.json.format(msgspec.json.encode(plain(told)), indent=2))
         return
     for key in ("name", "source", "class", "added", "origin"):
@@ -155,6 +161,8 @@ def show(corpus: Path, name: str, source: bool, form: str) -> None:
         for check in report.checks:
             for finding in check.findings:
                 click.echo(f"  {one_line(finding.code)} {finding.severity.value}: {one_line(finding.message)}")
+    for line in words_of(history) if history else ():
+        click.echo(printable(line.replace("\n", " ")))
 
 
 @click.command()
@@ -228,7 +236,9 @@ def merge(corpus: Path, other: Path) -> None:
             raise EnvCraftError(f"{corpus} cannot be written to: {error.strerror}") from None
     for old, new in merged.renamed:
         click.echo(f"{one_line(old)} is another source here; that of {other} is called {one_line(new)}", err=True)
-    click.echo(f"{plural(merged.added, 'environment')} and {plural(merged.verdicts, 'verdict')} added")
+    found = [plural(merged.added, "environment"), plural(merged.verdicts, "verdict")]
+    found += [plural(merged.concepts, "concept")] if merged.concepts else []
+    click.echo(f"{', '.join(found[:-1])} and {found[-1]} added")
 
 
 @click.command()

@@ -1,4 +1,6 @@
-"""One corpus into another: environments, their sources, and the verdicts on them. Merged twice, it changes nothing."""
+"""One corpus into another: environments, their sources, the verdicts on them, and how they came about. Merged twice, it
+changes nothing.
+"""
 
 from __future__ import annotations
 
@@ -6,6 +8,7 @@ import json
 
 import msgspec
 
+from envcraft.corpus.history import TABLES
 from envcraft.corpus.settings import Settings
 from envcraft.corpus.store import Store, decode, settled
 from envcraft.errors import UsageError
@@ -16,6 +19,7 @@ class Merged(msgspec.Struct):
 
     added: int = 0
     verdicts: int = 0
+    concepts: int = 0
     renamed: list[tuple[str, str]] = []
 
 
@@ -54,7 +58,39 @@ def merge(store: Store, other: Store) -> Merged:
             merged.verdicts += 1
     with store.transaction():
         _last_verdicts(store, other, numbers)
+    for (concept,) in other.db.execute("SELECT id FROM concepts ORDER BY id").fetchall():
+        with store.transaction():
+            merged.concepts += _history(store, other, numbers, concept)
     return merged
+
+
+def _history(store: Store, other: Store, numbers: dict[int, int], concept: str) -> bool:
+    """Take over how far a concept has come, where it has come further there; give whether it has."""
+    reached = "SELECT 1 + count(stage) FROM concepts LEFT JOIN outcomes ON concept = id WHERE id = ? GROUP BY id"
+    theirs, mine = (one.db.execute(reached, (concept,)).fetchone() for one in (other, store))
+    if mine is not None and mine >= theirs:
+        return False
+    store.db.execute("DELETE FROM concepts WHERE id = ?", (concept,))
+    for table, key in (("concepts", "id"), *((table, "concept") for table in TABLES)):
+        cursor = other.db.execute(f"SELECT * FROM {table} WHERE {key} = ?", (concept,))
+        columns = [column[0] for column in cursor.description]
+        for row in cursor:
+            told = dict(zip(columns, row, strict=True))
+            if table == "attempts":
+                store.put(other.source(told["source"]))
+                told["verdict"] = _verdict_here(store, other, numbers, told["verdict"])
+            store.db.execute(f"INSERT INTO {table} VALUES ({', '.join('?' * len(told))})", tuple(told.values()))
+    return True
+
+
+def _verdict_here(store: Store, other: Store, numbers: dict[int, int], verdict: int | None) -> int | None:
+    """The number here of a verdict there."""
+    row = other.db.execute("SELECT source, class, settings FROM verdicts WHERE id = ?", (verdict,)).fetchone()
+    if row is None:
+        return None
+    query = "SELECT id FROM verdicts WHERE source = ? AND class = ? AND settings = ?"
+    found: tuple[int] = store.db.execute(query, (*row[:2], numbers[row[2]])).fetchone()
+    return found[0]
 
 
 def _last_verdicts(store: Store, other: Store, numbers: dict[int, int]) -> None:

@@ -88,6 +88,54 @@ MIGRATIONS = (
     "ALTER TABLE settings ADD COLUMN checks TEXT NOT NULL DEFAULT '?';",
     # Whether an audit was about all that had changed; of those before, nobody knows.
     "ALTER TABLE audits ADD COLUMN complete INTEGER NOT NULL DEFAULT 0;",
+    # How environments came about: of each concept what was made of it, and how far it came.
+    """
+    CREATE TABLE concepts (
+        id TEXT PRIMARY KEY,
+        title TEXT NOT NULL,
+        text TEXT NOT NULL,
+        data TEXT NOT NULL
+    ) WITHOUT ROWID;
+    CREATE TABLE briefs (
+        concept TEXT PRIMARY KEY REFERENCES concepts (id) ON DELETE CASCADE,
+        text TEXT NOT NULL,
+        provenance TEXT NOT NULL
+    ) WITHOUT ROWID;
+    CREATE TABLE attempts (
+        concept TEXT NOT NULL REFERENCES concepts (id) ON DELETE CASCADE,
+        number INTEGER NOT NULL,
+        source TEXT NOT NULL CHECK (length(source) = 64),
+        class TEXT NOT NULL,
+        diff TEXT NOT NULL,
+        result TEXT NOT NULL,
+        gutted TEXT NOT NULL,
+        codes TEXT NOT NULL,
+        profile TEXT NOT NULL,
+        verdict INTEGER REFERENCES verdicts (id) ON DELETE SET NULL,
+        provenance TEXT NOT NULL,
+        PRIMARY KEY (concept, number)
+    ) WITHOUT ROWID;
+    CREATE INDEX attempts_by_source ON attempts (source);
+    CREATE INDEX attempts_by_verdict ON attempts (verdict);
+    CREATE TABLE policies (
+        concept TEXT NOT NULL REFERENCES concepts (id) ON DELETE CASCADE,
+        number INTEGER NOT NULL,
+        source TEXT NOT NULL,
+        wins INTEGER NOT NULL,
+        episodes INTEGER NOT NULL,
+        fault TEXT NOT NULL,
+        provenance TEXT NOT NULL,
+        PRIMARY KEY (concept, number)
+    ) WITHOUT ROWID;
+    CREATE TABLE outcomes (
+        concept TEXT NOT NULL REFERENCES concepts (id) ON DELETE CASCADE,
+        stage TEXT NOT NULL,
+        result TEXT NOT NULL,
+        reason TEXT NOT NULL,
+        facts TEXT NOT NULL,
+        PRIMARY KEY (concept, stage)
+    ) WITHOUT ROWID;
+    """,
 )
 
 

@@ -234,9 +234,9 @@ class Store:
         self._left.clear()
 
     def named(self, sha256: str) -> bool:
-        """Whether an environment or a verdict names a source."""
+        """Whether an environment, a verdict or an attempt at one names a source."""
         query = "SELECT 1 FROM {} WHERE source = ? LIMIT 1"
-        tables = ("environments", "verdicts")
+        tables = ("environments", "verdicts", "attempts")
         return any(self.db.execute(query.format(table), (sha256,)).fetchone() is not None for table in tables)
 
     def twins(self, data: bytes, env_class: str = "") -> list[str]:

@@ -42,6 +42,7 @@ def verify(store: Store, repair: bool = False) -> Iterator[Damage]:
     restored: set[str] = set()
     yield from _files(store, repair, restored)
     yield from _environments(store, repair, restored)
+    yield from _attempts(store, repair, restored)
     yield from _verdicts(store, repair)
     yield from (
         Damage(words, "the next report makes it anew" if repair else "") for words in media.verify(store, repair)
@@ -74,14 +75,20 @@ def _references(store: Store, repair: bool) -> Iterator[Damage]:
         if table == "environments":
             words = f"the environment in row {row} names a verdict that there is not"
             condition, done = f"rowid = {row}", "it counts as not judged"
+        elif table == "attempts" and parent == "verdicts":
+            words = "attempts at environments name verdicts that there are not"
+            condition, done = "verdict NOT IN (SELECT id FROM verdicts)", "they count as not judged"
+        elif parent == "concepts":
+            words = f"{table} belong to a concept that there is not"
+            condition, done = "concept NOT IN (SELECT id FROM concepts)", "they were set aside"
         elif row is None:
             words = "findings belong to a verdict that there is not"
             condition, done = "verdict NOT IN (SELECT id FROM verdicts)", "they were set aside"
         else:
             words = f"row {row} of {table} names a row of {parent} that there is not"
             condition, done = f"rowid = {row}", "it was set aside"
-        if repair and table == "environments":
-            store.db.execute(f"UPDATE environments SET verdict = NULL WHERE {condition}")
+        if repair and parent == "verdicts" and table in ("environments", "attempts"):
+            store.db.execute(f"UPDATE {table} SET verdict = NULL WHERE {condition}")
         elif repair:
             _set_rows_aside(store, table, condition)
         yield Damage(words, done if repair else "")
@@ -100,7 +107,7 @@ def _files(store: Store, repair: bool, restored: set[str]) -> Iterator[Damage]:
         parked = file.is_relative_to(store.root / LOST)
         name = file.relative_to(store.root)
         if file == place:
-            words = f"{name} belongs to no environment and no verdict"
+            words = f"{name} belongs to no environment, no verdict and no attempt"
         elif file.stem == sha256:
             words = f"{name} lies in the wrong folder"
         else:
@@ -130,6 +137,17 @@ def _environments(store: Store, repair: bool, restored: set[str]) -> Iterator[Da
     for name, _ in missing:
         _set_rows_aside(store, "environments", "name = ?", name)
         yield Damage(f"the source of {name} is missing", f"it was taken out, its row is in {LOST}/rows.jsonl")
+
+
+def _attempts(store: Store, repair: bool, restored: set[str]) -> Iterator[Damage]:
+    cursor = store.db.execute("SELECT concept, number, source FROM attempts ORDER BY concept, number")
+    for concept, number, source in cursor.fetchall():
+        if source in restored or store.place(source).is_file():
+            continue
+        if repair:
+            _set_rows_aside(store, "attempts", "concept = ? AND number = ?", concept, number)
+        done = f"it was taken out, its row is in {LOST}/rows.jsonl" if repair else ""
+        yield Damage(f"the source of attempt {number} at the concept {concept} is missing", done)
 
 
 def _verdicts(store: Store, repair: bool) -> Iterator[Damage]:

@@ -1,14 +1,37 @@
-"""The commands that generate."""
+"""The commands and stages that generate."""
 
 from __future__ import annotations
+
+from typing import TYPE_CHECKING
 
 import click
 
 from envcraft.plugins import hookimpl
 
+if TYPE_CHECKING:
+    from envcraft.generators import Generator
+    from envcraft.stages import Stage
+
 
 @hookimpl
 def envcraft_commands() -> list[click.Command]:
     from .concepts.command import concepts
+    from .pipeline.single import privileged, repair
 
-    return [concepts]
+    return [concepts, repair, privileged]
+
+
+@hookimpl
+def envcraft_generators() -> list[Generator]:
+    from envcraft.generators import Generator
+
+    from .pipeline.command import pipeline
+
+    return [Generator(pipeline, frozenset({"concepts", "model", "base_url"}))]
+
+
+@hookimpl
+def envcraft_stages() -> list[Stage]:
+    from .stages import STAGES
+
+    return [stage() for stage in STAGES]

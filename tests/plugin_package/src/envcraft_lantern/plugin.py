@@ -14,8 +14,10 @@ if TYPE_CHECKING:
     from envcraft.corpus.export import Exporter
     from envcraft.executors import ExecutorPlugin
     from envcraft.families import Family
+    from envcraft.generators import Generator
     from envcraft.reports import Reporter
     from envcraft.sandbox import Driver
+    from envcraft.stages import Stage
 
 # Loaded in every run of the command: each hook imports what it gives when it is called.
 
@@ -67,6 +69,22 @@ def envcraft_families() -> list[Family]:
     from .doors import DoorsFamily
 
     return [DoorsFamily()]
+
+
+@hookimpl
+def envcraft_generators() -> list[Generator]:
+    from envcraft.generators import Generator
+
+    from .wicks import wicks
+
+    return [Generator(wicks, frozenset({"wicks"}))]
+
+
+@hookimpl
+def envcraft_stages() -> list[Stage]:
+    from .lit import Lit
+
+    return [Lit()]
 
 
 @hookimpl

@@ -1,0 +1,151 @@
+"""``python -m benchmarks.pipeline``: what the pipeline itself costs, without the model and the checker.
+
+Concepts go through every stage into a corpus, as ``envcraft generate`` takes them. Answers are there at once, judging
+takes nothing: every environment is repaired once and gets one policy. Each answer is kept in a journal, each source,
+diff, verdict and outcome in the corpus. The time is that of the processor in this process, with all its threads; making
+the concepts is part of it, starting Python is not.
+
+More than 50 ms for an environment is exit status 1.
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import json
+import tempfile
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import msgspec
+from envcraft_llm.concepts.generation import concepts
+from envcraft_llm.endpoint.journal import Journal
+from envcraft_llm.model import Answer, Model, Request
+from envcraft_llm.pipeline.bench import Bench
+from envcraft_llm.pipeline.runner import Run
+from envcraft_llm.pipeline.tables import rows, stage_table
+from envcraft_llm.stages import STAGES
+from envcraft_llm.stages.briefs import SECTIONS
+from rich.console import Console
+
+from envcraft.contract import ARCADE
+from envcraft.corpus.history import History
+from envcraft.corpus.settings import Settings, contract_digest
+from envcraft.corpus.store import Store
+from envcraft.stages import Case, Stage, ordered
+from envcraft.target import Target
+from envcraft.verdict import CheckReport, Finding, Repro, Severity, SubjectReport, Verdict
+
+LIMIT, NUMBER = 0.050, 200
+_GAME = Path(__file__).parent.parent / "examples" / "sokoban.py"
+_SETTINGS = Settings("arcade", contract_digest(ARCADE), "benchmark", 0, "quick", "none", "none")
+_PROFILE = {"steps": 5000, "frames": 2000, "rewards": 8, "moves": 8, "longest": 1000}
+_CHECKS = (
+    "source",
+    "api",
+    "determinism",
+    "reward",
+    "observation",
+    "termination",
+    "instawin",
+    "instadeath",
+    "difficulty",
+)
+_POLICY = "class Policy:\n    def act(self, state):\n        return [0, 0, 0]\n"
+
+
+class Instant(Model):
+    """Answers at once, and keeps each answer in a journal."""
+
+    def __init__(self, journal: Journal) -> None:
+        self._journal = journal
+        sentence = "The crate moves one cell in 4 steps when the pusher leans on it, and 3 crates open the door. "
+        body = "\n\n".join(f"## {section}\n\n{sentence * 14}" for section in SECTIONS)
+        game = _GAME.read_text("utf-8")
+        self._texts = {
+            "briefs": f"# Crates\n\n{body}\n",
+            "viability": json.dumps({"viable": True, "objections": [], "summary": "Crates."}),
+            "code": f"Here it is.\n\n```python\n{game}# before\n```\n",
+            "repair": f"Mended.\n\n```python\n{game}```\n",
+            "privileged": f"```python\n{_POLICY}```\n",
+        }
+        self.requests = 0
+
+    async def ask(self, request: Request) -> Answer:
+        # Each concept has sources of its own, as it would.
+        text = self._texts[request.stage].replace('"""\n', f'"""\n# {request.concept}\n', 1)
+        answer = Answer(text, model="instant")
+        self.requests += 1
+        await self._journal.keep(request, answer)
+        return answer
+
+    async def close(self) -> None:
+        self._journal.close()
+
+
+class Costless:
+    """Judges without looking: what is marked has a finding, everything else is well, and every policy wins."""
+
+    workers, under_way = 2, 0
+
+    async def judge(self, target: Target) -> tuple[SubjectReport, dict[str, Any]]:
+        return _report(target, target.source.endswith(b"# before\n")), _PROFILE
+
+    async def play(self, target: Target, policy: str) -> tuple[SubjectReport, tuple[int, int]]:
+        return _report(target, False), (6, 6)
+
+
+def _report(target: Target, faulty: bool) -> SubjectReport:
+    found = Finding("EC107", Severity.ERROR, "step() raises IndexError", 120, {}, Repro(0, [[1, 0, 0]] * 40))
+    checks = [CheckReport(name, Verdict.PASS, 0.5) for name in _CHECKS]
+    if faulty:
+        checks[1] = CheckReport("api", Verdict.FAIL, 0.5, [found])
+    overall = Verdict.FAIL if faulty else Verdict.PASS
+    return SubjectReport(target.path, "Sokoban", target.sha256, overall, "process", 3.0, 20_000, checks)
+
+
+def taken(number: int, folder: Path) -> tuple[float, float, int, list[str]]:
+    """Seconds of the processor and of the clock, requests, and the table, for so many concepts."""
+    clock, cpu = time.perf_counter(), time.process_time()
+    stages: list[Stage] = ordered([kind() for kind in STAGES])
+    cases = [Case(one.id, one.title, one.text, msgspec.to_builtins(one)) for one in concepts(number, 0)]
+    with Store.create(folder / "corpus") as store:
+        history = History(store, _SETTINGS)
+        history.keep_concepts(cases)
+        ids = [case.concept for case in cases]
+        model = Instant(Journal(store.root))
+        bench = Bench(history, model, Costless(), lambda stage: "instant")  # type: ignore[arg-type]
+
+        async def through() -> None:
+            await Run(history, stages).run(ids, bench, 128)
+            await model.close()
+
+        asyncio.run(through())
+        table = stage_table(rows(history, stages, ids))
+        made = store.db.execute("SELECT count(*) FROM environments").fetchone()[0]
+        assert made == number, f"{made} environments of {number} concepts: {table}"
+    return time.process_time() - cpu, time.perf_counter() - clock, model.requests, table
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Print the figures; give 1 if the limit is broken."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.pipeline", description=__doc__)
+    parser.add_argument("--number", type=int, default=NUMBER, help="how many concepts")
+    options = parser.parse_args(arguments)
+    with tempfile.TemporaryDirectory(prefix="envcraft-pipeline-") as folder:
+        cpu, clock, requests, table = taken(options.number, Path(folder))
+    console = Console(width=120)
+    for line in table:
+        console.print(line, markup=False)
+    each = cpu / options.number
+    console.print(
+        f"{options.number:,} environments, {requests:,} requests: {cpu:.2f} s of CPU, {clock:.2f} s; "
+        f"{each * 1000:.1f} ms of CPU an environment, at most {LIMIT * 1000:.0f}"
+    )
+    return int(each > LIMIT)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

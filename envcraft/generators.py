@@ -1,0 +1,25 @@
+"""Ways to write environments that bring options of their own to ``envcraft generate``."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import click
+
+
+@dataclass(frozen=True)
+class Generator:
+    """A command that ``envcraft generate`` becomes once one of its options is given.
+
+    Attributes:
+        command: its options are listed with those of ``envcraft generate``; where both have one of a name, such as
+            ``--seed`` and ``--corpus``, the latter's is what its function gets.
+        chosen_by: the parameters that choose it when they are given, such as ``concepts``.
+    """
+
+    command: click.Command
+    chosen_by: frozenset[str]
+
+    @property
+    def name(self) -> str:
+        return str(self.command.name)

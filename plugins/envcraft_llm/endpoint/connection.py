@@ -1,0 +1,79 @@
+"""The client of an endpoint, and how the endpoint is named without what must not be told."""
+
+from __future__ import annotations
+
+import re
+import resource
+from typing import TYPE_CHECKING
+
+from envcraft.errors import UsageError
+
+from .settings import ModelChoice, key_from_environment
+
+if TYPE_CHECKING:
+    from openai import AsyncOpenAI
+
+#: Connections beside those of requests, and files beside connections.
+_SPARE, _FILES = 8, 512
+
+
+class Connection:
+    """A client with the key of the environment.
+
+    Attributes:
+        where: the address, without name and password.
+        key_name: the environment variable that holds the key.
+        has_key: whether it does.
+
+    Raises UsageError where the client is not installed, or no endpoint is named.
+    """
+
+    def __init__(self, choice: ModelChoice) -> None:
+        if not choice.base_url:
+            raise UsageError(
+                "no endpoint is named: give --base-url, such as http://127.0.0.1:8000/v1, or set base-url in "
+                "[tool.envcraft.llm] of pyproject.toml"
+            )
+        self.key_name, self._key = key_from_environment()
+        self.has_key = bool(self._key)
+        self.where = re.sub(r"//[^/@]*@", "//", choice.base_url)
+        self.client = _client(choice, self._key)
+
+    def plain(self, text: str) -> str:
+        """What an endpoint said, without the key, which some repeat."""
+        return text.replace(self._key, "[key]") if self._key else text
+
+
+def _client(choice: ModelChoice, key: str) -> AsyncOpenAI:
+    """Raises UsageError."""
+    try:
+        # Without it the client's class is there all the same.
+        import aiohttp  # noqa: F401
+        from openai import DEFAULT_CONNECTION_LIMITS, AsyncOpenAI, DefaultAioHttpClient, Timeout
+    except ImportError:
+        raise UsageError(
+            "asking an endpoint needs its client; install it with `pip install 'envcraft-rl[llm]'`"
+        ) from None
+    # Of the library below the client, which is not the same for all its versions.
+    limits = type(DEFAULT_CONNECTION_LIMITS)
+    places = choice.max_concurrency + _SPARE
+    _allow_files(places)
+    return AsyncOpenAI(
+        base_url=choice.base_url,
+        # One is sent in any case; endpoints of one's own rarely look at it.
+        api_key=key or "none",
+        # Attempts are repeated here, where the pace is known.
+        max_retries=0,
+        timeout=Timeout(None, connect=choice.connect_seconds),
+        # What it costs does not grow with the number of connections.
+        http_client=DefaultAioHttpClient(limits=limits(max_connections=places, max_keepalive_connections=places)),
+    )
+
+
+def _allow_files(connections: int) -> None:
+    """Allow this process so many connections, where the system does."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    wanted = connections + _FILES
+    if soft != resource.RLIM_INFINITY and soft < wanted:
+        most = wanted if hard == resource.RLIM_INFINITY else min(wanted, hard)
+        resource.setrlimit(resource.RLIMIT_NOFILE, (max(soft, most), hard))

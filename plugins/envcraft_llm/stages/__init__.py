@@ -1,0 +1,39 @@
+"""The stages from a concept to an environment, one a file, in the order in which they run."""
+
+from __future__ import annotations
+
+from envcraft.stages import Stage
+
+from .briefs import Briefs
+from .code import Code
+from .concepts import Concepts
+from .filters import Instadeath, Instawin
+from .privileged import Privileged
+from .repair import Repair
+from .validated import Validated
+from .viability import Viability
+
+STAGES: tuple[type[Stage], ...] = (
+    Concepts,
+    Briefs,
+    Viability,
+    Code,
+    Repair,
+    Instawin,
+    Instadeath,
+    Privileged,
+    Validated,
+)
+
+__all__ = [
+    "STAGES",
+    "Briefs",
+    "Code",
+    "Concepts",
+    "Instadeath",
+    "Instawin",
+    "Privileged",
+    "Repair",
+    "Validated",
+    "Viability",
+]

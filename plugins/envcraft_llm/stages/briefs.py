@@ -1,0 +1,95 @@
+"""Briefs: a design document of fixed sections and length, checked on this side; one retry, with the complaint."""
+
+from __future__ import annotations
+
+import re
+
+from envcraft.stages import Case, Outcome, Question, Stage, Workbench
+from envcraft_llm.extraction import clean
+from envcraft_llm.templates import prompt
+
+#: The sections of a brief, in order.
+SECTIONS = (
+    "Premise",
+    "Core mechanics",
+    "World and parameters",
+    "Visual design",
+    "Controls",
+    "Rewards",
+    "Termination",
+    "Difficulty and strategy",
+)
+WORDS = (1500, 3000)
+#: A section of fewer words says nothing.
+_SECTION_WORDS = 15
+_TRIES = 2
+_FENCED = re.compile(r"\A\s*(`{3,})(?:markdown|md)?[ \t]*\n(.*?)\n?\1\s*\Z", re.DOTALL)
+_HEADING = re.compile(r"^(#{1,6})[ \t]+(.+?)[ \t#]*$", re.MULTILINE)
+
+
+class Briefs(Stage):
+    name = "briefs"
+    summary = "A design document of 1,500 to 3,000 words in eight sections."
+    after = "concepts"
+
+    async def run(self, case: Case, bench: Workbench) -> Outcome:
+        template = prompt(self.name)
+        messages = [
+            ("system", template.fill("System")),
+            ("user", template.fill("User", title=case.title, concept=case.idea)),
+        ]
+        wrong: list[str] = []
+        for number in range(_TRIES):
+            reply = await bench.ask(case, Question(tuple(messages), self.name, number, prompt=template.sha256))
+            text = tidy(reply.text)
+            wrong = complaints(text)
+            if not wrong:
+                bench.keep_brief(case, text, reply.provenance)
+                return Outcome("passed", facts={"words": count(text), "tries": number + 1})
+            again = template.fill("Again", complaints="\n".join(f"- {one}" for one in wrong))
+            messages += [("assistant", reply.text), ("user", again)]
+        return Outcome("failed", f"no brief: {'; '.join(wrong)}", {"tries": _TRIES})
+
+
+def tidy(text: str) -> str:
+    """An answer without what was thought, a fence around all of it, and words before its title."""
+    text = clean(text).strip()
+    if fenced := _FENCED.match(text):
+        text = fenced[2].strip()
+    title = re.search(r"^# \S", text, re.MULTILINE)
+    if title is not None and not _HEADING.search(text[: title.start()]):
+        text = text[title.start() :]
+    return text + "\n"
+
+
+def count(text: str) -> int:
+    """The words of a brief, as ``wc`` counts them: what spaces part."""
+    return len(text.split())
+
+
+def complaints(text: str) -> list[str]:
+    """What is wrong with a brief, each in one sentence that its writer can act on."""
+    found = []
+    headings = [(len(mark[1]), mark[2], mark.end()) for mark in _HEADING.finditer(text)]
+    if not headings or headings[0][0] != 1:
+        found.append("It does not begin with a level-1 heading that gives the title (`# Title`).")
+    elif sum(level == 1 for level, _, _ in headings) > 1:
+        found.append("It has more than one level-1 heading.")
+    sections = [(name, place) for level, name, place in headings if level == 2]
+    names = [name for name, _ in sections]
+    if names != list(SECTIONS):
+        found += [f"The section `## {name}` is missing." for name in SECTIONS if name not in names]
+        found += [
+            f"There is a level-2 heading `## {name}` that is not asked for." for name in names if name not in SECTIONS
+        ]
+        if not found or sorted(names) == sorted(SECTIONS):
+            found.append(f"The sections are not in the order {', '.join(SECTIONS)}, each once.")
+    else:
+        ends = [place for _, place in sections[1:]] + [len(text)]
+        for (name, place), end in zip(sections, ends, strict=True):
+            if count(text[place:end]) < _SECTION_WORDS:
+                found.append(f"The section `## {name}` has fewer than {_SECTION_WORDS} words.")
+    words = count(text)
+    if not WORDS[0] <= words <= WORDS[1]:
+        found.append(f"It has {words:,} words; it has to have {WORDS[0]:,} to {WORDS[1]:,}.")
+    return found

@@ -1,0 +1,349 @@
+"""The whole pipeline over a small demo: killed, interrupted, resumed, in parts; and with models that are no good."""
+
+from __future__ import annotations
+
+import json
+import os
+import random
+import signal
+import sqlite3
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+from click.testing import CliRunner, Result
+from envcraft_llm.model import Answer, Model, ModelFailure, ModelStopped, Request
+from envcraft_llm.pipeline import options
+
+from envcraft.cli import cli
+from envcraft.corpus.merge import merge
+from envcraft.corpus.store import Store
+from envcraft.corpus.verify import verify
+
+from .content import CONCEPTS, GAME, POLICY, UNSEEDED, small, verdict, write
+
+Generate = Callable[..., Result]
+#: How often the pipeline is killed.
+KILLS = int(os.environ.get("ENVCRAFT_KILLS", "3"))
+#: What a corpus holds that is not the clock's.
+TABLES = {
+    "concepts": "SELECT * FROM concepts ORDER BY id",
+    "briefs": "SELECT * FROM briefs ORDER BY concept",
+    "attempts": "SELECT concept, number, source, class, diff, result, gutted, codes, profile, provenance FROM attempts "
+    "ORDER BY concept, number",
+    "policies": "SELECT * FROM policies ORDER BY concept, number",
+    "outcomes": "SELECT * FROM outcomes ORDER BY concept, stage",
+    "environments": "SELECT name, source, class, origin FROM environments ORDER BY name",
+    "verdicts": "SELECT source, class, verdict, steps FROM verdicts ORDER BY source, class",
+}
+
+
+def command(folder: Path, corpus: Path, *more: str) -> list[str]:
+    given = ["--model", f"demo:{folder}", "--corpus", str(corpus), "--sandbox", "process", "--workers", "2", *more]
+    return ["generate", *given]
+
+
+@pytest.fixture
+def generate(tmp_path: Path) -> Generate:
+    folder = small(tmp_path / "content")
+
+    def run(*more: str, corpus: str = "corpus", content: Path = folder) -> Result:
+        return CliRunner().invoke(cli, command(content, tmp_path / corpus, *more))
+
+    return run
+
+
+def contents(corpus: Path) -> dict[str, list[Any]]:
+    with sqlite3.connect(corpus / "corpus.sqlite") as db:
+        return {name: db.execute(query).fetchall() for name, query in TABLES.items()}
+
+
+def requests(corpus: Path) -> set[str]:
+    """The keys of all requests that the corpus says it was made from."""
+    found = set()
+    for table in ("briefs", "attempts", "policies"):
+        with sqlite3.connect(corpus / "corpus.sqlite") as db:
+            found |= {json.loads(text).get("request") for (text,) in db.execute(f"SELECT provenance FROM {table}")}
+    return found
+
+
+def outcomes(corpus: Path) -> dict[tuple[str, str], tuple[str, str]]:
+    return {(concept, stage): (result, reason) for concept, stage, result, reason, _ in contents(corpus)["outcomes"]}
+
+
+@dataclass(frozen=True)
+class Finished:
+    """The content, a corpus that was made of it in one go, what was printed, and how long it took."""
+
+    content: Path
+    corpus: Path
+    result: Result
+    seconds: float
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory: pytest.TempPathFactory) -> Finished:
+    folder = tmp_path_factory.mktemp("finished")
+    content = small(folder / "content")
+    began = time.monotonic()
+    result = CliRunner().invoke(cli, command(content, folder / "corpus"))
+    return Finished(content, folder / "corpus", result, time.monotonic() - began)
+
+
+def test_concepts_become_environments(finished: Finished) -> None:
+    corpus, result = finished.corpus, finished.result
+    assert result.exit_code == 0, result.output
+    second, third = (concept.id for concept in CONCEPTS[1:3])
+    said = outcomes(corpus)
+    assert said[second, "validated"] == ("passed", "")
+    assert said[third, "viability"] == ("rejected", "impossible-physics: An errand.")
+    assert (third, "code") not in said
+    kept = contents(corpus)
+    assert [(row[0], row[1], row[5]) for row in kept["attempts"] if row[0] == second] == [
+        (second, 0, "faulty"),
+        (second, 1, "sound"),
+    ]
+    assert "EC204" in next(row[7] for row in kept["attempts"] if row[:2] == (second, 0))
+    assert [row[3] > 0 for row in kept["policies"] if row[0] == second] == [False, True]
+    assert len(kept["environments"]) == 1
+
+
+def test_the_table_says_what_became_of_them(finished: Finished) -> None:
+    lines = finished.result.stdout.splitlines()
+    assert "| briefs | 2 | 2 | 0 | 0 | 100.0% (34.2% to 100.0%) |  |" in lines
+    assert "| viability | 2 | 1 | 1 | 0 | 50.0% (9.5% to 90.5%) | impossible-physics 1 |" in lines
+    assert "| all | 2 | 1 | | | 50.0% (9.5% to 90.5%) | |" in lines
+    assert "  first: 0 of 1 (0.0%) without a finding" in lines
+    assert "  repair 1: 1 of 1 (100.0%) without a finding" in lines
+
+
+def test_an_environment_says_how_it_came_about(finished: Finished) -> None:
+    corpus = finished.corpus
+    name = next(row[0] for row in contents(corpus)["environments"] if CONCEPTS[1].id[:8] in row[0])
+    told = CliRunner().invoke(cli, ["corpus", "show", str(corpus), name]).output
+    assert f"concept {CONCEPTS[1].id}: {CONCEPTS[1].title}" in told
+    assert "attempt 0  fail" in told
+    assert "EC204" in told
+    assert "attempt 1  pass" in told
+    shown = json.loads(CliRunner().invoke(cli, ["corpus", "show", str(corpus), name, "--format", "json"]).output)
+    assert shown["history"]["attempts"][1]["diff"].startswith("--- attempt 0")
+    assert set(shown["history"]["attempts"][1]["provenance"]) == {"model", "request", "prompt"}
+    assert shown["verdict"] == "pass"
+
+
+def test_a_corpus_with_a_history_is_whole_and_can_be_merged(finished: Finished, tmp_path: Path) -> None:
+    corpus = finished.corpus
+    with Store.create(tmp_path / "other") as other, Store(corpus) as source:
+        taken = merge(other, source)
+        assert (taken.added, taken.concepts) == (1, 2)
+        again = merge(other, source)
+        assert (again.added, again.verdicts, again.concepts) == (0, 0, 0)
+        assert [*verify(other)] == []
+        attempt = other.db.execute("SELECT source FROM attempts WHERE result = 'faulty'").fetchone()[0]
+        other.place(attempt).unlink()
+        assert [damage.what for damage in verify(other)] == [
+            f"the source of attempt 0 at the concept {CONCEPTS[1].id} is missing"
+        ]
+        assert all(damage.done for damage in verify(other, repair=True))
+        assert [*verify(other)] == []
+    # But for the attempt that was damaged.
+    assert contents(tmp_path / "other")["outcomes"] == contents(corpus)["outcomes"]
+
+
+def test_a_second_run_does_nothing(finished: Finished) -> None:
+    content, corpus, first = finished.content, finished.corpus, finished.result
+    before = contents(corpus)
+    again = CliRunner().invoke(cli, command(content, corpus))
+    assert again.stdout == first.stdout
+    assert contents(corpus) == before
+
+
+def test_killed_at_any_moment_it_comes_to_the_same(finished: Finished, tmp_path: Path) -> None:
+    content, whole = finished.content, finished.corpus
+    rng = random.Random(7)
+    program = [sys.executable, "-m", "envcraft", *command(content, tmp_path / "corpus")]
+    for _ in range(KILLS):
+        with subprocess.Popen(program, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as run:
+            try:
+                run.wait(rng.uniform(0.1, 1.0) * finished.seconds)
+            except subprocess.TimeoutExpired:
+                run.send_signal(signal.SIGKILL)
+    last = subprocess.run(program, capture_output=True, text=True, timeout=300)
+    assert last.returncode == 0, last.stderr
+    assert contents(tmp_path / "corpus") == contents(whole)
+    assert requests(tmp_path / "corpus") == requests(whole)
+
+
+def test_interrupted_it_ends_cleanly_and_goes_on(finished: Finished, tmp_path: Path) -> None:
+    content, whole = finished.content, finished.corpus
+    program = [sys.executable, "-m", "envcraft", *command(content, tmp_path / "corpus")]
+    with subprocess.Popen(program, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as run:
+        deadline = time.monotonic() + 60
+        while time.monotonic() < deadline and not _begun(tmp_path / "corpus"):
+            time.sleep(0.05)
+        run.send_signal(signal.SIGINT)
+        _, said = run.communicate(timeout=30)
+    assert run.returncode == 130, said
+    assert "the same command goes on from there" in said
+    assert "Traceback" not in said
+    assert CliRunner().invoke(cli, command(content, tmp_path / "corpus")).exit_code == 0
+    assert contents(tmp_path / "corpus") == contents(whole)
+
+
+def _begun(corpus: Path) -> bool:
+    """Whether something is being judged."""
+    try:
+        return any(row[1] == "code" for row in contents(corpus)["outcomes"])
+    except sqlite3.Error:
+        return False
+
+
+def test_in_parts(generate: Generate, tmp_path: Path) -> None:
+    first = generate("--until", "viability")
+    assert first.exit_code == 0, first.output
+    assert {stage for _, stage in outcomes(tmp_path / "corpus")} == {"concepts", "briefs", "viability"}
+    assert generate("--from", "code", "--until", "code").exit_code == 0
+    assert len(contents(tmp_path / "corpus")["attempts"]) == 1
+    # What has not come so far is not taken further.
+    assert generate("--from", "repair", "--until", "code", corpus="other").exit_code == 2
+    assert generate("--from", "validated", corpus="other").exit_code == 1
+    assert outcomes(tmp_path / "other") == {}
+
+
+@pytest.mark.parametrize(
+    ("more", "words"),
+    [
+        (["--until", "repare"], "did you mean repair?"),
+        (["--seed", "3"], "concepts of seed 0 alone"),
+        (["--family", "tetris"], "--family does not go with --model"),
+        (["--output", "files"], "--output does not go with --model"),
+        (["--sandbox", "nothing"], "there is no sandbox"),
+    ],
+)
+def test_wrong_use(generate: Generate, more: list[str], words: str) -> None:
+    result = generate(*more)
+    assert result.exit_code == 2
+    assert words in result.output
+
+
+def test_options_of_the_pipeline_go_with_no_family() -> None:
+    result = CliRunner().invoke(cli, ["generate", "--family", "tetris", "--until", "code"])
+    assert result.exit_code == 2
+    assert "--until goes with one of" in result.output
+
+
+class _Model(Model):
+    """Gives the same answer to everything, or raises it."""
+
+    def __init__(self, answer: str | Exception, accept: int = 10**9) -> None:
+        self.answer, self.accept, self.asked = answer, accept, list[Request]()
+
+    async def ask(self, request: Request) -> Answer:
+        self.asked.append(request)
+        if isinstance(self.answer, Exception) and len(self.asked) > self.accept:
+            raise self.answer
+        return Answer(verdict() if isinstance(self.answer, Exception) else self.answer, prompt_tokens=3)
+
+
+def told(monkeypatch: pytest.MonkeyPatch, model: Model, corpus: Path, *more: str) -> Result:
+    monkeypatch.setattr("envcraft_llm.pipeline.command.opened", lambda *_: (model, None))
+    given = ["--concepts", "20", "--corpus", str(corpus), "--sandbox", "process", "--base-url", "http://none", *more]
+    return CliRunner().invoke(cli, ["generate", *given])
+
+
+@pytest.mark.parametrize(
+    ("answer", "reason"),
+    [
+        ("", "no brief"),
+        ("\x00\ufffd{}[]<|channel|>```" * 50, "no brief"),
+        (GAME, "no brief"),
+        (ModelFailure("refused", "I cannot help with that"), "refused"),
+        (ModelFailure("context-overflow", "too long"), "context-overflow"),
+        (ValueError("not foreseen"), "the stage broke"),
+    ],
+    ids=["nothing", "garbage", "a game for a brief", "refused", "overflow", "breaks"],
+)
+def test_a_model_that_is_no_good_fails_every_concept(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, answer: str | Exception, reason: str
+) -> None:
+    result = told(monkeypatch, _Model(answer, 0), tmp_path / "corpus")
+    assert result.exit_code == 1, result.output
+    said = [(stage, found, why.partition(":")[0]) for (_, stage), (found, why) in outcomes(tmp_path / "corpus").items()]
+    assert [one for one in said if one[0] != "concepts"] == [("briefs", "failed", reason)] * 20
+    assert f"| briefs | 20 | 0 | 0 | 20 | 0.0% (0.0% to 16.1%) | {reason} 20 |" in result.stdout
+
+
+def test_a_model_that_stops_ends_the_run_and_fails_nothing(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    stopped = ModelStopped("the endpoint is down: start it")
+    result = told(monkeypatch, _Model(stopped, 1), tmp_path / "corpus")
+    assert result.exit_code == 3
+    assert "the endpoint is down: start it" in result.output
+    assert not [said for said in outcomes(tmp_path / "corpus").values() if said[0] == "failed"]
+
+
+def test_what_the_network_failed_is_asked_again(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    first, second = (_Model(ModelFailure("timeout", "too late"), 0), _Model("nothing"))
+    assert told(monkeypatch, first, tmp_path / "corpus").exit_code == 1
+    assert told(monkeypatch, second, tmp_path / "corpus").exit_code == 1
+    assert len(first.asked) == 20
+    assert len(second.asked) == 40
+    third = _Model("nothing")
+    assert told(monkeypatch, third, tmp_path / "corpus").exit_code == 1
+    assert not third.asked
+
+
+def test_without_a_sandbox_nothing_generated_is_run(monkeypatch: pytest.MonkeyPatch) -> None:
+    from envcraft.errors import SandboxUnavailable
+
+    asked = []
+
+    def none(name: str, least: str | None = None, runtime: str | None = None) -> None:
+        asked.append((name, least))
+        raise SandboxUnavailable("the strongest sandbox here is process")
+
+    monkeypatch.setattr(options, "driver_named", none)
+    with pytest.raises(SandboxUnavailable, match="--sandbox process runs it"):
+        options.driver_for_generated("auto", None, None)
+    assert asked == [("auto", "namespace")]
+
+
+def test_a_repair_of_one_file(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    file = tmp_path / "game.py"
+    file.write_text(UNSEEDED)
+    model = _Model(f"```python\n{GAME}```")
+    monkeypatch.setattr("envcraft_llm.pipeline.single.opened", lambda *_: (model, None))
+    given = ["repair", str(file), "--base-url", "http://none", "--sandbox", "process", "--budget", "quick"]
+    result = CliRunner().invoke(cli, given)
+    assert result.exit_code == 0, result.output
+    assert result.stdout == GAME
+    assert "EC204" in result.stderr
+    assert "EC204" in model.asked[0].messages[1].content
+    assert file.read_text() == UNSEEDED
+
+
+def test_a_policy_for_one_file(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    file, output = tmp_path / "game.py", tmp_path / "policy.py"
+    file.write_text(GAME)
+    model = _Model(f"```python\n{POLICY}```")
+    monkeypatch.setattr("envcraft_llm.pipeline.single.opened", lambda *_: (model, None))
+    given = ["privileged", str(file), "--base-url", "http://none", "--sandbox", "process", "--budget", "quick"]
+    result = CliRunner().invoke(cli, [*given, "--output", str(output)])
+    assert result.exit_code == 0, result.output
+    assert output.read_text() == POLICY
+    assert "policy 0: wins 6 of 6" in result.stderr
+    assert result.stdout == ""
+    assert GAME.strip() in model.asked[0].messages[1].content
+
+
+def test_a_demo_of_other_concepts_is_refused(tmp_path: Path, generate: Generate) -> None:
+    write(tmp_path / "odd", 0, attempt_0=GAME)
+    place = next((tmp_path / "odd").iterdir())
+    place.rename(place.with_name("00_0123456789abcdef"))
+    result = generate(content=tmp_path / "odd")
+    assert result.exit_code == 2
+    assert "is no concept of seed 0" in result.output

@@ -1,0 +1,98 @@
+"""The cascade while it runs, and the tables at its end."""
+
+from __future__ import annotations
+
+import io
+from collections import Counter
+
+import pytest
+from envcraft_llm.endpoint.accounts import Accounts
+from envcraft_llm.endpoint.settings import ModelChoice
+from envcraft_llm.pipeline.runner import Tally
+from envcraft_llm.pipeline.tables import Row, cost_lines, stage_table, yield_lines
+from envcraft_llm.pipeline.view import View
+from rich.console import Console
+
+ROWS = [Row("code", 4, 3, 0, 1, Counter({"no code": 1})), Row("validated", 3, 1, 2, 0, Counter())]
+
+
+class Clock:
+    seconds = 0.0
+
+    def __call__(self) -> float:
+        return self.seconds
+
+
+def accounts() -> Accounts:
+    found = Accounts(ModelChoice())
+    used = found.of("code")
+    used.asked, used.replayed, used.prompt_tokens, used.completion_tokens, used.cost = 5, 2, 4000, 2500, 0.75
+    return found
+
+
+def tally() -> Tally:
+    found = Tally(total=20, settled=8, fresh=4)
+    found.now = {("code", "passed"): 4, ("validated", "passed"): 2, ("validated", "rejected"): 1}
+    found.under_way = {"code": 3}
+    return found
+
+
+def test_on_a_terminal_a_table_is_drawn() -> None:
+    clock, console = Clock(), Console(file=io.StringIO(), force_terminal=True, width=120)
+    with View(ROWS, tally(), accounts(), console, clock) as view:
+        clock.seconds = 60.0
+        view.tell()
+    assert isinstance(console.file, io.StringIO)
+    said = console.file.getvalue()
+    shown = {line.split()[0]: line.split()[1:] for line in said.splitlines() if line.startswith(("code", "valid"))}
+    assert shown["code"] == ["8", "7", "1", "87.5%", "3"]
+    assert shown["validated"] == ["6", "3", "3", "50.0%"]
+    for words in ("8 of 20 settled", "tokens/s", "cost 0.75", "120 validated/h", "about 3 min left"):
+        assert words in said
+
+
+def test_it_is_drawn_no_more_often_than_anybody_can_read() -> None:
+    clock, console = Clock(), Console(file=io.StringIO(), force_terminal=True, width=120)
+    with View(ROWS, tally(), None, console, clock) as view:
+        for step in range(100):
+            clock.seconds = step / 100
+            view.tell()
+        assert isinstance(console.file, io.StringIO)
+        assert console.file.getvalue().count("validated") == 1
+
+
+def test_elsewhere_a_line_is_written_now_and_then(capsys: pytest.CaptureFixture[str]) -> None:
+    clock = Clock()
+    with View(ROWS, tally(), None, None, clock) as view:
+        for second in range(35):
+            clock.seconds = float(second)
+            view.tell()
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) == 2
+    assert lines[0].startswith("code 7/8, validated 3/6, 8 of 20 settled, 480 validated/h, about 45 s left")
+
+
+def test_the_table_of_stages() -> None:
+    rows = [
+        Row("a", 10, 9, 1, 0, Counter({"x": 1})),
+        Row("b", 9, 0, 9, 0, Counter({"y": 5, "z": 4})),
+        Row("c", 0, 0, 0, 0, Counter()),
+    ]
+    lines = stage_table(rows)
+    assert "| b | 9 | 0 | 9 | 0 | 0.0% (0.0% to 29.9%) | y 5, z 4 |" in lines
+    assert "| c | 0 | 0 | 0 | 0 | - |  |" in lines
+
+
+def test_the_yields_of_attempts() -> None:
+    assert yield_lines([(4, 3), (0, 0), (1, 0)]) == [
+        "first: 3 of 4 (75.0%) without a finding",
+        "repair 2: 0 of 1 (0.0%) without a finding",
+    ]
+
+
+def test_what_was_asked_for() -> None:
+    assert cost_lines(None) == []
+    assert cost_lines(accounts()) == [
+        "code: 5 asked, 2 replayed, 4,000 + 2,500 tokens, cost 0.75",
+        "all: 5 asked, 2 replayed, 4,000 + 2,500 tokens, cost 0.75",
+    ]

@@ -1,0 +1,147 @@
+"""A real server: llama.cpp's, with a model of random weights. What it answers is garbage, in the right form."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import socket
+import subprocess
+import sys
+from collections.abc import Awaitable, Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from envcraft_llm.endpoint import ModelChoice, OpenedModel, open_model
+from envcraft_llm.model import Message, ModelFailure, ModelStopped, Request
+
+from tests.plugins import tiny_model
+
+pytest.importorskip("xllamacpp", reason="needs the wheel xllamacpp, which is not for every machine")
+
+SCHEMA = {
+    "type": "object",
+    "properties": {"viable": {"type": "boolean"}, "kind": {"enum": ["a", "b"]}},
+    "required": ["viable", "kind"],
+}
+
+
+class Served:
+    """The server at its port."""
+
+    def __init__(self, folder: Path) -> None:
+        self._path = folder / "tiny.gguf"
+        tiny_model.write(self._path)
+        with socket.create_server(("127.0.0.1", 0)) as free:
+            self.port = free.getsockname()[1]
+        self.url = f"http://127.0.0.1:{self.port}/v1"
+        self._log = (folder / "server.log").open("w")
+        self.start()
+
+    def start(self) -> None:
+        """Start, and return once it listens."""
+        command = [sys.executable, "-m", "tests.plugins.tiny_model", str(self._path), str(self.port)]
+        self._process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=self._log, text=True)
+        assert self._process.stdout is not None
+        assert str(self.port) in self._process.stdout.readline()
+
+    def kill(self) -> None:
+        """End at once."""
+        self._process.kill()
+        self._process.communicate()
+
+
+@pytest.fixture(scope="module")
+def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
+    server = Served(tmp_path_factory.mktemp("tiny"))
+    yield server
+    server.kill()
+
+
+def request(text: str, **more: Any) -> Request:
+    told: dict[str, Any] = {"max_tokens": 24, "temperature": 1.0, "stage": "code", **more}
+    return Request("tiny", (Message("system", "Write."), Message("user", text)), **told)
+
+
+def using(served: Served, journal: Path, use: Callable[[OpenedModel], Awaitable[Any]], **more: Any) -> Any:
+    async def run() -> Any:
+        model = open_model(ModelChoice(base_url=served.url, **more), journal)
+        try:
+            return await use(model)
+        finally:
+            await model.close()
+
+    return asyncio.run(run())
+
+
+def test_answers_are_streamed_and_counted_many_at_once(served: Served, tmp_path: Path) -> None:
+    async def use(model: OpenedModel) -> None:
+        same = [model.ask(request("a game", sample=number % 6)) for number in range(12)]
+        answers = await asyncio.gather(*same, return_exceptions=True)
+        assert not [told for told in answers if isinstance(told, BaseException) and not isinstance(told, ModelFailure)]
+        texts = {told.text for told in answers if not isinstance(told, BaseException)}
+        assert len(texts) >= 4
+        usage = model.accounts.of("code")
+        assert usage.asked == 6
+        assert usage.prompt_tokens > 6 * 10
+        assert 0 < usage.completion_tokens <= 6 * 24
+        long = await model.ask(request("a game", sample=99, max_tokens=8))
+        assert long.finish == "length"
+
+    using(served, tmp_path, use)
+
+
+def test_a_schema_is_held_to(served: Served, tmp_path: Path) -> None:
+    async def use(model: OpenedModel) -> None:
+        answer = await model.ask(request("is it viable?", schema=SCHEMA, max_tokens=400))
+        told = json.loads(answer.text)
+        assert told.keys() == {"viable", "kind"}
+        assert told["kind"] in "ab"
+
+    using(served, tmp_path, use)
+
+
+def test_a_prompt_that_is_too_long_overflows(served: Served, tmp_path: Path) -> None:
+    async def use(model: OpenedModel) -> None:
+        with pytest.raises(ModelFailure, match="HTTP 400") as failed:
+            await model.ask(request("long " * 4000))
+        assert failed.value.kind == "context-overflow"
+
+    using(served, tmp_path, use)
+
+
+def test_a_server_that_is_killed_and_started_again_answers_the_rest(served: Served, tmp_path: Path) -> None:
+    requests = [request(f"game {number}", max_tokens=200) for number in range(12)]
+
+    async def outcomes(model: OpenedModel) -> list[str]:
+        async def one(asking: Request) -> str:
+            try:
+                return (await model.ask(asking)).text
+            except ModelFailure as failure:
+                return failure.kind
+
+        return await asyncio.gather(*map(one, requests))
+
+    async def use(model: OpenedModel) -> list[str]:
+        asking = asyncio.create_task(outcomes(model))
+        while not model.accounts.of("code").completion_tokens:
+            await asyncio.sleep(0.02)
+        await asyncio.to_thread(served.kill)
+        await asyncio.to_thread(served.start)
+        told = await asking
+        assert model.accounts.of("code").retries > 0
+        return told
+
+    first = using(served, tmp_path, use, retries=30)
+    served.kill()
+
+    async def replayed() -> list[str]:
+        model = open_model(ModelChoice(), tmp_path, offline=True)
+        told = await outcomes(model)
+        with pytest.raises(ModelStopped):
+            await model.ask(request("a game that was never asked for"))
+        await model.close()
+        return told
+
+    assert asyncio.run(replayed()) == first
+    assert len(set(first)) > 6
