@@ -1,9 +1,9 @@
 """City Sewer: a plumber's robot digs six lost coins out of the earth and climbs back up the manhole ladder.
 
-A board of 14 by 13 cells, full of earth. Digging into earth takes two steps, walking one. Valve wheels whose earth is dug
-away fall after six steps. Button one changes the robot between light and dark: it swallows alligators of its own colour
-and is bitten by the others. Button two winds the robot, and nothing else, back along its own way. It overheats in the
-open and cools in the shadows of the valve wheels, which turn with the day.
+A board of 14 by 13 cells, full of earth. Digging into earth takes two steps, walking one. Valve wheels whose earth is
+dug away fall after six steps. Button one changes the robot between light and dark: it swallows alligators of its own
+colour and is bitten by the others. Button two winds the robot, and nothing else, back along its own way. It overheats
+in the open and cools in the shadows of the valve wheels, which turn with the day.
 """
 
 from collections import deque
@@ -139,7 +139,9 @@ class GameEnv(gym.Env):
         cells = [(c, r) for r in range(1, ROWS) for c in range(COLUMNS) if (c, r) not in taken | under]
         order = [cells[int(i)] for i in self.np_random.permutation(len(cells))]
         for cell in sorted(order, key=self._can_be_shaded):
-            if len(self.coins) < SHADELESS_COINS and all(abs(cell[0] - c) + abs(cell[1] - r) > 2 for c, r in self.coins):
+            if len(self.coins) < SHADELESS_COINS and all(
+                abs(cell[0] - c) + abs(cell[1] - r) > 2 for c, r in self.coins
+            ):
                 self.coins.append(cell)
         self.coins += [cell for cell in order if cell not in self.coins][: COINS - len(self.coins)]
 
@@ -160,9 +162,7 @@ class GameEnv(gym.Env):
     def shadows(self):
         """The cells that lie in a wheel's shadow now; shadows turn round once a day."""
         dx, dy = COMPASS[self.day * len(COMPASS) // DAY % len(COMPASS)]
-        return {
-            (w["at"][0] + n * dx, w["at"][1] + n * dy) for w in self.wheels for n in range(1, SHADOW_LENGTH + 1)
-        }
+        return {(w["at"][0] + n * dx, w["at"][1] + n * dy) for w in self.wheels for n in range(1, SHADOW_LENGTH + 1)}
 
     def step(self, action):
         move, swap, rewind = int(action[0]), bool(action[1]), bool(action[2])

@@ -2,8 +2,8 @@
 
 The clockmaker never stands still: every second step it moves one cell in the last direction chosen, pulling a chain
 behind it that each spring makes one link longer. The great bell hangs at one of three places and moves on every 160
-steps, glowing before it does; passing under it rings it once per stay. The game is won with a chain of 25 links, lost by
-running into the own chain or the edge of the tower.
+steps, glowing before it does; passing under it rings it once per stay. The game is won with a chain of 25 links, lost
+by running into the own chain or the edge of the tower.
 """
 
 from collections import deque

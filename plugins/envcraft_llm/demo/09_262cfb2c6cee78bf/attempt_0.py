@@ -1,9 +1,9 @@
 """Mountain Monastery: a pinball table in a courtyard garden.
 
-The novice is the ball. The bumpers are plants: four hits make one bear a bell, and rolling over the bell harvests it. A
-plant that nothing touches for 220 steps withers to a stump, which throws the ball in odd directions until three hits have
-revived it. From a corner that keeps changing, fans of five slow petals of light spread over the table; a hit costs a
-life, and so does draining between the flippers. Five bells win.
+The novice is the ball. The bumpers are plants: four hits make one bear a bell, and rolling over the bell harvests it.
+A plant that nothing touches for 220 steps withers to a stump, which throws the ball in odd directions until three
+hits have revived it. From a corner that keeps changing, fans of five slow petals of light spread over the table; a
+hit costs a life, and so does draining between the flippers. Five bells win.
 
 Button one lifts the left flipper, button two the right one; left and right nudge the table, but not too often.
 """

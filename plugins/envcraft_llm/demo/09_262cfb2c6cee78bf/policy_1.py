@@ -1,4 +1,4 @@
-"""Lift a flipper when the throw would meet a plant, or when the ball is about to slip through; nudge it out of the gap."""
+"""Lift a flipper when the throw would meet a plant, or when the ball would slip through; nudge it out of the gap."""
 
 import math
 

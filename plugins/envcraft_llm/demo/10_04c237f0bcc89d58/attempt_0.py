@@ -1,9 +1,9 @@
 """Steam Laundry: table hockey on a wet cellar floor against a cloud of steam.
 
-The laundress keeps her mallet in the lower half and shoots at the goal on top; the steam cloud does the opposite. While
-button one is held the puck sticks to her mallet for up to six steps and leaves it upwards when let go, turned by the way
-she moves. Five copper bumpers throw everything back. Washing baskets scroll through from right to left and may squeeze
-the mallet against the wall. Two goals decide the match.
+The laundress keeps her mallet in the lower half and shoots at the goal on top; the steam cloud does the opposite.
+While button one is held the puck sticks to her mallet for up to six steps and leaves it upwards when let go, turned
+by the way she moves. Five copper bumpers throw everything back. Washing baskets scroll through from right to left and
+may squeeze the mallet against the wall. Two goals decide the match.
 """
 
 import math
