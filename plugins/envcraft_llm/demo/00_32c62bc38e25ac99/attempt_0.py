@@ -1,9 +1,9 @@
 """Ring Station: fly the cadet's capsule through the hull and set it down on the narrow pad behind the ridge.
 
-The capsule is pulled down by the station's weak gravity. Up burns the main engine along the capsule's own axis, left and
-right turn it by 20 degrees, button one lowers (or raises) the landing legs, button two drops a small tower. Larvae walk
-the ceiling duct towards the escape pod and must be stopped by towers; a hunter follows the capsule and only flees after
-the flashing fruit has been taken. Touching the ground wrongly ends the game at once.
+The capsule is pulled down by the station's weak gravity. Up burns the main engine along the capsule's own axis, left
+and right turn it by 20 degrees, button one lowers (or raises) the landing legs, button two drops a small tower.
+Larvae walk the ceiling duct towards the escape pod and must be stopped by towers; a hunter follows the capsule and
+only flees after the flashing fruit has been taken. Touching the ground wrongly ends the game at once.
 """
 
 import math

@@ -75,7 +75,7 @@ class GameEnv(gym.Env):
         for emitter in self.emitters:
             emitter["swing"] = float(rng.integers(-60, 61))
             emitter["turn"] = 1 if rng.random() < 0.5 else -1
-        self.keys = {0: (14, 43), 1: (49, 57)}
+        self.door_keys = {0: (14, 43), 1: (49, 57)}
         self.carried = None
         self.door_timer = [0, 0]
         self.times_shut = 0
@@ -90,6 +90,7 @@ class GameEnv(gym.Env):
         self.sense = 1
         self.x, self.y = self._orbit_point()
         self.vx, self.vy = 0.0, 0.0
+        self.beams = [self._beam_end(emitter) for emitter in self.emitters]
         self.dash = self.rest = 0
         self.in_beam = 0
         self.hurt = 0
@@ -223,12 +224,12 @@ class GameEnv(gym.Env):
                 boulder[1] = min(max(boulder[1] + 2 * sin(heading), TOP + 4.0), W - 5.0)
 
     def _take_keys(self):
-        for number, (kx, ky) in list(self.keys.items()):
+        for number, (kx, ky) in list(self.door_keys.items()):
             if hypot(kx - self.x, ky - self.y) < TOUCH:
-                del self.keys[number]
+                del self.door_keys[number]
                 if self.carried is not None:
                     # A little aside, or the two keys would be swapped again at the next step.
-                    self.keys[self.carried] = (kx, ky - 12)
+                    self.door_keys[self.carried] = (kx, ky - 12)
                 self.carried = number
                 return 0.5
         return 0.0
@@ -260,6 +261,7 @@ class GameEnv(gym.Env):
             emitter["swing"] += emitter["turn"] * pace
             if abs(emitter["swing"]) >= BEAM_RANGE:
                 emitter["turn"] = -1 if emitter["swing"] > 0 else 1
+        self.beams = [self._beam_end(emitter) for emitter in self.emitters]
 
     def _beam_end(self, emitter):
         """How far the beam reaches: to the first boulder, a shut door or the rim."""
@@ -278,10 +280,9 @@ class GameEnv(gym.Env):
         return reach, dx, dy
 
     def _lit(self):
-        for emitter in self.emitters:
+        for emitter, (reach, dx, dy) in zip(self.emitters, self.beams):
             if not emitter["on"]:
                 continue
-            reach, dx, dy = self._beam_end(emitter)
             ex, ey = emitter["pos"]
             along = (self.x - ex) * dx + (self.y - ey) * dy
             across = abs((self.x - ex) * dy - (self.y - ey) * dx)
@@ -336,11 +337,11 @@ class GameEnv(gym.Env):
             frame[y, x] = ICE
         for bx, by in self.boulders:
             self._block(frame, bx, by, 2, BOULDER)
-        for number, (kx, ky) in self.keys.items():
+        for number, (kx, ky) in self.door_keys.items():
             self._block(frame, kx, ky, 1, DOOR_COLOURS[number])
             frame[ky, kx + 1 : kx + 5] = DOOR_COLOURS[number]
-        for emitter in self.emitters:
-            self._draw_emitter(frame, emitter)
+        for emitter, beam in zip(self.emitters, self.beams):
+            self._draw_emitter(frame, emitter, beam)
         for x, y, _ in self.drones:
             self._block(frame, x, y, 1, DRONE)
         if self.row_y is not None:
@@ -356,12 +357,12 @@ class GameEnv(gym.Env):
         row, column = int(y), int(x)
         frame[max(0, row - half) : row + half + 1, max(0, column - half) : column + half + 1] = colour
 
-    def _draw_emitter(self, frame, emitter):
+    def _draw_emitter(self, frame, emitter, beam):
         ex, ey = emitter["pos"]
         self._block(frame, ex, ey, 2, ORANGE if emitter["on"] else BLACK)
         if not emitter["on"]:
             return
-        reach, dx, dy = self._beam_end(emitter)
+        reach, dx, dy = beam
         along = np.arange(2, reach)
         columns = (ex + along * dx).astype(int)
         rows = (ey + along * dy).astype(int)

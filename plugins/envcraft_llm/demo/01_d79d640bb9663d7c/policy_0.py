@@ -46,9 +46,9 @@ class Policy:
             return min(here, key=lambda pos: hypot(pos[0] - state.x, pos[1] - state.y))
         goal = min((pos for pos in on), key=lambda pos: abs(self._room(pos[0]) - room))
         door = min(room, self._room(goal[0]))
-        if state.carried != door and not state.door_timer[door] and door in state.keys:
-            if self._room(state.keys[door][0]) == room:
-                return state.keys[door]
+        if state.carried != door and not state.door_timer[door] and door in state.door_keys:
+            if self._room(state.door_keys[door][0]) == room:
+                return state.door_keys[door]
         return goal
 
     def _cost(self, state, number, target):

@@ -1,8 +1,8 @@
 """Swamp: a frog fetches four fireflies out of walled thickets through two pairs of portals.
 
-One portal of each pair lies on the reed island in the middle, the other one in a thicket; every hundred steps the latter
-jumps to the pair's other thicket. Storks land where a portal and a firefly are, walk through the portal to the island
-and hunt the frog. Each wound makes the frog forty percent faster and the storks twenty percent.
+One portal of each pair lies on the reed island in the middle, the other one in a thicket; every hundred steps the
+latter jumps to the pair's other thicket. Storks land where a portal and a firefly are, walk through the portal to the
+island and hunt the frog. Each wound makes the frog forty percent faster and the storks twenty percent.
 """
 
 import gymnasium as gym
@@ -95,7 +95,10 @@ class GameEnv(gym.Env):
 
     def _spot_in(self, thicket):
         left, top, right, bottom = THICKETS[thicket]
-        return [float(self.np_random.integers(left + 4, right - 3)), float(self.np_random.integers(top + 4, bottom - 3))]
+        return [
+            float(self.np_random.integers(left + 4, right - 3)),
+            float(self.np_random.integers(top + 4, bottom - 3)),
+        ]
 
     # -- where things are ------------------------------------------------------
 

@@ -1,9 +1,9 @@
 """City Sewer: a plumber's robot digs six lost coins out of the earth and climbs back up the manhole ladder.
 
-A board of 14 by 13 cells, full of earth. Digging into earth takes two steps, walking one. Valve wheels whose earth is dug
-away fall after six steps. Button one changes the robot between light and dark: it swallows alligators of its own colour
-and is bitten by the others. Button two winds the robot, and nothing else, back along its own way. It overheats in the
-open and cools in the shadows of the valve wheels, which turn with the day.
+A board of 14 by 13 cells, full of earth. Digging into earth takes two steps, walking one. Valve wheels whose earth is
+dug away fall after six steps. Button one changes the robot between light and dark: it swallows alligators of its own
+colour and is bitten by the others. Button two winds the robot, and nothing else, back along its own way. It overheats
+in the open and cools in the shadows of the valve wheels, which turn with the day.
 """
 
 from collections import deque
@@ -70,6 +70,23 @@ def brick_wall():
     return wall
 
 
+@cache
+def sprites():
+    """The small things on the board, each on a transparent cell."""
+    made = {}
+    for name in ("shade", "trap", "trap set", "coin", "wheel"):
+        made[name] = pygame.Surface((CELL, CELL))
+        made[name].set_colorkey((0, 0, 0))
+    made["shade"].fill(SHADE, (1, 1, 4, 4))
+    for tooth in (0, 2, 4):
+        made["trap"].fill(PIPE_DARK, (tooth, 4, 1, 2))
+        made["trap set"].fill(TEETH, (tooth, 3, 1, 2))
+    pygame.draw.circle(made["coin"], COIN, (3, 3), 2)
+    pygame.draw.circle(made["wheel"], PIPE, (3, 3), 3)
+    pygame.draw.circle(made["wheel"], PIPE_DARK, (3, 3), 1)
+    return made
+
+
 class GameEnv(gym.Env):
     """Dig, match colours, mind the heat, and rewind out of trouble."""
 
@@ -122,7 +139,9 @@ class GameEnv(gym.Env):
         cells = [(c, r) for r in range(1, ROWS) for c in range(COLUMNS) if (c, r) not in taken | under]
         order = [cells[int(i)] for i in self.np_random.permutation(len(cells))]
         for cell in sorted(order, key=self._can_be_shaded):
-            if len(self.coins) < SHADELESS_COINS and all(abs(cell[0] - c) + abs(cell[1] - r) > 2 for c, r in self.coins):
+            if len(self.coins) < SHADELESS_COINS and all(
+                abs(cell[0] - c) + abs(cell[1] - r) > 2 for c, r in self.coins
+            ):
                 self.coins.append(cell)
         self.coins += [cell for cell in order if cell not in self.coins][: COINS - len(self.coins)]
 
@@ -143,9 +162,7 @@ class GameEnv(gym.Env):
     def shadows(self):
         """The cells that lie in a wheel's shadow now; shadows turn round once a day."""
         dx, dy = COMPASS[self.day * len(COMPASS) // DAY % len(COMPASS)]
-        return {
-            (w["at"][0] + n * dx, w["at"][1] + n * dy) for w in self.wheels for n in range(1, SHADOW_LENGTH + 1)
-        }
+        return {(w["at"][0] + n * dx, w["at"][1] + n * dy) for w in self.wheels for n in range(1, SHADOW_LENGTH + 1)}
 
     def step(self, action):
         move, swap, rewind = int(action[0]), bool(action[1]), bool(action[2])
@@ -284,21 +301,14 @@ class GameEnv(gym.Env):
         for row, column in np.argwhere(~self.earth).tolist():
             canvas.fill(TUNNEL, (column * CELL, TOP + row * CELL, CELL, CELL))
         canvas.fill(SLIME, (0, SIZE - 2, SIZE, 2))
-        for column, row in self.shadows():
-            if 0 <= column < COLUMNS and 0 <= row < ROWS:
-                canvas.fill(SHADE, (column * CELL + 1, TOP + row * CELL + 1, 4, 4))
+        pictures = sprites()
+        things = [("shade", cell) for cell in sorted(self.shadows())]
+        things += [("trap set" if wait else "trap", cell) for cell, wait in self.traps.items()]
+        things += [("coin", cell) for cell in self.coins]
+        things += [("wheel", wheel["at"]) for wheel in self.wheels]
+        canvas.blits([(pictures[name], (column * CELL, TOP + row * CELL)) for name, (column, row) in things])
         for rung in range(3):
             canvas.fill(LADDER, (1, TOP + 2 * rung, 4, 1))
-        for (column, row), wait in self.traps.items():
-            colour = TEETH if wait else PIPE_DARK
-            for tooth in range(3):
-                canvas.fill(colour, (column * CELL + 2 * tooth, TOP + row * CELL + 4 - (wait > 0), 1, 2))
-        for column, row in self.coins:
-            pygame.draw.circle(canvas, COIN, (column * CELL + 3, TOP + row * CELL + 3), 2)
-        for wheel in self.wheels:
-            centre = (wheel["at"][0] * CELL + 3, TOP + wheel["at"][1] * CELL + 3)
-            pygame.draw.circle(canvas, PIPE, centre, 3)
-            pygame.draw.circle(canvas, PIPE_DARK, centre, 1)
         for gator in self.gators:
             left, top = gator["x"] * CELL, TOP + gator["row"] * CELL + 1
             canvas.fill(LIGHT if gator["light"] else DARK, (left, top, 6, 4))

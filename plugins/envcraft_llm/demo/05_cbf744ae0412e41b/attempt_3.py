@@ -1,9 +1,9 @@
 """Deep-sea Trench: teach four companions to fetch ore by praising and scolding them.
 
 Each companion always does one of three things: it fetches a nodule of ore for the support ship, guards against
-anglerfish, or follows the submersible. When a task is over it picks the next one by its own weights. Praise (button one)
-doubles, scolding (button two) halves the weight of what a companion within earshot is doing. Pressing too often tires the
-pilot: after eight presses within fifty steps neither button works for twenty steps.
+anglerfish, or follows the submersible. When a task is over it picks the next one by its own weights. Praise (button
+one) doubles, scolding (button two) halves the weight of what a companion within earshot is doing. Pressing too often
+tires the pilot: after eight presses within fifty steps neither button works for twenty steps.
 """
 
 from dataclasses import dataclass, field

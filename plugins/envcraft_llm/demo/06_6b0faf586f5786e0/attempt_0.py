@@ -1,8 +1,9 @@
 """Night Bakery: dig eight loaves out of the dough and reach the oven before the dark does.
 
-A board of 12 by 11 cells in the manner of the old gem-digging games. Loaves and flour sacks fall when nothing holds them
-and roll off each other; whatever lands on the baker costs a life. Two caves are full of mice. Darkness creeps in from
-the left and is thrown back by each loaf. Sacks can be carried to the oven, where four on top of each other earn a bonus.
+A board of 12 by 11 cells in the manner of the old gem-digging games. Loaves and flour sacks fall when nothing holds
+them and roll off each other; whatever lands on the baker costs a life. Two caves are full of mice. Darkness creeps in
+from the left and is thrown back by each loaf. Sacks can be carried to the oven, where four on top of each other earn
+a bonus.
 """
 
 import gymnasium as gym

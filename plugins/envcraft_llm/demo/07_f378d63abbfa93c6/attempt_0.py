@@ -2,8 +2,8 @@
 
 The clockmaker never stands still: every second step it moves one cell in the last direction chosen, pulling a chain
 behind it that each spring makes one link longer. The great bell hangs at one of three places and moves on every 160
-steps, glowing before it does; passing under it rings it once per stay. The game is won with a chain of 25 links, lost by
-running into the own chain or the edge of the tower.
+steps, glowing before it does; passing under it rings it once per stay. The game is won with a chain of 25 links, lost
+by running into the own chain or the edge of the tower.
 """
 
 from collections import deque
@@ -14,9 +14,9 @@ from gymnasium import spaces
 
 SIZE = 84
 CELL = 3
-GRID = 26
-TOP = 5
-SIDE = 3
+GRID = 27
+TOP = 3
+SIDE = 1
 STEP_LIMIT = 950
 
 TARGET_LENGTH = 25
@@ -68,10 +68,11 @@ class GameEnv(gym.Env):
         self.heading = tuple(DIRECTIONS.values())[int(self.np_random.integers(4))]
         self.wanted = self.heading
         # A little behind the middle, so that there is time to look round before the edge comes near.
-        middle = GRID // 2 + int(self.np_random.integers(-1, 2))
-        head = (middle - 4 * self.heading[0], middle - 4 * self.heading[1])
+        (dx, dy), middle, aside = self.heading, GRID // 2, int(self.np_random.integers(-1, 2))
+        head = (middle - 2 * dx + aside * dy, middle - 2 * dy + aside * dx)
         # Newest cell first. The whole way is kept for the worn marks on the floor; the body is its first part.
-        self.way = deque([head], maxlen=2 * TARGET_LENGTH)
+        chain = [(head[0] - n * dx, head[1] - n * dy) for n in range(START_LENGTH)]
+        self.way = deque(chain, maxlen=2 * TARGET_LENGTH)
         self.length = START_LENGTH
         self.won = self.crashed = False
         self.bell = int(self.np_random.integers(len(BELL_PLACES)))

@@ -1,9 +1,9 @@
-"""Toy Room: a tin soldier paints the carpet and trades places through windows to gather a marble in each of three rooms.
+"""Toy Room: a tin soldier trades places through windows to gather a marble in each of three rooms.
 
 Walls with windows cut the carpet into three rooms. Nobody can walk through a window, but button one makes the soldier
-and the nearest thing in the direction it faces, an alphabet cube or a wind-up beetle, trade places, up to six cells away.
-In each room a conveyor belt carries marbles between a tray and a grinder and turns round every 140 steps. Beetles wipe
-paint off, fire spreads with the wind, and the soldier's water puts it out cell by cell.
+and the nearest thing in the direction it faces, an alphabet cube or a wind-up beetle, trade places, up to six cells
+away. In each room a conveyor belt carries marbles between a tray and a grinder and turns round every 140 steps.
+Beetles wipe paint off, fire spreads with the wind, and the soldier's water puts it out cell by cell.
 """
 
 import gymnasium as gym
@@ -300,7 +300,12 @@ class GameEnv(gym.Env):
         return sorted(cells, key=lambda cell: abs(cell[0] - centre[0]) + abs(cell[1] - centre[1]))
 
     def _info(self):
-        return {"is_success": all(self.gathered), "marbles": sum(self.gathered), "lives": self.lives, "wiped": self.wiped}
+        return {
+            "is_success": all(self.gathered),
+            "marbles": sum(self.gathered),
+            "lives": self.lives,
+            "wiped": self.wiped,
+        }
 
     # ---- picture
 

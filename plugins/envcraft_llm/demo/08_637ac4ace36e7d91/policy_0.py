@@ -22,7 +22,9 @@ class Policy:
     @staticmethod
     def _waiting(state, room):
         """Beside the belt, half way up."""
-        return {(BELTS[room] + side, row) for side in (-1, 1) for row in (5, 7) if state.free((BELTS[room] + side, row))}
+        return {
+            (BELTS[room] + side, row) for side in (-1, 1) for row in (5, 7) if state.free((BELTS[room] + side, row))
+        }
 
     @staticmethod
     def _stands(state, room, step):

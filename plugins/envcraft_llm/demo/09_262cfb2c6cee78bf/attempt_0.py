@@ -1,14 +1,15 @@
 """Mountain Monastery: a pinball table in a courtyard garden.
 
-The novice is the ball. The bumpers are plants: four hits make one bear a bell, and rolling over the bell harvests it. A
-plant that nothing touches for 220 steps withers to a stump, which throws the ball in odd directions until three hits have
-revived it. From a corner that keeps changing, fans of five slow petals of light spread over the table; a hit costs a
-life, and so does draining between the flippers. Five bells win.
+The novice is the ball. The bumpers are plants: four hits make one bear a bell, and rolling over the bell harvests it.
+A plant that nothing touches for 220 steps withers to a stump, which throws the ball in odd directions until three
+hits have revived it. From a corner that keeps changing, fans of five slow petals of light spread over the table; a
+hit costs a life, and so does draining between the flippers. Five bells win.
 
 Button one lifts the left flipper, button two the right one; left and right nudge the table, but not too often.
 """
 
 import math
+from functools import cache
 
 import gymnasium as gym
 import numpy as np
@@ -61,6 +62,24 @@ LAMP_OFF = (70, 60, 66)
 RAMP_SHUT = (60, 52, 60)
 PETAL = (255, 120, 190)
 ROBE = (150, 40, 60)
+
+
+@cache
+def courtyard():
+    """The table without anything on it, drawn once."""
+    table = pygame.Surface((SIZE, SIZE))
+    table.fill(STONE)
+    for row in range(TOP + 8, SIZE, 12):
+        table.fill(STONE_DARK, (3, row, SIZE - 6, 1))
+    for column in range(3, SIZE, 13):
+        table.fill(STONE_DARK, (column, TOP, 1, SIZE))
+    table.fill(MIST, (0, SIZE - 5, SIZE, 5))
+    table.fill(ROBE, (0, TOP, 3, SIZE))
+    table.fill(ROBE, (SIZE - 3, TOP, 3, SIZE))
+    table.fill((30, 24, 30), (0, 0, SIZE, TOP - 1))
+    for start, end in WALL_LINES:
+        pygame.draw.line(table, ROBE, start, end, 2)
+    return table
 
 
 class GameEnv(gym.Env):
@@ -309,15 +328,7 @@ class GameEnv(gym.Env):
         return self._picture()
 
     def _picture(self):
-        table = pygame.Surface((SIZE, SIZE))
-        table.fill(STONE)
-        for row in range(TOP + 8, SIZE, 12):
-            table.fill(STONE_DARK, (3, row, SIZE - 6, 1))
-        for column in range(3, SIZE, 13):
-            table.fill(STONE_DARK, (column, TOP, 1, SIZE))
-        table.fill(MIST, (0, SIZE - 5, SIZE, 5))
-        table.fill(ROBE, (0, TOP, 3, SIZE))
-        table.fill(ROBE, (SIZE - 3, TOP, 3, SIZE))
+        table = courtyard().copy()
         for number in range(12):
             colour = (FLAG_RED, SAFFRON, MIST)[number % 3]
             sway = (self.steps // 8 + number) % 2
@@ -325,8 +336,6 @@ class GameEnv(gym.Env):
         for (lx, ly), lit in zip(LAMPS, self.lamps):
             pygame.draw.circle(table, SAFFRON if lit else LAMP_OFF, (lx, ly), 2)
         table.fill(SAFFRON if all(self.lamps) else RAMP_SHUT, (RAMP[0] - 2, RAMP[1] - 4, 5, 9))
-        for start, end in WALL_LINES:
-            pygame.draw.line(table, ROBE, start, end, 2)
         self._draw_plants(table)
         for side in (0, 1):
             start, end = self.flipper(side)
@@ -355,7 +364,6 @@ class GameEnv(gym.Env):
                     table.fill(MIST, (int(place[0]) - 3 + 2 * drop, int(place[1]), 1, 2))
 
     def _draw_counts(self, table):
-        table.fill((30, 24, 30), (0, 0, SIZE, TOP - 1))
         for life in range(self.lives):
             table.fill(MIST, (2 + 5 * life, 1, 4, 4))
         for bell in range(BELLS):

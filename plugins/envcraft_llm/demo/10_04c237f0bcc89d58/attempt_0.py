@@ -1,9 +1,9 @@
 """Steam Laundry: table hockey on a wet cellar floor against a cloud of steam.
 
-The laundress keeps her mallet in the lower half and shoots at the goal on top; the steam cloud does the opposite. While
-button one is held the puck sticks to her mallet for up to six steps and leaves it upwards when let go, turned by the way
-she moves. Five copper bumpers throw everything back. Washing baskets scroll through from right to left and may squeeze
-the mallet against the wall. Two goals decide the match.
+The laundress keeps her mallet in the lower half and shoots at the goal on top; the steam cloud does the opposite.
+While button one is held the puck sticks to her mallet for up to six steps and leaves it upwards when let go, turned
+by the way she moves. Five copper bumpers throw everything back. Washing baskets scroll through from right to left and
+may squeeze the mallet against the wall. Two goals decide the match.
 """
 
 import math
@@ -32,7 +32,7 @@ SHOT_SPEED = 4.0
 DRAG = 0.97
 SERVE_SPEED = 4.2
 
-CLOUD_SPEED = 0.6
+CLOUD_SPEED = 0.4
 CLOUD_SHOT = 2.8
 CLOUD_HOME = (42.0, 14.0)
 
@@ -57,6 +57,9 @@ WICKER = (170, 138, 86)
 PUCK = (250, 250, 120)
 RIM = (120, 66, 38)
 MOVES = {0: (0, 0), 1: (0, -1), 2: (0, 1), 3: (-1, 0), 4: (1, 0)}
+
+# Filled circles by radius, as masks.
+DISCS = {r: np.add.outer(np.arange(-r, r + 1) ** 2, np.arange(-r, r + 1) ** 2) <= r * r + 1 for r in (2, 3, 4, 5)}
 
 
 class GameEnv(gym.Env):
@@ -214,7 +217,7 @@ class GameEnv(gym.Env):
         if gap > CLOUD_SPEED:
             self.cloud[0] += CLOUD_SPEED * dx / gap
             self.cloud[1] = min(self.cloud[1] + CLOUD_SPEED * dy / gap, MIDDLE - MALLET_RADIUS)
-        touching = math.hypot(self.puck[0] - self.cloud[0], self.puck[1] - self.cloud[1]) < 5.5
+        touching = math.hypot(self.puck[0] - self.cloud[0], self.puck[1] - self.cloud[1]) < 5
         if touching and not self.holding and not self.cloud_rest:
             turn = float(self.np_random.uniform(-0.7, 0.7))
             self.speed = [CLOUD_SHOT * math.sin(turn), CLOUD_SHOT * math.cos(turn)]
@@ -257,12 +260,9 @@ class GameEnv(gym.Env):
 
     @staticmethod
     def _disc(image, centre, radius, colour):
-        left, top = int(centre[0] - radius), int(centre[1] - radius)
-        size = int(2 * radius) + 1
-        top, left = max(top, 0), max(left, 0)
-        patch = image[top : top + size, left : left + size]
-        rows, columns = np.ogrid[top : top + patch.shape[0], left : left + patch.shape[1]]
-        patch[(columns - centre[0]) ** 2 + (rows - centre[1]) ** 2 <= radius**2 + 0.5] = colour
+        column, row = int(centre[0] + 0.5), int(centre[1] + 0.5)
+        mask = DISCS[int(radius)]
+        image[row - len(mask) // 2 :, column - len(mask) // 2 :][: len(mask), : len(mask)][mask] = colour
 
     def _paint(self):
         image = self.table.copy()

@@ -34,16 +34,15 @@ class Policy:
 
     @staticmethod
     def _shoot(state):
-        """Let go where the straight or turned shot runs into the goal away from the cloud."""
+        """Carry the puck towards the side that the cloud leaves open; let go when a shot will pass it."""
         mx, my = state.mallet
         flight = (my - 8) / 3.2
-        best, choice = None, None
+        best, choice = 0.0, None
         for move, turn in ((0, 0.0), (3, -1.6), (4, 1.6)):
             arrival = mx + 0.8 * turn * flight
-            if 33 < arrival < 51:
-                clear = abs(arrival - state.cloud[0])
-                if best is None or clear > best:
-                    best, choice = clear, move
-        if choice is not None and (best > 6 or state.hold_left <= 1):
+            if 33 < arrival < 51 and abs(arrival - state.cloud[0]) > best:
+                best, choice = abs(arrival - state.cloud[0]), move
+        if choice is not None and (best > 8.5 or state.hold_left <= 1):
             return [choice, 0, 0]
-        return [4 if mx < 42 else 3, 1, 0]
+        corner = 33.5 if state.cloud[0] >= 42 else 50.5
+        return [4 if mx < corner else 3, 1, 0]

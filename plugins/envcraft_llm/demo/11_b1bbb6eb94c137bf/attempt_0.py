@@ -1,10 +1,10 @@
 """Rooftops: an alley cat drifts over the roofs at sunset and gathers chains of fish.
 
-The cat has no brakes: each push adds 0.2 pixels a step to its velocity, and it keeps sixty percent of its speed when it
-bounces off an edge. Button one shoots a line that reels in what it meets, button two slows everything but the cat for as
-long as the sand lasts. Fish come in four colours; several of one colour in a row make a chain. Crows carry fish off the
-line, and volleys of shots cross the screen. The clock starts with the cat's first movement, so there is time to look
-round before anything happens.
+The cat has no brakes: each push adds 0.2 pixels a step to its velocity, and it keeps sixty percent of its speed when
+it bounces off an edge. Button one shoots a line that reels in what it meets, button two slows everything but the cat
+for as long as the sand lasts. Fish come in four colours; several of one colour in a row make a chain. Crows carry
+fish off the line, and volleys of shots cross the screen. The clock starts with the cat's first movement, so there is
+time to look round before anything happens.
 """
 
 import gymnasium as gym
@@ -240,9 +240,9 @@ class GameEnv(gym.Env):
     @staticmethod
     def _block(image, at, half_wide, half_high, colour):
         column, row = int(at[0]), int(at[1])
-        image[
-            max(0, row - half_high) : row + half_high + 1, max(0, column - half_wide) : column + half_wide + 1
-        ] = colour
+        image[max(0, row - half_high) : row + half_high + 1, max(0, column - half_wide) : column + half_wide + 1] = (
+            colour
+        )
 
     def _paint(self):
         image = self.roofs.copy()
