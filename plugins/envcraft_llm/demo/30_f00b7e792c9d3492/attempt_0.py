@@ -81,7 +81,7 @@ class GameEnv(gym.Env):
         self.won = self.lost = False
         self.screens = self._build_pier()
         self.place = 0
-        self.entry = (8.0, float(BOARDS))
+        self.entry = (5.0, float(BOARDS))
         self.bubbles = []  # [x, y, colour, stuck]
         self._respawn()
         self.ball = None
@@ -96,7 +96,7 @@ class GameEnv(gym.Env):
             ladders=[(30, 52, BOARDS)],
             lift=(46, BOARDS - 4, 50),
             clowns=[[66 + jitter(4), BOARDS, 54, 80, 1]],
-            balloons=[[14 + jitter(2), 56, True], [34 + jitter(3), 40, True], [70 + jitter(5), 54, True]],
+            balloons=[[9 + jitter(2), 56, True], [34 + jitter(3), 40, True], [70 + jitter(5), 54, True]],
         )
         second = Screen(
             decks=[(0, 26, BOARDS), (36, 58, BOARDS), (68, 84, BOARDS), (30, 56, 50)],
