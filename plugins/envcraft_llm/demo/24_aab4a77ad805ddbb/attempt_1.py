@@ -90,7 +90,8 @@ class GameEnv(gym.Env):
         self.won = False
         self.lost = False
         self.x = self.y = 42.0
-        self.vx = self.vy = 0.0
+        # The floor is never quite level: the smith comes in with a little roll.
+        self.vx, self.vy = (float(v) for v in self.np_random.uniform(-0.3, 0.3, size=2))
         self.friend_x, self.friend_y = 42.0, 52.0
         self.plants = []  # [x, y, age]
         self.ashes = []  # [x, y, steps left]
