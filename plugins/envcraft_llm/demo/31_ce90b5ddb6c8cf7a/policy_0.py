@@ -10,13 +10,16 @@ class Policy:
     def __init__(self):
         self.plan = []
         self.expected = None
+        self.hopeless = None
 
     def act(self, state):
         if state.rest >= 2.0:
             return [0, 0, 0]
         here = (state.boat, sorted(state.buoys))
-        if not self.plan or here != self.expected:
+        if here[1] != self.hopeless and (not self.plan or here != self.expected):
             self.plan = self._search(state)
+            # Where no shove helps, none will until a buoy has moved: looking again at each step takes too long.
+            self.hopeless = None if self.plan else here[1]
         if state.grace < 12:
             if self._danger(state, state.boat) > 0:
                 return [self._flee(state), 0, 0]
