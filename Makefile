@@ -36,6 +36,8 @@ bench: .venv/dev.stamp
 	$(BIN)/python -m benchmarks.corpus_store
 	$(BIN)/python -m benchmarks.duplicates
 	$(BIN)/python -m benchmarks.vector
+	$(BIN)/python -m benchmarks.fastlane_equal
+	$(BIN)/python -m benchmarks.tetris_speed
 	$(BIN)/python -m benchmarks.audit_report
 	$(BIN)/python -m benchmarks.concepts
 

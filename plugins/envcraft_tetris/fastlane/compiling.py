@@ -1,0 +1,23 @@
+"""How the simulator's functions are compiled."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from envcraft.errors import UsageError
+
+try:
+    import numba
+except ImportError:
+    raise UsageError("the fast lane needs numba: pip install 'envcraft-rl[train]'") from None
+
+#: For functions that are compiled into those that call them. Nothing is divided by zero, and nothing looks out for it.
+jit = numba.njit(error_model="numpy", nogil=True)
+
+
+def entry(function: Any) -> Any:
+    """For functions that Python calls: their machine code is kept on disk where there is a place for it."""
+    try:
+        return numba.njit(error_model="numpy", nogil=True, cache=True)(function)
+    except RuntimeError:
+        return jit(function)
