@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
+import importlib
 import json
+import sys
 from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numba  # noqa: TID253 (only with it is there anything to test)
 import numpy as np
 import pytest
 from click.testing import CliRunner
@@ -22,7 +25,7 @@ from benchmarks import fastlane_equal
 from envcraft.commands.generate import generate
 from envcraft.corpus.store import Store
 from envcraft.errors import UsageError
-from envcraft.families import Generated
+from envcraft.families import Family, Generated
 
 COUNT = 6
 
@@ -40,19 +43,32 @@ def corpus(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return place
 
 
+@numba.njit
+def integer(state: Any, count: int) -> int:
+    return chance.integer(state, count)
+
+
+@numba.njit
+def permute(state: Any, numbers: Any, count: int) -> None:
+    chance.permute(state, numbers, count)
+
+
+def drawn_integers(state: Any, counts: list[int]) -> list[int]:
+    return [integer(state, count) for count in counts]
+
+
 @pytest.mark.parametrize("seed", [0, 2**40 + 1])
 def test_numbers_are_drawn_as_numpy_draws_them(seed: int) -> None:
     rng = np.random.default_rng(seed)
     state = np.array(chance.state_of(rng), np.uint64)
     # With more than half of the range the first draw is often refused; with 1 nothing is drawn.
     counts = [1, 2, 3, 7, 12, 2**31 + 1, *range(1, 60)] * 20
-    drawn = [chance.integer(state, count) for count in counts]
-    assert drawn == [int(rng.integers(count)) for count in counts]
+    assert drawn_integers(state, counts) == [int(rng.integers(count)) for count in counts]
     for count in (1, 2, 5, 7, 14, 18):
-        numbers = np.zeros(18, np.int8)
-        chance.permute(state, numbers, count)
+        numbers = np.zeros(18, np.int64)
+        permute(state, numbers, count)
         assert numbers[:count].tolist() == rng.permutation(count).tolist()
-    assert [chance.integer(state, 5) for _ in range(9)] == rng.integers(5, size=9).tolist()
+    assert drawn_integers(state, [5] * 9) == rng.integers(5, size=9).tolist()
     assert chance.state_of(rng) == state.tolist()
 
 
@@ -162,3 +178,17 @@ class TestMakeVec:
         for axes in (None, {}, other.axes(), {**variant.axes(), "board": {"rows": "many"}}):
             with pytest.raises(UsageError, match="leave fast out"):
                 variant_of(dataclasses.replace(generated[0], metadata={"axes": axes}))
+
+    def test_a_family_without_a_program_and_a_machine_without_numba_say_so(
+        self, generated: list[Generated], monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        class Plain(TetrisFamily):
+            name = "plain"
+            simulate = Family.simulate  # type: ignore[assignment]
+
+        with pytest.raises(UsageError, match="the family plain has no program"):
+            Plain().simulate(generated)
+        monkeypatch.setitem(sys.modules, "numba", None)
+        monkeypatch.delitem(sys.modules, "envcraft_tetris.fastlane.compiling")
+        with pytest.raises(UsageError, match=r"pip install 'envcraft-rl\[train\]'"):
+            importlib.import_module("envcraft_tetris.fastlane.compiling")

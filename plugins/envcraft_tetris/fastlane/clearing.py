@@ -42,7 +42,10 @@ def _clear_rows(rules: Any, game: Any) -> int:
     full = np.zeros(ROWS, np.bool_)
     count = 0
     for y in range(rules.rows):
-        full[y] = board[y, : rules.columns].all()
+        taken = 0
+        for x in range(rules.columns):
+            taken += board[y, x] != 0
+        full[y] = taken == rules.columns
         count += full[y]
     for y in range(rules.rows):
         if full[y]:
@@ -134,7 +137,9 @@ def _hangs(rules: Any, board: NDArray[np.int8], groups: NDArray[np.int16], numbe
 @jit
 def _hanging(rules: Any, board: NDArray[np.int8], groups: NDArray[np.int16]) -> int:
     """The number of the first group that nothing carries, from the last cell on; 0 where there is none."""
-    groups[:] = _NONE
+    for y in range(rules.rows):
+        for x in range(rules.columns):
+            groups[y, x] = _NONE
     number = 0
     for start in range(rules.rows * rules.columns - 1, -1, -1):
         y, x = start // rules.columns, start % rules.columns

@@ -11,8 +11,9 @@ try:
 except ImportError:
     raise UsageError("the fast lane needs numba: pip install 'envcraft-rl[train]'") from None
 
-#: For functions that are compiled into those that call them. Nothing is divided by zero, and nothing looks out for it.
-jit = numba.njit(error_model="numpy", nogil=True)
+#: For functions that only compiled ones call; ways to call them from elsewhere would take longer to compile than they do.
+#: Nothing is divided by zero, and nothing looks out for it.
+jit = numba.njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
 
 
 def entry(function: Any) -> Any:
@@ -20,4 +21,4 @@ def entry(function: Any) -> Any:
     try:
         return numba.njit(error_model="numpy", nogil=True, cache=True)(function)
     except RuntimeError:
-        return jit(function)
+        return numba.njit(error_model="numpy", nogil=True)(function)

@@ -14,6 +14,8 @@ from .tables import CLOCK, LINES, PREVIEW, SIZE, SURVIVE
 #: Added to the code of a cell that the falling piece or its shadow covers, and with it the line that is not to be
 #: crossed.
 _OVER = 64
+#: In place of the width of a bar: nothing has been drawn yet.
+UNDRAWN = -2
 _BAR_LEFT, _BAR_WIDTH = 2, 80
 _PANEL_TOP, _PANEL_STEP, _PANEL_SIDE, _HELD_TOP = 8, 18, 14, 66
 
@@ -24,8 +26,11 @@ def clean(rules: Any, game: Any, frame: NDArray[np.uint8]) -> None:
     _fill(frame, 0, SIZE, 0, SIZE, rules.palette[rules.page])
     bottom, right = rules.top + rules.cell * rules.rows, rules.left + rules.cell * rules.columns
     _fill(frame, rules.top - 1, bottom + 1, rules.left - 1, right + 1, rules.palette[rules.rim])
-    game.shown[:] = -1
-    game.shown_panel[:] = -1
+    for y in range(rules.rows):
+        for x in range(rules.columns):
+            game.shown[y, x] = -1
+    for place in range(PREVIEW + 1):
+        game.shown_panel[place] = -1
     game.shown_cleared = game.shown_time = -1
 
 

@@ -7,9 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from .compiling import entry
-from .drawing import clean, draw
-from .rules import MAX_STEPS, begin
-from .rules import step as step_game
+from .drawing import UNDRAWN, clean, draw
+from .rules import MAX_STEPS, begin, step
 
 #: numba keeps machine code by this file's time and size, and by the values that a function takes from where it is
 #: defined; that other files have changed shows in this one alone.
@@ -18,46 +17,41 @@ _SOURCES = hashlib.sha256(
 ).hexdigest()
 
 
-def _compiled(sources: str) -> tuple[Any, Any]:
-    @entry
-    def reset(rules: Any, which: Any, games: Any, wanted: Any, frames: Any) -> None:
-        """Begin the games where `wanted` is True; a frame that shows nothing yet is drawn from the ground up."""
-        sources  # noqa: B018 (part of the key)
-        for number in range(games.shape[0]):
-            if wanted[number]:
-                own, game = rules[which[number]], games[number]
-                if game.shown_time < -1:
-                    clean(own, game, frames[number])
-                begin(own, game)
-                draw(own, game, frames[number])
+#: What a game does.
+NOTHING, STEP, BEGIN = range(3)
 
+
+def _compiled(sources: str) -> Any:
     @entry
-    def step(
+    def play(
         rules: Any,
         which: Any,
         games: Any,
-        waiting: Any,
+        doing: Any,
         actions: Any,
         rewards: Any,
         terminated: Any,
         truncated: Any,
         frames: Any,
     ) -> None:
-        """Step each game, or begin it anew where `waiting` is True."""
+        """Let each game do what `doing` says; a frame that shows nothing yet is drawn from the ground up."""
         sources  # noqa: B018 (part of the key)
         for number in range(games.shape[0]):
+            if doing[number] == NOTHING:
+                continue
             own, game = rules[which[number]], games[number]
-            if waiting[number]:
-                begin(own, game)
+            if doing[number] == STEP:
+                step(own, game, actions[number, 0], actions[number, 1], actions[number, 2])
             else:
-                action = actions[number]
-                step_game(own, game, action[0], action[1] != 0, action[2] != 0)
+                begin(own, game)
+                if game.shown_time == UNDRAWN:
+                    clean(own, game, frames[number])
             rewards[number] = game.reward
             terminated[number] = game.won != 0 or game.lost != 0
             truncated[number] = game.steps >= MAX_STEPS and not terminated[number]
             draw(own, game, frames[number])
 
-    return reset, step
+    return play
 
 
-reset, step = _compiled(_SOURCES)
+play = _compiled(_SOURCES)

@@ -29,7 +29,6 @@ from .tables import (
     HOLD,
     LINEAR,
     LINES,
-    MEMORY,
     OPPOSITE,
     RANDOM_HOLES,
     SOFT,
@@ -48,10 +47,13 @@ def begin(rules: Any, game: Any) -> None:
     """Draw in the order of the files: the hole, what the entry begins with, the queue, the garbage, the piece."""
     game.steps = game.cleared = game.won = game.lost = 0
     game.reward = 0.0
-    game.board[:] = rules.walls
+    for y in range(rules.rows):
+        for x in range(rules.columns):
+            game.board[y, x] = rules.walls[y, x]
     game.hole = 0 if rules.hole_rule == RANDOM_HOLES else integer(game.random, rules.columns)
     game.bag_count = 0
-    game.recent[:MEMORY] = -1
+    for place in range(rules.memory):
+        game.recent[place] = -1
     game.entry = integer(game.random, rules.columns) if rules.entry == SWEEP else 0
     game.from_left = integer(game.random, 2) if rules.entry == OPPOSITE else 0
     game.drop_rest = game.first_down = game.second_down = game.swapped = game.pieces = game.combo = 0
@@ -84,8 +86,8 @@ def step(rules: Any, game: Any, direction: int, first: int, second: int) -> None
 @jit
 def _advance(rules: Any, game: Any, direction: int, first: int, second: int) -> None:
     game.drop_rest = max(0, game.drop_rest - 1)
-    first_acts = first and not (rules.first_once and game.first_down)
-    second_acts = second and not (rules.second_once and game.second_down)
+    first_acts = first != 0 and not (rules.first_once and game.first_down)
+    second_acts = second != 0 and not (rules.second_once and game.second_down)
     game.first_down, game.second_down = first, second
     drop = False
     if direction == 3:

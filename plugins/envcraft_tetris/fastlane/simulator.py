@@ -16,6 +16,7 @@ from envcraft_tetris.variant import Variant
 
 from . import kernel
 from .chance import state_of
+from .drawing import UNDRAWN
 from .tables import GAME, RULES, SIZE, fill
 
 _SPACES = {
@@ -41,7 +42,7 @@ class Simulator:
         for variant, place in places.items():
             fill(self._rules[place], variant)
         self._games = np.zeros(len(variants), GAME)
-        self._games["shown_time"] = _UNDRAWN
+        self._games["shown_time"] = UNDRAWN
         self._seeded = np.zeros(len(variants), np.bool_)
         self.spaces = [_SPACES] * len(variants)
         colour = np.array([variant.clearing.rule == "colour" for variant in variants])
@@ -61,42 +62,40 @@ class Simulator:
 
     def reset(self, seeds: Sequence[int | None], options: dict[str, Any] | None) -> dict[str, Any]:
         """Reset the games whose bit is set; the environments take no options."""
-        arrays, chosen = self._arrays, self._arrays.resets
+        chosen = self._arrays.resets
         for number in np.flatnonzero(chosen):
             seed = seeds[number]
             if seed is not None or not self._seeded[number]:
                 self._games["random"][number] = state_of(np_random(seed)[0])
                 self._seeded[number] = True
-        arrays.rewards[chosen], arrays.terminated[chosen], arrays.truncated[chosen] = 0.0, False, False
-        kernel.reset(self._rules, self._which, self._games, chosen, self._frames)
+        self._play(np.where(chosen, kernel.BEGIN, kernel.NOTHING))
         return self._infos(chosen)
 
     def step(self) -> dict[str, Any]:
         """Step all games, and begin those anew that are to be."""
         arrays = self._arrays
-        kernel.step(
-            self._rules,
-            self._which,
-            self._games,
-            arrays.resets,
-            arrays.actions,
-            arrays.rewards,
-            arrays.terminated,
-            arrays.truncated,
-            self._frames,
-        )
+        self._play(np.where(arrays.resets, kernel.BEGIN, kernel.STEP))
         if self._same_step:
             ended = arrays.terminated | arrays.truncated
             if ended.any():
                 return self._begun_anew(ended)
         return self._infos(None)
 
+    def _play(self, doing: NDArray[np.int64]) -> None:
+        arrays = self._arrays
+        results = arrays.rewards, arrays.terminated, arrays.truncated
+        kernel.play(self._rules, self._which, self._games, doing, arrays.actions, *results, self._frames)
+
     def _begun_anew(self, ended: NDArray[np.bool_]) -> dict[str, Any]:
+        arrays = self._arrays
         finals = np.full(len(ended), None, object)
         for number in np.flatnonzero(ended):
             finals[number] = self._frames[number].copy()
         final_info = self._infos(ended)
-        kernel.reset(self._rules, self._which, self._games, ended, self._frames)
+        # The step's own reward and flags stay.
+        kept = arrays.rewards.copy(), arrays.terminated.copy(), arrays.truncated.copy()
+        self._play(np.where(ended, kernel.BEGIN, kernel.NOTHING))
+        arrays.rewards[:], arrays.terminated[:], arrays.truncated[:] = kept
         told = {"final_obs": finals, "final_info": final_info}
         return {**told, **{f"_{key}": ended.copy() for key in told}, **self._infos(None)}
 
@@ -116,7 +115,3 @@ class Simulator:
 
     def close(self) -> None:
         """There is nothing to end."""
-
-
-#: Less than what any frame shows: it has not been drawn.
-_UNDRAWN = -2

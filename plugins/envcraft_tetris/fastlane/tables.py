@@ -43,20 +43,21 @@ _NUMBERS = (
     *("start", "rhythm", "every", "hole_rule", "goal", "count", "time", "ceiling", "clears", "extra"),
     *("cell", "top", "left", "panel", *(name.lower() for name in _COLOURS)),
 )
+#: Numbers that functions take have one type, or each function would be compiled for every mixture of types.
 RULES = np.dtype(
-    [(name, np.int32) for name in _NUMBERS]
+    [(name, np.int64) for name in _NUMBERS]
     + [(name, np.float64) for name in ("line", "prize", "death")]
     + [
         ("bonus", np.float64, 5),
         # Codes of the walls, and of the field where nothing stands.
         ("walls", np.int8, (ROWS, COLUMNS)),
         ("field", np.int8, (ROWS, COLUMNS)),
-        ("lots", np.int8, LOTS),
-        ("kicks", np.int8, (KICK, 2)),
+        ("lots", np.int64, LOTS),
+        ("kicks", np.int64, (KICK, 2)),
         # Of each kind of piece: the side of its box, how many cells it has, and where they are in each turn.
-        ("sides", np.int8, KINDS),
-        ("cells", np.int8, KINDS),
-        ("turns", np.int8, (KINDS, 4, CELLS, 2)),
+        ("sides", np.int64, KINDS),
+        ("cells", np.int64, KINDS),
+        ("turns", np.int64, (KINDS, 4, CELLS, 2)),
         ("palette", np.uint8, (CODES, 3)),
         ("tiles", np.uint8, (CODES, CELL, CELL, 3)),
     ]
@@ -65,7 +66,7 @@ RULES = np.dtype(
 #: Named as in the generated files; `shown` and what begins with it say what the frame shows.
 GAME = np.dtype(
     [
-        (name, np.int32)
+        (name, np.int64)
         for name in (
             *("steps", "cleared", "kind", "turn", "row", "column", "timer", "grounded", "resets", "entry", "from_left"),
             *("pieces", "until_garbage", "hole", "combo", "holes", "height", "drop_rest", "first_down", "second_down"),
@@ -75,13 +76,13 @@ GAME = np.dtype(
     + [("reward", np.float64)]
     + [
         ("random", np.uint64, 6),
-        ("bag", np.int8, BAG),
-        ("queue", np.int8, PREVIEW),
-        ("recent", np.int8, MEMORY),
+        ("bag", np.int64, BAG),
+        ("queue", np.int64, PREVIEW),
+        ("recent", np.int64, MEMORY),
         ("board", np.int8, (ROWS, COLUMNS)),
         ("wanted", np.int8, (ROWS, COLUMNS)),
         ("shown", np.int8, (ROWS, COLUMNS)),
-        ("shown_panel", np.int8, PREVIEW + 1),
+        ("shown_panel", np.int64, PREVIEW + 1),
     ]
 )
 
@@ -127,7 +128,7 @@ def turns(piece: Piece, system: str) -> list[list[tuple[int, int]]]:
 
 
 def _pieces(variant: Variant) -> dict[str, Any]:
-    positions = np.zeros((KINDS, 4, CELLS, 2), np.int8)
+    positions = np.zeros((KINDS, 4, CELLS, 2), np.int64)
     art = variant.pieces.art
     for kind, piece in enumerate(art):
         cells = np.array(turns(piece, variant.rotation.system))
