@@ -17,22 +17,18 @@ _NONE = 0
 @jit
 def clear(rules: Any, game: Any) -> int:
     """Clear what can be, and give how many rows or groups that were."""
-    if rules.clearing == FULL_ROWS:
-        return _clear_rows(rules, game)
-    if rules.clearing == COLOUR:
-        return _clear_groups(rules, game)
-    if rules.clearing == SAND:
-        _settle(rules, game)
     cleared = 0
-    full = _clear_rows(rules, game)
-    while full:
-        cleared += full
-        if rules.clearing == STICKY:
+    loose = rules.clearing == SAND
+    while True:
+        if loose and rules.clearing == STICKY:
             _settle_groups(rules, game)
-        else:
+        elif loose:
             _settle(rules, game)
-        full = _clear_rows(rules, game)
-    return cleared
+        found = _clear_groups(rules, game) if rules.clearing == COLOUR else _clear_rows(rules, game)
+        cleared += found
+        if found == 0 or rules.clearing == FULL_ROWS:
+            return cleared
+        loose = True
 
 
 @jit
@@ -101,25 +97,20 @@ def _spread(rules: Any, board: NDArray[np.int8], groups: NDArray[np.int16], star
 @jit
 def _clear_groups(rules: Any, game: Any) -> int:
     board = game.board
-    cleared = 0
-    while True:
-        groups = np.zeros((ROWS, COLUMNS), np.int16)
-        large = np.zeros(ROWS * COLUMNS + 1, np.bool_)
-        number = found = 0
-        for start in range(rules.rows * rules.columns):
-            y, x = start // rules.columns, start % rules.columns
-            if board[y, x] and board[y, x] != rules.wall and groups[y, x] == _NONE:
-                number += 1
-                large[number] = _spread(rules, board, groups, start, number) >= rules.group
-                found += large[number]
-        if not found:
-            return cleared
-        cleared += found
-        for y in range(rules.rows):
-            for x in range(rules.columns):
-                if large[groups[y, x]]:
-                    board[y, x] = 0
-        _settle(rules, game)
+    groups = np.zeros((ROWS, COLUMNS), np.int16)
+    large = np.zeros(ROWS * COLUMNS + 1, np.bool_)
+    number = found = 0
+    for start in range(rules.rows * rules.columns):
+        y, x = start // rules.columns, start % rules.columns
+        if board[y, x] and board[y, x] != rules.wall and groups[y, x] == _NONE:
+            number += 1
+            large[number] = _spread(rules, board, groups, start, number) >= rules.group
+            found += large[number]
+    for y in range(rules.rows):
+        for x in range(rules.columns):
+            if large[groups[y, x]]:
+                board[y, x] = 0
+    return found
 
 
 @jit
@@ -156,10 +147,11 @@ def _settle_groups(rules: Any, game: Any) -> None:
     """Let blocks that touch fall together, row by row, until nothing moves."""
     board = game.board
     groups = np.empty((ROWS, COLUMNS), np.int16)
-    number = _hanging(rules, board, groups)
-    while number:
+    while True:
+        number = _hanging(rules, board, groups)
+        if number == 0:
+            return
         for y in range(rules.rows - 2, -1, -1):
             for x in range(rules.columns):
                 if groups[y, x] == number:
                     board[y + 1, x], board[y, x] = board[y, x], 0
-        number = _hanging(rules, board, groups)

@@ -11,8 +11,9 @@ try:
 except ImportError:
     raise UsageError("the fast lane needs numba: pip install 'envcraft-rl[train]'") from None
 
-#: For functions that only compiled ones call; ways to call them from elsewhere would take longer to compile than they do.
-#: Nothing is divided by zero, and nothing looks out for it.
+#: For functions that only compiled ones call: wrappers for other callers would take longer to compile than they do.
+#: Nothing is divided by zero, and nothing looks out for it. The compiler copies what is called into each place that
+#: calls it, so that the larger functions are called in one place alone.
 jit = numba.njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
 
 

@@ -49,15 +49,6 @@ def rotate(rules: Any, game: Any, quarters: int) -> None:
 
 
 @jit
-def dash(rules: Any, game: Any, direction: int) -> None:
-    step = 1 if direction == 4 else -1 if direction == 3 else 0
-    if step:
-        for _ in range(3):
-            if not move(rules, game, game.turn, game.row, game.column + step):
-                return
-
-
-@jit
 def period(rules: Any, game: Any) -> int:
     """After how many steps a piece falls by a row."""
     if rules.schedule == PULSE:

@@ -7,7 +7,7 @@ from typing import Any
 from .chance import integer
 from .clearing import clear
 from .compiling import jit
-from .moves import colour, dash, draw_kind, enter, fits, hold, move, period, rotate
+from .moves import colour, draw_kind, enter, fits, hold, move, period, rotate
 from .tables import (
     BONUS,
     BY_IDLE_PIECES,
@@ -31,6 +31,7 @@ from .tables import (
     LINES,
     OPPOSITE,
     RANDOM_HOLES,
+    SIDEWAYS,
     SOFT,
     STAIRS,
     SURVIVE,
@@ -90,68 +91,75 @@ def _advance(rules: Any, game: Any, direction: int, first: int, second: int) -> 
     second_acts = second != 0 and not (rules.second_once and game.second_down)
     game.first_down, game.second_down = first, second
     drop = False
-    if direction == 3:
-        move(rules, game, game.turn, game.row, game.column - 1)
-    elif direction == 4:
-        move(rules, game, game.turn, game.row, game.column + 1)
-    elif direction == 1:
-        drop |= _act(rules, game, rules.up, direction)
-    elif direction == 2:
-        drop |= _act(rules, game, rules.down, direction)
-    if first_acts:
-        drop |= _act(rules, game, rules.first, direction)
-    if second_acts:
-        drop |= _act(rules, game, rules.second, direction)
+    for control in range(3):
+        function = 0
+        if control == 0:
+            function = _steered(rules, direction)
+        elif control == 1 and first_acts:
+            function = rules.first
+        elif control == 2 and second_acts:
+            function = rules.second
+        if function:
+            _act(rules, game, function, direction)
+            drop |= function == HARD
     if rules.holds and game.lost:
         return
-    if drop and game.drop_rest == 0:
+    dropped = drop and game.drop_rest == 0
+    if dropped:
         while move(rules, game, game.turn, game.row + 1, game.column):
             pass
         game.drop_rest = rules.rest
+    if dropped or _fall(rules, game):
         _lock(rules, game)
-    else:
-        _fall(rules, game)
     _tick(rules, game)
 
 
 @jit
-def _act(rules: Any, game: Any, function: int, direction: int) -> bool:
-    """Do what a control does, and say whether it drops the piece, which is done when all else is."""
-    if function == CW:
-        rotate(rules, game, 1)
-    elif function == CCW:
-        rotate(rules, game, 3)
-    elif function == FLIP:
-        rotate(rules, game, 2)
-    elif function == SOFT:
-        move(rules, game, game.turn, game.row + 1, game.column)
-    elif function == HOLD:
-        hold(rules, game)
-    elif function == DASH:
-        dash(rules, game, direction)
-    return function == HARD
+def _steered(rules: Any, direction: int) -> int:
+    """What a direction does."""
+    if direction == 1:
+        return rules.up
+    if direction == 2:
+        return rules.down
+    return SIDEWAYS if direction else 0
 
 
 @jit
-def _fall(rules: Any, game: Any) -> None:
+def _act(rules: Any, game: Any, function: int, direction: int) -> None:
+    """Do what a control does, but for a drop, which is done when all else is."""
+    across = 1 if direction == 4 else -1 if direction == 3 else 0
+    if function in (CW, CCW, FLIP):
+        rotate(rules, game, 1 if function == CW else 3 if function == CCW else 2)
+    elif function == HOLD:
+        hold(rules, game)
+    elif function == SOFT:
+        move(rules, game, game.turn, game.row + 1, game.column)
+    elif function == SIDEWAYS or (function == DASH and across):
+        for _ in range(3 if function == DASH else 1):
+            if not move(rules, game, game.turn, game.row, game.column + across):
+                break
+
+
+@jit
+def _fall(rules: Any, game: Any) -> bool:
+    """Let the piece fall if it is time, and say whether it stays where it is."""
+    below = game.row + 1
     if rules.instant:
         game.timer -= 1
-        if game.timer <= 0:
-            game.timer = period(rules, game)
-            if not move(rules, game, game.turn, game.row + 1, game.column):
-                _lock(rules, game)
-        return
-    if not fits(rules, game, game.turn, game.row + 1, game.column):
+        if game.timer > 0:
+            return False
+        game.timer = period(rules, game)
+        return not move(rules, game, game.turn, below, game.column)
+    if not fits(rules, game, game.turn, below, game.column):
         game.grounded += 1
-        if game.grounded > rules.delay:
-            _lock(rules, game)
-        return
+        return game.grounded > rules.delay
     game.timer -= 1
     if game.timer <= 0:
         game.timer = period(rules, game)
-        game.row += 1
+        game.row = below
         if rules.by_row:
             game.grounded = 0
+    return False
 
 
 @jit

@@ -26,6 +26,7 @@ PREVIEW, MEMORY, BAG, LOTS, KICK = 3, 4, 2 * KINDS, 6 * KINDS, 6
 #: What numbers stand for, in the order of the axes' own lists. Of no function there is 0.
 MIDDLE, LEFT_SIDE, RIGHT_SIDE, ANYWHERE, SWEEP, OPPOSITE = range(len(PLACES))
 CW, CCW, FLIP, SOFT, HARD, HOLD, DASH = range(1, 1 + len(FUNCTIONS))
+SIDEWAYS = 1 + len(FUNCTIONS)
 CONSTANT, LEVELS, RAMP, PIECES, PULSE = range(len(SCHEDULES))
 FULL_ROWS, CASCADE, STICKY, SAND, COLOUR = range(len(CLEARING))
 NO_GARBAGE, BY_STEPS, BY_PIECES, BY_IDLE_PIECES = range(len(RHYTHMS))
