@@ -25,7 +25,7 @@ types: .venv/dev.stamp
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
-bench: .venv/dev.stamp
+bench: .venv/peers.stamp
 	$(BIN)/python -m benchmarks.detection
 	$(BIN)/python -m tests.hostile.judge
 	$(BIN)/python -m benchmarks.overhead
@@ -67,3 +67,7 @@ clean:
 	$(PIP) --editable '.[dev]'
 	$(COMPILE)
 	@touch $@ .venv/core.stamp
+
+.venv/peers.stamp: .venv/dev.stamp
+	$(PIP) --editable '.[dev,peers]'
+	@touch $@

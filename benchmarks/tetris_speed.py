@@ -2,9 +2,10 @@
 
 Variants of the family `tetris`, each as its file in this process, and many of them in the fast lane, with copies of the
 frames and in place; beside them tetris-gymnasium and the Tetris of ale-py, whose frames are resized to 84x84 by
-Gymnasium's own wrapper. All play random actions and begin again when a game is over. They take turns in short rounds,
-and a ratio is the median of those within one round, so that other work on the machine hits all of them; of the files it
-is the median over the variants. The first round compiles and fills caches, and does not count.
+Gymnasium's own wrapper. All play random actions and begin again when a game is over, all in this process, and a second
+is one of its processor time. They take turns in short rounds, and a ratio is the median of those within one round, so
+that other work on the machine hits all of them; of the files it is the median over the variants. The first round
+compiles and fills caches, and does not count.
 
 The files are held to be 4 times as fast as tetris-gymnasium, and the fast lane, with copies, 30 times: exit status 1
 where they are not. A peer that is not installed is left out, and says so; `pip install 'envcraft-rl[peers]'` has both.
@@ -110,9 +111,10 @@ def peers() -> dict[str, Player]:
 
 
 def rate(player: Player, steps: int) -> float:
-    started = time.perf_counter()
+    """Steps a second of processor time, all threads of this process together."""
+    started = time.process_time()
     played = player(steps)
-    return played / (time.perf_counter() - started)
+    return played / (time.process_time() - started)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
