@@ -61,7 +61,7 @@ def _next32(state: NDArray[np.uint64]) -> Any:
 
 
 @jit
-def integer(state: NDArray[np.uint64], count: int) -> int:
+def integer(state: NDArray[np.uint64], count: int) -> Any:
     """``generator.integers(count)``, of which an array's elements are drawn alike; without a draw where only 0 can
     come.
     """
@@ -77,7 +77,7 @@ def integer(state: NDArray[np.uint64], count: int) -> int:
 
 
 @jit
-def permute(state: NDArray[np.uint64], numbers: NDArray[np.int8], count: int) -> None:
+def permute(state: NDArray[np.uint64], numbers: NDArray[np.int64], count: int) -> None:
     """Put ``generator.permutation(count)`` into the array."""
     for number in range(count):
         numbers[number] = number

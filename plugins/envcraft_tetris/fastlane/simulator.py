@@ -19,7 +19,7 @@ from .chance import state_of
 from .drawing import UNDRAWN
 from .tables import GAME, RULES, SIZE, fill
 
-_SPACES = {
+_SPACES: dict[str, Any] = {
     "observation": describe(gymnasium.spaces.Box(0, 255, (SIZE, SIZE, 3), np.uint8)),
     "action": describe(gymnasium.spaces.MultiDiscrete([5, 2, 2])),
 }
