@@ -14,7 +14,8 @@ except ImportError:
 #: For functions that only compiled ones call: wrappers for other callers would take longer to compile than they do.
 #: Nothing is divided by zero, and nothing looks out for it. The compiler copies what is called into each place that
 #: calls it, so that the larger functions are called in one place alone.
-jit = numba.njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
+_LEAN: dict[str, Any] = {"error_model": "numpy", "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+jit: Any = numba.njit(**_LEAN)
 
 
 def entry(function: Any) -> Any:

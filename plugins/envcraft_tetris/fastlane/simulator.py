@@ -63,7 +63,7 @@ class Simulator:
     def reset(self, seeds: Sequence[int | None], options: dict[str, Any] | None) -> dict[str, Any]:
         """Reset the games whose bit is set; the environments take no options."""
         chosen = self._arrays.resets
-        for number in np.flatnonzero(chosen):
+        for number in np.flatnonzero(chosen).tolist():
             seed = seeds[number]
             if seed is not None or not self._seeded[number]:
                 self._games["random"][number] = state_of(np_random(seed)[0])
