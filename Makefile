@@ -26,7 +26,7 @@ types: .venv/dev.stamp
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
-bench: .venv/dev.stamp
+bench: .venv/peers.stamp
 	$(BIN)/python -m benchmarks.detection
 	$(BIN)/python -m tests.hostile.judge
 	$(BIN)/python -m benchmarks.overhead
@@ -37,6 +37,8 @@ bench: .venv/dev.stamp
 	$(BIN)/python -m benchmarks.corpus_store
 	$(BIN)/python -m benchmarks.duplicates
 	$(BIN)/python -m benchmarks.vector
+	$(BIN)/python -m benchmarks.fastlane_equal
+	$(BIN)/python -m benchmarks.tetris_speed
 	$(BIN)/python -m benchmarks.audit_report
 	$(BIN)/python -m benchmarks.concepts
 	$(BIN)/python -m benchmarks.pipeline
@@ -68,3 +70,7 @@ clean:
 	$(PIP) --editable '.[dev]'
 	$(COMPILE)
 	@touch $@ .venv/core.stamp
+
+.venv/peers.stamp: .venv/dev.stamp
+	$(PIP) --editable '.[dev,peers]'
+	@touch $@

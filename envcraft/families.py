@@ -3,9 +3,14 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+from envcraft.errors import UsageError
+
+if TYPE_CHECKING:
+    from envcraft.using.vector import Running
 
 
 @dataclass(frozen=True)
@@ -37,3 +42,11 @@ class Family(ABC):
     @abstractmethod
     def generate(self, count: int, seed: int) -> Iterator[Generated]:
         """So many environments; the same for the same seed, and a smaller `count` gives the first of them."""
+
+    def simulate(self, generated: Sequence[Generated]) -> Running:
+        """A program that plays these environments, one after the other in this list, as their files would; frames,
+        rewards, flags and infos are the same bit for bit. ``envcraft.make_vec(..., fast=True)`` asks for it.
+
+        Raises UsageError where there is none, and where a source is not what the family writes for its metadata.
+        """
+        raise UsageError(f"the family {self.name} has no program that plays its environments: leave fast out")

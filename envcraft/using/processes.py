@@ -58,6 +58,7 @@ class Processes:
         """Start one for each share. Raises EnvironmentFailed, UsageError."""
         self._names = {member.index: member.name for share in shares for member in share}
         self._shares = [[member.index for member in share] for share in shares]
+        self.groups = len(shares)
         self._order = [index for share in self._shares for index in share]
         self._memory = os.memfd_create("envcraft-vector", os.MFD_CLOEXEC | os.MFD_ALLOW_SEALING)
         self._arrays: Arrays | None = None
@@ -155,6 +156,8 @@ class Processes:
 
 class InProcess:
     """The same for environments in this process."""
+
+    groups = 1
 
     def __init__(self, members: Sequence[Member]) -> None:
         """Make them. Raises EnvironmentFailed, UsageError."""

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import os
 from pathlib import Path
+from typing import Any
 
 import msgspec
 
@@ -39,6 +41,7 @@ class Found(msgspec.Struct, frozen=True):
         verdict: the last one on exactly this source under exactly this contract; None where there is none.
         doubt: in words, why that is no pass that counts; empty where it is.
         folder: what to audit, so that there is one.
+        origin: where a corpus says that it comes from.
     """
 
     name: str
@@ -50,6 +53,7 @@ class Found(msgspec.Struct, frozen=True):
     verdict: Verdict | None
     doubt: str
     folder: str
+    origin: dict[str, Any] = {}
 
     def ensure_trusted(self) -> None:
         """Raises Untrusted, with the next step, unless it has passed."""
@@ -92,25 +96,26 @@ def locate(target: str | os.PathLike[str], name: str | None = None, contract: st
         return _in_file(path, contract)
     root = find(path)
     with Store(root) as store:
-        name, sha256, env_class = _row(store, path, name)
+        name, sha256, env_class, origin = _row(store, path, name)
         source = store.source(sha256)
         folder = root.parent if root.name == BESIDE else root
-        return _found(store, name, str(store.place(sha256)), source, sha256, env_class, contract, str(folder))
+        found = _found(store, name, str(store.place(sha256)), source, sha256, env_class, contract, str(folder))
+        return msgspec.structs.replace(found, origin=json.loads(origin))
 
 
-def _row(store: Store, path: Path, name: str | None) -> tuple[str, str, str]:
-    """The name, source and class of an environment, ``.py`` at the end of whose name may be left out."""
+def _row(store: Store, path: Path, name: str | None) -> tuple[str, str, str, str]:
+    """The name, source, class and origin of an environment, ``.py`` at the end of whose name may be left out."""
     if name is None:
-        rows: list[tuple[str, str, str]] = store.db.execute(
-            "SELECT name, source, class FROM environments ORDER BY name LIMIT 2"
+        rows: list[tuple[str, str, str, str]] = store.db.execute(
+            "SELECT name, source, class, origin FROM environments ORDER BY name LIMIT 2"
         ).fetchall()
         if len(rows) == 1:
             return rows[0]
         such = f", such as {rows[0][0]}" if rows else ""
         raise UsageError(f"{path} has {'several environments: name one' if rows else 'no environment'}{such}")
     for spelling in (name, f"{name}.py"):
-        row: tuple[str, str, str] | None = store.db.execute(
-            "SELECT name, source, class FROM environments WHERE name = ?", (spelling,)
+        row: tuple[str, str, str, str] | None = store.db.execute(
+            "SELECT name, source, class, origin FROM environments WHERE name = ?", (spelling,)
         ).fetchone()
         if row is not None:
             return row

@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import gymnasium
 import numpy as np
@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 
 from envcraft import spaces as described
 from envcraft.errors import UsageError
-from envcraft.using.group import Info, Layout, Member
+from envcraft.using.fast import simulator
+from envcraft.using.group import Arrays, Info, Layout, Member
 from envcraft.using.processes import InProcess, Processes
 from envcraft.using.sources import Found, default_corpus, locate
 from envcraft.using.spaces import to_gymnasium
@@ -33,8 +34,37 @@ except ImportError:
 _FIXED = ("Box", "Discrete", "MultiDiscrete", "MultiBinary")
 
 
+class Running(Protocol):
+    """The environments of a vector: in processes, in this one, or as one program that plays them all.
+
+    Attributes:
+        spaces: a description of each one's.
+        groups: how many processes share the arrays.
+    """
+
+    spaces: list[dict[str, Any]]
+
+    @property
+    def groups(self) -> int: ...
+
+    def attach(self, layout: Layout, same_step: bool) -> Arrays:
+        """Give the arrays; with `same_step`, a step that ends an episode also begins the next one."""
+
+    def reset(self, seeds: Sequence[int | None], options: dict[str, Any] | None) -> Sequence[Info] | dict[str, Any]:
+        """Reset those whose bit in ``resets`` is set, and give their infos, each by itself or all batched."""
+
+    def step(self) -> Sequence[Info] | dict[str, Any]:
+        """Step each with its action, or reset it where its bit in ``resets`` is set."""
+
+    def render(self) -> list[Any]:
+        """What each one's render() gives."""
+
+    def close(self) -> None:
+        """Close them. May be called twice."""
+
+
 class VectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
-    """The environments `members`; :func:`make_vec` says the rest.
+    """The environments that `running` has, by their names; :func:`make_vec` says the rest.
 
     Once an environment fails, EnvironmentFailed names it and everything is closed.
 
@@ -42,18 +72,17 @@ class VectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
         names: of the environments, in order.
     """
 
-    def __init__(self, members: Sequence[Member], autoreset_mode: AutoresetMode, workers: int, copy: bool) -> None:
-        """Make them. Raises EnvironmentFailed, and UsageError where their spaces differ or are of no fixed size."""
-        self.names = tuple(member.name for member in members)
-        self.num_envs = len(members)
-        self.closed = True
-        self._mode, self._copy = autoreset_mode, copy
-        self._running = Processes(_shares(members, workers)) if workers else InProcess(members)
+    def __init__(self, names: Sequence[str], running: Running, autoreset_mode: AutoresetMode, copy: bool) -> None:
+        """Take what runs them. Raises UsageError where their spaces differ or are of no fixed size, and closes it."""
+        self.names = tuple(names)
+        self.num_envs = len(self.names)
         self.closed = False
+        self._mode, self._copy = autoreset_mode, copy
+        self._running = running
         try:
-            self._agree(self._running.spaces)
+            self._agree(running.spaces)
             observation, action = self.single_observation_space, self.single_action_space
-            layout = Layout(self.num_envs, _form(observation), _form(action), max(workers, 1))
+            layout = Layout(self.num_envs, _form(observation), _form(action), running.groups)
             self._arrays = self._running.attach(layout, autoreset_mode is AutoresetMode.SAME_STEP)
         except BaseException:
             self.close()
@@ -174,8 +203,10 @@ class VectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
             column[env_num] = value
         return vector_infos
 
-    def _gathered(self, infos: Sequence[Info]) -> dict[str, Any]:
+    def _gathered(self, infos: Sequence[Info] | dict[str, Any]) -> dict[str, Any]:
         """Infos as Gymnasium batches them: an array for each key, and a mask ``_key``."""
+        if isinstance(infos, dict):
+            return infos
         gathered: dict[str, Any] = {}
         for index, final, info in infos:
             if final:
@@ -230,6 +261,7 @@ def make_vec(
     autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
     workers: int | None = None,
     copy: bool = True,
+    fast: bool = False,
     **kwargs: Any,
 ) -> VectorEnv:
     """Make many environments that are stepped side by side: environment `i` is ``names[i % len(names)]``.
@@ -244,6 +276,9 @@ def make_vec(
         workers: how many processes; by default one for each core. With 0 the environments run in this process, which is
             faster where all their steps together take no longer than waking the processes.
         copy: give copies of the observations, and not the memory that the next step overwrites.
+        fast: let the family that wrote the environments play them, in this process, by a program of its own that does
+            what their files do: frames, rewards, flags and infos are the same. None of the files' code runs, so
+            that none has to be trusted; a file that is not as the family writes it is refused.
         kwargs: for each constructor; plain data.
 
     Raises:
@@ -255,14 +290,21 @@ def make_vec(
     count = len(wanted) if num_envs is None else num_envs
     if not wanted or count < 1:
         raise UsageError(f"make_vec needs names and at least one environment, and has {len(wanted)} and {count}")
-    mode = _mode(autoreset_mode)
+    mode = mode_named(autoreset_mode)
     found = [_locate(name, corpus, contract) for name in wanted[:count]]
+    if fast:
+        if sandbox is not None or kwargs:
+            raise UsageError("fast=True takes neither a sandbox nor arguments for constructors: no file's code runs")
+        chosen = [found[index % len(found)] for index in range(count)]
+        return VectorEnv([one.name for one in chosen], simulator(chosen), mode, copy)
     if sandbox is None and not trust:
         for one in found:
             one.ensure_trusted()
     members = [_member(index, found[index % len(found)], sandbox, runtime, kwargs) for index in range(count)]
     cores = len(os.sched_getaffinity(0))
-    return VectorEnv(members, mode, min(cores if workers is None else workers, count), copy)
+    processes = min(cores if workers is None else workers, count)
+    running: Running = Processes(_shares(members, processes)) if processes else InProcess(members)
+    return VectorEnv([member.name for member in members], running, mode, copy)
 
 
 def _locate(name: str | os.PathLike[str], corpus: str | os.PathLike[str] | None, contract: str | None) -> Found:
@@ -286,7 +328,8 @@ def _member(index: int, found: Found, sandbox: str | None, runtime: str | None, 
     )
 
 
-def _mode(given: AutoresetMode | str) -> AutoresetMode:
+def mode_named(given: AutoresetMode | str) -> AutoresetMode:
+    """Raises UsageError."""
     if isinstance(given, AutoresetMode):
         return given
     try:

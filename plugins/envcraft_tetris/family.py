@@ -2,12 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import re
+from collections.abc import Iterator, Sequence
 from random import Random
+from typing import TYPE_CHECKING
 
+import msgspec
+
+from envcraft.errors import UsageError
 from envcraft.families import Family, Generated
 
 from .variant import Variant
+
+if TYPE_CHECKING:
+    from .fastlane.simulator import Simulator
 
 
 class TetrisFamily(Family):
@@ -25,3 +33,27 @@ class TetrisFamily(Family):
             known.add(variant.rules)
             source = variant.write(f"Tetris{number:04}")
             yield Generated(f"tetris_{seed}_{number:04}", source, {"axes": variant.axes()})
+
+    def simulate(self, generated: Sequence[Generated]) -> Simulator:
+        from .fastlane.simulator import Simulator
+
+        known: dict[str, Variant] = {}
+        for one in generated:
+            if one.source not in known:
+                known[one.source] = variant_of(one)
+        return Simulator([known[one.source] for one in generated])
+
+
+def variant_of(generated: Generated) -> Variant:
+    """The variant that a source was written for. Raises UsageError where it would be written otherwise."""
+    try:
+        variant = msgspec.convert(generated.metadata.get("axes"), Variant)
+        class_name = re.search(r"^class (\w+)\(", generated.source, re.MULTILINE)
+        if class_name and variant.write(class_name[1]) == generated.source:
+            return variant
+    except (msgspec.ValidationError, ArithmeticError, LookupError, ValueError):
+        # Values along the axes that the family does not have.
+        pass
+    raise UsageError(
+        f"{generated.name} is not as the family tetris of this version writes it: leave fast out, and the file is run"
+    )

@@ -101,7 +101,8 @@ class Look:
             """,
         )
 
-    def _write_places(self, draft: Draft, variant: Variant) -> None:
+    def places(self, variant: Variant) -> tuple[int, int, int, int]:
+        """In pixels: the side of a cell, the top and the left of the board, and the left of the panel."""
         board, preview, holds = variant.board, variant.supply.preview, variant.controls.holds
         room = 80 - (_PANEL if preview or holds else 0)
         cell = min(7, 74 // board.rows, room // board.columns)
@@ -113,10 +114,15 @@ class Look:
             left = 2 + _PANEL + (room - width) // 2
         else:
             left = 2 + (room - width) // 2
+        return cell, top, left, 3 if self.panel == "left" else 84 - _PANEL + 1
+
+    def _write_places(self, draft: Draft, variant: Variant) -> None:
+        preview, holds = variant.supply.preview, variant.controls.holds
+        cell, top, left, panel = self.places(variant)
         draft.add("constants", "# In pixels, from the top left corner.", f"CELL, TOP, LEFT = {cell}, {top}, {left}")
         if not (preview or holds):
             return
-        draft.add("constants", f"PANEL = {3 if self.panel == 'left' else 84 - _PANEL + 1}")
+        draft.add("constants", f"PANEL = {panel}")
         draft.add(
             "panel",
             """
@@ -133,7 +139,8 @@ class Look:
         if holds:
             draft.add("paint", "if self.held is not None:", "    self._paint_small(picture, self.held, 66)")
 
-    def _write_colours(self, draft: Draft, variant: Variant) -> None:
+    def palette(self, variant: Variant) -> tuple[dict[str, int], list[str]]:
+        """The numbers of the colours that have names, and every colour in hexadecimal in the order of the numbers."""
         pieces, empty, page, rim = _TONES[self.theme]
         count = variant.clearing.colours or len(variant.pieces.art)
         colours = [_hex(self.hue, *empty)]
@@ -142,7 +149,7 @@ class Look:
             if self.theme == "mono":
                 hue, bright = self.hue, pieces[1] * (0.35 + 0.65 * (number + 1) / count)
             colours.append(_hex(hue, pieces[0], bright))
-        names = ["EMPTY"]
+        numbers = {"EMPTY": 0}
         dark = empty[1] < 0.5
         for name, wanted, colour in (
             ("WALL", bool(variant.board.walls), _hex(self.hue, 0.15, 0.6)),
@@ -154,10 +161,14 @@ class Look:
             ("BAR", variant.ending.goal != "endless" or bool(variant.ending.ceiling), _hex(self.hue + 0.5, 0.7, 0.9)),
         ):
             if wanted:
-                names.append(name)
+                numbers[name] = len(colours)
                 colours.append(colour)
-        draft.add("names", ", ".join(names))
-        draft.add("numbers", ", ".join(map(str, [0, *range(count + 1, count + len(names))])))
+        return numbers, colours
+
+    def _write_colours(self, draft: Draft, variant: Variant) -> None:
+        numbers, colours = self.palette(variant)
+        draft.add("names", ", ".join(numbers))
+        draft.add("numbers", ", ".join(map(str, numbers.values())))
         draft.add("colours", "# One hexadecimal red-green-blue triple for each of these numbers.")
         # No line is longer than 120 characters.
         if len(colours) <= 14:

@@ -38,6 +38,11 @@ class Rewards:
             )
         return cls(rng.choice(CLEARS), rng.choice(EXTRAS), line, prize, rng.choice((0.0, 1.0, 2.0)))
 
+    @property
+    def bonus(self) -> tuple[float, ...]:
+        """What so many lines at once are worth under `bonus`, from none to four."""
+        return tuple(self.line * times for times in (0, 1, 2.5, 5, 8))
+
     def write(self, draft: Draft, variant: Variant) -> None:
         self._write_clears(draft, variant.clearing.units.removesuffix("s"))
         self._write_extra(draft)
@@ -56,10 +61,9 @@ class Rewards:
             draft.add("constants", f"LINE_REWARD = {self.line}")
             draft.add("pay", "self.reward += LINE_REWARD * cleared")
         elif self.clears == "bonus":
-            steps = tuple(self.line * times for times in (0, 1, 2.5, 5, 8))
-            told = ", ".join(f"{step:g}" for step in steps[1:])
+            told = ", ".join(f"{step:g}" for step in self.bonus[1:])
             draft.add("paid", f"{told} for one {unit}, two, three, and four or more at once")
-            draft.add("constants", f"LINE_REWARDS = {steps}")
+            draft.add("constants", f"LINE_REWARDS = {self.bonus}")
             draft.add("pay", "self.reward += LINE_REWARDS[min(cleared, 4)]")
         elif self.clears == "combo":
             draft.add(
