@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from envcraft.check import Check
     from envcraft.contract import Contract
     from envcraft.corpus.export import Exporter
+    from envcraft.demonstrations.player import Player
     from envcraft.executors import ExecutorPlugin
     from envcraft.families import Family
     from envcraft.reports import Reporter
@@ -58,6 +59,11 @@ def envcraft_executors() -> list[ExecutorPlugin]:
 @hookspec
 def envcraft_families() -> list[Family]:
     """Environments that a program writes, for ``envcraft generate --family`` to name."""
+
+
+@hookspec
+def envcraft_players() -> list[Player]:
+    """Who plays for demonstrations, for ``envcraft demos --player`` to name."""
 
 
 @hookspec
