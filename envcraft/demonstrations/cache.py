@@ -71,8 +71,8 @@ class Writer:
         """The whole file."""
         ensure()
         recording, frames = self._recording, self._frames
-        dictionary = _dictionary(frames)
-        packed = _compress(frames, dictionary)
+        kept = dictionary(frames)
+        packed = _compress(frames, kept)
         offsets = np.cumsum([0, *map(len, packed)])
         episodes = recording.episodes
         steps = np.array([episode.steps for episode in episodes])
@@ -81,7 +81,7 @@ class Writer:
         for place, episode in zip(last, episodes, strict=True):
             ended[0, place], ended[1, place] = episode.terminated, episode.truncated
         arrays: dict[str, NDArray[Any]] = {
-            "dictionary": np.frombuffer(dictionary, np.uint8),
+            "dictionary": np.frombuffer(kept, np.uint8),
             "offsets": offsets.astype("<u8"),
             "observation": np.array(self._shown, "<u4"),
             "next_observation": np.array(self._after, "<u4"),
@@ -96,7 +96,7 @@ class Writer:
         return _file(arrays, {"frame": [frames[0].dtype.str, list(frames[0].shape)]})
 
 
-def _dictionary(frames: Sequence[NDArray[Any]]) -> bytes:
+def dictionary(frames: Sequence[NDArray[Any]]) -> bytes:
     """Frames spread over the recording; the compressor looks for what repeats among them."""
     picked = np.linspace(0, len(frames) - 1, min(SAMPLES, len(frames))).round().astype(int)
     return b"".join(frames[place].tobytes() for place in picked)

@@ -135,7 +135,7 @@ def _episode(trace: Trace, numbers: NDArray[np.int64], width: int) -> Episode:
         seed=trace.rollout.seed,
         steps=trace.steps,
         actions=zlib.compress(numbers.astype(f"<u{width}").tobytes(), 9),
-        rewards=zlib.compress(np.array(trace.rewards, "<f8").tobytes(), 9),
+        rewards=packed(np.array(trace.rewards)),
         terminated=trace.ending is Ending.TERMINATED,
         truncated=trace.ending is Ending.TRUNCATED,
         frames=frame_digests(trace.observations),
@@ -143,6 +143,11 @@ def _episode(trace: Trace, numbers: NDArray[np.int64], width: int) -> Episode:
         total=trace.total,
         success=trace.success,
     )
+
+
+def packed(values: NDArray[np.float64]) -> bytes:
+    """Rewards of shape (T,), as an episode keeps them."""
+    return zlib.compress(values.astype("<f8").tobytes(), 9)
 
 
 def rewards(episode: Episode) -> NDArray[np.float64]:
