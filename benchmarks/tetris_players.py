@@ -29,7 +29,7 @@ _RANDOM = 10
 @dataclass(frozen=True)
 class Played:
     """One variant: steps of random episodes and of the player's, how many of the latter were won where that is told,
-    and the microseconds of one of its decisions.
+    and the processor time of one of its decisions in microseconds.
     """
 
     drop: bool
@@ -74,7 +74,7 @@ def report(played: list[Played]) -> int:
     median = float(np.median([one.ratio for one in played]))
     print(f"{len(played)} variants, median ratio {median:.2f} (at least {LEAST:g})")
     print(f"won {np.mean(won):.0%} of {len(won)} episodes that can be won" if won else "no episode can be won")
-    print(f"{np.mean([one.micros for one in played]):.0f} microseconds for a decision")
+    print(f"{np.mean([one.micros for one in played]):.0f} microseconds of processor time for a decision")
     return 0 if median >= LEAST else 1
 
 
@@ -93,9 +93,9 @@ def _play(file: Path, drop: bool, episodes: int) -> Played:
 
         def choose(placement: Placement = placement) -> Any:
             nonlocal spent
-            started = time.perf_counter()
+            started = time.process_time()
             move = placement.act(env)
-            spent += time.perf_counter() - started
+            spent += time.process_time() - started
             return np.array(move)
 
         steps, told = _episode(env, seed, choose)

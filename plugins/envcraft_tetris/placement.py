@@ -52,6 +52,10 @@ class Placement:
         move = self._plan.pop(0) if self._plan else game.rest()
         game.follow(env)
         landed = game.advance(move)
+        if landed and game.room > _ROOM:
+            game.follow(env)
+            # A piece that is put aside at the last moment falls once more later.
+            move = game.aside() or move
         self._expected = None if landed else game.place()
         return move
 
@@ -79,13 +83,15 @@ class Game:
         self._ghost = self._stand_in(env)
         self._controls = self._probe()
         self._hurry = False
+        self.room = 0
         # Steps that a piece takes to the ground.
         self._fall = 0.7 * self.rows * names.get("FALL_EVERY", (names.get("SLOW", 0) + names.get("FAST", 0)) / 2)
         self._goal = names.get("GOAL", 0)
         self._digs = hasattr(env, "won") and not self._goal and "TIME" not in names
         self._garbage: set[int] = set()
         self._limit = min(names.get("TIME", names["MAX_STEPS"]), names["MAX_STEPS"])
-        self._room = _ROOM + (4 if "GARBAGE_EVERY" in names else 0)
+        self._rising = "GARBAGE_EVERY" in names and not hasattr(env, "until_garbage")
+        self._room = min(_ROOM, self.rows // 3) + (3 if self._rising else 0)
         self._each = self._group or self.columns
         self._cells = sum(len(turns[0]) for turns in self._turns) / len(self._turns)
         self.follow(env)
@@ -240,9 +246,7 @@ class Game:
         button = controls.get(f"turn {left}") or controls.get("turn 1") or controls.get("turn 3")
         if button is None:
             return None
-        if (button[1] and getattr(self._ghost, "first_down", False)) or (
-            button[2] and getattr(self._ghost, "second_down", False)
-        ):
+        if self._pressed(button):
             return (direction, 0, 0)
         return button if button[0] else (direction, button[1], button[2])
 
@@ -251,25 +255,39 @@ class Game:
         controls = self._controls
         if not self._hurry:
             return _WAIT
-        if "hard" in controls and self._ghost.drop_rest <= 1:
-            move = controls["hard"]
-            if not ((move[1] and getattr(self._ghost, "first_down", False)) or (
-                move[2] and getattr(self._ghost, "second_down", False)
-            )):
-                return move
+        if "hard" in controls and self._ghost.drop_rest <= 1 and not self._pressed(controls["hard"]):
+            return controls["hard"]
         return controls.get("soft", _WAIT)
+
+    def aside(self) -> Move | None:
+        """How to put the piece aside, where that can be done and there is time."""
+        move = self._controls.get("hold")
+        if move is None or self._hurry or self._rising or self._ghost.swapped or self._pressed(move):
+            return None
+        return move
+
+    def _pressed(self, move: Move) -> bool:
+        """Whether a button of a move is still down, so that it would not act."""
+        state = self._ghost.__dict__
+        return bool(move[1] and state.get("first_down") or move[2] and state.get("second_down"))
 
     def _note(self, ghost: Any) -> None:
         """See how far the goal is, whether there is a reason to be quick, and whether one to put the goal off."""
         self._missing = self._goal - ghost.cleared if self._goal else None
         if self._missing is not None:
             needed = _WASTE * self._missing * self._each / self._cells
-            self._hurry = ghost.steps + needed * self._fall > self._limit - 2 * self._fall
+            self._hurry = ghost.steps + needed * self._fall > self._limit - 1.3 * self._fall
         if self._digs:
             self._garbage = {y for y, row in enumerate(ghost.board) if self._names["GARBAGE"] in row}
-        room = next((y for y, row in enumerate(ghost.board) if any(block not in (0, self._wall) for block in row)), 99)
-        put_off = room - self._top > self._room and ghost.steps < self._limit - 2 * self._fall - _REST
-        self._end = _PUT_OFF if put_off else _WON
+        filled = (y for y, row in enumerate(ghost.board) if any(block not in (0, self._wall) for block in row))
+        self.room = next(filled, self.rows) - self._top
+        late = ghost.steps > self._limit - 1.3 * self._fall - _REST
+        if self._missing is None:
+            # Rows that rise by the clock are dug away by pieces.
+            self._hurry = self._rising or (self._digs and late)
+        else:
+            self._hurry = self._hurry or late
+        self._end = _PUT_OFF if self.room > self._room and not late else _WON
 
     # -- boards as rows of bits ------------------------------------------------------------------------------------
 
