@@ -342,3 +342,31 @@ def test_minari_loads_what_is_exported_and_recovers_the_environment(
             shown, reward, terminated, *_ = env.step(action)
             assert (reward, terminated) == (episode.rewards[step], episode.terminations[step])
         assert np.array_equal(shown, episode.observations[-1])
+
+
+# The report
+
+
+def test_the_report_shows_what_came_out_by_player(demos: Demos, corpus: Path, tmp_path: Path) -> None:
+    for needed in ("jinja2", "matplotlib", "PIL", "rensa"):
+        pytest.importorskip(needed)
+    from envcraft.corpus.report.players import player_rows
+
+    for player in ("noop", "random"):
+        demos("--steps", "200", "--player", player)
+    with Store(corpus) as store:
+        rows = player_rows(store)
+    whole = {
+        found.player: [one.steps for one in found.episodes if one.terminated or one.truncated]
+        for found in recordings(corpus)
+    }
+    assert {row.name: (row.episodes, row.steps[1]) for row in rows} == {
+        player: (len(steps), float(np.median(steps))) for player, steps in whole.items()
+    }
+    assert rows == sorted(rows, key=lambda row: row.steps[1])
+    assert all(row.rate.n == row.episodes for row in rows)
+    done = CliRunner().invoke(cli, ["corpus", "report", str(corpus), "--output", str(tmp_path / "site"), "--no-previews"])
+    assert done.exit_code == 0, done.output
+    page = (tmp_path / "site" / "index.html").read_text("utf-8")
+    assert '<section id="players">' in page
+    assert page.count("<th>noop</th>") == 1
