@@ -148,7 +148,8 @@ def _minari(folder: Path, episodes: Sequence[dict[str, Any]]) -> list[Line]:
     steps = sum(len(one["actions"]) for one in episodes)
     buffers = [
         minari.data_collector.EpisodeBuffer(
-            id=number, **{name: value if name in ("observations", "actions") else value.tolist() for name, value in one.items()}
+            id=number,
+            **{name: value if name in ("observations", "actions") else value.tolist() for name, value in one.items()},
         )
         for number, one in enumerate(episodes)
     ]

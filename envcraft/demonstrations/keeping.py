@@ -142,7 +142,7 @@ def prune(store: Store) -> None:
 
 
 def verify(store: Store, repair: bool) -> Iterator[str]:
-    """What is wrong with the recordings, in words; with `repair` it is taken out, for `envcraft demos` to make again."""
+    """What is wrong with the recordings, in words; with `repair` it is taken out, for the next run to make again."""
     for file in sorted(path for path in (store.root / FOLDER).rglob("*") if path.is_file()):
         name, digest = file.relative_to(store.root), file.stem
         cached = file.suffix != _SUFFIX

@@ -1,4 +1,4 @@
-"""Demonstrations as a learner reads them: transitions of many environments, by number, out of the caches of a corpus."""
+"""Demonstrations as a learner reads them: transitions of many environments by number, from the caches of a corpus."""
 
 from __future__ import annotations
 

@@ -96,7 +96,9 @@ class _Replay(Check):
 
     name = "demonstrations"
     rules = (
-        Rule("EC201", "run-again", "The same seed gives another trace when run again.", "Draw from self.np_random only."),
+        Rule(
+            "EC201", "run-again", "The same seed gives another trace when run again.", "Draw from self.np_random only."
+        ),
     )
 
     def __init__(
@@ -113,7 +115,9 @@ class _Replay(Check):
                 # Not remembered: with frames it is large, and nobody asks for it a second time.
                 trace = subject.rerun(rollout)
                 if found := difference(episode, trace):
-                    words = f"the player {recording.player}'s episode {number} on seed {episode.seed} is another: {found}"
+                    words = (
+                        f"the player {recording.player}'s episode {number} on seed {episode.seed} is another: {found}"
+                    )
                     yield self.finding("EC201", words, repro=repro(rollout))
                     writer = None
                     break

@@ -175,8 +175,10 @@ def _record(
             found = recording.record(store, chosen, player, contract, driver, steps, seed, workers, tell)
         outcome.take(found)
         there = len(chosen) - found.done - len(found.bad)
-        click.echo(f"{player.name}: {plural(found.steps, 'step')} in {plural(found.done, 'environment')} recorded, "
-                   f"{there:,} there already")
+        click.echo(
+            f"{player.name}: {plural(found.steps, 'step')} in {plural(found.done, 'environment')} recorded, "
+            f"{there:,} there already"
+        )
 
 
 def _replay(
@@ -193,9 +195,7 @@ def _replay(
 
     wanted = {environment.source for environment, _ in _environments(store, select)}
     named = [
-        (one, row)
-        for one, row in keeping.rows(store, name)
-        if row.source in wanted and row.contract == contract.name
+        (one, row) for one, row in keeping.rows(store, name) if row.source in wanted and row.contract == contract.name
     ]
     if not named:
         raise UsageError(f"{store.root} has no such recording; `envcraft demos {store.root}` records some")

@@ -1,9 +1,9 @@
 """A player of the family `tetris`: tries where each piece can come to lie, and rates the board that is left.
 
 The text of this file is the policy that runs beside the environment (``act(state)``), so it needs nothing but the
-standard library. It reads the whole state and changes none of it: moves are tried on a stand-in of the game's own class
-with its own board, whose rules are therefore those of the variant: turning and kicks, gravity and lock delay, sides that
-are one, walls, and whatever is cleared.
+standard library. It reads the whole state and changes none of it: moves are tried on a stand-in of the game's own
+class, whose rules are therefore those of the variant: turning and kicks, gravity and lock delay, sides that are one,
+walls, and whatever is cleared.
 
 A board is rated by the features of Dellacherie and those that Thiery and Scherrer added, with the weights of their
 controller BCTS ("Building Controllers for Tetris", ICGA Journal 32(1), 2009, doi:10.3233/ICG-2009-32102). Where groups
@@ -269,7 +269,7 @@ class Game:
     def _pressed(self, move: Move) -> bool:
         """Whether a button of a move is still down, so that it would not act."""
         state = self._ghost.__dict__
-        return bool(move[1] and state.get("first_down") or move[2] and state.get("second_down"))
+        return bool((move[1] and state.get("first_down")) or (move[2] and state.get("second_down")))
 
     def _note(self, ghost: Any) -> None:
         """See how far the goal is, whether there is a reason to be quick, and whether one to put the goal off."""
@@ -385,9 +385,7 @@ class Game:
         ghost.board = real
         return cleared, after
 
-    def _coloured(
-        self, kind: int, turn: int, row: int, column: int, after: list[int]
-    ) -> tuple[float, list[int]]:
+    def _coloured(self, kind: int, turn: int, row: int, column: int, after: list[int]) -> tuple[float, list[int]]:
         """What a landing is worth for its colour, and the board that it leaves."""
         ghost = self._ghost
         colour = kind % self._colours + 1

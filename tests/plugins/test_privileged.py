@@ -1,4 +1,4 @@
-"""Players and what is recorded of them: what a policy may not do, what a changed file shows, what a killed run leaves."""
+"""Players and what is recorded of them: what a policy may not do, what changed files show, what a killed run leaves."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from envcraft.demonstrations import form, keeping
 WHERE = ("--sandbox", "process", "--workers", "1")
 VARIANT = "tetris_0_0000.py"
 #: The way out is up after ten steps to the right; every step costs, so that nothing near it leads there.
-MAZE = '''
+MAZE = """
 import threading
 
 import gymnasium as gym
@@ -59,7 +59,7 @@ class Maze(gym.Env):
         frame = np.zeros((84, 84, 3), np.uint8)
         frame[40:44, self.x * 8 : self.x * 8 + 4] = 255
         return frame
-'''
+"""
 Demos = Callable[..., Result]
 
 
@@ -93,7 +93,7 @@ def variants() -> list[Any]:
     made = []
     for one in TetrisFamily().generate(12, 0):
         module = types.ModuleType(one.name)
-        exec(compile(one.source, one.name, "exec"), vars(module))  # noqa: S102
+        exec(compile(one.source, one.name, "exec"), vars(module))
         made.append(next(value for name, value in vars(module).items() if name.startswith("Tetris"))())
     return made
 
@@ -105,13 +105,13 @@ def test_the_tetris_player_lasts_several_times_as_long_as_chance() -> None:
     ratios = []
     for env in variants()[:6]:
         lasted = []
-        for choose in (lambda: env.action_space.sample(), None):
+        for chance in (True, False):
             env.reset(seed=3)
             env.action_space.seed(3)
             player = Placement()
             steps, ended = 0, False
             while not ended and steps < 400:
-                move = choose() if choose is not None else np.array(player.act(env))
+                move = env.action_space.sample() if chance else np.array(player.act(env))
                 _, _, terminated, truncated, _ = env.step(move)
                 steps, ended = steps + 1, terminated or truncated
             lasted.append(steps)
@@ -173,10 +173,19 @@ def test_without_a_name_the_family_has_its_player(demos: Demos, corpus: Path) ->
 @pytest.mark.parametrize(
     ("policy", "words"),
     [
-        ("def policy(env):\n    env.steps = 0\n    return [0, 0, 0]", "EC804 the policy writes to the environment at st"),
+        (
+            "def policy(env):\n    env.steps = 0\n    return [0, 0, 0]",
+            "EC804 the policy writes to the environment at st",
+        ),
         ("def policy(env):\n    env.board[0][0] = 1\n    return [0, 0, 0]", "it changes board"),
-        ("class P:\n    def act(self, state):\n        state.steps = 9", "EC804 the policy writes to the environment at"),
-        ("def policy(env):\n    env.np_random.random()\n    return [0, 0, 0]", "EC804 without the policy its actions giv"),
+        (
+            "class P:\n    def act(self, state):\n        state.steps = 9",
+            "EC804 the policy writes to the environment at",
+        ),
+        (
+            "def policy(env):\n    env.np_random.random()\n    return [0, 0, 0]",
+            "EC804 without the policy its actions giv",
+        ),
         ("def policy(env):\n    return [9, 0, 0]", "EC805 the policy's move 1 is refused"),
         ("def policy(env):\n    return 1 / 0", "EC805 the policy raises ZeroDivisionError"),
     ],
@@ -365,7 +374,9 @@ def test_the_report_shows_what_came_out_by_player(demos: Demos, corpus: Path, tm
     }
     assert rows == sorted(rows, key=lambda row: row.steps[1])
     assert all(row.rate.n == row.episodes for row in rows)
-    done = CliRunner().invoke(cli, ["corpus", "report", str(corpus), "--output", str(tmp_path / "site"), "--no-previews"])
+    done = CliRunner().invoke(
+        cli, ["corpus", "report", str(corpus), "--output", str(tmp_path / "site"), "--no-previews"]
+    )
     assert done.exit_code == 0, done.output
     page = (tmp_path / "site" / "index.html").read_text("utf-8")
     assert '<section id="players">' in page
