@@ -81,7 +81,7 @@ class Writer:
         for place, episode in zip(last, episodes, strict=True):
             ended[0, place], ended[1, place] = episode.terminated, episode.truncated
         arrays: dict[str, NDArray[Any]] = {
-            "dictionary": np.frombuffer(kept, np.uint8),
+            "dictionary": np.frombuffer(_packed(kept), np.uint8),
             "offsets": offsets.astype("<u8"),
             "observation": np.array(self._shown, "<u4"),
             "next_observation": np.array(self._after, "<u4"),
@@ -100,6 +100,12 @@ def dictionary(frames: Sequence[NDArray[Any]]) -> bytes:
     """Frames spread over the recording; the compressor looks for what repeats among them."""
     picked = np.linspace(0, len(frames) - 1, min(SAMPLES, len(frames))).round().astype(int)
     return b"".join(frames[place].tobytes() for place in picked)
+
+
+def _packed(data: bytes) -> bytes:
+    import zstandard
+
+    return zstandard.ZstdCompressor(level=LEVEL).compress(data)
 
 
 def _compress(frames: Sequence[NDArray[Any]], dictionary: bytes) -> list[bytes]:
@@ -151,9 +157,8 @@ class Cache:
         self._size = int(np.prod(self.frame)) * self.dtype.itemsize
         self._frames = memoryview(self.arrays["frames"])
         self._offsets = self.arrays["offsets"]
-        kept = zstandard.ZstdCompressionDict(
-            self.arrays["dictionary"].tobytes(), dict_type=zstandard.DICT_TYPE_RAWCONTENT
-        )
+        dictionary = zstandard.ZstdDecompressor().decompress(self.arrays["dictionary"].tobytes())
+        kept = zstandard.ZstdCompressionDict(dictionary, dict_type=zstandard.DICT_TYPE_RAWCONTENT)
         self._decompressor = zstandard.ZstdDecompressor(dict_data=kept)
 
     def __len__(self) -> int:

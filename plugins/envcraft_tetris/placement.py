@@ -5,9 +5,9 @@ standard library. It reads the whole state and changes none of it: moves are tri
 class, whose rules are therefore those of the variant: turning and kicks, gravity and lock delay, sides that are one,
 walls, and whatever is cleared.
 
-A board is rated by the features of Dellacherie and those that Thiery and Scherrer added, with the weights of their
-controller BCTS ("Building Controllers for Tetris", ICGA Journal 32(1), 2009, doi:10.3233/ICG-2009-32102). Where groups
-of a colour are cleared, neighbours of one colour count besides.
+A board is rated by the features of Dellacherie and those that Thiery and Scherrer added, with weights after those of
+their controller BCTS (C. Thiery and B. Scherrer, "Building Controllers for Tetris", ICGA Journal 32(1), 2009). Where
+groups of a colour are cleared, neighbours of one colour count besides.
 """
 
 from __future__ import annotations
@@ -452,4 +452,4 @@ class Game:
             above = line
         down += (above ^ full).bit_count()
         values = (height, eroded, across, down, holes, wells, depth, holed)
-        return sum(weight * value for weight, value in zip(_BCTS, values, strict=True))
+        return sum((weight * value for weight, value in zip(_BCTS, values, strict=True)), 0.0)
