@@ -155,7 +155,7 @@ class Cache:
         }
         self.dtype, self.frame = np.dtype(self.header["frame"][0]), tuple(self.header["frame"][1])
         self._size = int(np.prod(self.frame)) * self.dtype.itemsize
-        self._frames = memoryview(self.arrays["frames"])
+        self._frames = self.arrays["frames"]
         self._offsets = self.arrays["offsets"]
         dictionary = zstandard.ZstdDecompressor().decompress(self.arrays["dictionary"].tobytes())
         kept = zstandard.ZstdCompressionDict(dictionary, dict_type=zstandard.DICT_TYPE_RAWCONTENT)
@@ -167,7 +167,7 @@ class Cache:
     def read(self, number: int) -> NDArray[Any]:
         """A frame by its number, to be read only."""
         start, end = self._offsets[number : number + 2].tolist()
-        data = self._decompressor.decompress(self._frames[start:end], max_output_size=self._size)
+        data = self._decompressor.decompress(self._frames[start:end].data, max_output_size=self._size)
         return np.frombuffer(data, self.dtype).reshape(self.frame)
 
 

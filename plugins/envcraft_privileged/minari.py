@@ -91,6 +91,8 @@ def _write(order: Order, namespace: str, environment: Exported, row: Row, taken:
             _episodes(cache),
             env=_named(spec, contract_named(row.contract)),
             algorithm_name=row.player,
+            # By default frames go through JPEG, and come back otherwise.
+            jpeg_encoding=False,
             description=f"{environment.name}, played by {row.player}; the source has SHA-256 {row.source}",
         )
     return f"{stem}-v{number}"

@@ -452,4 +452,4 @@ class Game:
             above = line
         down += (above ^ full).bit_count()
         values = (height, eroded, across, down, holes, wells, depth, holed)
-        return sum((weight * value for weight, value in zip(_BCTS, values, strict=True)), 0.0)
+        return sum((weight * float(value) for weight, value in zip(_BCTS, values, strict=True)), 0.0)

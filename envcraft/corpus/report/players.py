@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import msgspec
 import numpy as np
 
@@ -29,9 +31,12 @@ def player_rows(store: Store) -> list[PlayerRow]:
     found = []
     for name, outcomes in keeping.outcomes(store).items():
         told = [bool(outcome.success) for outcome in outcomes if outcome.success is not None]
-        steps, total = (
-            tuple(float(value) for value in np.quantile(values, (0.1, 0.5, 0.9)))
-            for values in ([outcome.steps for outcome in outcomes], [outcome.total for outcome in outcomes])
-        )
+        steps = _quantiles([outcome.steps for outcome in outcomes])
+        total = _quantiles([outcome.total for outcome in outcomes])
         found.append(PlayerRow(name, len(outcomes), steps, total, Proportion(sum(told), len(told), Z95)))
     return sorted(found, key=lambda row: row.steps[1])
+
+
+def _quantiles(values: Sequence[float]) -> tuple[float, float, float]:
+    low, middle, high = np.quantile(values, (0.1, 0.5, 0.9)).tolist()
+    return low, middle, high
