@@ -43,6 +43,8 @@ bench: .venv/peers.stamp
 	$(BIN)/python -m benchmarks.concepts
 	$(BIN)/python -m benchmarks.pipeline
 	$(BIN)/python -m benchmarks.conversations
+	$(BIN)/python -m benchmarks.tetris_players
+	$(BIN)/python -m benchmarks.demonstrations
 
 picture: .venv/core.stamp
 	$(BIN)/python -m benchmarks.picture

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from envcraft.check import Check
     from envcraft.contract import Contract
     from envcraft.corpus.export import Exporter
+    from envcraft.demonstrations.player import Player
     from envcraft.executors import ExecutorPlugin
     from envcraft.families import Family
     from envcraft.generators import Generator
@@ -70,6 +71,11 @@ def envcraft_generators() -> list[Generator]:
 @hookspec
 def envcraft_stages() -> list[Stage]:
     """Steps on the way from a concept to an environment: further ones, or ones in the place of others."""
+
+
+@hookspec
+def envcraft_players() -> list[Player]:
+    """Who plays for demonstrations, for ``envcraft demos --player`` to name."""
 
 
 @hookspec

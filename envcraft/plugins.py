@@ -42,6 +42,7 @@ DEFAULT_PLUGINS = (
     "envcraft_checks.sandbox",
     "envcraft_dask.plugin",
     "envcraft_llm.plugin",
+    "envcraft_privileged.plugin",
     "envcraft_tetris.plugin",
 )
 

@@ -28,6 +28,8 @@ from envcraft.trace import Recording, Trace
 
 #: What a search has found by this share of a job's time is all that it finds, so that slow steps cost no more.
 _SEARCH_SHARE = 0.2
+#: Steps that the player of a rolling horizon may try for each that it plays.
+_HORIZON = 40
 #: So many hung jobs are waited for, then no more are begun.
 _PATIENCE = 3
 #: So many jobs whose worker was gone are run again on another one: what ended it may have been meant for its neighbour.
@@ -304,6 +306,10 @@ class Subject:
         told = [self.explore(number) for number in range(self.budget.explore[1])]
         chosen = [outcome.get("win") or outcome.get("best") for outcome in told]
         return self.rollouts([self.script(number, path, "exploration") for number, path in enumerate(chosen) if path])
+
+    def horizon(self, number: int = 0) -> Outcome:
+        """Play the episode of a seed by rolling horizon, to its end or a win: ``best`` has the actions."""
+        return self._search(Search("horizon", self.episode_seed(number), _HORIZON * self.length))
 
     def exhaust(self, number: int = 0) -> Outcome:
         """Search through all states that can be reached."""

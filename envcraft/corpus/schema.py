@@ -136,6 +136,33 @@ MIGRATIONS = (
         PRIMARY KEY (concept, stage)
     ) WITHOUT ROWID;
     """,
+    """
+    CREATE TABLE demonstrations (
+        id INTEGER PRIMARY KEY,
+        source TEXT NOT NULL,
+        class TEXT NOT NULL,
+        contract_sha256 TEXT NOT NULL,
+        player TEXT NOT NULL,
+        player_digest TEXT NOT NULL,
+        seed INTEGER NOT NULL,
+        contract TEXT NOT NULL,
+        steps INTEGER NOT NULL,
+        file TEXT NOT NULL CHECK (length(file) = 64),
+        recorded TEXT NOT NULL,
+        UNIQUE (source, class, contract_sha256, player, player_digest, seed)
+    );
+    CREATE INDEX demonstrations_by_file ON demonstrations (file);
+    CREATE TABLE episodes (
+        demonstration INTEGER NOT NULL REFERENCES demonstrations (id) ON DELETE CASCADE,
+        number INTEGER NOT NULL,
+        seed INTEGER NOT NULL,
+        steps INTEGER NOT NULL,
+        total REAL,
+        success INTEGER,
+        ending TEXT NOT NULL,
+        PRIMARY KEY (demonstration, number)
+    ) WITHOUT ROWID;
+    """,
 )
 
 

@@ -17,6 +17,7 @@ import msgspec
 
 from envcraft.corpus.report import media
 from envcraft.corpus.store import SOURCES, Store, decode, finding_rows
+from envcraft.demonstrations import keeping
 from envcraft.verdict import SubjectReport, plain
 
 LOST = "lost+found"
@@ -46,6 +47,10 @@ def verify(store: Store, repair: bool = False) -> Iterator[Damage]:
     yield from _verdicts(store, repair)
     yield from (
         Damage(words, "the next report makes it anew" if repair else "") for words in media.verify(store, repair)
+    )
+    yield from (
+        Damage(words, "the next `envcraft demos` records it again" if repair else "")
+        for words in keeping.verify(store, repair)
     )
 
 
@@ -81,6 +86,9 @@ def _references(store: Store, repair: bool) -> Iterator[Damage]:
         elif parent == "concepts":
             words = f"{table} belong to a concept that there is not"
             condition, done = "concept NOT IN (SELECT id FROM concepts)", "they were set aside"
+        elif table == "episodes":
+            words = "episodes belong to a recording that there is not"
+            condition, done = "demonstration NOT IN (SELECT id FROM demonstrations)", "they were set aside"
         elif row is None:
             words = "findings belong to a verdict that there is not"
             condition, done = "verdict NOT IN (SELECT id FROM verdicts)", "they were set aside"

@@ -74,5 +74,12 @@ def _spec(name: str, target: str, environment: str) -> EnvSpec:
 
 
 def create(**kwargs: Any) -> gymnasium.Env[Any, Any]:
-    """The entry point of every id: what was registered, and what ``gymnasium.make`` is given, for ``envcraft.make``."""
+    """The entry point of every id: what was registered, and what ``gymnasium.make`` is given, for ``envcraft.make``.
+
+    Data sets name no corpus: theirs is the one that ENVCRAFT_CORPUS or ``pyproject.toml`` names. Raises UsageError.
+    """
+    if "target" not in kwargs and (corpus := default_corpus()) is not None:
+        kwargs["target"] = corpus
+    if "target" not in kwargs:
+        raise UsageError(f"no corpus is named that has {kwargs.get('name')}: set {VARIABLE}")
     return make(**kwargs)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from envcraft.corpus.report.data import Attempt, CheckRow, CodeRow, Measure, Stage
+from envcraft.corpus.report.players import PlayerRow
 from envcraft.corpus.report.svg import COLOURS, markup
 from envcraft.stats import Proportion
 
@@ -150,6 +151,22 @@ def yields(attempts: Sequence[Attempt]) -> Drawn:
         return figure
 
     return _both(draw, "yields", "The share that passes after each attempt")
+
+
+def players(rows: Sequence[PlayerRow]) -> Drawn:
+    """How long each player's episodes are: the median, and where four of five of them lie."""
+
+    def draw(wide: bool) -> Figure:
+        figure, axes = _rows(len(rows), wide)
+        low, middle, high = np.array([row.steps for row in rows]).T
+        axes.barh(range(len(rows)), high - low, height=0.3, left=low, color=COLOURS["skip"])
+        axes.plot(middle, range(len(rows)), "o", color=COLOURS["accent"], markersize=8)
+        for place, row in enumerate(rows):
+            _beside(axes, row.steps[2], place, f"{row.steps[1]:,.0f} steps", high.max())
+        _names(axes, [row.name for row in rows], high.max() * (1.16 if wide else 1.42))
+        return figure
+
+    return _both(draw, "players", "Steps of an episode by player: the median, and from the 10th to the 90th percentile")
 
 
 def _bars(axes: Axes, places: Sequence[int], rates: Sequence[Proportion]) -> None:

@@ -19,6 +19,7 @@ from envcraft.corpus.report import charts, media, tables
 from envcraft.corpus.report.alike import Alike, alike
 from envcraft.corpus.report.chunks import ROWS, Chunks
 from envcraft.corpus.report.data import FAR, TIMES, Entry, Survey, entries
+from envcraft.corpus.report.players import player_rows
 from envcraft.corpus.report.swap import replaced
 from envcraft.corpus.store import Store, now
 from envcraft.reports import Numbered, one_line, printable, replay_command
@@ -47,6 +48,7 @@ class Site:
         self.rules: dict[str, Rule] = {rule.code: rule for check in checks for rule in check.rules}
         self.survey = Survey(check.name for check in checks)
         self.settings = _settings(store)
+        self.players = player_rows(store)
         self._pictured = array("l")
         self._passed = array("l")
 
@@ -133,6 +135,7 @@ class Site:
             **common,
             **self._figures(),
             notes=notes,
+            players=self.players,
             others=sum(survey.settings.values()) - max(survey.settings.values(), default=0),
             sheet=[(number, survey.names[number], _picture(number)) for number in self._sheet()],
             slowest=[(number, survey.names[number], value) for number, value in survey.measures[0].highest(_SLOWEST)],
@@ -150,9 +153,10 @@ class Site:
 
     def _figures(self) -> dict[str, Any]:
         survey = self.survey
+        drawn = {"players": charts.players(self.players)} if self.players else {}
         if not survey.judged:
-            return {"charts": {}}
-        drawn = {
+            return {"charts": drawn}
+        drawn |= {
             "cascade": charts.cascade(survey.stages(), survey.judged),
             "checks": charts.checks(survey.checks()),
             "spread": charts.distributions(survey.measures[:3]),

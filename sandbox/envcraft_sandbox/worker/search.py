@@ -31,6 +31,8 @@ _monotonic = time.monotonic
 _READINGS = 6
 #: So many whole episodes are held against the states that a search has found.
 _EPISODES = 3
+#: Plans that are tried at a time, their steps, and how many of these are followed before others are tried.
+_PLANS, _AHEAD, _FOLLOW = 8, 24, 6
 
 
 @dataclass(slots=True)
@@ -96,7 +98,7 @@ class Tree:
         self.budget: int = job["max_steps"]
         self.out = Outcome()
         self.random = _Random(job["seed"])
-        self._limit: int = job["limit"]
+        self.limit: int = job["limit"]
         self.until = _monotonic() + job.get("seconds", float("inf"))
 
     def root(self) -> Node:
@@ -137,7 +139,7 @@ class Tree:
         self.frame = observation
         node.path = path
         node.total += reward
-        node.ended = bool(terminated) or bool(truncated) or path.length >= self._limit
+        node.ended = bool(terminated) or bool(truncated) or path.length >= self.limit
         self._judge(node, info)
         return not node.ended
 
@@ -213,6 +215,51 @@ def _choose(rng: random.Random, archive: dict[bytes, Node]) -> Node:
     low = min(node.total for node in sample)
     span = max(node.total for node in sample) - low
     return max(sample, key=lambda node: (1 + (node.total - low) / span if span else 1) / (1 + node.visits) ** 0.5)
+
+
+def horizon(tree: Tree) -> None:
+    """Play an episode by rolling horizon: try some plans of held actions from where it stands, follow the best of them
+    for a few steps, and try again, the rest of that plan among others.
+
+    After Perez et al., "Rolling horizon evolution versus tree search" (GECCO 2013, doi:10.1145/2463372.2463413), with
+    chance in place of evolution. A plan that wins comes before all others, and one that ends the episode otherwise
+    after them; among the rest the return decides. Ends with a win, or with the episode; what is left of it when the
+    budget is spent is played at random.
+    """
+    node = tree.root()
+    kept: list[Any] = []
+    while not node.ended and tree.out.win is None and not tree.spent():
+        plans = [kept + _held(tree, _AHEAD - len(kept)), *(_held(tree, _AHEAD) for _ in range(_PLANS - 1))]
+        kept = max(plans, key=lambda plan: _worth(tree, node, plan))
+        for action in kept[:_FOLLOW]:
+            if not tree.step(node, action):
+                break
+        kept = kept[_FOLLOW:]
+    if tree.out.win is not None:
+        tree.out.best, tree.out.best_return = tree.out.win, tree.out.win_return
+        return
+    while not node.ended and tree.step(node, tree.random.choice(tree.actions)):
+        pass
+    tree.out.best, tree.out.best_return = node.path.actions(), node.total
+
+
+def _held(tree: Tree, length: int) -> list[Any]:
+    """So many actions, each held for a while."""
+    plan: list[Any] = []
+    while len(plan) < length:
+        plan += [tree.random.choice(tree.actions)] * tree.random.choice((1, 1, 2, 3, 5, 8))
+    return plan[:length]
+
+
+def _worth(tree: Tree, node: Node, plan: list[Any]) -> tuple[bool, bool, float, int]:
+    """How good a plan is from a state on."""
+    known = tree.out.win
+    child = tree.branch(node)
+    for action in plan:
+        if not tree.step(child, action):
+            break
+    lasts = not child.ended or child.path.length >= tree.limit
+    return tree.out.win is not known, lasts, child.total - node.total, child.path.length
 
 
 def exhaust(tree: Tree) -> None:
@@ -350,4 +397,5 @@ _SEARCHES: dict[str, Callable[[Tree], None]] = {
     "exhaust": exhaust,
     "greedy": greedy,
     "sweep": sweep,
+    "horizon": horizon,
 }

@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from envcraft.check import Check
     from envcraft.contract import Contract
     from envcraft.corpus.export import Exporter
+    from envcraft.demonstrations.player import Player
     from envcraft.executors import ExecutorPlugin
     from envcraft.families import Family
     from envcraft.generators import Generator
@@ -85,6 +86,13 @@ def envcraft_stages() -> list[Stage]:
     from .lit import Lit
 
     return [Lit()]
+
+
+@hookimpl
+def envcraft_players() -> list[Player]:
+    from .edge import EdgePlayer
+
+    return [EdgePlayer()]
 
 
 @hookimpl

@@ -1,0 +1,1 @@
+"""Players for ``envcraft demos``, and that command."""
