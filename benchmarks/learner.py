@@ -1,11 +1,12 @@
-"""``python -m benchmarks.learner``: updates of the large network, and training as a whole beside stable-baselines3's DQN.
+"""``python -m benchmarks.learner``: updates of the large network, and training as a whole beside stable-baselines3's
+DQN.
 
 Updates: the reference network on batches of 32, as the learner makes them, and as the same update is written plainly:
 32-bit floats, torch's default layout and its default Adam. The learner is held to be 1.8 times as fast.
 
 End to end: environment steps a second of training with one update every four, on one Tetris variant, the network
-``small``, which has about as many parameters as that of stable-baselines3's DQN, which trains on the same environment with
-as many side by side, and with one. EnvCraft is held to be twice as fast as the faster of these. Both take turns in
+``small``, which has about as many parameters as that of stable-baselines3's DQN, which trains on the same environment
+with as many side by side, and with one. EnvCraft is held to be twice as fast as the faster of these. Both take turns in
 rounds, and a rate is the median of the rounds. One thread, unless OMP_NUM_THREADS says otherwise. Exit status 1 where a
 limit does not hold.
 """

@@ -1,13 +1,14 @@
 """``python -m benchmarks.replay``: the prioritised replay beside those of others, in one run.
 
-Priorities: draws of a batch, by priority, and the update of these priorities, with a million of them, at batches of 32 and
-256. Each library's own class is called as its users call it, with transitions as small as they can be, so that what is
-measured is the sampler. Images: batches of 32 transitions of 84x84x3 frames of Tetris variants, observation and next
-observation, from replays of ``--frames`` transitions, as arrays on the host; and the bytes that a stored transition takes.
+Priorities: draws of a batch, by priority, and the update of these priorities, with a million of them, at batches of 32
+and 256. Each library's own class is called as its users call it, with transitions as small as they can be, so that what
+is measured is the sampler. Images: batches of 32 transitions of 84x84x3 frames of Tetris variants, observation and next
+observation, from replays of ``--frames`` transitions, as arrays on the host; and the bytes that a stored transition
+takes.
 
-The libraries take turns in short rounds, and a rate is the median of the rounds. EnvCraft is held to be no slower than the
-fastest peer at both batches, to give images no slower than stable-baselines3, packed, and to take at most 1,000 bytes a
-transition: exit status 1 where one does not hold. Peers that are not installed are named (see
+The libraries take turns in short rounds, and a rate is the median of the rounds. EnvCraft is held to be no slower than
+the fastest peer at both batches, to give images no slower than stable-baselines3, packed, and to take at most 1,000
+bytes a transition: exit status 1 where one does not hold. Peers that are not installed are named (see
 ``benchmarks/trainer_requirements.txt``).
 """
 
@@ -19,6 +20,7 @@ import statistics
 import sys
 import time
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -215,7 +217,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     told: dict[str, list[float]] = {}
     for batch in (32, 256):
         makers = {OURS: our_priorities, **others}
-        calls = made({name: lambda make=make: make(options.priorities, batch) for name, make in makers.items()}, console)
+        calls = made({name: partial(make, options.priorities, batch) for name, make in makers.items()}, console)
         for name, rate in rates(calls, options.rounds, options.seconds).items():
             told.setdefault(name, []).append(rate)
     for name, values in told.items():

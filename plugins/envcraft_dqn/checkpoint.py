@@ -1,8 +1,8 @@
 """A run as it was at one moment, in safetensors: what is learnt, the replay, and how far it has come. Imports torch.
 
-``state.json`` names the files that belong together, and is replaced as the last of them, so whenever a run is killed there
-is one whole checkpoint. The replay is in parts of some ten thousand slots; only those written since the last checkpoint are
-written again.
+``state.json`` names the files that belong together, and is replaced as the last of them, so whenever a run is killed
+there is one whole checkpoint. The replay is in parts of some ten thousand slots; only those written since the last
+checkpoint are written again.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ _MANIFEST = "state.json"
 
 
 class Checkpoint:
-    """The checkpoint in `folder` of a run of these settings on the environments `names`, wanted about `every` seconds."""
+    """The checkpoint in `folder` of a run of these settings on the environments `names`, saved each `every` seconds."""
 
     def __init__(self, folder: Path, settings: Settings, names: Sequence[str], every: float) -> None:
         self._folder, self._every = folder, every
@@ -91,7 +91,8 @@ class Checkpoint:
             replay.restore(told["replay"], safetensors.numpy.load_file(self._folder / files["priorities"]))
         except (OSError, ValueError, KeyError, SafetensorError) as error:
             raise EnvCraftError(
-                f"the checkpoint {self._folder} cannot be read ({type(error).__name__}: {error}); remove it to begin anew"
+                f"the checkpoint {self._folder} cannot be read ({type(error).__name__}: {error}); remove it to begin "
+                "anew"
             ) from None
         self._serial, self._added = told["serial"], replay.added
         self._sweep({files["learner"], files["priorities"], *self._parts.values()})

@@ -4,9 +4,9 @@ A frame of [height, width, 3] bytes becomes::
 
     colours - 1, 1 byte · palette, 3 bytes a colour · groups of equal rows until all rows are there
 
-A group is the number of its rows, then the number of an earlier row that they equal, or 255 and the runs of the row: each
-a length and a colour, a byte each. General codecs make it somewhat smaller, and take several times as long to give it
-back, which a learner waits for 64 times an update.
+A group is the number of its rows, then the number of an earlier row that they equal, or 255 and the runs of the row:
+each a length and a colour, a byte each. General codecs make it somewhat smaller, and take several times as long to give
+it back, which a learner waits for 64 times an update.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ LONGEST = 254
 
 @numba.njit(cache=True, nogil=True)
 def encode(frames: _Bytes, slots: NDArray[np.int64], cells: _Bytes, lengths: NDArray[np.uint16]) -> None:
-    """Encode frames [n, height, width, 3] into the rows `slots` of `cells`; ``lengths[slot]`` is set to the bytes, or to 0
-    where a frame takes more than a cell has or more than 256 colours.
+    """Encode frames [n, height, width, 3] into the rows `slots` of `cells`; ``lengths[slot]`` is set to the bytes, or
+    to 0 where a frame takes more than a cell has or more than 256 colours.
     """
     for at in range(len(frames)):
         lengths[slots[at]] = _encode(frames[at], cells[slots[at]])
@@ -34,8 +34,8 @@ def encode(frames: _Bytes, slots: NDArray[np.int64], cells: _Bytes, lengths: NDA
 
 @numba.njit(cache=True, nogil=True)
 def decode(cells: _Bytes, slots: NDArray[np.int64], frames: _Bytes) -> None:
-    """Write the frames that the rows `slots` of `cells` hold into `frames`, [n, height, width, 3]. Raises ValueError on a
-    cell that holds none.
+    """Write the frames that the rows `slots` of `cells` hold into `frames`, [n, height, width, 3]. Raises ValueError on
+    a cell that holds none.
     """
     for at in range(len(slots)):
         _decode(cells[slots[at]], frames[at])

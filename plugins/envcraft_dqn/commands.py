@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar
@@ -151,7 +152,7 @@ def evaluate(
     who = player_named(player, Surface.of(open_vector, names[0]), seed, epsilon, device)
     done = []
     with click.progressbar(
-        play(names, open_vector, who, episodes, lanes, seed), length=len(names), label="environments", file=_stderr()
+        play(names, open_vector, who, episodes, lanes, seed), length=len(names), label="environments", file=sys.stderr
     ) as found:
         done = [one.told() for one in found]
     told = {
@@ -169,10 +170,6 @@ def evaluate(
         except OSError as error:
             raise UsageError(f"{output} cannot be written: {error.strerror or error}") from None
     click.echo(text)
-
-
-def _stderr() -> Any:
-    return click.get_text_stream("stderr")
 
 
 def _needed() -> None:

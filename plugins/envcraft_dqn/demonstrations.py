@@ -40,8 +40,8 @@ class DemonstrationSource(Protocol):
 def seed_replay(
     replay: Replay, surface: Surface, names: Sequence[str], source: DemonstrationSource, settings: Settings
 ) -> int:
-    """Put demonstrations in these environments into an empty replay, to stay, of each environment as many transitions as
-    the settings say; give how many in all.
+    """Put demonstrations in these environments into an empty replay, to stay, of each environment as many transitions
+    as the settings say; give how many in all.
 
     Raises UsageError where one does not fit the environments, or they leave no room.
     """
@@ -78,8 +78,8 @@ def _add(replay: Replay, surface: Surface, name: str, episode: Episode) -> None:
     steps = len(actions)
     if frames.shape != (steps + 1, *surface.shape) or frames.dtype != np.uint8 or len(rewards) != steps:
         raise UsageError(
-            f"a demonstration of {name} has {len(actions)} actions, {len(rewards)} rewards and frames of {frames.dtype} "
-            f"{frames.shape}, where frames of uint8 {(steps + 1, *surface.shape)} are wanted"
+            f"a demonstration of {name} has {len(actions)} actions, {len(rewards)} rewards and frames of "
+            f"{frames.dtype} {frames.shape}, where frames of uint8 {(steps + 1, *surface.shape)} are wanted"
         )
     try:
         joint = surface.join(np.asarray(actions))
@@ -90,4 +90,5 @@ def _add(replay: Replay, surface: Surface, name: str, episode: Episode) -> None:
         last = np.array([step == steps - 1])
         ends, cut = (last & terminated), (last & (not terminated))
         reward = np.array([rewards[step]], np.float64)
-        replay.add(lane, frames[step : step + 1], joint[step : step + 1], reward, ends, cut, frames[step + 1 : step + 2])
+        here, there = frames[step : step + 1], frames[step + 1 : step + 2]
+        replay.add(lane, here, joint[step : step + 1], reward, ends, cut, there)

@@ -75,7 +75,7 @@ class AgentPlayer:
 
 
 def player_named(name: str, surface: Surface, seed: int, epsilon: float = 0.0, device: str = "auto") -> Player:
-    """``random``, ``noop``, or ``checkpoint:PATH``, a folder of ``envcraft train`` or a file in it. Raises UsageError."""
+    """``random``, ``noop``, or ``checkpoint:PATH``, a folder of ``envcraft train`` or a file. Raises UsageError."""
     if name == "random":
         return RandomPlayer(surface, seed)
     if name == "noop":
@@ -102,7 +102,7 @@ class Mean(msgspec.Struct, frozen=True):
 
 
 class Evaluation(msgspec.Struct, frozen=True):
-    """What `episodes` episodes of one environment came to; `returns` and `lengths` in the order of lanes and episodes."""
+    """What `episodes` episodes of one environment came to; `returns` and `lengths` lane by lane."""
 
     name: str
     episodes: int
@@ -136,7 +136,9 @@ def evaluate(
     for first in range(0, len(names), group):
         some = names[first : first + group]
         seeds = np.random.SeedSequence([seed, 3, first]).generate_state(len(some) * copies) >> 1
-        played = _play([name for name in some for _ in range(copies)], open_vector, player, seeds, np.tile(quotas, len(some)))
+        played = _play(
+            [name for name in some for _ in range(copies)], open_vector, player, seeds, np.tile(quotas, len(some))
+        )
         for number, name in enumerate(some):
             ours = played[number * copies : (number + 1) * copies]
             lengths = [length for lane in ours for length, _ in lane]

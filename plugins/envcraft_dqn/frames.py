@@ -48,7 +48,9 @@ class RawFrames:
     def __init__(self, size: int, shape: tuple[int, ...], path: Path | None = None) -> None:
         self.shape = shape
         self._frames: Frames = (
-            np.zeros((size, *shape), np.uint8) if path is None else np.memmap(path, np.uint8, "w+", shape=(size, *shape))
+            np.zeros((size, *shape), np.uint8)
+            if path is None
+            else np.memmap(path, np.uint8, "w+", shape=(size, *shape))
         )
         self._buffers: dict[int, Frames] = {}
 

@@ -246,7 +246,7 @@ def train(
                 while done.updates - settings.pretrain_updates < due:
                     update()
                 teller.progress(done.steps, done.updates, done.steps, settings.epsilon(done.steps))
-            # Fresh episodes begin at each leg, whether the run is interrupted there or not: environments cannot be saved.
+            # Environments cannot be saved: episodes begin anew at each leg, whether the run is interrupted or not.
             replay.cut(np.arange(settings.lanes), frames)
             done.legs += 1
             if checkpoint.due or done.steps >= settings.steps:
@@ -270,5 +270,3 @@ def _gains_by_bf16(device: torch.device) -> bool:
     if device.type != "cpu":
         return True
     return bool(torch.cpu._is_avx512_bf16_supported() or torch.cpu._is_amx_tile_supported())
-
-

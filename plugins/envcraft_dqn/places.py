@@ -19,7 +19,8 @@ def environments(
     target: Path, select: Sequence[str], contract: str | None, trust: bool, sandbox: str | None, workers: int | None
 ) -> tuple[list[str], OpenVector]:
     """The names of environments of a corpus that one of the patterns `select` fits, sorted, or the one in a file; and
-    what opens them. Without `trust` or `sandbox` only those that have passed; a word on stderr tells how many more there are.
+    what opens them. Without `trust` or `sandbox` only those that have passed; a word on stderr tells how many more
+    there are.
 
     Raises UsageError where there is none, CorpusDamaged.
     """
@@ -31,16 +32,18 @@ def environments(
     def open_vector(wanted: Sequence[str]) -> Any:
         from envcraft.using.vector import make_vec
 
+        # Starting processes takes longer than what a single environment is opened for.
+        count = 0 if workers is None and len(wanted) == 1 else workers
         return make_vec(
-            list(wanted), corpus=place, contract=contract, trust=trust, sandbox=sandbox, workers=_workers(workers, wanted)
+            list(wanted),
+            corpus=place,
+            contract=contract,
+            trust=trust,
+            sandbox=sandbox,
+            workers=count,
         )
 
     return names, open_vector
-
-
-def _workers(workers: int | None, wanted: Sequence[str]) -> int | None:
-    # Starting processes takes longer than what a single environment is opened for.
-    return 0 if workers is None and len(wanted) == 1 else workers
 
 
 def _of_corpus(corpus: Path, select: Sequence[str], contract: str | None, untrusted: bool) -> list[str]:

@@ -1,10 +1,10 @@
 """Prioritised n-step replay whose frames are stored once: the next observation of a transition is another's first.
 
 Transitions come from several lanes, environments that are stepped side by side, and lie in a ring in the order in which
-they came; the oldest are overwritten, but for demonstrations, which stay. A transition can be drawn once its n-step return
-is known: at the transition n steps later in its lane, or at the end of its episode. A terminated episode needs no last
-frame, since nothing is bootstrapped from it; a truncated one keeps it in a slot of its own that is never drawn, and
-bootstraps from it.
+they came; the oldest are overwritten, but for demonstrations, which stay. A transition can be drawn once its n-step
+return is known: at the transition n steps later in its lane, or at the end of its episode. A terminated episode needs
+no last frame, since nothing is bootstrapped from it; a truncated one keeps it in a slot of its own that is never drawn,
+and bootstraps from it.
 """
 
 from __future__ import annotations
@@ -102,9 +102,11 @@ class Replay:
         truncated: NDArray[np.bool_],
         next_frames: Frames,
     ) -> None:
-        """Take one transition from each of some lanes, no two of which are the same: `frames` [n, *shape], joint `actions`
-        [n], what the step gave, and `next_frames`, of which only those of truncated episodes are kept.
+        """Take one transition from each of some lanes, no two of which are the same: `frames` [n, *shape], joint
+        `actions` [n], what the step gave, and `next_frames`, of which only those of truncated episodes are kept.
         """
+        if not len(lanes):
+            return
         slots = self._write(frames)
         self._actions[slots] = actions
         lengths, opened, sums = self._lengths[lanes], self._open[lanes], self._sums[lanes]
@@ -134,8 +136,9 @@ class Replay:
         self.kept = self._at
 
     def sample(self, count: int, beta: float, rng: np.random.Generator, share: float | None = None) -> Batch:
-        """Draw in proportion to priorities, with importance weights ``(N P)^-beta`` over their largest in the batch (Schaul
-        et al. 2016, arXiv:1511.05952). With `share` so much of the batch are demonstrations, as far as there are both.
+        """Draw in proportion to priorities, with importance weights ``(N P)^-beta`` over their largest in the batch
+        (Schaul et al. 2016, arXiv:1511.05952). With `share` so much of the batch are demonstrations, as far as there
+        are both.
         """
         uniforms = rng.random(count)
         total = self._tree.total

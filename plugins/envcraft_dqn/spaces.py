@@ -4,19 +4,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import msgspec
 import numpy as np
+from gymnasium.spaces import Box, MultiDiscrete
+from gymnasium.vector import AutoresetMode, VectorEnv
 from numpy.typing import NDArray
 
 from envcraft.errors import UsageError
 
-if TYPE_CHECKING:
-    from gymnasium.vector import VectorEnv
-
-    #: Makes a vector of the environments with these names, in this order, that resets in the step after an end.
-    OpenVector = Callable[[Sequence[str]], VectorEnv[Any, Any, Any]]
+#: Makes a vector of the environments with these names, in this order, that resets in the step after an end.
+OpenVector = Callable[[Sequence[str]], VectorEnv[Any, Any, Any]]
 
 
 class Surface(msgspec.Struct, frozen=True):
@@ -50,9 +49,6 @@ class Surface(msgspec.Struct, frozen=True):
 
 def surface_of(vector: VectorEnv[Any, Any, Any], name: str) -> Surface:
     """What a vector's environments have. Raises UsageError."""
-    from gymnasium.spaces import Box, MultiDiscrete
-    from gymnasium.vector import AutoresetMode
-
     frame, action = vector.single_observation_space, vector.single_action_space
     if not isinstance(frame, Box) or frame.dtype != np.uint8 or len(frame.shape) != 3:
         raise UsageError(f"{name} gives {frame}; an agent learns from frames, such as the contract arcade promises")

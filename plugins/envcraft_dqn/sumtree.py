@@ -1,8 +1,8 @@
 """A sum tree over priorities: draws in proportion to them, and changes them, a batch at a call.
 
-Each node has sixteen children that lie side by side, so a million leaves take five levels, of which all but the lowest two
-stay in the processor's cache; a binary tree takes twenty. Inner nodes are always the sum of their children in order and
-never a sum that was added to, so a tree that is built anew from its leaves is the same bit by bit.
+Each node has sixteen children that lie side by side, so a million leaves take five levels, of which all but the lowest
+two stay in the processor's cache; a binary tree takes twenty. Inner nodes are always the sum of their children in order
+and never a sum that was added to, so a tree that is built anew from its leaves is the same bit by bit.
 """
 
 from __future__ import annotations
@@ -60,11 +60,9 @@ class SumTree:
         """The sum of the priorities of all leaves before the one at `index`."""
         return float(_before(self._nodes, self._starts, index))
 
-    def draw(
-        self, uniforms: _Floats, low: float = 0.0, high: float | None = None
-    ) -> tuple[_Integers, _Floats]:
-        """Draw one leaf from each of as many equal parts of the sums from `low` to `high` as there are `uniforms`, which
-        lie in [0, 1): stratified sampling (Schaul et al. 2016, arXiv:1511.05952, appendix B.2.1).
+    def draw(self, uniforms: _Floats, low: float = 0.0, high: float | None = None) -> tuple[_Integers, _Floats]:
+        """Draw one leaf from each of as many equal parts of the sums from `low` to `high` as there are `uniforms`,
+        which lie in [0, 1): stratified sampling (Schaul et al. 2016, arXiv:1511.05952, appendix B.2.1).
 
         Gives indices in ascending order, and their priorities. A leaf of priority 0 is never drawn, unless all are.
         """

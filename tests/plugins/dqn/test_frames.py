@@ -27,7 +27,7 @@ def flat(rng: np.random.Generator, count: int, shapes: int = 12) -> NDArray[np.u
     return frames
 
 
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(st.integers(0, 2**32), st.integers(0, 200), st.integers(0, 84 * 84))
 def test_packed_frames_come_back(seed: int, shapes: int, noise: int) -> None:
     rng = np.random.default_rng(seed)

@@ -105,5 +105,5 @@ def test_another_run_in_the_same_folder_is_refused(tmp_path: Path) -> None:
         train(short, NAMES[:2], open_corridors, tmp_path)
     [part] = (tmp_path / "checkpoint").glob("learner-*")
     part.write_bytes(part.read_bytes()[:-100])
-    with pytest.raises(EnvCraftError, match="cannot be read .* remove it to begin anew"):
+    with pytest.raises(EnvCraftError, match=r"cannot be read .* remove it to begin anew"):
         train(short, NAMES, open_corridors, tmp_path)

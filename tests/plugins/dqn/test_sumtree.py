@@ -12,7 +12,7 @@ from scipy import stats
 PRIORITIES = st.one_of(st.just(0.0), st.floats(1e-9, 1e9))
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(st.data(), st.integers(1, 5000))
 def test_a_tree_agrees_with_an_array(data: st.DataObject, size: int) -> None:
     tree, plain = SumTree(size), np.zeros(size)

@@ -16,10 +16,9 @@ from envcraft.corpus.store import Store
 
 from .conftest import GAMES
 
-TRAIN = (
-    "--size tiny --steps 300 --lanes 4 --leg 20 --capacity 2000 --starts 50 --device cpu --trust --workers 0 "
-    "--checkpoint-minutes 0"
-).split()
+_OPTIONS = "--size tiny --steps 300 --lanes 4 --leg 20 --capacity 2000 --starts 50 --device cpu --trust --workers 0"
+DEMOS = ("--demos", "random", "--pretrain-updates", "20", "--demonstrations", "200")
+TRAIN = (*_OPTIONS.split(" "), "--checkpoint-minutes", "0")
 
 
 @pytest.fixture
@@ -36,16 +35,14 @@ def run(*arguments: str | Path) -> Result:
 
 def test_train_then_evaluate(corpus: Path, tmp_path: Path) -> None:
     output = tmp_path / "run"
-    result = run("train", corpus, "--output", output, *TRAIN, "--demos", "random", "--pretrain-updates", "20")
+    result = run("train", corpus, "--output", output, *TRAIN, *DEMOS)
     assert result.exit_code == 0, result.output
     assert result.stdout.strip() == str(output / "agent.safetensors")
     assert list((output / "tensorboard").glob("events.*"))
     numbers = json.loads((output / "checkpoint" / "state.json").read_text())["numbers"]
     assert numbers["updates"] == 20 + numbers["steps"] // 4
     # The same again is done already.
-    assert run(
-        "train", corpus, "--output", output, *TRAIN, "--demos", "random", "--pretrain-updates", "20"
-    ).exit_code == 0
+    assert run("train", corpus, "--output", output, *TRAIN, *DEMOS).exit_code == 0
     told = tmp_path / "told.json"
     where = (corpus, "--trust", "--workers", "0", "--episodes", "20", "--device", "cpu", "--output", told)
     result = run("evaluate", *where, "--player", f"checkpoint:{output}", "--epsilon", "0.1")

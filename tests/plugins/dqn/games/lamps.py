@@ -1,5 +1,5 @@
-"""Two lamps are on or off, and each button has to be held exactly while its lamp is on: eight steps, +1 for each one that
-is right. The episode is truncated, never terminated.
+"""Two lamps are on or off, and each button has to be held exactly while its lamp is on: eight steps, +1 for each one
+that is right. The episode is truncated, never terminated.
 """
 
 import gymnasium
