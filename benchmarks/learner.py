@@ -20,6 +20,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -33,6 +34,7 @@ from envcraft_dqn.learner import Learner
 from envcraft_dqn.replay import Batch
 from envcraft_dqn.settings import Settings
 from envcraft_dqn.spaces import Surface
+from envcraft_dqn.telling import Teller
 from envcraft_tetris.family import TetrisFamily
 from rich.console import Console
 from rich.table import Table
@@ -92,7 +94,7 @@ def ours(path: Path, lanes: int) -> Callable[[int], float]:
         )
         taken: list[float] = []
 
-        class Clock(own.Teller):
+        class Clock(Teller):
             def updated(self, loss: float) -> None:
                 if not taken:
                     taken.append(time.perf_counter())
@@ -165,9 +167,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     torch.set_num_threads(int(os.environ["OMP_NUM_THREADS"]))
     settings = Settings(size="reference", device="cpu")
     learners = {"EnvCraft": Learner(settings, PAD), "plain": Plain(settings, PAD)}
-    found = medians(
-        {name: lambda one=one: updates(one, options.seconds) for name, one in learners.items()}, options.rounds
-    )
+    found = medians({name: partial(updates, one, options.seconds) for name, one in learners.items()}, options.rounds)
     count = learners["EnvCraft"].network.parameter_count
     precision = "bf16" if learners["EnvCraft"].bf16 else "fp32"
     show(console, f"{count:,} parameters, batch 32, EnvCraft in {precision}", "updates/s", found)
@@ -185,7 +185,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             f"stable-baselines3, {options.lanes} side by side": theirs(path, options.lanes),
             "stable-baselines3, one": theirs(path, 1),
         }
-        found = medians({name: lambda way=way: way(options.steps) for name, way in ways.items()}, options.rounds)
+        found = medians({name: partial(way, options.steps) for name, way in ways.items()}, options.rounds)
     show(console, "training with an update every four steps", "environment steps/s", found)
     mine, *rest = found.values()
     if (ratio := mine / max(rest)) < END_TO_END:

@@ -24,7 +24,7 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from envcraft_dqn.frames import PackedFrames, RawFrames
+from envcraft_dqn.frames import FrameStore, PackedFrames, RawFrames
 from envcraft_dqn.replay import Replay
 from envcraft_dqn.sumtree import SumTree
 from numpy.typing import NDArray
@@ -131,7 +131,7 @@ def tetris_frames(count: int) -> NDArray[np.uint8]:
 
 def our_images(frames: NDArray[np.uint8], packed: bool) -> tuple[Call, float]:
     size = len(frames) + 1
-    store = PackedFrames(size, frames.shape[1:]) if packed else RawFrames(size, frames.shape[1:])
+    store: FrameStore = PackedFrames(size, frames.shape[1:]) if packed else RawFrames(size, frames.shape[1:])
     replay = Replay(store, size, 3, 0.99)
     replay.lanes(1)
     lane, no = np.zeros(1, np.int64), np.zeros(1, np.bool_)

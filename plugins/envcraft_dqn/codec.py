@@ -121,14 +121,14 @@ def _same(one: _Bytes, other: _Bytes) -> bool:
 
 @numba.njit(cache=True, nogil=True)
 def _same_colour(one: _Bytes, other: _Bytes) -> bool:
-    return one[0] == other[0] and one[1] == other[1] and one[2] == other[2]
+    return bool(one[0] == other[0] and one[1] == other[1] and one[2] == other[2])
 
 
 @numba.njit(cache=True, nogil=True)
 def _decode(cell: _Bytes, frame: _Bytes) -> None:
     height, width = frame.shape[0], frame.shape[1]
     at = 1 + 3 * (np.int64(cell[0]) + 1)
-    row = 0
+    row = np.int64(0)
     while row < height:
         count, earlier = np.int64(cell[at]), np.int64(cell[at + 1])
         at += 2
@@ -136,7 +136,7 @@ def _decode(cell: _Bytes, frame: _Bytes) -> None:
             raise ValueError("no frame is in this cell")
         first = row
         if earlier == _RUNS:
-            column = 0
+            column = np.int64(0)
             while column < width:
                 end = column + np.int64(cell[at])
                 place = 1 + 3 * np.int64(cell[at + 1])

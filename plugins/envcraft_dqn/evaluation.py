@@ -52,8 +52,6 @@ class AgentPlayer:
 
     def __init__(self, path: Path, surface: Surface, seed: int, epsilon: float, device: str = "auto") -> None:
         """Raises UsageError where the file is no agent, or one for other frames or actions."""
-        import torch
-
         from envcraft_dqn.checkpoint import load_agent
         from envcraft_dqn.learner import device_named
 
@@ -61,7 +59,7 @@ class AgentPlayer:
         if trained != surface:
             raise UsageError(f"{path} was trained on {trained}, and these environments have {surface}")
         self._device = device_named(device)
-        self._network = network.to(self._device, memory_format=torch.channels_last).requires_grad_(False)
+        self._network = network.placed(self._device).requires_grad_(False)
         self._random, self._epsilon = RandomPlayer(surface, seed), epsilon
         self._rng = np.random.default_rng([seed, 5])
 
@@ -181,7 +179,7 @@ class Played:
 
     def episodes(self, name: str) -> Iterator[Episode]:
         """Episodes until there are enough steps; the last one is cut there."""
-        vector = self._open([name])
+        vector: Any = self._open([name])
         try:
             surface = surface_of(vector, name)
             left, seed = self._steps, self._seed

@@ -43,7 +43,7 @@ class Learner:
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(settings.seed)
             made = [Network(surface.shape, surface.choices, settings.size, settings.head) for _ in range(2)]
-        self.network, self.target = (one.to(self.device, memory_format=torch.channels_last) for one in made)
+        self.network, self.target = (one.placed(self.device) for one in made)
         self.target.load_state_dict(self.network.state_dict())
         self.target.requires_grad_(False)
         # Epsilon as Hessel et al. 2018 (arXiv:1710.02298) have it.
@@ -225,7 +225,7 @@ def train(
                 break
             if leg.names != opened:
                 stack.close()
-                envs = stack.enter_context(contextlib.closing(open_vector(leg.names)))
+                envs: Any = stack.enter_context(contextlib.closing(open_vector(leg.names)))
                 opened = leg.names
             frames, _ = envs.reset(seed=leg.seeds)
             replay.lanes(settings.lanes)

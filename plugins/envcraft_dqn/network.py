@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
+import torch
 from torch import Tensor, nn
 
 from envcraft_dqn.settings import SIZES
@@ -52,6 +54,12 @@ class Network(nn.Module):
         for part in parts.split(self.choices, 1):
             joint = (joint[:, :, None] + part[:, None, :]).flatten(1)
         return joint
+
+    def placed(self, device: torch.device) -> Network:
+        """On a device, with filters in memory as frames are: all channels of a place side by side."""
+        whole: Any = self.to(device)
+        found: Network = whole.to(memory_format=torch.channels_last)
+        return found
 
     @property
     def parameter_count(self) -> int:

@@ -221,7 +221,7 @@ class Replay:
             return list(range(-(-len(self) // part)))
         back = np.arange(1, self.added - added + 1)
         slots = self.kept + (self._at - self.kept - back) % (self.size - self.kept)
-        return np.unique(slots // part).tolist()
+        return [int(number) for number in np.unique(slots // part)]
 
     def dump(self, first: int, end: int) -> dict[str, NDArray[Any]]:
         """All but the priorities of the slots from `first` to before `end`."""
