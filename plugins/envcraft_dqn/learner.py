@@ -30,7 +30,7 @@ from envcraft_dqn.spaces import OpenVector, Surface
 from envcraft_dqn.telling import Teller
 
 #: Updates of pretraining between two looks at the clock.
-_CHUNK = 100
+_CHUNK = 50
 
 
 class Learner:

@@ -24,14 +24,14 @@ NAMES = ["left", "right", "left again"]
 SETTINGS = Settings(
     size="tiny",
     device="cpu",
-    steps=2400,
-    pretrain_updates=300,
+    steps=1000,
+    pretrain_updates=150,
     lanes=2,
-    cycle=300,
-    leg=100,
-    target_every=70,
-    demonstrations=100,
-    capacity=800,
+    cycle=100,
+    leg=50,
+    target_every=40,
+    demonstrations=50,
+    capacity=500,
 )
 _RUN = """
 import sys
@@ -70,7 +70,7 @@ def test_a_run_that_is_killed_again_and_again_comes_to_the_same(tmp_path: Path) 
             # In the midst of pretraining, then of training.
             there = json.loads(state.read_text()) if state.exists() else {"numbers": {"updates": 0, "legs": 0}}
             numbers = there["numbers"]
-            if (numbers["updates"] >= 100) if kill == 1 else (numbers["legs"] >= 4):
+            if (numbers["updates"] >= 50) if kill == 1 else (numbers["legs"] >= 4):
                 os.kill(process.pid, signal.SIGKILL)
                 positions.append(numbers["updates"])
                 break
