@@ -38,8 +38,6 @@ bench: .venv/dev.stamp
 	$(BIN)/python -m benchmarks.vector
 	$(BIN)/python -m benchmarks.audit_report
 	$(BIN)/python -m benchmarks.concepts
-	$(BIN)/python -m benchmarks.replay
-	$(BIN)/python -m benchmarks.learner
 
 picture: .venv/core.stamp
 	$(BIN)/python -m benchmarks.picture

@@ -19,17 +19,12 @@ from envcraft_dqn.replay import Batch
 from envcraft_dqn.settings import Settings
 from envcraft_dqn.spaces import Surface
 
-import envcraft
 from envcraft.errors import UsageError
 
-from .conftest import GAMES, Corridor, open_corridors
+from .conftest import Corridor, open_corridors
 
 PAD = Surface((84, 84, 3), (5, 2, 2))
 SMALL = Surface((16, 16, 3), (5, 2, 2))
-
-
-def open_games(names: Any) -> Any:
-    return envcraft.make_vec([GAMES / f"{name}.py" for name in names], trust=True, workers=0)
 
 
 def test_the_reference_network_has_about_twelve_million_parameters() -> None:
@@ -139,28 +134,6 @@ def test_demonstrations_alone_teach_a_corridor(tmp_path: Path) -> None:
     agent = train(settings, ["right"], open_corridors, tmp_path, Scripted())
     assert (tmp_path / "pretrained.safetensors").read_bytes() == agent.read_bytes()
     assert returns(agent, ["right"], SMALL, open_corridors)[0] > 0.9
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("game", "least", "steps"), [("catch", 0.9, 16_000), ("lamps", 7.5, 8_000)])
-def test_a_game_is_learnt_from_frames(game: str, least: float, steps: int, tmp_path: Path) -> None:
-    settings = Settings(
-        size="tiny",
-        device="cpu",
-        steps=steps,
-        lanes=8,
-        capacity=20_000,
-        target_every=200,
-        epsilon_share=0.5,
-        epsilon_last=0.05,
-        starts=500,
-        learning_rate=1e-3,
-        gamma=0.9,
-    )
-    agent = train(settings, [game], open_games, tmp_path)
-    [mean] = returns(agent, [game], PAD, open_games)
-    print(f"{game}: {mean:.2f}")
-    assert mean >= least
 
 
 def test_what_cannot_be_trained_is_told(tmp_path: Path) -> None:
