@@ -33,12 +33,13 @@ def encode(frames: _Bytes, slots: NDArray[np.int64], cells: _Bytes, lengths: NDA
 
 
 @numba.njit(cache=True, nogil=True)
-def decode(cells: _Bytes, slots: NDArray[np.int64], frames: _Bytes) -> None:
-    """Write the frames that the rows `slots` of `cells` hold into `frames`, [n, height, width, 3]. Raises ValueError on
-    a cell that holds none.
+def decode(cells: _Bytes, lengths: NDArray[np.uint16], slots: NDArray[np.int64], frames: _Bytes) -> None:
+    """Write the frames in the rows `slots` of `cells` into `frames`, [n, height, width, 3]; those whose length is 0
+    are left out. Raises ValueError on a cell that holds none.
     """
     for at in range(len(slots)):
-        _decode(cells[slots[at]], frames[at])
+        if lengths[slots[at]]:
+            _decode(cells[slots[at]], frames[at])
 
 
 @numba.njit(cache=True, nogil=True)

@@ -17,7 +17,7 @@ from envcraft_dqn import codec
 Frames = NDArray[np.uint8]
 Slots = NDArray[np.int64]
 #: Bytes of a packed frame that lie in its cell; what is larger is kept apart.
-CELL = 768
+CELL = 896
 
 
 class FrameStore(Protocol):
@@ -100,17 +100,8 @@ class PackedFrames:
 
     def read(self, slots: Slots) -> Frames:
         buffer = _buffer(self._buffers, len(slots), self.shape)
-        if not self._apart:
-            codec.decode(self._cells, slots, buffer)
-            return buffer
-        lengths = self._lengths[slots]
-        inside = np.flatnonzero(lengths)
-        if len(inside) == len(slots):
-            codec.decode(self._cells, slots, buffer)
-            return buffer
-        for at in inside:
-            codec.decode(self._cells, slots[at : at + 1], buffer[at : at + 1])
-        for at in np.flatnonzero(lengths == 0):
+        codec.decode(self._cells, self._lengths, slots, buffer)
+        for at in np.flatnonzero(self._lengths[slots] == 0) if self._apart else ():
             data = self._decompressor.decompress(self._apart[int(slots[at])])
             buffer[at] = np.frombuffer(data, np.uint8).reshape(self.shape)
         return buffer
