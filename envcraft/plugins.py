@@ -41,6 +41,7 @@ DEFAULT_PLUGINS = (
     "envcraft_checks.difficulty",
     "envcraft_checks.sandbox",
     "envcraft_dask.plugin",
+    "envcraft_dqn.plugin",
     "envcraft_llm.plugin",
     "envcraft_privileged.plugin",
     "envcraft_tetris.plugin",

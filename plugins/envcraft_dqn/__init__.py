@@ -1,0 +1,1 @@
+"""``envcraft train`` and ``envcraft evaluate``: one vision agent over many environments, a duelling double DQN."""

@@ -1,0 +1,66 @@
+"""The network: five convolutions over a frame, and the two streams of a duelling head. Imports torch."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import torch
+from torch import Tensor, nn
+
+from envcraft_dqn.settings import SIZES
+
+_STRIDES = (2, 2, 2, 2, 1)
+
+
+class Network(nn.Module):
+    """Values of all joint actions, [n, actions], from frames [n, height, width, 3] of bytes.
+
+    The streams of state value and of advantages are those of Wang et al. 2016 (arXiv:1511.06581). With the head
+    ``branching`` an action's advantage is the sum of those of its parts (Seyde et al. 2023, arXiv:2210.12566), so that
+    MultiDiscrete([5, 2, 2]) takes 9 outputs in place of 20.
+    """
+
+    def __init__(self, shape: Sequence[int], choices: Sequence[int], size: str = "small", head: str = "joint") -> None:
+        """`shape` of a frame, and how many `choices` each part of an action has."""
+        super().__init__()
+        self.choices, self.size, self.head = tuple(choices), size, head
+        channels, width = SIZES[size]
+        layers: list[nn.Module] = []
+        height, breadth, depth = shape
+        for channel, stride in zip(channels, _STRIDES, strict=True):
+            layers += [nn.Conv2d(depth, channel, 3, stride, 1), nn.ReLU(inplace=True)]
+            height, breadth, depth = -(-height // stride), -(-breadth // stride), channel
+        self.backbone = nn.Sequential(*layers, nn.Flatten())
+        # Both streams' first layers as one: a larger product of matrices in place of two.
+        self.streams = nn.Sequential(nn.Linear(height * breadth * depth, 2 * width), nn.ReLU(inplace=True))
+        self.value = nn.Linear(width, 1)
+        self.advantage = nn.Linear(width, sum(choices) if head == "branching" else math.prod(choices))
+
+    def forward(self, frames: Tensor) -> Tensor:
+        # Height, width, channel in memory is torch's channels_last: no byte is moved.
+        pixels = frames.permute(0, 3, 1, 2).to(self.value.weight.dtype) / 255
+        value, advantage = self.streams(self.backbone(pixels)).chunk(2, 1)
+        advantages = self.advantage(advantage)
+        if self.head == "branching":
+            advantages = self._joint(advantages)
+        found: Tensor = self.value(value) + advantages - advantages.mean(1, keepdim=True)
+        return found
+
+    def _joint(self, parts: Tensor) -> Tensor:
+        """Sums of one number of each part, the last part's changing quickest: [n, sum] to [n, product]."""
+        joint = parts.new_zeros((len(parts), 1))
+        for part in parts.split(self.choices, 1):
+            joint = (joint[:, :, None] + part[:, None, :]).flatten(1)
+        return joint
+
+    def placed(self, device: torch.device) -> Network:
+        """On a device, with filters in memory as frames are: all channels of a place side by side."""
+        whole: Any = self.to(device)
+        found: Network = whole.to(memory_format=torch.channels_last)
+        return found
+
+    @property
+    def parameter_count(self) -> int:
+        return sum(parameter.numel() for parameter in self.parameters())

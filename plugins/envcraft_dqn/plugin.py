@@ -1,0 +1,17 @@
+"""The commands ``train`` and ``evaluate``."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from envcraft.plugins import hookimpl
+
+if TYPE_CHECKING:
+    import click
+
+
+@hookimpl
+def envcraft_commands() -> list[click.Command]:
+    from envcraft_dqn.commands import evaluate, train
+
+    return [evaluate, train]

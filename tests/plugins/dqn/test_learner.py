@@ -1,0 +1,156 @@
+"""The learner: what an update computes, and that it learns to play."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from envcraft_dqn.demonstrations import Episode
+from envcraft_dqn.evaluation import AgentPlayer, evaluate
+from envcraft_dqn.learner import Learner, schedule, train
+from envcraft_dqn.network import Network
+from envcraft_dqn.replay import Batch
+from envcraft_dqn.settings import Settings
+from envcraft_dqn.spaces import Surface
+
+from envcraft.errors import UsageError
+
+from .conftest import Corridor, open_corridors
+
+PAD = Surface((84, 84, 3), (5, 2, 2))
+SMALL = Surface((16, 16, 3), (5, 2, 2))
+
+
+def test_the_reference_network_has_about_twelve_million_parameters() -> None:
+    network = Network(PAD.shape, PAD.choices, "reference")
+    assert network.parameter_count == 12_051_517
+    assert Network(PAD.shape, PAD.choices, "small").parameter_count < 2_000_000
+
+
+def test_a_branching_head_adds_up_its_parts() -> None:
+    network = Network(SMALL.shape, SMALL.choices, "tiny", "branching")
+    frames = torch.randint(0, 256, (3, *SMALL.shape), dtype=torch.uint8)
+    values = network(frames)
+    assert values.shape == (3, 20)
+    table = values.reshape(3, 5, 2, 2)
+    # What the third part adds is the same whatever the others are.
+    assert torch.allclose((table[..., 1] - table[..., 0]).std((1, 2)), torch.zeros(3), atol=1e-5)
+    joint = torch.tensor([7])
+    assert SMALL.split(joint.numpy()).tolist() == [[1, 1, 1]]
+    assert SMALL.join(np.array([[1, 1, 1]])).tolist() == [7]
+
+
+def batch(count: int = 8) -> Batch:
+    rng = np.random.default_rng(0)
+    frames = rng.integers(0, 256, (2 * count, *SMALL.shape), np.uint8)
+    return Batch(
+        np.arange(count),
+        frames[:count],
+        frames[count:],
+        rng.integers(0, 20, count),
+        rng.normal(size=count).astype(np.float32),
+        np.where(np.arange(count) % 2, 0.97, 0.0).astype(np.float32),
+        rng.random(count).astype(np.float32),
+    )
+
+
+def test_the_errors_are_those_of_double_q_learning() -> None:
+    learner = Learner(Settings(size="tiny", device="cpu", precision="fp32"), SMALL)
+    other = Learner(Settings(size="tiny", device="cpu", seed=1), SMALL)
+    learner.target.load_state_dict(other.network.state_dict())
+    given = batch()
+    with torch.no_grad():
+        online = learner.network(torch.from_numpy(given.next_frames)).numpy()
+        target = learner.target(torch.from_numpy(given.next_frames)).numpy()
+        now = learner.network(torch.from_numpy(given.frames)).numpy()
+    assert (online.argmax(1) != target.argmax(1)).any()
+    rows = np.arange(8)
+    wanted = given.returns + given.discounts * target[rows, online.argmax(1)]
+    errors = wanted - now[rows, given.actions]
+    huber = np.where(np.abs(errors) < 1, errors**2 / 2, np.abs(errors) - 0.5)
+    found, loss = learner.update(given)
+    assert found == pytest.approx(errors, abs=1e-5)
+    assert loss == pytest.approx(float((given.weights * huber).mean()), abs=1e-5)
+
+
+def test_a_learner_that_is_put_back_goes_on_bit_by_bit() -> None:
+    learner, again = (Learner(Settings(size="tiny", seed=seed, device="cpu"), SMALL) for seed in (1, 2))
+    for _ in range(3):
+        learner.update(batch())
+    again.restore({name: value.clone() for name, value in learner.state().items()})
+    for _ in range(2):
+        assert learner.update(batch())[1] == again.update(batch())[1]
+    assert all((learner.state()[name] == value).all() for name, value in again.state().items())
+
+
+def test_every_environment_has_its_turn_in_each_cycle() -> None:
+    settings = Settings(lanes=4, cycle=25, leg=10)
+    names = [f"e{number}" for number in range(8)]
+    legs = list(islice(schedule(names, settings), 12))
+    assert [leg.steps for leg in legs[:6]] == [10, 10, 5, 10, 10, 5]
+    for cycle in (legs[:6], legs[6:]):
+        assert sorted({name for leg in cycle for name in leg.names}) == names
+    assert [leg.names for leg in legs[:6]] != [leg.names for leg in legs[6:]]
+    seeds = [seed for leg in legs for seed in leg.seeds]
+    assert len(set(seeds)) == len(seeds)
+    assert list(islice(schedule(names, settings), 12)) == legs
+
+
+class Scripted:
+    """Demonstrations of somebody who walks to the end, and every other step anywhere: TD errors alone say nothing of
+    actions that nobody takes.
+    """
+
+    def episodes(self, name: str) -> Iterator[Episode]:
+        env, rng = Corridor(name == "left"), np.random.default_rng(0)
+        for seed in range(1000):
+            frame, _ = env.reset(seed=seed)
+            frames, actions, rewards, won, truncated = [frame], [], [], False, False
+            while not (won or truncated):
+                action = rng.integers([5, 2, 2])
+                if rng.random() < 0.5:
+                    action[0] = 0 if name == "left" else 4
+                frame, reward, won, truncated, _ = env.step(action)
+                frames.append(frame)
+                actions.append(action)
+                rewards.append(reward)
+            yield Episode(np.stack(frames), np.array(actions), np.array(rewards), won)
+
+
+def returns(agent: Path, names: list[str], surface: Surface, open_vector: Any) -> list[float]:
+    """The mean return in each environment."""
+    player = AgentPlayer(agent, surface, 0, 0.0, "cpu")
+    return [one.total.mean for one in evaluate(names, open_vector, player, 100, 32)]
+
+
+def test_demonstrations_alone_teach_a_corridor(tmp_path: Path) -> None:
+    settings = Settings(size="tiny", device="cpu", steps=0, pretrain_updates=400, target_every=50, learning_rate=1e-3)
+    agent = train(settings, ["right"], open_corridors, tmp_path, Scripted())
+    assert (tmp_path / "pretrained.safetensors").read_bytes() == agent.read_bytes()
+    assert returns(agent, ["right"], SMALL, open_corridors)[0] > 0.9
+
+
+def test_what_cannot_be_trained_is_told(tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match="need demonstrations"):
+        train(Settings(pretrain_updates=5), ["right"], open_corridors, tmp_path)
+    with pytest.raises(UsageError, match="there is no size 'huge'; there are tiny"):
+        train(Settings(size="huge"), ["right"], open_corridors, tmp_path)
+    with pytest.raises(UsageError, match="too small for 16 environments"):
+        train(Settings(capacity=100), ["right"], open_corridors, tmp_path)
+    with pytest.raises(UsageError, match="no room for all demonstrations"):
+        train(Settings(capacity=200, lanes=2, device="cpu"), ["right"], open_corridors, tmp_path, Scripted())
+    with pytest.raises(UsageError, match="--device nonsense cannot be used here"):
+        train(Settings(device="nonsense"), ["right"], open_corridors, tmp_path)
+
+
+def test_epsilon_falls_and_beta_rises() -> None:
+    settings = Settings(steps=1000, pretrain_updates=250, epsilon_share=0.5)
+    assert [settings.epsilon(steps) for steps in (0, 250, 500, 1000)] == pytest.approx([1.0, 0.55, 0.1, 0.1])
+    assert [settings.annealed(updates) for updates in (0, 250, 500)] == pytest.approx([0.4, 0.7, 1.0])
+    assert math.isclose(Settings(steps=0).epsilon(0), 1.0)

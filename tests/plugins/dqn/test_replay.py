@@ -1,0 +1,238 @@
+"""The replay beside a reference that keeps whole episodes and works every return out by itself."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import pytest
+from envcraft_dqn.frames import RawFrames
+from envcraft_dqn.replay import Replay
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from scipy import stats
+
+SHAPE = (1, 2, 3)
+GAMMA = 0.9
+
+
+def frame(number: int) -> NDArray[np.uint8]:
+    """A frame that tells its number."""
+    return np.frombuffer(number.to_bytes(6, "little"), np.uint8).reshape(SHAPE)
+
+
+def number(frame: NDArray[np.uint8]) -> int:
+    return int.from_bytes(frame.tobytes(), "little")
+
+
+@dataclass
+class Episode:
+    """What one lane saw: the numbers of its frames, one more than there are rewards."""
+
+    frames: list[int]
+    rewards: list[float] = field(default_factory=list)
+    ended: str = ""
+
+
+def expected(episodes: list[Episode], n: int) -> dict[int, tuple[float, float, int | None]]:
+    """Return, discount and next frame of each transition that can be drawn, by the number of its first frame."""
+    found: dict[int, tuple[float, float, int | None]] = {}
+    for episode in episodes:
+        length = len(episode.rewards)
+        for step in range(length):
+            last = min(step + n, length)
+            total = sum(GAMMA ** (at - step) * episode.rewards[at] for at in range(step, last))
+            if last == length and episode.ended == "terminated":
+                found[episode.frames[step]] = (total, 0.0, None)
+            else:
+                # Play ends with a cut, so every episode that has a reward has an end.
+                found[episode.frames[step]] = (total, GAMMA ** (last - step), episode.frames[last])
+    return found
+
+
+def play(
+    replay: Replay, rng: np.random.Generator, lanes: int, steps: int, first: int, chance: float = 0.15
+) -> tuple[list[Episode], int]:
+    """Step `lanes` lanes that end at random; some stand still now and then, as after an end."""
+    episodes: list[Episode] = []
+    replay.lanes(lanes)
+    current: list[Episode | None] = [None] * lanes
+    for _ in range(steps):
+        on = []
+        for lane in range(lanes):
+            if current[lane] is None:
+                current[lane] = Episode([first])
+                episodes.append(current[lane])  # type: ignore[arg-type]
+                first += 1
+            elif rng.random() < 0.9 or current[lane].rewards:  # type: ignore[union-attr]
+                on.append(lane)
+        if not on:
+            continue
+        playing = [episode for lane in on if (episode := current[lane]) is not None]
+        before = np.stack([frame(episode.frames[-1]) for episode in playing])
+        rewards = rng.normal(size=len(on))
+        ends = rng.random(len(on))
+        terminated, truncated = ends < chance / 2, (ends >= chance / 4) & (ends < chance)
+        for place, (lane, episode) in enumerate(zip(on, playing, strict=True)):
+            episode.frames.append(first)
+            episode.rewards.append(float(rewards[place]))
+            first += 1
+            if terminated[place] or truncated[place]:
+                # Both at once is a termination.
+                episode.ended = "terminated" if terminated[place] else "truncated"
+                current[lane] = None
+        after = np.stack([frame(episode.frames[-1]) for episode in playing])
+        actions = np.array([episode.frames[-2] % 20 for episode in playing])
+        replay.add(np.array(on), before, actions, rewards, terminated, truncated, after)
+    standing = np.stack([frame(0 if episode is None else episode.frames[-1]) for episode in current])
+    replay.cut(np.arange(lanes), standing)
+    for episode in current:
+        if episode is not None and episode.rewards:
+            episode.ended = "cut"
+    return episodes, first
+
+
+def drawable(replay: Replay) -> NDArray[np.int64]:
+    return np.flatnonzero(replay._tree.leaves)
+
+
+def held(replay: Replay, slots: NDArray[np.int64]) -> dict[int, tuple[float, float, int | None]]:
+    """What the replay has in these slots, in the form of :func:`expected`."""
+    frames = replay._store.read(slots).copy()
+    following = replay._store.read(replay._next[slots]).copy()
+    return {
+        number(frames[at]): (
+            float(replay._returns[slot]),
+            float(replay._discounts[slot]),
+            None if replay._discounts[slot] == 0 else number(following[at]),
+        )
+        for at, slot in enumerate(slots)
+    }
+
+
+def agree(mine: tuple[float, float, int | None], theirs: tuple[float, float, int | None]) -> bool:
+    return mine[2] == theirs[2] and mine[:2] == pytest.approx(theirs[:2], rel=1e-5, abs=1e-6)
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    st.integers(0, 2**32), st.integers(1, 6), st.integers(1, 5), st.integers(1, 60), st.sampled_from([0.05, 0.3, 1.0])
+)
+def test_n_step_returns_are_those_of_whole_episodes(seed: int, lanes: int, n: int, steps: int, chance: float) -> None:
+    replay = Replay(RawFrames(2000, SHAPE), 2000, n, GAMMA)
+    episodes, _ = play(replay, np.random.default_rng(seed), lanes, steps, 1, chance)
+    wanted = expected(episodes, n)
+    found = held(replay, drawable(replay))
+    assert found.keys() == wanted.keys()
+    assert all(agree(found[key], wanted[key]) for key in wanted)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(0, 2**32), st.integers(1, 5), st.integers(1, 4), st.integers(0, 40))
+def test_a_ring_keeps_the_newest_and_the_demonstrations(seed: int, lanes: int, n: int, kept: int) -> None:
+    rng = np.random.default_rng(seed)
+    size = 60 + kept
+    replay = Replay(RawFrames(size, SHAPE), size, n, GAMMA)
+    demonstrated, first = play(replay, rng, 1, kept // 2, 1)
+    before = held(replay, drawable(replay))
+    assert before.keys() == expected(demonstrated, n).keys()
+    replay.keep()
+    episodes, _ = play(replay, rng, lanes, 80, first)
+    wanted = {**expected(demonstrated, n), **expected(episodes, n)}
+    found = held(replay, drawable(replay))
+    # Whatever can be drawn is right, though most was overwritten; demonstrations are all there.
+    assert all(agree(found[key], wanted[key]) for key in found)
+    assert before.keys() <= found.keys()
+    ring = sorted(key for key in found if key >= first)
+    newest = sorted(key for key in expected(episodes, n) if key >= first)
+    # In each lane the newest are there; lanes take turns, so all are newer than what is gone.
+    assert len(ring) >= min(len(newest), (size - replay.kept) // 2 - lanes)
+
+
+def test_nothing_can_be_drawn_before_its_return_is_known() -> None:
+    replay = Replay(RawFrames(100, SHAPE), 100, 3, GAMMA)
+    replay.lanes(1)
+    for step in range(5):
+        here, there = frame(step)[None], frame(step + 1)[None]
+        no = np.array([False])
+        replay.add(np.array([0]), here, np.array([0]), np.array([1.0]), no, no, there)
+        assert len(drawable(replay)) == max(step - 2, 0)
+    # A step in which every lane is only reset adds nothing.
+    none = np.array([], np.int64)
+    replay.add(none, here[:0], none, none.astype(float), none.astype(bool), none.astype(bool), here[:0])
+    assert replay.added == 5
+    batch = replay.sample(8, 0.4, np.random.default_rng(0))
+    assert batch.returns == pytest.approx(1 + GAMMA + GAMMA**2)
+    assert batch.discounts == pytest.approx(GAMMA**3)
+    assert {number(after) - number(before) for before, after in zip(batch.frames, batch.next_frames, strict=True)} == {
+        3
+    }
+
+
+def filled(count: int, kept: int = 0) -> Replay:
+    """Transitions of one step each, of which some are demonstrations."""
+    replay = Replay(RawFrames(count, SHAPE), count, 1, GAMMA)
+    for first, end in ((0, kept), (kept, count)):
+        if end > first:
+            lanes = np.arange(1)
+            replay.lanes(1)
+            for step in range(first, end):
+                replay.add(
+                    lanes, frame(step)[None], lanes, np.ones(1), np.array([True]), np.array([False]), frame(0)[None]
+                )
+        if first == 0 and kept:
+            replay.keep()
+    return replay
+
+
+def test_errors_decide_how_often_and_weights_make_up_for_it() -> None:
+    replay = filled(200)
+    rng = np.random.default_rng(0)
+    errors = rng.exponential(size=200).astype(np.float32)
+    replay.update(np.arange(200), errors)
+    chances = (errors.astype(float) + 1e-3) ** 0.6
+    chances /= chances.sum()
+    counts = np.zeros(200)
+    for _ in range(2500):
+        batch = replay.sample(16, 1.0, rng)
+        np.add.at(counts, batch.slots, 1)
+        # With full correction every transition counts the same in the long run.
+        weights = (1 / chances[batch.slots]) / (1 / chances[batch.slots]).max()
+        assert np.allclose(batch.weights, weights, rtol=1e-4)
+    assert stats.chisquare(counts, chances * counts.sum()).pvalue > 0.01
+
+
+def test_a_share_of_the_batch_can_be_demonstrations() -> None:
+    replay = filled(400, 100)
+    replay.update(np.arange(100), np.full(100, 0.01, np.float32))
+    rng = np.random.default_rng(0)
+    batch = replay.sample(32, 0.5, rng, 0.25)
+    assert (batch.slots < 100).sum() == 8
+    # One of the many others had a chance of 24 in 32 of its 300, a demonstration of 8 in 32 of its 100: the same.
+    assert batch.weights == pytest.approx(np.ones(32), rel=1e-4)
+
+
+def test_a_ring_that_could_come_round_too_soon_is_refused() -> None:
+    with pytest.raises(ValueError, match="too few for 8 lanes"):
+        Replay(RawFrames(60, SHAPE), 60, 3, GAMMA).lanes(8)
+
+
+def test_a_replay_is_put_back_as_it_was() -> None:
+    rng = np.random.default_rng(5)
+    replay = Replay(RawFrames(90, SHAPE), 90, 2, GAMMA)
+    _, first = play(replay, rng, 1, 20, 1)
+    replay.keep()
+    play(replay, rng, 3, 60, first)
+    replay.update(drawable(replay), rng.random(len(drawable(replay))).astype(np.float32))
+    numbers, arrays = replay.state()
+    again = Replay(RawFrames(90, SHAPE), 90, 2, GAMMA)
+    for begin in range(0, len(replay), 40):
+        again.load(begin, replay.dump(begin, min(begin + 40, len(replay))))
+    again.restore(numbers, arrays)
+    one, other = (each.sample(32, 0.5, np.random.default_rng(0)) for each in (replay, again))
+    for field_name in ("slots", "frames", "next_frames", "actions", "returns", "discounts", "weights"):
+        assert (getattr(one, field_name) == getattr(other, field_name)).all(), field_name
+    play(replay, np.random.default_rng(6), 2, 5, 1000)
+    play(again, np.random.default_rng(6), 2, 5, 1000)
+    assert held(replay, drawable(replay)) == held(again, drawable(again))

@@ -1,0 +1,109 @@
+"""A run that is killed and started again comes to the same agent, bit by bit."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from envcraft_dqn.learner import train
+from envcraft_dqn.settings import Settings
+
+from envcraft.errors import EnvCraftError, UsageError
+
+from .conftest import open_corridors
+from .test_learner import Scripted
+
+NAMES = ["left", "right", "left again"]
+#: Small enough that the ring comes round, and legs and cycles end in between.
+SETTINGS = Settings(
+    size="tiny",
+    device="cpu",
+    steps=1000,
+    pretrain_updates=150,
+    lanes=2,
+    cycle=100,
+    leg=50,
+    target_every=40,
+    demonstrations=50,
+    capacity=500,
+)
+_RUN = """
+import sys
+from pathlib import Path
+
+import torch
+
+sys.path.insert(0, {root!r})
+torch.set_num_threads(1)
+from tests.plugins.dqn.conftest import open_corridors
+from tests.plugins.dqn.test_learner import Scripted
+from tests.plugins.dqn.test_resume import NAMES, SETTINGS
+from envcraft_dqn.learner import train
+
+train(SETTINGS, NAMES, open_corridors, Path({folder!r}), Scripted(), every=0.0)
+"""
+
+
+def learnt(folder: Path) -> dict[str, bytes]:
+    """The agents of a run."""
+    return {path.name: path.read_bytes() for path in sorted(folder.glob("*.safetensors"))}
+
+
+def test_a_run_that_is_killed_again_and_again_comes_to_the_same(tmp_path: Path) -> None:
+    train(SETTINGS, NAMES, open_corridors, tmp_path / "whole", Scripted())
+    killed = tmp_path / "killed"
+    code = _RUN.format(root=str(Path(__file__).parents[3]), folder=str(killed))
+    command = [sys.executable, "-c", code]
+    state = killed / "checkpoint" / "state.json"
+    positions = []
+    for kill in (1, 2, None):
+        before = state.read_bytes() if state.exists() else b""
+        process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+        deadline = time.monotonic() + 120
+        while kill is not None and process.poll() is None and time.monotonic() < deadline:
+            # In the midst of pretraining, then of training.
+            there = json.loads(state.read_text()) if state.exists() else {"numbers": {"updates": 0, "legs": 0}}
+            numbers = there["numbers"]
+            if (numbers["updates"] >= 50) if kill == 1 else (numbers["legs"] >= 4):
+                os.kill(process.pid, signal.SIGKILL)
+                positions.append(numbers["updates"])
+                break
+            time.sleep(0.002)
+        _, error = process.communicate(timeout=120)
+        assert process.returncode == (0 if kill is None else -signal.SIGKILL), error
+        assert state.read_bytes() != before
+    assert positions[0] < SETTINGS.pretrain_updates < positions[1]
+    assert learnt(killed) == learnt(tmp_path / "whole")
+    assert set(learnt(killed)) == {"pretrained.safetensors", "agent.safetensors"}
+
+
+def test_another_seed_is_another_agent(tmp_path: Path) -> None:
+    import msgspec
+
+    short = msgspec.structs.replace(SETTINGS, steps=200, pretrain_updates=0)
+    one, same, other = (tmp_path / name for name in ("one", "same", "other"))
+    train(short, NAMES, open_corridors, one)
+    train(short, NAMES, open_corridors, same)
+    train(msgspec.structs.replace(short, seed=1), NAMES, open_corridors, other)
+    assert learnt(one) == learnt(same) != learnt(other)
+
+
+def test_another_run_in_the_same_folder_is_refused(tmp_path: Path) -> None:
+    import msgspec
+
+    short = msgspec.structs.replace(SETTINGS, steps=40, pretrain_updates=0, leg=10)
+    train(short, NAMES, open_corridors, tmp_path)
+    with pytest.raises(UsageError, match=r"a run of other settings \(batch 32, not 16\); choose another --output"):
+        train(msgspec.structs.replace(short, batch=16), NAMES, open_corridors, tmp_path)
+    with pytest.raises(UsageError, match="a run of other environments"):
+        train(short, NAMES[:2], open_corridors, tmp_path)
+    [part] = (tmp_path / "checkpoint").glob("learner-*")
+    part.write_bytes(part.read_bytes()[:-100])
+    with pytest.raises(EnvCraftError, match=r"cannot be read .* remove it to begin anew"):
+        train(short, NAMES, open_corridors, tmp_path)

@@ -1,0 +1,109 @@
+"""``envcraft train`` and ``envcraft evaluate``, from the command line to the files."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner, Result
+
+from envcraft.cli import cli
+from envcraft.corpus.store import Store
+
+from .conftest import GAMES
+
+_OPTIONS = "--size tiny --steps 300 --lanes 4 --leg 20 --capacity 2000 --starts 50 --device cpu --trust --workers 0"
+DEMOS = ("--demos", "random", "--pretrain-updates", "20", "--demonstrations", "200")
+TRAIN = (*_OPTIONS.split(" "), "--checkpoint-minutes", "0")
+
+
+@pytest.fixture
+def corpus(tmp_path: Path) -> Path:
+    with Store.create(tmp_path / "corpus") as store:
+        for path in sorted(GAMES.glob("*.py")):
+            store.add(path.name, path.read_bytes())
+    return tmp_path / "corpus"
+
+
+def run(*arguments: str | Path) -> Result:
+    return CliRunner().invoke(cli, [str(argument) for argument in arguments])
+
+
+def test_train_then_evaluate(corpus: Path, tmp_path: Path) -> None:
+    output = tmp_path / "run"
+    result = run("train", corpus, "--output", output, *TRAIN, *DEMOS)
+    assert result.exit_code == 0, result.output
+    assert result.stdout.strip() == str(output / "agent.safetensors")
+    assert list((output / "tensorboard").glob("events.*"))
+    numbers = json.loads((output / "checkpoint" / "state.json").read_text())["numbers"]
+    assert numbers["updates"] == 20 + numbers["steps"] // 4
+    # The same again is done already.
+    assert run("train", corpus, "--output", output, *TRAIN, *DEMOS).exit_code == 0
+    told = tmp_path / "told.json"
+    where = (corpus, "--trust", "--workers", "0", "--episodes", "20", "--device", "cpu", "--output", told)
+    result = run("evaluate", *where, "--player", f"checkpoint:{output}", "--epsilon", "0.1")
+    assert result.exit_code == 0, result.output
+    found = json.loads(told.read_text())
+    assert json.loads(result.stdout) == found
+    assert [one["name"] for one in found["environments"]] == ["catch.py", "lamps.py"]
+    for one in found["environments"]:
+        assert one["length"]["mean"] == {"catch.py": 6.0, "lamps.py": 8.0}[one["name"]]
+        assert one["return"]["low"] < one["return"]["mean"] < one["return"]["high"]
+
+
+def test_players_that_are_known_get_what_they_must(corpus: Path) -> None:
+    where = (corpus, "--trust", "--workers", "0", "--select", "lamps*")
+    means = {}
+    for player in ("random", "noop"):
+        result = run("evaluate", *where, "--player", player, "--episodes", "300")
+        assert result.exit_code == 0, result.output
+        [one] = json.loads(result.stdout)["environments"]
+        assert one["episodes"] == 300
+        means[player] = one["return"]
+    for given in means.values():
+        # One in four is right, of eight.
+        assert abs(given["mean"] - 2) < 4 * given["standard_error"]
+        assert given["standard_error"] == pytest.approx((8 * 3 / 16 / 300) ** 0.5, rel=0.2)
+    assert run("evaluate", GAMES / "catch.py", "--trust", "--player", "noop", "--episodes", "2").exit_code == 0
+
+
+def test_what_has_not_passed_does_not_run(corpus: Path, tmp_path: Path) -> None:
+    marks = tmp_path / "imported"
+    shutil.copy(GAMES / "catch.py", tmp_path / "mark.py")
+    (tmp_path / "mark.py").write_text(f"open({str(marks)!r}, 'w')\n" + (GAMES / "catch.py").read_text())
+    for target in (corpus, tmp_path / "mark.py"):
+        result = run("evaluate", target, "--player", "random", "--episodes", "2")
+        assert result.exit_code == 2
+        assert "has no verdict" in result.output
+        assert "envcraft audit" in result.output
+    assert not marks.exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("--select", "tetris*"), "has no environment that tetris* fits"),
+        (("--demos", "somebody"), "there is no player 'somebody'; there are random, noop, checkpoint:PATH"),
+        (("--demos", "checkpoint:nowhere"), "nowhere is no agent that `envcraft train` wrote"),
+        (("--pretrain-updates", "5"), "5 updates of pretraining need demonstrations"),
+        (("--capacity", "20"), "a replay of 20 is too small for 4 environments side by side"),
+    ],
+)
+def test_wrong_use_is_told(corpus: Path, tmp_path: Path, arguments: tuple[str, ...], words: str) -> None:
+    result = run("train", corpus, "--output", tmp_path / "run", *TRAIN, *arguments)
+    assert result.exit_code == 2, result.output
+    assert words in result.output
+
+
+def test_help_imports_no_torch() -> None:
+    code = (
+        "import sys; from click.testing import CliRunner; from envcraft.cli import cli; "
+        "assert CliRunner().invoke(cli, ['train', '--help']).exit_code == 0; "
+        "print(*{'torch', 'numba', 'numpy', 'gymnasium'} & set(sys.modules))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True)
+    assert done.stdout.strip() == ""
