@@ -82,7 +82,7 @@ class PackedFrames:
 
         if len(shape) != 3 or shape[2] != 3 or max(shape) > codec.LONGEST:
             raise UsageError(f"frames of shape {shape} cannot be packed: keep them with --replay ram or mapped")
-        self.shape = shape
+        self.shape: tuple[int, ...] = shape
         self._cells = np.zeros((size, cell), np.uint8)
         self._lengths = np.zeros(size, np.uint16)
         self._apart: dict[int, bytes] = {}
@@ -96,7 +96,7 @@ class PackedFrames:
             for slot, frame in zip(slots.tolist(), frames, strict=True):
                 self._apart.pop(slot, None)
                 if not self._lengths[slot]:
-                    self._apart[slot] = self._compressor.compress(np.ascontiguousarray(frame))
+                    self._apart[slot] = self._compressor.compress(np.ascontiguousarray(frame).tobytes())
 
     def read(self, slots: Slots) -> Frames:
         buffer = _buffer(self._buffers, len(slots), self.shape)

@@ -51,7 +51,7 @@ class Network(nn.Module):
     def _joint(self, parts: Tensor) -> Tensor:
         """Sums of one number of each part, the last part's changing quickest: [n, sum] to [n, product]."""
         joint = parts.new_zeros((len(parts), 1))
-        for part in parts.split(self.choices, 1):
+        for part in torch.split(parts, list(self.choices), 1):
             joint = (joint[:, :, None] + part[:, None, :]).flatten(1)
         return joint
 

@@ -21,7 +21,7 @@ def test_attributes_are_the_environments_own() -> None:
 def test_a_game_may_have_keys_to_get() -> None:
     state = State(SimpleNamespace(keys={"red"}, get=7))
     assert state.keys == state["keys"] == {"red"}
-    assert state.get == 7
+    assert state["get"] == 7
 
 
 def test_nothing_is_set_or_deleted() -> None:

@@ -20,7 +20,7 @@ from envcraft_sandbox.worker.state import State
 @dataclass
 class Lock:
     entered: int = 0
-    marks: list[int] = field(default_factory=list)
+    marks: list[Any] = field(default_factory=list)
 
 
 class Slotted:

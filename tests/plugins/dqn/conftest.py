@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -40,7 +41,7 @@ class Corridor(gymnasium.Env[Any, Any]):
 
 
 def open_corridors(names: Sequence[str]) -> Any:
-    return SyncVectorEnv([lambda name=name: Corridor(name == "left") for name in names])
+    return SyncVectorEnv([partial(Corridor, name == "left") for name in names])
 
 
 @pytest.fixture(autouse=True)
