@@ -45,6 +45,7 @@ def _judge_at(budget: str, fixture: Fixture, sandbox: str, narrow: bool) -> Subj
     from envcraft.engine import Plan, validate
     from envcraft.events import SubjectFinished
     from envcraft.plugins import plugins
+    from envcraft.pool import Pool
     from envcraft.sandbox import choose
     from envcraft.target import read_policy, read_target
 
@@ -63,4 +64,6 @@ def _judge_at(budget: str, fixture: Fixture, sandbox: str, narrow: bool) -> Subj
         # Each core has a fixture of its own.
         lanes=1,
     )
-    return next(event.report for event in validate(plan) if isinstance(event, SubjectFinished))
+    # Workers as those of one among many: forked, but for the one that must share no memory layout.
+    pool = Pool(plan.driver, plan.limits, subjects=2)
+    return next(event.report for event in validate(plan, pool=pool) if isinstance(event, SubjectFinished))

@@ -67,6 +67,11 @@ class Players:
         return Rollout(seed, order, player="every action in turn")
 
     @cached_property
+    def probes(self) -> list[Rollout]:
+        """The episodes on whose seeds determinism is probed."""
+        return [(self.sticky if number % 2 else self.random)(number) for number in range(self.budget.probes[0])]
+
+    @cached_property
     def rotations(self) -> list[Rollout]:
         return [self.rotation(offset) for offset in range(self.budget.rotations)]
 
@@ -95,7 +100,10 @@ class Players:
         wanted = (draw, number, length)
         if wanted not in self._known:
             seed = self.episode_seed(number)
-            self._known[wanted] = Rollout(seed, _draw(draw, self._space, seed, length), player=player)
+            # Others may be of any size.
+            few = self.space["type"] in ("Discrete", "MultiDiscrete")
+            drawn = _draw(draw, self._space, seed, length) if few else draw(self.space, seed, length)
+            self._known[wanted] = Rollout(seed, drawn, player=player)
         return self._known[wanted]
 
     @cached_property

@@ -150,6 +150,12 @@ class Trace:
         return self.ended or (self.ending is Ending.CUT and bool(self.observations))
 
     @property
+    def choosing(self) -> bool:
+        """Whether the sandbox ended the episode while its policy was choosing a move."""
+        stuck = self.ending is Ending.BROKEN and self.end is not None and self.end.phase == "step"
+        return stuck and self.rollout.policy and len(self.chosen) == self.steps
+
+    @property
     def total(self) -> float:
         """The return: the undiscounted sum of rewards."""
         return float(sum(self.rewards))

@@ -115,8 +115,7 @@ class Determinism(Check):
         if subject.load().description.get("nondeterministic"):
             raise Skip("its registration says that it is nondeterministic")
         seeds, length = subject.budget.probes
-        players = subject.players
-        plays = subject.rollouts([(players.sticky if n % 2 else players.random)(n) for n in range(seeds)])
+        plays = subject.rollouts(subject.players.probes)
         reset = list(itertools.takewhile(lambda play: play.observations, plays))
         probes = [play.rollout.cut(min(length, max(play.steps, 1))) for play in reset]
         for rollout in probes:

@@ -116,6 +116,9 @@ class Difficulty(Check):
                 words = f"the policy raises {trace.fault} at step {trace.steps + 1}"
                 shown = Repro(trace.rollout.seed, trace.actions)
                 return self.finding("EC805", words, line=trace.fault.line, repro=shown, traceback=trace.fault.traceback)
+            if trace.choosing and trace.end is not None:
+                words = f"the policy does not choose move {trace.steps + 1} ({trace.end.how}: {trace.end.detail})"
+                return self.finding("EC805", words, repro=Repro(trace.rollout.seed, trace.actions), **trace.printed)
             plain = Rollout(trace.rollout.seed, trace.actions, player="the policy's actions without it")
             if (found := _diverge(trace, subject.rollout(plain))) is not None:
                 return self.finding(

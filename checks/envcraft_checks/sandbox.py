@@ -98,7 +98,7 @@ class SandboxEvents(Check):
             return self._found(subject, trace, "EC904", f"{fault.phase} wrote more than it may: {fault}")
         if fault is not None and (fault.errno in _NO_NETWORK or fault.type.rpartition(".")[2] in _NETWORK):
             return self._found(subject, trace, "EC905", f"{fault.phase} asked for the network: {fault}")
-        if end is None or end.how in (How.DONE, How.STOPPED):
+        if end is None or end.how in (How.DONE, How.STOPPED) or trace.choosing:
             return None
         code = _ENDS[end.how]
         where = f"step {trace.steps + 1}" if end.phase == "step" else end.phase

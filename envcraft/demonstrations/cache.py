@@ -15,6 +15,7 @@ import hashlib
 import importlib.util
 import json
 import mmap
+import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -147,6 +148,8 @@ class Cache:
         import zstandard
 
         with open(file, "rb") as stream:
+            if not os.fstat(stream.fileno()).st_size:
+                raise CacheDamaged("is empty")
             self._map = mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ)
         self.header, start = _header(self._map)
         body = memoryview(self._map)[start:]

@@ -81,6 +81,8 @@ class _Play(Check):
         at = trace.steps + 1
         if trace.refused:
             return self.finding("EC805", f"the policy's move {len(trace.chosen)} is refused: {trace.refused}")
+        if trace.choosing and trace.end is not None:
+            return self.finding("EC805", f"the policy does not choose move {at} ({trace.end.how}: {trace.end.detail})")
         fault = trace.fault
         if fault is None or not fault.phase.startswith("policy"):
             return None

@@ -8,6 +8,7 @@ import os
 import select
 import signal
 import socket
+import threading
 import time
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -49,7 +50,9 @@ class _Process:
 
     def close(self) -> None:
         self.data.close()
-        os.close(self.output)
+        if self.output >= 0:
+            os.close(self.output)
+            self.output = -1
 
 
 class ForkServerWorker(Worker):
@@ -62,6 +65,8 @@ class ForkServerWorker(Worker):
         self._jobs = 0
         self._limits = limits
         self._waits: _Process | None = None
+        self._closed = False
+        self._taking = threading.Lock()
         self.about = self._reply("ready")["ready"]
 
     def preload(self, modules: list[str]) -> list[str]:
@@ -75,13 +80,14 @@ class ForkServerWorker(Worker):
         return answer["missing"], answer["known"]
 
     def run(self, job: dict[str, Any], recorder: Recorder, limits: Limits, player: Player | None = None) -> JobEnd:
-        series = bool(job.get("series"))
-        process, self._waits = self._waits, None
-        if process is not None and not series:
+        process = self._take()
+        if process is not None and not job.get("series"):
             self._dismiss(process)
             process = None
         if process is None:
             process = self._start(limits)
+        series = bool(job.get("series")) and process.done + 1 < _SERIES
+        job = {**job, "series": series}
         try:
             process.data.settimeout(limits.loading)
             payload = json.dumps(job).encode()
@@ -89,11 +95,13 @@ class ForkServerWorker(Worker):
             with contextlib.suppress(OSError):
                 process.data.sendall(HEADER.pack(0, len(payload)) + payload)
             process.data.setblocking(False)
-            watch = _Watch(self, process, recorder, limits, player, series and process.done + 1 < _SERIES)
+            watch = _Watch(self, process, recorder, limits, player, series)
             end = watch.run()
             process.done += 1
             if watch.goes_on:
-                self._waits, process = process, None
+                with self._taking:
+                    if not self._closed:
+                        self._waits, process = process, None
             return end
         finally:
             if process is not None:
@@ -101,9 +109,17 @@ class ForkServerWorker(Worker):
 
     def close(self) -> None:
         hang_up(self._control)
-        process, self._waits = self._waits, None
+        with self._taking:
+            self._closed = True
+        process = self._take()
         if process is not None:
             process.close()
+
+    def _take(self) -> _Process | None:
+        """The process that waits for another job, if one does: whoever has it is the only one."""
+        with self._taking:
+            process, self._waits = self._waits, None
+        return process
 
     def _start(self, limits: Limits) -> _Process:
         """Have a process forked for a job."""

@@ -24,7 +24,8 @@ ACTION = [0, 0, 0]
 class Game(Worker):
     """An environment that never ends, on a machine of no constant speed.
 
-    Seeds from 100 on hang, from 200 on die, from 300 on lose the worker, and from 400 on die after another job.
+    Seeds from 100 on hang, from 200 on die, from 300 on lose the worker, from 400 on die after another job,
+    and from 500 on hang when they are first played.
     """
 
     def __init__(self, driver: Arcade, hash_seed: int) -> None:
@@ -47,7 +48,8 @@ class Game(Worker):
         before, self.series = (self.series, self.series + 1) if job.get("series") else (0, 0)
         if self.ended.is_set() or 300 <= job.get("seed", 0) < 400:
             raise WorkerLost("the worker is gone")
-        hangs = 100 <= job.get("seed", 0) < 200
+        late = job.get("seed", 0) >= 500 and sum(other.get("seed") == job["seed"] for other in self.served) == 1
+        hangs = 100 <= job.get("seed", 0) < 200 or late
         if job["kind"] == "search":
             recorder.result({"steps": 5, "seed": job["seed"]})
         elif job["kind"] == "describe":
@@ -58,7 +60,7 @@ class Game(Worker):
                 data = memoryview(bytes([job["seed"] % 256, number % 256]))
                 step = Step(False, False, "bool", "bool", "float", 1.0, 1, 0, data, b"")
                 (recorder.step if number else recorder.reset)(step)
-        died = 200 <= job.get("seed", 0) < 300 or (job.get("seed", 0) >= 400 and before > 0)
+        died = 200 <= job.get("seed", 0) < 300 or (400 <= job.get("seed", 0) < 500 and before > 0)
         return JobEnd(How.TIMEOUT if hangs else How.DIED if died else How.DONE, "step", 1.0, before=before)
 
     def close(self) -> None:
@@ -129,6 +131,17 @@ def test_what_goes_wrong_after_others_runs_again_alone() -> None:
     assert [(end.how, end.before) for end in ends] == [(How.DONE, 0), (How.DONE, 0), (How.DONE, 0), (How.DIED, 0)]
     assert [trace.steps for trace in traces] == [3, 3, 3, 3]
     assert [job["seed"] for job in driver.served] == [0, 401, 401, 1, 250, 250, 250]
+
+
+def test_a_deadline_that_is_kept_the_second_time_counts_as_kept() -> None:
+    driver = Arcade()
+    with subject_of(driver, 1) as subject:
+        traces = [subject.rerun(play(seed)) for seed in range(500, 510)]
+        assert [trace.end.how for trace in traces if trace.end is not None] == [How.DONE] * 10
+        hung = [subject.rerun(play(seed)) for seed in range(100, 103)]
+        assert [trace.end.how for trace in hung if trace.end is not None] == [How.TIMEOUT] * 3
+        with pytest.raises(Skip, match="3 episodes or searches hung"):
+            subject.rerun(play(103))
 
 
 def test_only_ordinary_episodes_follow_one_another() -> None:

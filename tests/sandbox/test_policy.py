@@ -12,6 +12,7 @@ def test_attributes_are_the_environments_own() -> None:
     state = State(SimpleNamespace(x=3, _hidden=4))
     assert (state.x, state["x"], state._hidden) == (3, 3, 4)
     assert (state.get("x"), state.get("y", 5), sorted(state.keys())) == (3, 5, ["_hidden", "x"])
+    assert vars(state) == {"x": 3, "_hidden": 4}
     with pytest.raises(AttributeError):
         state.y  # noqa: B018
     with pytest.raises(KeyError):

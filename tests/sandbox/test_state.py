@@ -7,7 +7,6 @@ import random
 from collections import Counter, deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from types import SimpleNamespace
 from typing import Any
 
 import gymnasium
@@ -47,11 +46,17 @@ def surface(value: int) -> pygame.Surface:
     return made
 
 
+class Env:
+    def __init__(self, **attributes: Any) -> None:
+        vars(self).update(attributes)
+
+    @property
+    def unwrapped(self) -> Env:
+        return self
+
+
 def state(value: Any) -> State:
-    env = SimpleNamespace(value=value)
-    env.unwrapped = env
-    del env.unwrapped
-    return State(SimpleNamespace(unwrapped=env))
+    return State(Env(value=value))
 
 
 MAKERS: dict[str, Callable[[int], Any]] = {
@@ -73,6 +78,10 @@ MAKERS: dict[str, Callable[[int], Any]] = {
     "picture": surface,
     "mode": lambda n: Mode(n),
     "bound method": lambda n: Lock(n).__repr__,
+    "built-in method": lambda n: [1, n].pop,
+    "number and text": lambda n: "1" if n else 1,
+    "function": lambda n: surface if n else state,
+    "class": lambda n: Bag if n else Lock,
 }
 
 
@@ -107,19 +116,45 @@ def test_generators_are_told_apart_from_values(make: Callable[[int], Any]) -> No
     assert one.generators != other.generators
 
 
+class Stubborn:
+    def __reduce_ex__(self, protocol: Any) -> Any:
+        raise TypeError
+
+
 @pytest.mark.parametrize(
     "value",
-    [iter([1, 2]).__class__, (lambda kept: lambda: kept)([1]), open],
-    ids=["class", "closure", "built-in"],
+    [(lambda kept: lambda: kept)([1]), Stubborn(), {Lock: 1, "a": {Stubborn()}}, list(range(30_000))],
+    ids=["closure", "not to be copied", "objects in a set", "very much"],
 )
-def test_what_a_function_closed_over_is_not_seen(value: Any) -> None:
-    assert state(value).opaque == (getattr(value, "__closure__", None) is not None)
+def test_knows_what_it_does_not_see(value: Any) -> None:
+    assert state(value).opaque
 
 
-def test_what_cannot_be_copied_is_not_seen() -> None:
-    class Stubborn:
-        def __reduce_ex__(self, protocol: Any) -> Any:
-            raise TypeError
+@pytest.mark.parametrize("value", [object(), open, Lock, {(1, "a"), (2, "b")}, frozenset({Mode.CALM})])
+def test_knows_what_it_sees(value: Any) -> None:
+    assert not state(value).opaque
 
-    assert state(Stubborn()).opaque
-    assert not state(object()).opaque
+
+def test_one_odd_thing_hides_no_other() -> None:
+    one, other = State(Env(odd=Stubborn(), place=1)), State(Env(odd=Stubborn(), place=2))
+    assert one.values != other.values
+    assert one.opaque
+
+
+def test_what_refers_back_to_the_environment_adds_nothing() -> None:
+    one, other = Env(steps=1), Env(steps=2)
+    one.player, other.player = Lock(marks=[one]), Lock(marks=[other])  # type: ignore[attr-defined]
+    assert State(one).values["player"] == State(other).values["player"]
+
+
+def test_equal_places_are_equal_whichever_they_are() -> None:
+    place = (1, 2)
+    assert State(Env(a=place, b=place)).values == State(Env(a=(1, 2), b=(1, 1 + 1))).values
+
+
+def test_wrappers_hold_state_too() -> None:
+    class Wrapper:
+        def __init__(self, env: Env, count: int) -> None:
+            self.env, self.count, self.unwrapped = env, count, env
+
+    assert State(Wrapper(Env(a=1), 1)).values != State(Wrapper(Env(a=1), 2)).values

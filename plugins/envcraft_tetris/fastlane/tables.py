@@ -23,6 +23,19 @@ SIZE = 84
 ROWS, COLUMNS, KINDS, CELLS, CODES, CELL = 20, 12, 9, 5, 20, 7
 PREVIEW, MEMORY, BAG, LOTS, KICK = 3, 4, 2 * KINDS, 6 * KINDS, 6
 
+#: Numbers by which compiled code walks through tables, and how long these are.
+_MOST = {
+    "rows": ROWS,
+    "columns": COLUMNS,
+    "kinds": KINDS,
+    "shades": CODES,
+    "lot_count": LOTS,
+    "memory": MEMORY,
+    "preview": PREVIEW,
+    "kick_count": KICK,
+    "cell": CELL,
+}
+
 #: What numbers stand for, in the order of the axes' own lists. Of no function there is 0.
 MIDDLE, LEFT_SIDE, RIGHT_SIDE, ANYWHERE, SWEEP, OPPOSITE = range(len(PLACES))
 CW, CCW, FLIP, SOFT, HARD, HOLD, DASH = range(1, 1 + len(FUNCTIONS))
@@ -89,7 +102,7 @@ GAME = np.dtype(
 
 
 def fill(record: Any, variant: Variant) -> None:
-    """Put the rules of a variant into a record of :data:`RULES`."""
+    """Put the rules of a variant into a record of :data:`RULES`. Raises ValueError where one is beyond its table."""
     record["lots"] = record["kicks"] = 0
     for part in (_board, _pieces, _supply, _controls, _pace, _ending, _look):
         for name, value in part(variant).items():
@@ -98,6 +111,9 @@ def fill(record: Any, variant: Variant) -> None:
                 record[name][place] = value
             else:
                 record[name] = value
+    for name, most in _MOST.items():
+        if not 0 <= record[name] <= most:
+            raise ValueError(f"{name} is {record[name]}; the fast lane knows up to {most}")
 
 
 def _board(variant: Variant) -> dict[str, Any]:

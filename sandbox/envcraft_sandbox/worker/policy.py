@@ -33,6 +33,8 @@ class State:
 
     def __getattribute__(self, name: str) -> Any:
         own = object.__getattribute__
+        if name == "__dict__":
+            return dict(vars(own(self, "_env")))
         if name.startswith("__"):
             return own(self, name)
         try:

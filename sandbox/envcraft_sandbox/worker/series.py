@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+import _thread
 import gc
 import os
 import shutil
 import sys
-import threading
 
 import numpy as np
 
@@ -24,8 +24,8 @@ class Traces:
         """Put everything back, and forget the environment's objects. False where something stays: a thread, a process,
         or a file that cannot be removed.
         """
-        gc.collect()
         try:
+            gc.collect()
             os.chdir(self._folder)
             for entry in os.scandir("."):
                 if entry.is_dir(follow_symlinks=False):
@@ -37,7 +37,7 @@ class Traces:
                 os.environ.update(self._environment)
             sys.setrecursionlimit(self._recursion)
             np.seterr(**self._floating)
-            return threading.active_count() == 1 and not _has_children()
+            return _thread._count() == 0 and not _has_children()
         except BaseException:
             return False
 

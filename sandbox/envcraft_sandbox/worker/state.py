@@ -15,12 +15,11 @@ from envcraft_runtime.classes import type_name
 #: Values and levels that are looked into.
 _MOST, _DEEPEST = 20_000, 24
 _GENERATORS = (np.random.Generator, np.random.RandomState, random.Random)
-#: They are part of the program, and no state.
 _CODE = (type, ModuleType, FunctionType, BuiltinFunctionType)
 
 
 class State:
-    """The attributes of `env` and whatever they refer to, each object looked into once.
+    """The attributes of `env`, of its wrappers, and whatever they refer to; each object is looked into once.
 
     Attributes:
         values: an image of each attribute, as JSON, random generators left out.
@@ -31,47 +30,75 @@ class State:
     def __init__(self, env: Any) -> None:
         self.generators: list[str] = []
         self.opaque = False
+        self._left = _MOST
         self._numbers: dict[int, int] = {}
         # An object that has gone may leave its id to another one.
         self._kept: list[Any] = []
-        try:
-            self.values = {name: self._image(value, 0) for name, value in vars(env.unwrapped).items()}
-        except Exception:
-            # Its own methods are asked on the way.
-            self.values, self.opaque = {}, True
+        chain = [env]
+        while chain[-1] is not env.unwrapped and len(chain) < _DEEPEST:
+            chain.append(getattr(chain[-1], "env", env.unwrapped))
+        for own in chain:
+            # What refers back to the environment adds nothing to it.
+            self._number(own)
+        self.values = self._attributes(env.unwrapped, 0)
+        for place, wrapper in enumerate(chain[:-1]):
+            held = {name: value for name, value in vars(wrapper).items() if name != "env"}
+            self.values |= {f"{place} {name}": self._image(value, 0) for name, value in held.items()}
+
+    def _number(self, value: Any) -> None:
+        self._numbers[id(value)] = len(self._numbers)
+        self._kept.append(value)
 
     def _image(self, value: Any, depth: int) -> Any:
-        if value is None or isinstance(value, bool | str):
-            return value
-        if isinstance(value, int | float | complex | bytes) and not isinstance(value, enum.Enum):
-            return repr(value)
-        if isinstance(value, gymnasium.Space):
-            return self._image(value._np_random, depth)
-        if isinstance(value, _CODE):
-            # What a function has closed over may change.
-            self.opaque |= bool(getattr(value, "__closure__", None))
+        self._left -= 1
+        if self._left < 0 or depth > _DEEPEST:
+            self.opaque = True
             return None
+        if value is None or isinstance(value, bool):
+            return value
+        if type(value) is str:
+            return value
+        if type(value) in (int, float, complex, bytes):
+            return ["", repr(value)]
         if isinstance(value, _GENERATORS):
             self.generators.append(_generator(value))
             return None
+        if isinstance(value, _CODE):
+            return self._code(value, depth)
         if id(value) in self._numbers:
             return {"again": self._numbers[id(value)]}
-        if depth > _DEEPEST or len(self._numbers) > _MOST:
+        if not isinstance(value, tuple | frozenset | np.generic):
+            # Of what cannot be changed, which of two equal ones it is makes no difference.
+            self._number(value)
+        try:
+            return self._inside(value, depth + 1)
+        except Exception:
+            # Its own methods are asked on the way.
             self.opaque = True
             return None
-        self._numbers[id(value)] = len(self._numbers)
-        self._kept.append(value)
-        return self._inside(value, depth + 1)
+
+    def _code(self, value: Any, depth: int) -> Any:
+        """Which function, class or module it is; copies of a state share them."""
+        bound = getattr(value, "__self__", None)
+        if isinstance(value, BuiltinFunctionType) and not isinstance(bound, ModuleType | type(None)):
+            return [value.__name__, self._image(bound, depth)]
+        # What a function has closed over may change.
+        self.opaque |= bool(getattr(value, "__closure__", None))
+        return ["code", id(value)]
 
     def _inside(self, value: Any, depth: int) -> Any:
+        if isinstance(value, gymnasium.Space):
+            return [self._image(part, depth) for part in (value._np_random, getattr(value, "spaces", None))]
         if isinstance(value, np.ndarray | np.generic) and not value.dtype.hasobject:
             return [str(value.dtype), list(value.shape), hashlib.blake2b(value.tobytes(), digest_size=16).hexdigest()]
         if isinstance(value, dict):
             inside = [[self._image(key, depth), self._image(item, depth)] for key, item in value.items()]
-            return {type_name(value): inside, "more": self._attributes(value, depth)}
+            return [type_name(value), inside, self._attributes(value, depth)]
         if isinstance(value, list | tuple):
             return [type_name(value), [self._image(item, depth) for item in value], self._attributes(value, depth)]
         if isinstance(value, set | frozenset):
+            # Others have no order of their own, by which they could be told apart.
+            self.opaque |= not all(_plain(item) for item in value)
             return [type_name(value), sorted(repr(self._image(item, depth)) for item in value)]
         if isinstance(value, MethodType):
             return [value.__name__, self._image(value.__self__, depth)]
@@ -86,19 +113,20 @@ class State:
         return found | {name: self._image(item, depth) for name, item in getattr(value, "__dict__", {}).items()}
 
     def _reduced(self, value: Any, depth: int) -> Any:
-        """What the object itself would be copied by."""
-        buffer = getattr(value, "get_buffer", None)
-        try:
-            if buffer is not None:
-                return hashlib.blake2b(buffer().raw, digest_size=16).hexdigest()
-            reduced = value.__reduce_ex__(2)
-        except Exception:
-            self.opaque = True
-            return None
+        """What the object itself would be copied by, or a picture's bytes."""
+        if type_name(value).startswith("pygame.") and hasattr(value, "get_buffer"):
+            return hashlib.blake2b(value.get_buffer().raw, digest_size=16).hexdigest()
+        reduced = value.__reduce_ex__(2)
         parts = reduced[1:] if isinstance(reduced, tuple) else ()
         # After arguments and state come iterators, over items of a list and of a dict.
         listed = [*parts[:2], *(list(part) for part in parts[2:4] if part is not None)]
         return [self._image(part, depth) for part in listed]
+
+
+def _plain(value: Any) -> bool:
+    if isinstance(value, tuple | frozenset):
+        return all(map(_plain, value))
+    return value is None or isinstance(value, bool | int | float | str | bytes | np.generic | enum.Enum)
 
 
 def _slots(kind: type) -> list[str]:
