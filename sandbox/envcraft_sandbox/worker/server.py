@@ -9,7 +9,7 @@ The host speaks JSON lines on the control socket::
                                              -> {"exit": 7, "status": <wait status>, "cpu": <seconds>, "over": <limit>}
 
 When a job ends, everything that it started is killed, whatever session it made for itself, and what it wrote is removed
-before the host hears of the end: the next job starts alone.
+before the host hears of the end: the next job starts alone. To the fork server, a series of jobs is one.
 """
 
 from __future__ import annotations
