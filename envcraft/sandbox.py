@@ -1,7 +1,8 @@
 """What a sandbox driver promises. Drivers are plugins; :mod:`envcraft` itself runs no untrusted code.
 
 A :class:`Driver` says whether it works on this machine and launches workers. A :class:`Worker` runs jobs: one job, one
-process that dies with it, but for the jobs of a series. A job's messages go to a :class:`Recorder` as they arrive, checked against the protocol.
+process that dies with it, but for the jobs of a series. A job's messages go to a :class:`Recorder` as they arrive,
+checked against the protocol.
 """
 
 from __future__ import annotations

@@ -1,9 +1,10 @@
 """The bytes that cross the trust boundary, as both sides must read them.
 
-A *job* runs in one forked child of the worker. The host hands the child one end of a fresh socket pair; down goes
-one JSON job, up comes a stream of messages, and where that offers to go on, another job may follow. Every message is ``<u8 kind><u32 length><payload>``; lengths are
-bounded, kinds are known, and nothing is ever unpickled or evaluated. A job whose actions a player chooses asks for each
-(ASK) and sends nothing until it has it: JSON of at most MAX_JSON bytes, in a message of kind ACTION.
+A *job* runs in one forked child of the worker. The host hands the child one end of a fresh socket pair; down goes one
+JSON job, up comes a stream of messages, and where that offers to go on, another job may follow. Every message is ``<u8
+kind><u32 length><payload>``; lengths are bounded, kinds are known, and nothing is ever unpickled or evaluated. A job
+whose actions a player chooses asks for each (ASK) and sends nothing until it has it: JSON of at most MAX_JSON bytes, in
+a message of kind ACTION.
 
 Observations travel as raw bytes beside a *layout*: a JSON description of the value (dtype, shape, keys) that is sent
 once and then referred to by number, so that a step of a picture game is one fixed header and exactly the frame.
