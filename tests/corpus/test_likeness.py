@@ -112,7 +112,8 @@ def test_a_corpus_that_only_is_read(corpus: Store) -> None:
 
 
 def test_a_corpus_from_before_there_were_keys(corpus: Store) -> None:
-    for table in ("keys", "previews", "outcomes", "policies", "attempts", "briefs", "concepts"):
+    later = ("keys", "previews", "outcomes", "policies", "attempts", "briefs", "concepts", "episodes", "demonstrations")
+    for table in later:
         corpus.db.execute(f"DROP TABLE {table}")
     corpus.db.execute("ALTER TABLE settings DROP COLUMN checks")
     corpus.db.execute("ALTER TABLE audits DROP COLUMN complete")

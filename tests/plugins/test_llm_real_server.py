@@ -46,9 +46,11 @@ class Served:
         assert str(self.port) in self._process.stdout.readline()
 
     def kill(self) -> None:
-        """End at once."""
+        """End at once, if it still runs."""
         self._process.kill()
-        self._process.communicate()
+        self._process.wait()
+        assert self._process.stdout is not None
+        self._process.stdout.close()
 
 
 @pytest.fixture(scope="module")
