@@ -21,8 +21,8 @@ from benchmarks.overhead import GAMES, working
 
 CHRONICLE = GAMES / "chronicle.py"
 LIMIT_MIB = 300
-#: The command itself, in a process that tells its own peak when it ends, in KiB; ``ru_maxrss`` knows that of the process
-#: that it was forked from, too.
+#: The command itself, in a process that tells its own peak when it ends, in KiB; ``ru_maxrss`` would be that of the
+#: process that it was forked from where that held more.
 _JUDGE = """
 import sys
 from envcraft.cli import cli
