@@ -80,19 +80,27 @@ class Diversity(msgspec.Struct):
     most: float
 
 
-class _Member(NamedTuple):
+class Member(NamedTuple):
+    """A source under a name: the SHA-256 in hex, and the class where it was picked."""
+
     name: str
     source: str
     env_class: str
 
 
-def clusters(store: Store, layers: Sequence[str] = LAYERS, threshold: float = near.THRESHOLD) -> Likeness:
-    """Find what is the same. `threshold` is the Jaccard index from which on sources are near-duplicates.
+def clusters(
+    store: Store,
+    layers: Sequence[str] = LAYERS,
+    threshold: float = near.THRESHOLD,
+    members: Sequence[Member] | None = None,
+) -> Likeness:
+    """Find what is the same among `members`, by default the environments. `threshold` is the Jaccard index from which
+    on sources are near-duplicates.
 
     Environments of different classes that were picked by name are the same only by what they do.
     Raises UsageError without rensa, CorpusDamaged.
     """
-    members = _members(store)
+    members = _members(store) if members is None else members
     keys = _source_keys(store, {member.source for member in members}, layers)
     found: dict[str, Layer] = {}
     whole = Groups(len(members))
@@ -159,8 +167,8 @@ def diversities(store: Store, layers: Sequence[str] = LAYERS, sample: int = 1000
     return found
 
 
-def _members(store: Store) -> list[_Member]:
-    return [_Member(*row) for row in store.db.execute(_BEST_FIRST)]
+def _members(store: Store) -> list[Member]:
+    return [Member(*row) for row in store.db.execute(_BEST_FIRST)]
 
 
 def _source_keys(store: Store, sources: set[str], layers: Sequence[str]) -> dict[str, dict[str, bytes | None]]:
@@ -192,7 +200,7 @@ def _source_keys(store: Store, sources: set[str], layers: Sequence[str]) -> dict
     return keys
 
 
-def _equal(keys: Sequence[Hashable], members: Sequence[_Member]) -> tuple[int, Groups]:
+def _equal(keys: Sequence[Hashable], members: Sequence[Member]) -> tuple[int, Groups]:
     """Groups of those with one key, and one class where it was picked."""
     groups = Groups(len(members))
     first: dict[Hashable, int] = {}
@@ -202,7 +210,7 @@ def _equal(keys: Sequence[Hashable], members: Sequence[_Member]) -> tuple[int, G
     return sum(key is not None for key in keys), groups
 
 
-def _near(members: Sequence[_Member], keys: dict[str, bytes | None], threshold: float) -> tuple[int, Groups]:
+def _near(members: Sequence[Member], keys: dict[str, bytes | None], threshold: float) -> tuple[int, Groups]:
     sources = list(dict.fromkeys(member.source for member in members if keys[member.source] is not None))
     left = near.own([near.shingles(keys[source] or b"") for source in sources])
     judged = [(source, rest) for source, rest in zip(sources, left, strict=True) if rest is not None]
@@ -213,7 +221,7 @@ def _near(members: Sequence[_Member], keys: dict[str, bytes | None], threshold: 
     return _equal([group_of.get(member.source) for member in members], members)
 
 
-def _behavioural(store: Store, members: Sequence[_Member]) -> tuple[int, Groups]:
+def _behavioural(store: Store, members: Sequence[Member]) -> tuple[int, Groups]:
     series = _series(store, members)
     numbers = [number for number, known in enumerate(series) if known is not None]
     groups = Groups(len(members))
@@ -228,7 +236,7 @@ class _Fingerprint(msgspec.Struct):
     fingerprint: str = ""
 
 
-def _series(store: Store, members: Sequence[_Member]) -> list[behavioural.Series | None]:
+def _series(store: Store, members: Sequence[Member]) -> list[behavioural.Series | None]:
     """What each environment did, under the actions that most of them were given."""
     known: dict[tuple[str, str], dict[bytes, behavioural.Series]] = {}
     decoder = msgspec.json.Decoder(_Fingerprint)

@@ -14,7 +14,7 @@ import markdown_it
 import pytest
 import yaml
 
-from envcraft.corpus.export import Exporter, Order, hf
+from envcraft.corpus.export import Exporter, Order, shards
 from envcraft.corpus.export.hf import COLUMNS, DatasetExporter
 from envcraft.corpus.likeness import groups_of
 from envcraft.corpus.store import CorpusDamaged, Environment, Store, decode
@@ -47,8 +47,8 @@ def front(folder: Path) -> dict[str, Any]:
 def exported(corpus: Path, folder: Path) -> Path:
     """A data set of everything, in files and row groups that are small."""
     with pytest.MonkeyPatch.context() as patch, Store(corpus) as store:
-        patch.setattr(hf, "_ROWS", 20)
-        patch.setattr(hf, "_FILE", 40_000)
+        patch.setattr(shards, "_ROWS", 20)
+        patch.setattr(shards, "_FILE", 40_000)
         DatasetExporter().export(Order(store, folder, everything=True))
     return folder
 

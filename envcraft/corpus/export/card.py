@@ -14,7 +14,8 @@ from typing import Any
 
 from envcraft import __version__
 from envcraft.corpus.export import Exported
-from envcraft.corpus.export.hf import COLUMNS, SPLITS
+from envcraft.corpus.export.hf import COLUMNS
+from envcraft.corpus.export.shards import SPLITS
 from envcraft.corpus.likeness import Likeness
 from envcraft.corpus.report.data import NONE, Z95, Survey, entries
 from envcraft.corpus.store import Store
@@ -42,13 +43,14 @@ class Licences:
         self.said = one_line(said) if said and said.strip() else None
         self.found: Counter[str | None] = Counter()
 
-    def add(self, origin: dict[str, Any]) -> None:
-        """Count an environment's. Raises UsageError where the user says otherwise."""
+    def add(self, origin: dict[str, Any]) -> str | None:
+        """Count an environment's, and give it. Raises UsageError where the user says otherwise."""
         told = origin.get("licence") or origin.get("license")
         own = one_line(told) if isinstance(told, str) and told.strip() else None
         if own is not None and self.said is not None and own.lower() != self.said.lower():
             raise UsageError(f"--licence {self.said}, but the corpus says {own} of some: leave it out")
         self.found[self.said or own] += 1
+        return self.said or own
 
     @property
     def one(self) -> str | None:
@@ -109,18 +111,18 @@ def card(store: Store, contents: Contents) -> str:
     rules = {rule.code: rule.name for check in checks for rule in check.rules}
     words = {
         "FRONT": _front(contents),
-        "TITLE": _text(contents.title),
+        "TITLE": text(contents.title),
         "COUNT": f"{contents.rows.total():,}",
         "PASSED": f"{contents.passed:,}",
-        "SPLITS": _table(
+        "SPLITS": table(
             ("split", "environments", "groups"),
             [(name, contents.rows[name], len(contents.groups[name])) for name in SPLITS if contents.rows[name]],
         ),
-        "COLUMNS": "\n".join(["| column | type | what it has |", "|---|---|---|", *map(_column, COLUMNS)]),
+        "COLUMNS": columns(COLUMNS),
         "JUDGED": _left_out(contents),
         "LICENCE": _licence(contents.licences),
         "VERSION": __version__,
-        "SETTINGS": _table(
+        "SETTINGS": table(
             ("contract", "its digest", "rules", "budget", "seed", "sandbox", "image or libraries", "environments"),
             [(*row, count) for row, count in sorted(contents.settings.items(), key=lambda item: (-item[1], str(item)))],
         ),
@@ -138,16 +140,14 @@ def _front(contents: Contents) -> str:
     count = contents.rows.total()
     lines = [f"pretty_name: {json.dumps(one_line(contents.title))}"]
     if (licence := contents.licences.one) is not None:
-        known = _HUB.fullmatch(licence.lower()) is not None
-        lines.append(f"license: {licence.lower() if known else 'other'}")
-        lines += [] if known else [f"license_name: {json.dumps(licence)}"]
+        lines += licence_lines(licence)
     lines += [
         "task_categories:",
         "- reinforcement-learning",
         "tags:",
         *(f"- {tag}" for tag in ("reinforcement-learning-environments", "gymnasium", "code", "envcraft")),
         "size_categories:",
-        f"- {next((name for limit, name in _SIZES if count < limit), '10M<n<100M')}",
+        f"- {size_category(count)}",
         "configs:",
         "- config_name: default",
         "  data_files:",
@@ -156,6 +156,18 @@ def _front(contents: Contents) -> str:
         if contents.rows[split]:
             lines += [f"  - split: {split}", f"    path: data/{split}-*.parquet"]
     return "\n".join(lines)
+
+
+def licence_lines(licence: str) -> list[str]:
+    """A licence in the metadata of the Hub, by the name that this knows, if it does."""
+    if _HUB.fullmatch(licence.lower()):
+        return [f"license: {licence.lower()}"]
+    return ["license: other", f"license_name: {json.dumps(licence)}"]
+
+
+def size_category(count: int) -> str:
+    """The size of a data set of so many rows, as the Hub names it."""
+    return next((name for limit, name in _SIZES if count < limit), "10M<n<100M")
 
 
 def _left_out(contents: Contents) -> str:
@@ -167,11 +179,11 @@ def _left_out(contents: Contents) -> str:
 
 def _licence(licences: Licences) -> str:
     if licences.one is not None:
-        return f"The sources are licensed under {_text(licences.one)}, as the corpus or whoever exported it says."
+        return f"The sources are licensed under {text(licences.one)}, as the corpus or whoever exported it says."
     if set(licences.found) == {None}:
         return "None is stated for the sources: whoever made them decides."
     told = sorted((name or "none", count) for name, count in licences.found.items())
-    counts = ", ".join(f"{_text(name)} ({count:,})" for name, count in told)
+    counts = ", ".join(f"{text(name)} ({count:,})" for name, count in told)
     return f"There is not one for all. Stated are: {counts}. The column `origin` says it of each environment."
 
 
@@ -189,7 +201,7 @@ def _checks(survey: Survey) -> str:
         (row.name, row.judged, row.verdicts["pass"], _rate(row.rate), _interval(row.rate), row.verdicts["skip"])
         for row in survey.checks()
     ]
-    return _table(("check", "judged", "passed", "pass rate", "interval", "had nothing to say"), rows)
+    return table(("check", "judged", "passed", "pass rate", "interval", "had nothing to say"), rows)
 
 
 def _codes(survey: Survey, rules: dict[str, str]) -> str:
@@ -200,7 +212,7 @@ def _codes(survey: Survey, rules: dict[str, str]) -> str:
         rows.append((row.code, name, row.severity.value, row.environments, _rate(share), _interval(share)))
     if not rows:
         return "No check found anything."
-    return _table(("code", "rule", "severity", "environments", "share of those with a verdict", "interval"), rows)
+    return table(("code", "rule", "severity", "environments", "share of those with a verdict", "interval"), rows)
 
 
 def _copies(likeness: Likeness) -> str:
@@ -209,7 +221,7 @@ def _copies(likeness: Likeness) -> str:
         rows.append((name, layer.keyed, len(layer.clusters), sum(len(members) - 1 for members in layer.clusters)))
     extra = sum(len(cluster.members) - 1 for cluster in likeness.clusters)
     rows.append(("all layers", likeness.environments, len(likeness.clusters), extra))
-    return _table(("layer", "compared", "clusters", "environments beside the best of theirs"), rows)
+    return table(("layer", "compared", "clusters", "environments beside the best of theirs"), rows)
 
 
 def _rate(rate: Proportion) -> str:
@@ -225,7 +237,13 @@ def _column(column: tuple[str, str, str]) -> str:
     return f"| `{name}` | `{kind}` | {what} |"
 
 
-def _table(head: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
+def columns(told: Iterable[tuple[str, str, str]]) -> str:
+    """A table of columns, each with its type and what it has, in Markdown."""
+    return "\n".join(["| column | type | what it has |", "|---|---|---|", *map(_column, told)])
+
+
+def table(head: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
+    """A table in Markdown; values are text in it, whatever they look like."""
     lines = [_line(head), "|" + "---|" * len(head)]
     return "\n".join([*lines, *(_line([_cell(value) for value in row]) for row in rows)])
 
@@ -235,9 +253,9 @@ def _line(cells: Sequence[str]) -> str:
 
 
 def _cell(value: Any) -> str:
-    return "" if value is None else f"{value:,}" if isinstance(value, int) else _text(value)
+    return "" if value is None else f"{value:,}" if isinstance(value, int) else text(value)
 
 
-def _text(value: Any) -> str:
+def text(value: Any) -> str:
     """Text of a corpus, so that Markdown takes it for nothing else."""
     return re.sub(r"([\\`*_{}\[\]<>#|~&])", r"\\\1", one_line(value))

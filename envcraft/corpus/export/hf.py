@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import importlib.util
 import json
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from envcraft.corpus.export import Exported, Exporter, Order, fresh_folder
+from envcraft.corpus.export.shards import SPLITS, Shards
 from envcraft.errors import UsageError
 from envcraft.plugins import hookimpl
 from envcraft.reports import plural
@@ -22,8 +22,6 @@ if TYPE_CHECKING:
     from envcraft.corpus.export.card import Contents
 
 _NEEDED = ("pyarrow", "rensa")
-#: The splits, by the names that the Hub gives them.
-SPLITS = {"train": 0.8, "validation": 0.1, "test": 0.1}
 #: The columns, with their types and what they have.
 COLUMNS = (
     ("name", "string", "what the environment is called in the corpus, a path below a folder; unique"),
@@ -46,9 +44,6 @@ COLUMNS = (
     ("origin", "string", "JSON: what is known of where the environment comes from"),
     ("report", "string", "JSON: the whole verdict, with each finding's message, evidence and reproduction"),
 )
-#: A row group is written once it has so many rows or so many bytes of text; it is all that is kept in memory. After so
-#: many bytes another file is begun.
-_ROWS, _GROUP, _FILE = 500, 8 * 1024**2, 256 * 1024**2
 
 
 class DatasetExporter(Exporter):
@@ -66,7 +61,7 @@ class DatasetExporter(Exporter):
             found = likeness.clusters(order.store)
             groups, splits = _divided(order, likeness.grouped(order.store, found))
             contents = Contents(order.name or order.title, found, Licences(order.licence))
-            with _Files(folder / "data") as files:
+            with Shards(folder / "data", _schema()) as files:
                 for environment in order.environments():
                     # Another process may have added some in the meantime.
                     if environment.name in groups:
@@ -94,7 +89,7 @@ def _divided(order: Order, groups: list[list[str]]) -> tuple[dict[str, int], dic
     return numbers, {name: part for part, names in parts for name in names}
 
 
-def _write(order: Order, environment: Exported, group: int, split: str, files: _Files, contents: Contents) -> None:
+def _write(order: Order, environment: Exported, group: int, split: str, files: Shards, contents: Contents) -> None:
     """Write an environment's row, unless its source is no text."""
     try:
         # Not as Python reads it: a mark at the beginning belongs to the digest.
@@ -139,68 +134,6 @@ def _row(environment: Exported, source: str, group: int) -> dict[str, Any]:
         "origin": json.dumps(environment.public, sort_keys=True, ensure_ascii=False),
         "report": environment.report,
     }
-
-
-class _Files:
-    """The parquet files of all splits in `folder`, named as the Hub names them. Use as a context manager."""
-
-    def __init__(self, folder: Path) -> None:
-        folder.mkdir()
-        self._splits = {name: _Split(folder, name) for name in SPLITS}
-
-    def __enter__(self) -> _Files:
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, *rest: object) -> None:
-        for split in self._splits.values():
-            split.close(whole=kind is None)
-
-    def add(self, split: str, row: dict[str, Any]) -> None:
-        self._splits[split].add(row)
-
-
-class _Split:
-    """The parquet files of one split; none where it has no rows."""
-
-    def __init__(self, folder: Path, name: str) -> None:
-        self._folder, self._name = folder, name
-        self._schema = _schema()
-        self._rows: list[dict[str, Any]] = []
-        self._waiting = self._written = 0
-        self._paths: list[Path] = []
-        self._writer: Any = None
-
-    def add(self, row: dict[str, Any]) -> None:
-        self._rows.append(row)
-        self._waiting += sum(len(value) for value in row.values() if isinstance(value, str))
-        if len(self._rows) >= _ROWS or self._waiting >= _GROUP:
-            self._flush()
-
-    def close(self, whole: bool) -> None:
-        """Write what is left and give the files their names, if all went well."""
-        if whole:
-            self._flush()
-        if self._writer is not None:
-            self._writer.close()
-        for number, path in enumerate(self._paths):
-            path.rename(self._folder / f"{self._name}-{number:05}-of-{len(self._paths):05}.parquet")
-
-    def _flush(self) -> None:
-        import pyarrow
-        from pyarrow import parquet
-
-        if not self._rows:
-            return
-        if self._writer is not None and self._written >= _FILE:
-            self._writer.close()
-            self._writer, self._written = None, 0
-        if self._writer is None:
-            self._paths.append(self._folder / f"{self._name}-{len(self._paths)}.part")
-            self._writer = parquet.ParquetWriter(self._paths[-1], self._schema, compression="zstd")
-        self._writer.write_table(pyarrow.Table.from_pylist(self._rows, self._schema))
-        self._written += self._waiting
-        self._waiting = 0
-        self._rows.clear()
 
 
 def _schema() -> pyarrow.Schema:
