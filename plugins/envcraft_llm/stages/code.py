@@ -20,10 +20,7 @@ class Code(Stage):
 
     async def run(self, case: Case, bench: Workbench) -> Outcome:
         template = prompt(self.name)
-        messages = [
-            ("system", template.fill("System")),
-            ("user", template.fill("User", title=case.title, brief=case.brief)),
-        ]
+        messages = asked(case)
         text = ""
         for number in range(_TRIES):
             reply = await complete(case, bench, template, tuple(messages), self.name, 0)
@@ -35,6 +32,12 @@ class Code(Stage):
             messages += [("assistant", reply.text), ("user", template.fill("Again"))]
         begins = " ".join(text.split())[:80]
         return Outcome("failed", f"no code: nothing in the answer looks like an environment; it begins {begins!r}")
+
+
+def asked(case: Case) -> list[tuple[str, str]]:
+    """The request for the file of a brief."""
+    template = prompt(Code.name)
+    return [("system", template.fill("System")), ("user", template.fill("User", title=case.title, brief=case.brief))]
 
 
 async def complete(

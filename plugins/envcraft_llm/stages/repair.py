@@ -26,39 +26,23 @@ class Repair(Stage):
         case.attempts = [first]
         await bench.judge(case, first)
         bench.keep_attempt(case, first)
-        standing, why = first, ""
+        standing = first
         for number in range(1, REPAIRS + 1):
-            found = to_repair(standing.report)
-            if not found:
+            if not to_repair(standing.report):
                 return Outcome("passed", facts={"attempt": standing.number})
-            repaired = await self._repair(case, bench, standing, why, number)
+            repaired = await self._repair(case, bench, standing, number)
             if repaired is None:
-                why = "The answer before had no complete file in it."
                 continue
             await bench.judge(case, repaired)
             repaired.gutted = gutted(case.brief, first, standing, repaired)
             bench.keep_attempt(case, repaired)
-            why = ""
-            if repaired.gutted:
-                why = f"The repair before was refused, since it takes the game apart. {repaired.gutted}."
-            else:
+            if not repaired.gutted:
                 standing = repaired
         return _outcome(case, standing)
 
-    async def _repair(self, case: Case, bench: Workbench, standing: Attempt, why: str, number: int) -> Attempt | None:
+    async def _repair(self, case: Case, bench: Workbench, standing: Attempt, number: int) -> Attempt | None:
         """Ask for the next attempt; None where the answer has no file."""
-        template = prompt(self.name)
-        user = template.fill(
-            "User",
-            brief=case.brief,
-            source=standing.source.rstrip(),
-            findings=told(to_repair(standing.report), standing.source),
-            number=number,
-            of=REPAIRS,
-            refused=why,
-        )
-        messages = (("system", template.fill("System")), ("user", user))
-        reply = await complete(case, bench, template, messages, self.name, number)
+        reply = await complete(case, bench, prompt(self.name), asked(case, number), self.name, number)
         found = extraction.environment(reply.text)
         if found is None:
             return None
@@ -71,6 +55,34 @@ class Repair(Stage):
             )
         )
         return Attempt(number, found.source, found.name, diff, provenance=reply.provenance)
+
+
+def standing_before(case: Case, number: int) -> Attempt | None:
+    """The attempt that the one with this number repairs: the last before it that does not gut the game."""
+    return next((one for one in reversed(case.attempts) if one.number < number and not one.gutted), None)
+
+
+def asked(case: Case, number: int) -> tuple[tuple[str, str], ...]:
+    """The request for a repair: the attempt that stands, what was found in it, and what the answer before lacked."""
+    template = prompt(Repair.name)
+    standing = standing_before(case, number)
+    assert standing is not None
+    before = next((one for one in case.attempts if one.number == number - 1), None)
+    refused = ""
+    if before is None:
+        refused = "The answer before had no complete file in it."
+    elif before.gutted:
+        refused = f"The repair before was refused, since it takes the game apart. {before.gutted}."
+    user = template.fill(
+        "User",
+        brief=case.brief,
+        source=standing.source.rstrip(),
+        findings=told(to_repair(standing.report), standing.source),
+        number=number,
+        of=REPAIRS,
+        refused=refused,
+    )
+    return ("system", template.fill("System")), ("user", user)
 
 
 def _outcome(case: Case, standing: Attempt) -> Outcome:
