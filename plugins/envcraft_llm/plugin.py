@@ -1,4 +1,4 @@
-"""The commands and stages that generate."""
+"""The commands and stages that generate, and what they made as data to fine-tune models on."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import click
 from envcraft.plugins import hookimpl
 
 if TYPE_CHECKING:
+    from envcraft.corpus.export import Exporter
     from envcraft.generators import Generator
     from envcraft.stages import Stage
 
@@ -35,3 +36,10 @@ def envcraft_stages() -> list[Stage]:
     from .stages import STAGES
 
     return [stage() for stage in STAGES]
+
+
+@hookimpl
+def envcraft_exporters() -> list[Exporter]:
+    from .sft.exporter import SftExporter
+
+    return [SftExporter()]
