@@ -47,7 +47,6 @@ class Judges:
         self._plan = Plan([], contract, driver, checks, budget, lanes=max(cores() // self.workers, 1))
         self._threads = ThreadPoolExecutor(self.workers, "envcraft-judge")
         self._pool: Pool | None = None
-        self.under_way = 0
 
     def __enter__(self) -> Judges:
         return self
@@ -74,11 +73,7 @@ class Judges:
         if self._pool is None:
             self._pool = Pool(plan.driver, plan.limits, _SUBJECTS)
         work = functools.partial(_judged, plan, target, self._pool, look)
-        self.under_way += 1
-        try:
-            report, seen = await asyncio.get_running_loop().run_in_executor(self._threads, work)
-        finally:
-            self.under_way -= 1
+        report, seen = await asyncio.get_running_loop().run_in_executor(self._threads, work)
         if report.verdict is Verdict.ERROR:
             raise CouldNotJudge(f"{target.path} could not be judged: {report.reason}")
         return report, seen
