@@ -68,7 +68,7 @@ class Attempt(msgspec.Struct):
         source: the text of the file.
         env_class: which class of the file it is, "" where there is one.
         diff: from the attempt that it repairs, as a unified diff.
-        report: of all checks, None before it was judged.
+        report: of all checks, None before it was judged as this run judges.
         profile: what it does under play that is the same for all attempts, in numbers.
         gutted: how it passes by doing less than it was meant to, "" where it does not.
         provenance: which requests it comes from.
@@ -158,6 +158,10 @@ class Workbench(ABC):
     @abstractmethod
     def keep_attempt(self, case: Case, attempt: Attempt) -> None:
         """Add an attempt, or put it in the place of the one with its number."""
+
+    @abstractmethod
+    def drop_attempts(self, case: Case, number: int) -> None:
+        """Forget the attempts from this number on: what comes now takes their place."""
 
     @abstractmethod
     def keep_policy(self, case: Case, policy: PolicyTry) -> None:

@@ -15,13 +15,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import pytest
 from click.testing import CliRunner, Result
 from envcraft_llm.model import Answer, Model, ModelFailure, ModelStopped, Request
 from envcraft_llm.pipeline import options
 
 from envcraft.cli import cli
+from envcraft.corpus.history import History
 from envcraft.corpus.merge import merge
+from envcraft.corpus.settings import Settings
 from envcraft.corpus.store import Store
 from envcraft.corpus.verify import verify
 
@@ -153,6 +156,39 @@ def test_a_corpus_with_a_history_is_whole_and_can_be_merged(finished: Finished, 
         assert [*verify(other)] == []
     # But for the attempt that was damaged.
     assert contents(tmp_path / "other")["outcomes"] == contents(corpus)["outcomes"]
+
+
+def test_a_verdict_of_other_settings_counts_as_none(finished: Finished, tmp_path: Path) -> None:
+    with Store.create(tmp_path / "copy") as store, Store(finished.corpus) as source:
+        merge(store, source)
+        row = store.db.execute(
+            "SELECT contract, contract_sha256, rules, seed, budget, driver, image, checks FROM settings"
+        ).fetchone()
+        same = Settings(*row)
+        case = History(store, same).case(CONCEPTS[1].id)
+        assert case is not None
+        assert [attempt.report is None for attempt in case.attempts] == [False, False]
+        stricter = History(store, msgspec.structs.replace(same, seed=same.seed + 1))
+        again = stricter.case(CONCEPTS[1].id)
+        assert again is not None
+        assert [(attempt.report, attempt.profile) for attempt in again.attempts] == [(None, {}), (None, {})]
+        assert stricter.judged(again.attempts[1], again) is None
+        # Who only reads is told of all.
+        read = History(store).case(CONCEPTS[1].id)
+        assert read is not None
+        assert all(attempt.report for attempt in read.attempts)
+
+
+def test_a_repair_that_begins_again_leaves_no_later_attempt(finished: Finished, tmp_path: Path) -> None:
+    with Store.create(tmp_path / "copy") as store, Store(finished.corpus) as source:
+        merge(store, source)
+        history = History(store)
+        case = history.case(CONCEPTS[1].id)
+        assert case is not None
+        history.drop_attempts(case, 1)
+        left = history.case(CONCEPTS[1].id)
+        assert left is not None
+        assert [attempt.number for attempt in left.attempts] == [0]
 
 
 def test_a_second_run_does_nothing(finished: Finished) -> None:
