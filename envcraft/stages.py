@@ -43,6 +43,7 @@ class Question(msgspec.Struct, frozen=True):
         attempt: which attempt at the concept this is, from 0.
         schema: the JSON Schema that the answer should follow, None for text.
         prompt: the SHA-256 of the template that the messages were made from.
+        sample: tells apart questions that are otherwise the same, and are to be answered anew.
     """
 
     messages: tuple[tuple[str, str], ...]
@@ -50,6 +51,7 @@ class Question(msgspec.Struct, frozen=True):
     attempt: int = 0
     schema: dict[str, Any] | None = None
     prompt: str = ""
+    sample: int = 0
 
 
 class Reply(msgspec.Struct, frozen=True):

@@ -38,6 +38,7 @@ class Bench(Workbench):
             tuple(Message(role, text) for role, text in question.messages),  # type: ignore[arg-type]
             effort=self._effort,
             schema=question.schema,
+            sample=question.sample,
             stage=question.stage,
             concept=case.concept,
             attempt=question.attempt,

@@ -71,7 +71,8 @@ class Privileged(Stage):
         if not before and number:
             user = f"{user}\n\n{template.fill('Nothing')}"
         messages = (("system", template.fill("System")), ("user", user))
-        reply = await complete(case, bench, template, messages, self.name, number)
+        # The same words again may be asked for the third time, and the journal would give the same answer.
+        reply = await complete(case, bench, template, messages, self.name, number, sample=number)
         found = extraction.policy(reply.text)
         return ("" if found is None else found.source), reply.provenance
 

@@ -160,6 +160,14 @@ def test_an_answer_without_a_policy_is_a_policy_that_fails() -> None:
     assert about.policies[0].source == ""
 
 
+@pytest.mark.parametrize("answer", ["Hold left.\n", IDLE])
+def test_no_two_questions_for_a_policy_are_the_same(answer: str) -> None:
+    _, _, bench = privileged(answer)
+    assert len(bench.asked) == 4
+    assert len({(question.messages, question.sample) for question in bench.asked}) == 4
+    assert bench.asked[0].sample == 0
+
+
 @pytest.mark.parametrize(("code", "words"), [("EC801", "too hard: EC801"), ("EC802", "too easy: EC802")])
 def test_what_the_search_has_settled_is_not_played(code: str, words: str) -> None:
     outcome, _, bench = privileged(POLICY, found=code)
