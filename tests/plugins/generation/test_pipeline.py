@@ -18,6 +18,7 @@ from typing import Any
 import msgspec
 import pytest
 from click.testing import CliRunner, Result
+from envcraft_llm.endpoint import ModelChoice
 from envcraft_llm.model import Answer, Model, ModelFailure, ModelStopped, Request
 from envcraft_llm.pipeline import options
 
@@ -374,6 +375,52 @@ def test_a_policy_for_one_file(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) 
     assert "policy 0: wins 6 of 6" in result.stderr
     assert result.stdout == ""
     assert GAME.strip() in model.asked[0].messages[1].content
+
+
+@pytest.mark.parametrize("command", ["repair", "privileged"])
+def test_one_stage_asks_nobody_where_it_could_not_run_or_be_written(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, command: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("game.py").write_text(GAME)
+    model = _Model("nothing")
+    monkeypatch.setattr("envcraft_llm.pipeline.single.opened", lambda *_: (model, None))
+    given = [command, "game.py", "--base-url", "http://none", "--sandbox", "process"]
+    result = CliRunner().invoke(cli, [*given, "--output", "nowhere/out.py"])
+    assert (result.exit_code, "nowhere does not exist" in result.output) == (2, True)
+    for setting, words in (("sandbox = 'nothing'", "there is no sandbox"), ("require-isolation = 'odd'", "'odd'")):
+        Path("pyproject.toml").write_text(f"[tool.envcraft]\n{setting}\n")
+        result = CliRunner().invoke(cli, given[:4])
+        assert (result.exit_code, words in result.output) == (2, True), result.output
+    assert not model.asked
+
+
+def test_without_anybody_who_answers_nothing_is_written(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delenv("OPENAI_BASE_URL", raising=False)
+    given = ["generate", "--concepts", "2", "--corpus", "corpus", "--sandbox", "process"]
+    for more, words in (([], "no endpoint is named"), (["--offline"], "nothing to answer from")):
+        result = CliRunner().invoke(cli, [*given, *more])
+        assert (result.exit_code, words in result.output) == (2, True), result.output
+    assert not [*tmp_path.iterdir()]
+
+
+@pytest.mark.parametrize(
+    ("model", "base_url", "demo"),
+    [
+        ("demo", "http://127.0.0.1:8000/v1", True),
+        ("demo:7b", "http://127.0.0.1:8000/v1", False),
+        ("demo:7b", "", True),
+        ("demo:folder", "http://127.0.0.1:8000/v1", True),
+        ("demonstration", "", False),
+    ],
+)
+def test_a_model_that_is_called_like_the_demo(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, model: str, base_url: str, demo: bool
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("folder").mkdir()
+    assert options.is_demo(ModelChoice(model=model, base_url=base_url)) is demo
 
 
 def test_a_demo_of_other_concepts_is_refused(tmp_path: Path, generate: Generate) -> None:
