@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 from envcraft import __version__
 from envcraft.corpus.history import History
+from envcraft.errors import EnvCraftError
 from envcraft.stages import Attempt, Case, Played, PolicyTry, Question, Reply, Workbench
 from envcraft.target import Target
 from envcraft_llm.findings import to_repair
@@ -17,6 +19,10 @@ from .judging import Judges
 
 #: Of the name of an environment, so many letters are its title's.
 _TITLE = 40
+
+
+class NotKept(EnvCraftError):
+    """The corpus cannot be written to."""
 
 
 class Bench(Workbench):
@@ -69,7 +75,8 @@ class Bench(Workbench):
         result = ""
         if attempt.report is not None:
             result = "gutted" if attempt.gutted else "faulty" if to_repair(attempt.report) else "sound"
-        self._history.keep_attempt(case, attempt, result)
+        with _kept():
+            self._history.keep_attempt(case, attempt, result)
 
     def drop_attempts(self, case: Case, number: int) -> None:
         case.attempts = [attempt for attempt in case.attempts if attempt.number < number]
@@ -89,8 +96,19 @@ class Bench(Workbench):
             "envcraft": __version__,
             "generated": attempt.provenance,
         }
-        self._history.publish(case, attempt, name, origin)
+        with _kept():
+            self._history.publish(case, attempt, name, origin)
         return name
+
+
+@contextlib.contextmanager
+def _kept() -> Iterator[None]:
+    """Tell what the disk refuses apart from what a stage does with files of its own. Raises NotKept."""
+    try:
+        yield
+    except OSError as error:
+        where = error.filename or "the corpus"
+        raise NotKept(f"{where} cannot be written: {error.strerror or error}") from None
 
 
 def file_name(case: Case) -> str:

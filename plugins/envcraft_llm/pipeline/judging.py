@@ -73,7 +73,10 @@ class Judges:
         if self._pool is None:
             self._pool = Pool(plan.driver, plan.limits, _SUBJECTS)
         work = functools.partial(_judged, plan, target, self._pool, look)
-        report, seen = await asyncio.get_running_loop().run_in_executor(self._threads, work)
+        try:
+            report, seen = await asyncio.get_running_loop().run_in_executor(self._threads, work)
+        except OSError as error:
+            raise CouldNotJudge(f"{target.path} could not be judged: {error}") from None
         if report.verdict is Verdict.ERROR:
             raise CouldNotJudge(f"{target.path} could not be judged: {report.reason}")
         return report, seen

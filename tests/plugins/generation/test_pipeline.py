@@ -28,6 +28,7 @@ from envcraft.corpus.merge import merge
 from envcraft.corpus.settings import Settings
 from envcraft.corpus.store import Store
 from envcraft.corpus.verify import verify
+from envcraft.errors import EnvCraftError
 
 from .content import CONCEPTS, GAME, POLICY, UNSEEDED, small, verdict, write
 
@@ -302,8 +303,10 @@ def told(monkeypatch: pytest.MonkeyPatch, model: Model, corpus: Path, *more: str
         (ModelFailure("refused", "I cannot help with that"), "refused"),
         (ModelFailure("context-overflow", "too long"), "context-overflow"),
         (ValueError("not foreseen"), "the stage broke"),
+        (FileNotFoundError(2, "No such file", "a list of its own"), "the stage broke"),
+        (EnvCraftError("a sentence of the stage"), "the stage broke"),
     ],
-    ids=["nothing", "garbage", "a game for a brief", "refused", "overflow", "breaks"],
+    ids=["nothing", "garbage", "a game for a brief", "refused", "overflow", "breaks", "a file", "a sentence"],
 )
 def test_a_model_that_is_no_good_fails_every_concept(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, answer: str | Exception, reason: str
@@ -321,6 +324,16 @@ def test_a_model_that_stops_ends_the_run_and_fails_nothing(monkeypatch: pytest.M
     assert result.exit_code == 3
     assert "the endpoint is down: start it" in result.output
     assert not [said for said in outcomes(tmp_path / "corpus").values() if said[0] == "failed"]
+
+
+def test_a_corpus_that_cannot_be_written_ends_the_run(generate: Generate, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*_: object) -> str:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(Store, "put", full)
+    result = generate()
+    assert result.exit_code == 3
+    assert "the corpus cannot be written: No space left on device" in result.output
 
 
 def test_what_the_network_failed_is_asked_again(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
