@@ -94,7 +94,12 @@ class BatchModel(Model):
             return
         self._resumed = True
         for name in batch_files.outstanding(self._folder):
-            self._sent.update(batch_files.known(self._folder, name))
+            try:
+                self._sent.update(batch_files.known(self._folder, name))
+            except EnvCraftError as error:
+                # None is asked twice because one file of another run cannot be read.
+                self.stop(self._broken(error))
+                return
             self._begin(name, earlier=True)
 
     def _collect(self, request: Request) -> None:

@@ -19,10 +19,7 @@ from .judging import CouldNotJudge
 #: Failures that are not of the concept: a later run tries again.
 PASSING = frozenset({"disconnected", "timeout", "server-error", "garbage", "broken"})
 #: What is of the model, the sandbox or the corpus, whichever stage meets it.
-_ENDING = (
-    *(ModelStopped, CouldNotJudge, SandboxUnavailable),
-    *(NotKept, CorpusBusy, CorpusDamaged, sqlite3.Error),
-)
+_ENDING = (ModelStopped, CouldNotJudge, SandboxUnavailable, NotKept, CorpusBusy, CorpusDamaged, sqlite3.Error)
 
 
 @dataclass
