@@ -243,7 +243,7 @@ def merge(corpus: Path, other: Path) -> None:
     click.echo(f"{', '.join(found[:-1])} and {found[-1]} added")
     if merged.concepts:
         click.echo(
-            f"what models answered stays in {other}: for concepts that have not come to their end, it is asked anew here",
+            f"what models answered stays in {other}: for concepts not at their end, it is asked anew here",
             err=True,
         )
 

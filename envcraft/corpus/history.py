@@ -148,9 +148,7 @@ class History:
 
     def drop_attempts(self, case: Case, number: int) -> None:
         """Forget the attempts from this number on."""
-        self.store.db.execute(
-            "DELETE FROM attempts WHERE concept = ? AND attempts.number >= ?", (case.concept, number)
-        )
+        self.store.db.execute("DELETE FROM attempts WHERE concept = ? AND attempts.number >= ?", (case.concept, number))
 
     def keep_policy(self, case: Case, policy: PolicyTry) -> None:
         self.store.db.execute(

@@ -41,7 +41,7 @@ class Connection:
 
 
 def check(choice: ModelChoice) -> None:
-    """Whether an endpoint can be asked at all. Raises UsageError where the client is not installed, or none is named."""
+    """Look whether an endpoint can be asked. Raises UsageError where the client is not installed, or none is named."""
     if not choice.base_url:
         raise UsageError(
             "no endpoint is named: give --base-url, such as http://127.0.0.1:8000/v1, or set base-url in "
