@@ -205,12 +205,15 @@ def test_killed_at_any_moment_it_comes_to_the_same(finished: Finished, tmp_path:
     content, whole = finished.content, finished.corpus
     rng = random.Random(7)
     program = [sys.executable, "-m", "envcraft", *command(content, tmp_path / "corpus")]
+    killed = 0
     for _ in range(KILLS):
         with subprocess.Popen(program, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as run:
             try:
                 run.wait(rng.uniform(0.1, 1.0) * finished.seconds)
             except subprocess.TimeoutExpired:
                 run.send_signal(signal.SIGKILL)
+                killed += 1
+    assert killed, "every run came to its end before it was to be killed"
     last = subprocess.run(program, capture_output=True, text=True, timeout=300)
     assert last.returncode == 0, last.stderr
     assert contents(tmp_path / "corpus") == contents(whole)
