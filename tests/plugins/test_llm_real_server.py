@@ -51,7 +51,9 @@ class Served:
     def kill(self) -> None:
         """End at once."""
         self._process.kill()
-        self._process.communicate()
+        self._process.wait()
+        assert self._process.stdout is not None
+        self._process.stdout.close()
 
 
 @pytest.fixture(scope="module")
@@ -113,6 +115,17 @@ def test_a_prompt_that_is_too_long_overflows(served: Served, tmp_path: Path) -> 
     using(served, tmp_path, use)
 
 
+def test_the_pipeline_counts_every_concept_that_such_a_model_fails(served: Served, tmp_path: Path) -> None:
+    given = ["generate", "--concepts", "2", "--until", "code", "--corpus", str(tmp_path / "corpus")]
+    result = CliRunner().invoke(cli, [*given, "--base-url", served.url, "--model", "tiny", "--sandbox", "process"])
+    assert result.exit_code == 1, result.output
+    with sqlite3.connect(tmp_path / "corpus" / "corpus.sqlite") as db:
+        said = db.execute("SELECT stage, result, reason FROM outcomes WHERE stage != 'concepts'").fetchall()
+    assert [one[:2] for one in said] == [("briefs", "failed")] * 2
+    assert all(reason.startswith("context-overflow: ") for _, _, reason in said)
+    assert "| briefs | 2 | 0 | 0 | 2 |" in result.stdout
+
+
 def test_a_server_that_is_killed_and_started_again_answers_the_rest(served: Served, tmp_path: Path) -> None:
     requests = [request(f"game {number}", max_tokens=200) for number in range(12)]
 
@@ -148,14 +161,3 @@ def test_a_server_that_is_killed_and_started_again_answers_the_rest(served: Serv
 
     assert asyncio.run(replayed()) == first
     assert len(set(first)) > 6
-
-
-def test_the_pipeline_counts_every_concept_that_such_a_model_fails(served: Served, tmp_path: Path) -> None:
-    given = ["generate", "--concepts", "2", "--until", "code", "--corpus", str(tmp_path / "corpus")]
-    result = CliRunner().invoke(cli, [*given, "--base-url", served.url, "--model", "tiny", "--sandbox", "process"])
-    assert result.exit_code == 1, result.output
-    with sqlite3.connect(tmp_path / "corpus" / "corpus.sqlite") as db:
-        said = db.execute("SELECT stage, result, reason FROM outcomes WHERE stage != 'concepts'").fetchall()
-    assert [one[:2] for one in said] == [("briefs", "failed")] * 2
-    assert all(reason.startswith("context-overflow: ") for _, _, reason in said)
-    assert "| briefs | 2 | 0 | 0 | 2 |" in result.stdout
