@@ -100,15 +100,18 @@ class Configured(click.Command):
 
 
 class Sharing(click.Command):
-    """A command that takes from ``[tool.envcraft]`` what environments promise and where they run; the other settings
-    are those of judging.
+    """A command that takes from ``[tool.envcraft]`` what environments promise, where they run and how far apart; the
+    other settings are those of judging.
     """
 
     def make_context(
         self, info_name: str | None, args: list[str], parent: click.Context | None = None, **extra: Any
     ) -> click.Context:
         _, table = settings(Path.cwd())
-        extra["default_map"] = {name: table[name] for name in ("contract", "sandbox", "runtime") if name in table}
+        shared = ("contract", "sandbox", "runtime", "require_isolation")
+        extra["default_map"] = {
+            name: value for key, value in table.items() if (name := key.replace("-", "_")) in shared
+        }
         return super().make_context(info_name, args, parent, **extra)
 
 

@@ -43,6 +43,7 @@ class Question(msgspec.Struct, frozen=True):
         attempt: which attempt at the concept this is, from 0.
         schema: the JSON Schema that the answer should follow, None for text.
         prompt: the SHA-256 of the template that the messages were made from.
+        sample: tells apart questions that are otherwise the same, and are to be answered anew.
     """
 
     messages: tuple[tuple[str, str], ...]
@@ -50,6 +51,7 @@ class Question(msgspec.Struct, frozen=True):
     attempt: int = 0
     schema: dict[str, Any] | None = None
     prompt: str = ""
+    sample: int = 0
 
 
 class Reply(msgspec.Struct, frozen=True):
@@ -68,7 +70,7 @@ class Attempt(msgspec.Struct):
         source: the text of the file.
         env_class: which class of the file it is, "" where there is one.
         diff: from the attempt that it repairs, as a unified diff.
-        report: of all checks, None before it was judged.
+        report: of all checks, None before it was judged as this run judges.
         profile: what it does under play that is the same for all attempts, in numbers.
         gutted: how it passes by doing less than it was meant to, "" where it does not.
         provenance: which requests it comes from.
@@ -158,6 +160,10 @@ class Workbench(ABC):
     @abstractmethod
     def keep_attempt(self, case: Case, attempt: Attempt) -> None:
         """Add an attempt, or put it in the place of the one with its number."""
+
+    @abstractmethod
+    def drop_attempts(self, case: Case, number: int) -> None:
+        """Forget the attempts from this number on: what comes now takes their place."""
 
     @abstractmethod
     def keep_policy(self, case: Case, policy: PolicyTry) -> None:

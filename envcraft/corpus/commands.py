@@ -224,7 +224,9 @@ def verify(ctx: click.Context, corpus: Path, repair: bool) -> None:
 @_CORPUS
 @click.argument("other", metavar="OTHER", type=click.Path(path_type=Path))
 def merge(corpus: Path, other: Path) -> None:
-    """Take over the environments and verdicts of another corpus."""
+    """Take over the environments and verdicts of another corpus, and how they came about. What models answered, its
+    journal, stays there.
+    """
     from envcraft.corpus.merge import merge as take
 
     with Store(corpus, write=True) as store, Store(other) as source:
@@ -239,6 +241,11 @@ def merge(corpus: Path, other: Path) -> None:
     found = [plural(merged.added, "environment"), plural(merged.verdicts, "verdict")]
     found += [plural(merged.concepts, "concept")] if merged.concepts else []
     click.echo(f"{', '.join(found[:-1])} and {found[-1]} added")
+    if merged.concepts:
+        click.echo(
+            f"what models answered stays in {other}: for concepts not at their end, it is asked anew here",
+            err=True,
+        )
 
 
 @click.command()

@@ -28,7 +28,9 @@ class History:
     """The tables of generation in an open corpus. Methods that keep something raise OSError, sqlite3.Error."""
 
     def __init__(self, store: Store, settings: Settings | None = None) -> None:
-        """`settings` are those of the verdicts that are kept."""
+        """`settings` are those of the verdicts that are kept, and what was judged otherwise counts as not judged; with
+        None any verdict is read, and none is kept.
+        """
         self.store = store
         self._settings = None if settings is None else store.settings(settings)
 
@@ -144,6 +146,10 @@ class History:
                 ),
             )
 
+    def drop_attempts(self, case: Case, number: int) -> None:
+        """Forget the attempts from this number on."""
+        self.store.db.execute("DELETE FROM attempts WHERE concept = ? AND attempts.number >= ?", (case.concept, number))
+
     def keep_policy(self, case: Case, policy: PolicyTry) -> None:
         self.store.db.execute(
             "INSERT OR REPLACE INTO policies VALUES (?, ?, ?, ?, ?, ?, ?)",
@@ -188,8 +194,9 @@ class History:
     def _attempts(self, concept: str) -> list[Attempt]:
         found = self.store.db.execute(
             "SELECT number, attempts.source, attempts.class, diff, report, profile, gutted, provenance FROM attempts "
-            "LEFT JOIN verdicts ON verdicts.id = attempts.verdict WHERE concept = ? ORDER BY number",
-            (concept,),
+            "LEFT JOIN verdicts ON verdicts.id = attempts.verdict AND (settings = ?2 OR ?2 IS NULL) "
+            "WHERE concept = ?1 ORDER BY number",
+            (concept, self._settings),
         ).fetchall()
         return [
             Attempt(
@@ -198,7 +205,8 @@ class History:
                 env_class,
                 diff,
                 None if report is None else decode(report),
-                json.loads(profile),
+                # As much was played as the settings say.
+                {} if report is None else json.loads(profile),
                 gutted,
                 json.loads(provenance),
             )

@@ -221,7 +221,7 @@ def _parts(nodes: Iterable[ast.AST]) -> frozenset[int]:
     """The indices by which something that is called an action is read; all three where it is taken apart as a whole."""
     found: set[int] = set()
     for node in nodes:
-        if isinstance(node, ast.Subscript) and "act" in ast.unparse(node.value).lower():
+        if isinstance(node, ast.Subscript) and _is_action(node.value):
             index = node.slice
             if isinstance(index, ast.Constant) and type(index.value) is int:
                 found.add(index.value % 3)
@@ -232,10 +232,18 @@ def _parts(nodes: Iterable[ast.AST]) -> frozenset[int]:
             and isinstance(node.targets[0], ast.Tuple)
             and len(node.targets[0].elts) == 3
             and not isinstance(node.value, ast.Tuple)
-            and "act" in ast.unparse(node.value).lower()
+            and _is_action(node.value)
         ):
             found.update(number for number, part in enumerate(node.targets[0].elts) if not _ignored(part))
     return frozenset(found)
+
+
+def _is_action(node: ast.expr) -> bool:
+    """Whether something is called an action. What is nested too deeply to be written out is none."""
+    try:
+        return "act" in ast.unparse(node).lower()
+    except RecursionError:
+        return False
 
 
 def _ignored(node: ast.expr) -> bool:

@@ -30,10 +30,6 @@ class Prompt:
         """One part with its names filled in, each once: what is filled in is not looked at again. Raises KeyError."""
         return _NAME.sub(lambda found: str(values[found[1]]), self.parts[part])
 
-    def names(self, part: str) -> set[str]:
-        """The names that a part has."""
-        return set(_NAME.findall(self.parts[part]))
-
 
 @cache
 def prompt(stage: str) -> Prompt:

@@ -7,6 +7,7 @@ import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
+from urllib.parse import parse_qs
 
 import pytest
 from envcraft_llm.endpoint import ModelChoice, OpenedModel, batch, batch_files, open_model
@@ -68,7 +69,13 @@ class Batches(Loopback):
             self.batches.append({"id": str(len(self.batches)), "polls": 0, "status": "validating", **told})
             await status(200, self.batches[-1])(writer, call)
         elif call["path"].startswith("batches?"):
-            await status(200, {"object": "list", "data": self.batches})(writer, call)
+            # The newest first, in pages.
+            query = parse_qs(call["path"].partition("?")[2])
+            listed = self.batches[::-1]
+            begin = 1 + [one["id"] for one in listed].index(query["after"][0]) if "after" in query else 0
+            end = begin + int(query["limit"][0])
+            page = {"object": "list", "data": listed[begin:end], "has_more": end < len(listed)}
+            await status(200, page)(writer, call)
         else:
             found = self.batches[int(call["path"].split("/")[1])]
             found["polls"] += 1
@@ -146,7 +153,8 @@ def test_what_a_batch_leaves_out_is_asked_again_and_not_for_ever(tmp_path: Path)
     assert [len(lines) for lines in server.files] == [2, 1, 1]
 
 
-def test_a_later_run_goes_on_with_a_batch_that_is_sent(tmp_path: Path) -> None:
+@pytest.mark.parametrize("others", [0, 120])
+def test_a_later_run_goes_on_with_a_batch_that_is_sent(tmp_path: Path, others: int) -> None:
     server = Batches(polls=1000)
 
     async def ended() -> None:
@@ -161,9 +169,11 @@ def test_a_later_run_goes_on_with_a_batch_that_is_sent(tmp_path: Path) -> None:
     asyncio.run(ended())
     assert len(batch_files.outstanding(tmp_path / "batches")) == 1
     server._polls = 0
+    for number in range(1, others + 1):
+        server.batches.append({"id": str(number), "polls": 0, "status": "completed", "metadata": {}})
     assert run(server, tmp_path, request("q"), request("another")) == ["to q", "to another"]
     assert [len(lines) for lines in server.files] == [1, 1]
-    assert len(server.batches) == 2
+    assert len(server.batches) == 2 + others
 
 
 def test_without_the_interface_the_files_are_answered_by_hand(tmp_path: Path) -> None:
@@ -191,6 +201,78 @@ def test_a_batch_that_failed_and_a_file_that_is_none_stop_the_run(tmp_path: Path
     (tmp_path / "batches" / f"{name}.output.jsonl").write_text("{}\n")
     with pytest.raises(ModelStopped, match=r"output\.jsonl, line 1"):
         run(server, tmp_path, request("q"))
+
+
+@pytest.mark.parametrize(
+    ("code", "message"), [(401, "no such key: sk-batch-0123456789"), (402, "pay"), (429, "insufficient_quota")]
+)
+def test_one_line_that_stops_the_run_loses_no_other(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, code: int, message: str
+) -> None:
+    monkeypatch.setenv("OPENAI_API_KEY", "sk-batch-0123456789")
+
+    def answering(line: dict[str, Any]) -> dict[str, Any] | None:
+        if line["body"]["messages"][-1]["content"] != "bad":
+            return well(line)
+        return {
+            "custom_id": line["custom_id"],
+            "response": {"status_code": code, "body": {"error": {"message": message}}},
+        }
+
+    asked = [request(text) for text in ("first", "bad", "last")]
+    with pytest.raises(ModelStopped, match="the next run asks again") as stopped:
+        run(Batches(answering), tmp_path, *asked)
+    assert "sk-batch" not in str(stopped.value)
+    assert not [path for path in (tmp_path / "batches").iterdir() if b"sk-batch" in path.read_bytes()]
+    server = Batches()
+    assert run(server, tmp_path, *asked) == ["to first", "to bad", "to last"]
+    assert [len(lines) for lines in server.files] == [1]
+
+
+def test_a_line_that_is_none_loses_no_other(tmp_path: Path) -> None:
+    asked = [request(text) for text in ("whole", "torn")]
+    with pytest.raises(ModelStopped, match="takes no batches"):
+        run(Loopback(says("never asked")), tmp_path, *asked)
+    (name,) = batch_files.outstanding(tmp_path / "batches")
+    lines = [json.loads(line) for line in (tmp_path / "batches" / f"{name}.input.jsonl").read_text().splitlines()]
+    told = [json.dumps(well(line)) for line in lines]
+    (tmp_path / "batches" / f"{name}.output.jsonl").write_text(f"{told[0]}\n{told[1][:40]}")
+    server = Batches()
+    assert run(server, tmp_path, *asked) == ["to whole", "to torn"]
+    assert [line["custom_id"] for lines in server.files for line in lines] == [asked[1].key()]
+
+
+def test_whatever_goes_wrong_wakes_those_who_wait(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def odd(*_: object) -> None:
+        raise LookupError("not foreseen")
+
+    monkeypatch.setattr(batch_files, "read_output", odd)
+
+    async def using() -> None:
+        async with Batches() as server:
+            model = open_model(ModelChoice(base_url=server.url, batch=True), tmp_path)
+            try:
+                await asyncio.wait_for(model.ask(request("q")), 10)
+            finally:
+                await model.close()
+
+    with pytest.raises(ModelStopped, match="LookupError: not foreseen"):
+        asyncio.run(using())
+
+
+def test_a_batch_whose_making_was_not_confirmed_is_not_made_twice(tmp_path: Path) -> None:
+    class Dropping(Batches):
+        async def _batches(self, writer: asyncio.StreamWriter, call: dict[str, Any]) -> None:
+            if call["method"] == "POST" and not self.batches:
+                told = json.loads(call["data"])
+                self.batches.append({"id": "0", "polls": 0, "status": "validating", **told})
+                writer.transport.abort()
+                return
+            await super()._batches(writer, call)
+
+    server = Dropping()
+    assert run(server, tmp_path, request("q")) == ["to q"]
+    assert len(server.batches) == 1
 
 
 def test_files_are_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -13,6 +13,7 @@ import msgspec
 import pytest
 from envcraft_llm.endpoint import ModelChoice, OpenedModel, accounts, faults, open_model
 from envcraft_llm.endpoint.accounts import BudgetSpent
+from envcraft_llm.endpoint.pace import Pace
 from envcraft_llm.endpoint.settings import Price
 from envcraft_llm.model import Answer, Message, ModelFailure, ModelStopped, Request
 
@@ -394,6 +395,45 @@ def test_retry_after_is_waited_for_by_all() -> None:
     played(server, use)
     before, *after = server.times
     assert min(after) - before >= 0.4
+
+
+def test_who_waits_for_the_endpoint_ends_with_the_run() -> None:
+    server = Loopback(error(429, "slow", retry_after="60"))
+
+    async def use(model: OpenedModel) -> None:
+        asking = [asyncio.create_task(model.ask(request(str(number)))) for number in range(4)]
+        while not model.accounts.of("code").retries:
+            await asyncio.sleep(0.01)
+        asking.append(asyncio.create_task(model.ask(request("one that was not sent"))))
+        await asyncio.sleep(0.05)
+        await asyncio.wait_for(model.close(), 5)
+        for task in asking:
+            with pytest.raises(ModelStopped, match="the run has ended"):
+                await task
+
+    async def run() -> None:
+        async with server:
+            await use(open_model(choice(server), None))
+
+    asyncio.run(run())
+    assert len(server.asked) <= 4
+
+
+def test_a_place_whose_waiter_was_cancelled_goes_to_the_next() -> None:
+    async def run() -> None:
+        pace = Pace(1, 1)
+        await pace.enter()
+        cancelled, next_one = (asyncio.create_task(pace.enter()) for _ in range(2))
+        await asyncio.sleep(0)
+        cancelled.cancel()
+        # Before the cancelled one has come to hear of it.
+        pace.leave()
+        with pytest.raises(asyncio.CancelledError):
+            await cancelled
+        await asyncio.wait_for(next_one, 1)
+        assert pace.under_way == 1
+
+    asyncio.run(run())
 
 
 @pytest.mark.parametrize(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import socket
+import sqlite3
 import subprocess
 import sys
 from collections.abc import Awaitable, Callable, Iterator
@@ -12,9 +13,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from click.testing import CliRunner
 from envcraft_llm.endpoint import ModelChoice, OpenedModel, open_model
 from envcraft_llm.model import Message, ModelFailure, ModelStopped, Request
 
+from envcraft.cli import cli
 from tests.plugins import tiny_model
 
 pytest.importorskip("xllamacpp", reason="needs the wheel xllamacpp, which is not for every machine")
@@ -110,6 +113,17 @@ def test_a_prompt_that_is_too_long_overflows(served: Served, tmp_path: Path) -> 
         assert failed.value.kind == "context-overflow"
 
     using(served, tmp_path, use)
+
+
+def test_the_pipeline_counts_every_concept_that_such_a_model_fails(served: Served, tmp_path: Path) -> None:
+    given = ["generate", "--concepts", "2", "--until", "code", "--corpus", str(tmp_path / "corpus")]
+    result = CliRunner().invoke(cli, [*given, "--base-url", served.url, "--model", "tiny", "--sandbox", "process"])
+    assert result.exit_code == 1, result.output
+    with sqlite3.connect(tmp_path / "corpus" / "corpus.sqlite") as db:
+        said = db.execute("SELECT stage, result, reason FROM outcomes WHERE stage != 'concepts'").fetchall()
+    assert [one[:2] for one in said] == [("briefs", "failed")] * 2
+    assert all(reason.startswith("context-overflow: ") for _, _, reason in said)
+    assert "| briefs | 2 | 0 | 0 | 2 |" in result.stdout
 
 
 def test_a_server_that_is_killed_and_started_again_answers_the_rest(served: Served, tmp_path: Path) -> None:

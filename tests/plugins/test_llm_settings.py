@@ -8,6 +8,7 @@ import click
 import pytest
 from click.testing import CliRunner
 from envcraft_llm.endpoint import ModelChoice, model_options, open_model
+from envcraft_llm.endpoint.connection import shown_address
 
 from envcraft.cli import cli
 from envcraft.errors import UsageError
@@ -136,3 +137,16 @@ def test_no_endpoint_and_no_journal_for_batches_are_wrong_use(here: Path) -> Non
     with pytest.raises(UsageError, match="batches need a journal"):
         open_model(resolved("--batch", "--base-url", "http://127.0.0.1:9/v1"), None)
     assert not list(here.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("address", "shown"),
+    [
+        ("http://127.0.0.1:8000/v1", "http://127.0.0.1:8000/v1"),
+        ("https://me:sec@ret@host/v1", "https://host/v1"),
+        ("https://host/v1?key=secret", "https://host/v1"),
+        ("https://[secret", "the address of --base-url"),
+    ],
+)
+def test_an_address_is_shown_without_what_is_secret_in_it(address: str, shown: str) -> None:
+    assert shown_address(address) == shown

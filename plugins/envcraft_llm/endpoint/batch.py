@@ -94,7 +94,12 @@ class BatchModel(Model):
             return
         self._resumed = True
         for name in batch_files.outstanding(self._folder):
-            self._sent.update(batch_files.known(self._folder, name))
+            try:
+                self._sent.update(batch_files.known(self._folder, name))
+            except EnvCraftError as error:
+                # None is asked twice because one file of another run cannot be read.
+                self.stop(self._broken(error))
+                return
             self._begin(name, earlier=True)
 
     def _collect(self, request: Request) -> None:
@@ -106,8 +111,8 @@ class BatchModel(Model):
     def _send(self) -> None:
         try:
             names = batch_files.write_batches(self._unsent.values(), self._folder, self._refused)
-        except EnvCraftError as error:
-            self.stop(ModelStopped(str(error)))
+        except Exception as error:
+            self.stop(self._broken(error))
             return
         self._sent.update(self._unsent)
         self._unsent.clear()
@@ -126,10 +131,16 @@ class BatchModel(Model):
             if not output.exists():
                 await self._answered(name, output, earlier)
             self._take(name, output)
-        except ModelStopped as stopped:
-            self.stop(stopped)
-        except (OSError, EnvCraftError) as error:
-            self.stop(ModelStopped(str(error)))
+        except Exception as error:
+            # Whatever it is: nobody else would wake those who wait.
+            self.stop(self._broken(error))
+
+    def _broken(self, error: Exception) -> ModelStopped:
+        """An error as what ends the run."""
+        if isinstance(error, ModelStopped):
+            return error
+        said = str(error) if isinstance(error, OSError | EnvCraftError) else f"{type(error).__name__}: {error}"
+        return ModelStopped(self._connection.plain(said))
 
     async def _answered(self, name: str, output: Path, earlier: bool) -> None:
         """Send a batch, unless it is, and fetch what comes of it. Raises ModelStopped and OSError."""
@@ -139,35 +150,58 @@ class BatchModel(Model):
             sent = await self._call(
                 name, lambda: calls.files.create(file=self._folder / f"{name}{batch_files.INPUT}", purpose="batch")
             )
-            batch = await self._call(
-                name,
-                lambda: calls.batches.create(
-                    input_file_id=sent.id,
-                    endpoint="/v1/chat/completions",
-                    completion_window="24h",
-                    metadata={"envcraft": name},
-                ),
-            )
+            batch = await self._create(name, sent.id)
         while batch.status not in _ENDED:
             await asyncio.sleep(POLL)
             batch = await self._call(name, functools.partial(calls.batches.retrieve, batch.id))
-        written = b""
+        # The key is in nothing that lies about.
+        written = ""
         for file in filter(None, (batch.output_file_id, batch.error_file_id)):
             content = await self._call(name, functools.partial(calls.files.content, file))
-            written += content.content.strip() + b"\n"
+            written += self._connection.plain(content.content.decode("utf-8", "replace")).strip() + "\n"
         if not written.strip() and batch.status in ("failed", "cancelled"):
-            raise ModelStopped(f"the batch {batch.id} ended as {batch.status}: {shown(str(batch.errors))}")
+            said = shown(self._connection.plain(str(batch.errors)))
+            raise ModelStopped(f"the batch {batch.id} ended as {batch.status}: {said}")
         unfinished = output.with_name(f"{output.name}.part")
-        unfinished.write_bytes(written)
+        unfinished.write_text(written, "utf-8", newline="\n")
         unfinished.replace(output)
 
+    async def _create(self, name: str, file: str) -> Any:
+        """Make the batch of an input file, once: one whose making was not confirmed may be there all the same. Raises
+        ModelStopped.
+        """
+        tried = False
+
+        async def make() -> Any:
+            nonlocal tried
+            if tried and (found := await self._find(name)) is not None:
+                return found
+            tried = True
+            return await self._connection.client.batches.create(
+                input_file_id=file,
+                endpoint="/v1/chat/completions",
+                completion_window="24h",
+                metadata={"envcraft": name},
+            )
+
+        return await self._call(name, make)
+
     async def _find(self, name: str) -> Any:
-        """The batch of this name at the endpoint, if it is there and did not end in vain."""
-        listed = await self._call(name, lambda: self._connection.client.batches.list(limit=100))
-        for batch in listed.data:
-            if (batch.metadata or {}).get("envcraft") == name and batch.status not in ("failed", "cancelled"):
-                return batch
-        return None
+        """The batch of this name at the endpoint, if it is there and did not end in vain. Raises ModelStopped."""
+        listing = self._connection.client.batches.list
+        page: dict[str, Any] = {"limit": 100}
+        seen: set[str] = set()
+        while True:
+            listed: Any = await self._call(name, functools.partial(listing, **page))
+            for batch in listed.data:
+                if (batch.metadata or {}).get("envcraft") == name and batch.status not in ("failed", "cancelled"):
+                    return batch
+            # An endpoint that knows no pages gives the same one again.
+            last = listed.data[-1].id if listed.data else None
+            if last is None or last in seen or not getattr(listed, "has_more", False):
+                return None
+            seen.add(last)
+            page["after"] = last
 
     async def _call(self, name: str, make: Callable[[], Awaitable[_T]]) -> _T:
         """A call of the interface, repeated where another may do. Raises ModelStopped."""
@@ -203,10 +237,13 @@ class BatchModel(Model):
         )
 
     def _take(self, name: str, output: Path) -> None:
-        """Write what came of a batch, and hand it to those who wait; what did not come of it is asked again."""
+        """Write what came of a batch, and hand it to those who wait; what did not come of it is asked again: by a later
+        run, where the endpoint told that none can be answered. Raises ModelStopped there, and EnvCraftError.
+        """
         requests = batch_files.known(self._folder, name)
         outcomes: list[tuple[Request, Outcome]] = []
-        for request, outcome, tokens in batch_files.read_output(output, requests, self._refused):
+        came = batch_files.read_output(output, requests, self._refused, self._connection.plain)
+        for request, outcome, tokens in came.outcomes:
             self._accounts.use(request, *tokens, 0.0)
             outcomes.append((request, outcome))
         self._journal.keep_now(outcomes)
@@ -215,6 +252,8 @@ class BatchModel(Model):
         for request, outcome in outcomes:
             requests.pop(request.key(), None)
             self._hand(request.key(), outcome)
+        if came.stopped is not None:
+            raise ModelStopped(f"{self._connection.where}: {came.stopped}; the next run asks again")
         for key, request in requests.items():
             self._missed[key] += 1
             if self._missed[key] > _MISSES:

@@ -9,14 +9,14 @@ from __future__ import annotations
 
 import hashlib
 import itertools
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import msgspec
 
 from envcraft.errors import EnvCraftError
-from envcraft_llm.model import ModelFailure, Request
+from envcraft_llm.model import ModelFailure, ModelStopped, Request
 
 from .accounts import estimate
 from .faults import Again, ParameterRefused, fault
@@ -43,6 +43,17 @@ class Line(msgspec.Struct):
 
 
 _line, _request = msgspec.json.Decoder(Line), msgspec.json.Decoder(Request)
+
+
+class Output(NamedTuple):
+    """What came of a batch.
+
+    `outcomes` has requests with what came of them and the tokens of prompt and answer, `stopped` why none of the others
+    can be answered, if the endpoint told so.
+    """
+
+    outcomes: list[tuple[Request, Outcome, tuple[int, int]]]
+    stopped: ModelStopped | None
 
 
 def write_batches(requests: Iterable[Request], folder: Path, refused: Mapping[str, Collection[str]] = {}) -> list[str]:
@@ -83,30 +94,40 @@ def known(folder: Path, name: str) -> dict[str, Request]:
 
 
 def read_output(
-    output: Path, requests: Mapping[str, Request], refused: dict[str, set[str]]
-) -> Iterator[tuple[Request, Outcome, tuple[int, int]]]:
-    """What came of requests by an output file, with the tokens of prompt and answer. Lines of other requests are passed
-    over; a request whose parameter the endpoint does not take is left out, and the parameter added to `refused`.
+    output: Path, requests: Mapping[str, Request], refused: dict[str, set[str]], plain: Callable[[str], str] = str
+) -> Output:
+    """What came of requests by an output file, whose lines `plain` rids of the key. Lines of other requests, and lines
+    that are none beside some that are, are passed over; a request whose parameter the endpoint does not take is left
+    out, and the parameter added to `refused`.
 
-    Raises ModelStopped where the endpoint told that none can be answered, EnvCraftError where the file is no such file.
+    Raises EnvCraftError where the file cannot be read, or is no such file.
     """
+    found = Output([], None)
+    wrong, lines = "", 0
     try:
-        with output.open("rb") as lines:
-            for number, line in enumerate(lines, 1):
+        with output.open("rb") as file:
+            for number, line in enumerate(file, 1):
                 if not line.strip():
                     continue
                 try:
-                    told = _line.decode(line)
-                except msgspec.DecodeError as error:
-                    raise EnvCraftError(f"{output}, line {number}: {error}") from None
+                    told = _line.decode(plain(line.decode()))
+                except (msgspec.DecodeError, UnicodeDecodeError) as error:
+                    wrong = wrong or f"{output}, line {number}: {error}"
+                    continue
+                lines += 1
                 if (request := requests.get(told.custom_id)) is None:
                     continue
                 try:
-                    yield request, *_outcome(request, told)
+                    found.outcomes.append((request, *_outcome(request, told)))
                 except ParameterRefused as parameter:
                     refused.setdefault(request.model, set()).add(parameter.name)
+                except ModelStopped as stopped:
+                    found = found._replace(stopped=found.stopped or stopped)
     except OSError as error:
         raise EnvCraftError(f"{output} cannot be read: {error}") from None
+    if wrong and not lines:
+        raise EnvCraftError(wrong)
+    return found
 
 
 def _outcome(request: Request, line: Line) -> tuple[Outcome, tuple[int, int]]:

@@ -66,8 +66,7 @@ class EndpointModel(Model):
                 if number > self._choice.retries:
                     raise self._given_up(again, number) from None
                 self._accounts.of(request.stage).retries += 1
-                with contextlib.suppress(TimeoutError):
-                    await asyncio.wait_for(self._stop.wait(), again.pause(number - 1))
+                await self._rest(again.pause(number - 1))
             except ModelFailure as failure:
                 # The endpoint works; but one that finds fault with every request is of no use.
                 self._failed_in_a_row = self._failed_in_a_row + 1 if failure.kind == "server-error" else 0
@@ -85,11 +84,17 @@ class EndpointModel(Model):
         if self._stopped is None:
             self._stopped = reason
             self._stop.set()
+            self._pace.end()
 
     async def close(self) -> None:
         if self._greeting is not None:
             self._greeting.cancel()
         await self._connection.client.close()
+
+    async def _rest(self, seconds: float) -> None:
+        """Wait for so long, or until nothing is sent any more."""
+        with contextlib.suppress(TimeoutError):
+            await asyncio.wait_for(self._stop.wait(), seconds)
 
     async def _turn(self, request: Request, number: int) -> Answer:
         """One attempt in its place. Raises Again, ModelFailure or ModelStopped."""
@@ -244,7 +249,9 @@ class EndpointModel(Model):
                 if not again.down:
                     return
                 if number + 1 < _FIRST_TRIES:
-                    await asyncio.sleep(again.pause(number))
+                    await self._rest(again.pause(number))
+                    if self._stopped is not None:
+                        raise type(self._stopped)(str(self._stopped)) from None
                     continue
                 stopped = ModelStopped(
                     f"nothing answers at {self._connection.where} ({again}): start the endpoint there, or give another "

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import re
 import resource
 from typing import TYPE_CHECKING
+from urllib.parse import urlsplit
 
 from envcraft.errors import UsageError
 
@@ -21,7 +21,7 @@ class Connection:
     """A client with the key of the environment.
 
     Attributes:
-        where: the address, without name and password.
+        where: the address, without name, password and query.
         key_name: the environment variable that holds the key.
         has_key: whether it does.
 
@@ -29,14 +29,10 @@ class Connection:
     """
 
     def __init__(self, choice: ModelChoice) -> None:
-        if not choice.base_url:
-            raise UsageError(
-                "no endpoint is named: give --base-url, such as http://127.0.0.1:8000/v1, or set base-url in "
-                "[tool.envcraft.llm] of pyproject.toml"
-            )
+        check(choice)
         self.key_name, self._key = key_from_environment()
         self.has_key = bool(self._key)
-        self.where = re.sub(r"//[^/@]*@", "//", choice.base_url)
+        self.where = shown_address(choice.base_url)
         self.client = _client(choice, self._key)
 
     def plain(self, text: str) -> str:
@@ -44,16 +40,35 @@ class Connection:
         return text.replace(self._key, "[key]") if self._key else text
 
 
-def _client(choice: ModelChoice, key: str) -> AsyncOpenAI:
-    """Raises UsageError."""
+def check(choice: ModelChoice) -> None:
+    """Look whether an endpoint can be asked. Raises UsageError where the client is not installed, or none is named."""
+    if not choice.base_url:
+        raise UsageError(
+            "no endpoint is named: give --base-url, such as http://127.0.0.1:8000/v1, or set base-url in "
+            "[tool.envcraft.llm] of pyproject.toml"
+        )
     try:
         # Without it the client's class is there all the same.
         import aiohttp  # noqa: F401
-        from openai import DEFAULT_CONNECTION_LIMITS, AsyncOpenAI, DefaultAioHttpClient, Timeout
+        from openai import DefaultAioHttpClient  # noqa: F401
     except ImportError:
         raise UsageError(
             "asking an endpoint needs its client; install it with `pip install 'envcraft-rl[llm]'`"
         ) from None
+
+
+def shown_address(address: str) -> str:
+    """An address without what may be secret in it: what stands before the last ``@`` of the host, and the query."""
+    try:
+        parts = urlsplit(address)
+    except ValueError:
+        return "the address of --base-url"
+    return f"{parts.scheme}://{parts.netloc.rpartition('@')[2]}{parts.path}"
+
+
+def _client(choice: ModelChoice, key: str) -> AsyncOpenAI:
+    from openai import DEFAULT_CONNECTION_LIMITS, AsyncOpenAI, DefaultAioHttpClient, Timeout
+
     # Of the library below the client, which is not the same for all its versions.
     limits = type(DEFAULT_CONNECTION_LIMITS)
     places = choice.max_concurrency + _SPARE

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 from collections import deque
 
 #: The limit at first; it doubles with each round of answers until the endpoint first turns one away.
@@ -28,6 +29,7 @@ class Pace:
         self._resume_at = 0.0
         self._alarm: asyncio.TimerHandle | None = None
         self._waiting: deque[asyncio.Future[None]] = deque()
+        self._ended = False
         self.under_way = 0
 
     @property
@@ -45,7 +47,8 @@ class Pace:
                 await place
             except asyncio.CancelledError:
                 if place.cancelled():
-                    self._waiting.remove(place)
+                    with contextlib.suppress(ValueError):
+                        self._waiting.remove(place)
                 else:
                     self.leave()
                 raise
@@ -58,6 +61,14 @@ class Pace:
         """Give the place back."""
         self.under_way -= 1
         self._admit()
+
+    def end(self) -> None:
+        """Let everybody in, now and from now on: nothing is sent any more, and who waits is to hear of it."""
+        self._ended = True
+        if self._alarm is not None:
+            self._alarm.cancel()
+        if self._waiting:
+            self._admit()
 
     def succeeded(self) -> None:
         """Raise the limit, where it is what holds requests back."""
@@ -77,11 +88,16 @@ class Pace:
             self._resume_at = max(self._resume_at, asyncio.get_running_loop().time() + seconds)
 
     def _open(self) -> bool:
+        if self._ended:
+            return True
         return self.under_way < self.limit and asyncio.get_running_loop().time() >= self._resume_at
 
     def _admit(self) -> None:
         while self._waiting and self._open():
             place = self._waiting.popleft()
+            # Who waited was cancelled, and has not yet come to hear of it.
+            if place.done():
+                continue
             self.under_way += 1
             place.set_result(None)
         paused = self._resume_at - asyncio.get_running_loop().time()

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-import ast
+import contextlib
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 from envcraft import __version__
 from envcraft.corpus.history import History
+from envcraft.errors import EnvCraftError
 from envcraft.stages import Attempt, Case, Played, PolicyTry, Question, Reply, Workbench
-from envcraft.target import Target, parse
+from envcraft.target import Target
 from envcraft_llm.findings import to_repair
 from envcraft_llm.model import Message, Model, Request
 
@@ -18,6 +19,10 @@ from .judging import Judges
 
 #: Of the name of an environment, so many letters are its title's.
 _TITLE = 40
+
+
+class NotKept(EnvCraftError):
+    """The corpus cannot be written to."""
 
 
 class Bench(Workbench):
@@ -39,6 +44,7 @@ class Bench(Workbench):
             tuple(Message(role, text) for role, text in question.messages),  # type: ignore[arg-type]
             effort=self._effort,
             schema=question.schema,
+            sample=question.sample,
             stage=question.stage,
             concept=case.concept,
             attempt=question.attempt,
@@ -69,7 +75,12 @@ class Bench(Workbench):
         result = ""
         if attempt.report is not None:
             result = "gutted" if attempt.gutted else "faulty" if to_repair(attempt.report) else "sound"
-        self._history.keep_attempt(case, attempt, result)
+        with _kept():
+            self._history.keep_attempt(case, attempt, result)
+
+    def drop_attempts(self, case: Case, number: int) -> None:
+        case.attempts = [attempt for attempt in case.attempts if attempt.number < number]
+        self._history.drop_attempts(case, number)
 
     def keep_policy(self, case: Case, policy: PolicyTry) -> None:
         case.policies = [other for other in case.policies if other.number != policy.number] + [policy]
@@ -85,8 +96,19 @@ class Bench(Workbench):
             "envcraft": __version__,
             "generated": attempt.provenance,
         }
-        self._history.publish(case, attempt, name, origin)
+        with _kept():
+            self._history.publish(case, attempt, name, origin)
         return name
+
+
+@contextlib.contextmanager
+def _kept() -> Iterator[None]:
+    """Tell what the disk refuses apart from what a stage does with files of its own. Raises NotKept."""
+    try:
+        yield
+    except OSError as error:
+        where = error.filename or "the corpus"
+        raise NotKept(f"{where} cannot be written: {error.strerror or error}") from None
 
 
 def file_name(case: Case) -> str:
@@ -95,20 +117,12 @@ def file_name(case: Case) -> str:
     return f"{title or 'game'}_{case.concept[:8]}" if title[:1].isalpha() else f"game_{case.concept[:8]}"
 
 
-def class_of(source: str, name: str) -> str:
-    """The class to judge: `name`, unless the file has no class of that name any more."""
-    try:
-        tree = parse(source)
-    except (SyntaxError, ValueError, RecursionError, MemoryError):
-        return ""
-    classes = [node.name for node in tree.body if isinstance(node, ast.ClassDef)]
-    return name if name in classes else ""
-
-
 def _same(case: Case, attempt: Attempt) -> tuple[Any, dict[str, Any]] | None:
-    """What was found out about the same source in another attempt."""
+    """What was found out about the same source in another attempt, as this run judges."""
     for other in case.attempts:
-        if other.report is not None and (other.source, other.env_class) == (attempt.source, attempt.env_class):
+        if other.number == attempt.number or other.report is None:
+            continue
+        if (other.source, other.env_class) == (attempt.source, attempt.env_class):
             return other.report, other.profile
     return None
 

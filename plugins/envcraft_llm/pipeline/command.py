@@ -18,6 +18,7 @@ from envcraft.reports import one_line, plural
 from envcraft_llm.endpoint import ModelChoice, model_options
 
 from .options import (
+    answerable,
     demo_folder,
     driver_for_generated,
     is_demo,
@@ -82,6 +83,7 @@ def pipeline(
     corpus = corpus or Path(_DEMO_CORPUS)
     with uninterrupted():
         cases = _cases(concepts, seed, chosen)
+        answerable(chosen, corpus, offline)
     ids = [case.concept for case in cases]
     with contextlib.ExitStack() as stack:
         driver = driver_for_generated(sandbox, require_isolation, runtime)
@@ -98,8 +100,9 @@ def pipeline(
         stack.enter_context(judging)
         store = stack.enter_context(_opened_store(corpus))
         history = History(store, settings)
-        history.keep_concepts(cases)
+        # First, so that a journal that cannot be used leaves no concepts behind.
         model, accounts = opened(chosen, store.root, offline)
+        history.keep_concepts(cases)
         run = Run(history, stages, begin, end)
         bench = Bench(history, model, judging, lambda stage: named(chosen, stage), chosen.effort)
         view = View(rows(history, stages, ids), run.tally, accounts)

@@ -14,7 +14,7 @@ from envcraft.budget import Budget
 from envcraft.check import Check
 from envcraft.contract import Contract
 from envcraft.engine import Plan, cores, judge
-from envcraft.errors import EnvCraftError
+from envcraft.errors import EnvCraftError, SandboxUnavailable
 from envcraft.events import SubjectFinished
 from envcraft.pool import Pool
 from envcraft.sandbox import Driver
@@ -47,7 +47,6 @@ class Judges:
         self._plan = Plan([], contract, driver, checks, budget, lanes=max(cores() // self.workers, 1))
         self._threads = ThreadPoolExecutor(self.workers, "envcraft-judge")
         self._pool: Pool | None = None
-        self.under_way = 0
 
     def __enter__(self) -> Judges:
         return self
@@ -59,12 +58,12 @@ class Judges:
         self._threads.shutdown(cancel_futures=True)
 
     async def judge(self, target: Target) -> tuple[SubjectReport, dict[str, Any]]:
-        """The report of all checks, and the profile of what was played. Raises CouldNotJudge."""
+        """The report of all checks, and the profile of what was played. Raises CouldNotJudge, SandboxUnavailable."""
         return await self._run(self._plan, target, profile)
 
     async def play(self, target: Target, policy: str) -> tuple[SubjectReport, tuple[int, int]]:
         """The report of ``difficulty`` with a privileged policy, and in how many of how many episodes it wins, none
-        where it cannot be played with. Raises CouldNotJudge.
+        where it cannot be played with. Raises CouldNotJudge, SandboxUnavailable.
         """
         checks = [check for check in self._plan.checks if check.name in ("source", "difficulty")]
         plan = msgspec.structs.replace(self._plan, checks=checks, policy=PolicyFile("policy.py", policy))
@@ -74,11 +73,12 @@ class Judges:
         if self._pool is None:
             self._pool = Pool(plan.driver, plan.limits, _SUBJECTS)
         work = functools.partial(_judged, plan, target, self._pool, look)
-        self.under_way += 1
         try:
             report, seen = await asyncio.get_running_loop().run_in_executor(self._threads, work)
-        finally:
-            self.under_way -= 1
+        except (CouldNotJudge, SandboxUnavailable):
+            raise
+        except (OSError, EnvCraftError) as error:
+            raise CouldNotJudge(f"{target.path} could not be judged: {error}") from None
         if report.verdict is Verdict.ERROR:
             raise CouldNotJudge(f"{target.path} could not be judged: {report.reason}")
         return report, seen

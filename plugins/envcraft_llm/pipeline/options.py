@@ -23,8 +23,13 @@ DEMO = "demo"
 
 
 def is_demo(chosen: ModelChoice) -> bool:
-    """Whether the answers are those that ship, rather than an endpoint's."""
-    return chosen.model.partition(":")[0] == DEMO
+    """Whether the answers are those that ship, or of a folder, rather than an endpoint's; an endpoint may have a model
+    that is called like ``demo:7b``.
+    """
+    name, _, folder = chosen.model.partition(":")
+    if name != DEMO:
+        return False
+    return not folder or not chosen.base_url or Path(folder).is_dir()
 
 
 def demo_folder(chosen: ModelChoice) -> Path:
@@ -45,6 +50,22 @@ def opened(chosen: ModelChoice, journal: Path | None, offline: bool = False) -> 
 
     model = open_model(chosen, journal, offline)
     return model, model.accounts
+
+
+def answerable(chosen: ModelChoice, corpus: Path, offline: bool) -> None:
+    """Look whether there is anything that answers, before anything is written. Raises UsageError."""
+    if is_demo(chosen):
+        return
+    if offline:
+        from envcraft_llm.endpoint.journal import JOURNAL
+
+        if not (corpus / JOURNAL).is_file():
+            raise UsageError(f"{corpus / JOURNAL} does not exist: without an endpoint there is nothing to answer from")
+    else:
+        # Not at the start of every command.
+        from envcraft_llm.endpoint.connection import check
+
+        check(chosen)
 
 
 def named(chosen: ModelChoice, stage: str) -> str:

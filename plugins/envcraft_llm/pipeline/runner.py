@@ -8,14 +8,18 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 
 from envcraft.corpus.history import History
-from envcraft.errors import EnvCraftError
+from envcraft.corpus.store import CorpusBusy, CorpusDamaged
+from envcraft.errors import SandboxUnavailable
 from envcraft.stages import Case, Outcome, Stage, Workbench
 from envcraft_llm.model import ModelFailure, ModelStopped
 
+from .bench import NotKept
 from .judging import CouldNotJudge
 
 #: Failures that are not of the concept: a later run tries again.
 PASSING = frozenset({"disconnected", "timeout", "server-error", "garbage", "broken"})
+#: What is of the model, the sandbox or the corpus, whichever stage meets it.
+_ENDING = (ModelStopped, CouldNotJudge, SandboxUnavailable, NotKept, CorpusBusy, CorpusDamaged, sqlite3.Error)
 
 
 @dataclass
@@ -65,7 +69,7 @@ class Run:
 
     async def run(self, concepts: Sequence[str], bench: Workbench, at_once: int) -> None:
         """Take every concept as far as it comes, `at_once` of them at a time. Raises ModelStopped once nothing is under
-        way that could go on, EnvCraftError; OSError, sqlite3.Error where the corpus cannot be written to.
+        way that could go on, EnvCraftError; sqlite3.Error where the corpus cannot be written to.
         """
         self.tally.total = len(concepts)
         waiting = iter(concepts)
@@ -123,7 +127,7 @@ class Run:
             outcome = await stage.run(case, bench)
         except ModelFailure as failure:
             outcome = Outcome("failed", f"{failure.kind}: {failure}", {"failure": failure.kind})
-        except (EnvCraftError, OSError, sqlite3.Error):
+        except _ENDING:
             raise
         except Exception as error:
             # A stage may be anybody's: one concept is lost, and the others go on.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
+import os
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from envcraft.budget import BUDGETS
-from envcraft.cli import uninterrupted
+from envcraft.cli import Sharing, uninterrupted
 from envcraft.commands.choices import where_options
 from envcraft.errors import ExitCode, UsageError
 from envcraft.reports import one_line
@@ -33,16 +34,16 @@ _BRIEF = click.option(
 _OUTPUT = click.option("--output", metavar="FILE", type=click.Path(dir_okay=False, path_type=Path))
 _JOURNAL = click.option(
     "--journal",
-    metavar="FILE",
-    type=click.Path(dir_okay=False, path_type=Path),
-    help="Keeps what was answered, so that nothing is asked twice.",
+    metavar="PATH",
+    type=click.Path(path_type=Path),
+    help="Keeps what was answered, so that nothing is asked twice: a file such as answers.sqlite, or a folder for one.",
 )
 _BUDGET = click.option("--budget", type=click.Choice(list(BUDGETS)), default="standard", show_default=True)
 #: What stands in the place of a brief that nobody has written.
 _NO_BRIEF = "There is no design document: the docstrings and the constants of the file say what is meant."
 
 
-@click.command()
+@click.command(cls=Sharing)
 @_FILE
 @_BRIEF
 @_CLASS
@@ -63,6 +64,7 @@ def repair(ctx: click.Context, /, file: Path, output: Path | None, **options: An
     """
     from envcraft_llm.stages.repair import Repair
 
+    _writable(output)
     case, outcome = _alone(Repair(), file, **options)
     best = case.best
     assert best is not None
@@ -71,7 +73,7 @@ def repair(ctx: click.Context, /, file: Path, output: Path | None, **options: An
     _finish(ctx, outcome, best.source, output)
 
 
-@click.command()
+@click.command(cls=Sharing)
 @_FILE
 @_BRIEF
 @_CLASS
@@ -92,6 +94,7 @@ def privileged(ctx: click.Context, /, file: Path, output: Path | None, **options
     """
     from envcraft_llm.stages.privileged import Privileged
 
+    _writable(output)
     case, outcome = _alone(Privileged(), file, judged=True, **options)
     for policy in case.policies:
         _tell(f"policy {policy.number}", f"wins {policy.wins} of {policy.episodes}", [policy.fault])
@@ -183,6 +186,17 @@ def _tell(what: str, words: str, lines: list[str]) -> None:
     for line in lines:
         if line:
             click.echo(f"  {one_line(line)}", err=True)
+
+
+def _writable(output: Path | None) -> None:
+    """Look whether a file can be written before anything is paid for. Raises UsageError."""
+    if output is None:
+        return
+    place = output if output.exists() else output.parent
+    if not place.exists():
+        raise UsageError(f"--output {output} cannot be written: {place} does not exist")
+    if not os.access(place, os.W_OK):
+        raise UsageError(f"--output {output} cannot be written: {place} is read-only")
 
 
 def _finish(ctx: click.Context, outcome: Outcome, source: str, output: Path | None) -> None:

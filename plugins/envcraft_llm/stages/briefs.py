@@ -24,7 +24,8 @@ WORDS = (1500, 3000)
 _SECTION_WORDS = 15
 _TRIES = 2
 _FENCED = re.compile(r"\A\s*(`{3,})(?:markdown|md)?[ \t]*\n(.*?)\n?\1\s*\Z", re.DOTALL)
-_HEADING = re.compile(r"^(#{1,6})[ \t]+(.+?)[ \t#]*$", re.MULTILINE)
+#: The name still has what may close a heading: a pattern that left it out would take long over a line of spaces.
+_HEADING = re.compile(r"^(#{1,6})[ \t]+(\S.*)$", re.MULTILINE)
 
 
 class Briefs(Stage):
@@ -70,7 +71,7 @@ def count(text: str) -> int:
 def complaints(text: str) -> list[str]:
     """What is wrong with a brief, each in one sentence that its writer can act on."""
     found = []
-    headings = [(len(mark[1]), mark[2], mark.end()) for mark in _HEADING.finditer(text)]
+    headings = [(len(mark[1]), mark[2].rstrip(" \t#"), mark.end()) for mark in _HEADING.finditer(text)]
     if not headings or headings[0][0] != 1:
         found.append("It does not begin with a level-1 heading that gives the title (`# Title`).")
     elif sum(level == 1 for level, _, _ in headings) > 1:

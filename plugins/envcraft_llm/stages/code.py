@@ -48,16 +48,17 @@ async def complete(
     stage: str,
     attempt: int,
     unfinished: Callable[[str], bool] = extraction.unfinished,
+    sample: int = 0,
 ) -> Reply:
     """An answer, with its continuations where a limit cut it off or it stops within a fence."""
-    reply = await bench.ask(case, Question(messages, stage, attempt, prompt=template.sha256))
+    reply = await bench.ask(case, Question(messages, stage, attempt, prompt=template.sha256, sample=sample))
     provenance, text = reply.provenance, reply.text
     requests = [provenance.get("request")]
     for _ in range(_CONTINUED):
         if not text.strip() or not (reply.cut or unfinished(text)):
             break
         further = (*messages, ("assistant", text), ("user", template.fill("Continue")))
-        reply = await bench.ask(case, Question(further, stage, attempt, prompt=template.sha256))
+        reply = await bench.ask(case, Question(further, stage, attempt, prompt=template.sha256, sample=sample))
         if not reply.text.strip():
             break
         text = extraction.joined(text, reply.text)

@@ -16,6 +16,7 @@ from envcraft_llm.findings import brief_words, findings, lines_of, verdict_of
 from envcraft_llm.templates import prompt
 
 from .code import complete
+from .filters import standing
 
 #: So often a policy is written again.
 REPAIRS = 3
@@ -30,9 +31,13 @@ class Privileged(Stage):
     after = "instadeath"
 
     async def run(self, case: Case, bench: Workbench) -> Outcome:
-        attempt = case.best
-        if attempt is None or attempt.report is None:
-            return Outcome("failed", "not judged: there is no attempt that was judged")
+        attempt = await standing(case, bench, _CHECK)
+        if isinstance(attempt, Outcome):
+            return attempt
+        assert attempt.report is not None
+        # What cannot be loaded cannot be played, and a policy for it would be paid for in vain.
+        if verdict_of(attempt.report, "source") is Verdict.FAIL:
+            return Outcome("rejected", f"no game: {brief_words(findings(attempt.report, frozenset({'source'})))}")
         # What the search has settled, no policy unsettles.
         if wrong := findings(attempt.report, _CHECK):
             return _rejected(wrong)
@@ -66,7 +71,8 @@ class Privileged(Stage):
         if not before and number:
             user = f"{user}\n\n{template.fill('Nothing')}"
         messages = (("system", template.fill("System")), ("user", user))
-        reply = await complete(case, bench, template, messages, self.name, number)
+        # The same words again may be asked for the third time, and the journal would give the same answer.
+        reply = await complete(case, bench, template, messages, self.name, number, sample=number)
         found = extraction.policy(reply.text)
         return ("" if found is None else found.source), reply.provenance
 

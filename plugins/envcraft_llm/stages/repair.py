@@ -23,7 +23,7 @@ class Repair(Stage):
 
     async def run(self, case: Case, bench: Workbench) -> Outcome:
         first = case.attempts[0]
-        case.attempts = [first]
+        bench.drop_attempts(case, first.number + 1)
         await bench.judge(case, first)
         bench.keep_attempt(case, first)
         standing = first

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from envcraft.stages import Case, Outcome, Stage, Workbench
 
+from .filters import standing
+
 
 class Validated(Stage):
     name = "validated"
@@ -11,7 +13,7 @@ class Validated(Stage):
     after = "privileged"
 
     async def run(self, case: Case, bench: Workbench) -> Outcome:
-        attempt = case.best
-        if attempt is None:
-            return Outcome("failed", "not judged: there is no attempt that was judged")
+        attempt = await standing(case, bench, frozenset())
+        if isinstance(attempt, Outcome):
+            return attempt
         return Outcome("passed", facts={"environment": bench.publish(case, attempt), "attempt": attempt.number})

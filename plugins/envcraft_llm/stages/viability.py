@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from itertools import islice
 from typing import Any, Literal, get_args
 
 import msgspec
@@ -14,6 +15,8 @@ from envcraft_llm.templates import prompt
 
 _TRIES = 2
 _DECODER = json.JSONDecoder()
+#: So many braces may begin the object.
+_BEGINNINGS = 20
 Kind = Literal[
     "impossible-physics", "contradictory-goals", "action-space-mismatch", "not-observable", "unbounded-scope"
 ]
@@ -89,13 +92,15 @@ class Viability(Stage):
 def read(text: str) -> Critique:
     """The critique in an answer, out of prose and fences. Raises ValueError, in words for who wrote it."""
     text = clean(text)
-    found = [text[mark.start() :] for mark in re.finditer(r"\{", text)]
     wrong = "there is no JSON object in the answer"
-    for piece in found[:20]:
+    for mark in islice(re.finditer(r"\{", text), _BEGINNINGS):
         try:
-            value, _ = _DECODER.raw_decode(piece)
+            value, _ = _DECODER.raw_decode(text, mark.start())
         except ValueError as error:
             wrong = f"the JSON cannot be read: {error}"
+            continue
+        except RecursionError:
+            wrong = "the JSON cannot be read: it is nested too deeply"
             continue
         try:
             critique = msgspec.convert(value, Critique)

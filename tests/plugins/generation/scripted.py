@@ -48,6 +48,9 @@ class ScriptedBench(Workbench):
     def keep_attempt(self, case: Case, attempt: Attempt) -> None:
         case.attempts = [other for other in case.attempts if other.number != attempt.number] + [attempt]
 
+    def drop_attempts(self, case: Case, number: int) -> None:
+        case.attempts = [attempt for attempt in case.attempts if attempt.number < number]
+
     def keep_policy(self, case: Case, policy: PolicyTry) -> None:
         case.policies.append(policy)
 

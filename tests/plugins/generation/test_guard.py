@@ -134,3 +134,9 @@ def test_shapes() -> None:
     assert found.parts == {0, 1, 2}
     assert found.drawn
     assert shape("def f(:") is None
+
+
+def test_what_is_nested_deeply_has_a_shape() -> None:
+    found = shape(f"def step(action):\n    a = action[1]\n    b = grid{'[0]' * 600}\n")
+    assert found is not None
+    assert found.parts == {1}

@@ -15,15 +15,20 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import pytest
 from click.testing import CliRunner, Result
+from envcraft_llm.endpoint import ModelChoice
 from envcraft_llm.model import Answer, Model, ModelFailure, ModelStopped, Request
 from envcraft_llm.pipeline import options
 
 from envcraft.cli import cli
+from envcraft.corpus.history import History
 from envcraft.corpus.merge import merge
+from envcraft.corpus.settings import Settings
 from envcraft.corpus.store import Store
 from envcraft.corpus.verify import verify
+from envcraft.errors import EnvCraftError
 
 from .content import CONCEPTS, GAME, POLICY, UNSEEDED, small, verdict, write
 
@@ -155,6 +160,39 @@ def test_a_corpus_with_a_history_is_whole_and_can_be_merged(finished: Finished, 
     assert contents(tmp_path / "other")["outcomes"] == contents(corpus)["outcomes"]
 
 
+def test_a_verdict_of_other_settings_counts_as_none(finished: Finished, tmp_path: Path) -> None:
+    with Store.create(tmp_path / "copy") as store, Store(finished.corpus) as source:
+        merge(store, source)
+        row = store.db.execute(
+            "SELECT contract, contract_sha256, rules, seed, budget, driver, image, checks FROM settings"
+        ).fetchone()
+        same = Settings(*row)
+        case = History(store, same).case(CONCEPTS[1].id)
+        assert case is not None
+        assert [attempt.report is None for attempt in case.attempts] == [False, False]
+        stricter = History(store, msgspec.structs.replace(same, seed=same.seed + 1))
+        again = stricter.case(CONCEPTS[1].id)
+        assert again is not None
+        assert [(attempt.report, attempt.profile) for attempt in again.attempts] == [(None, {}), (None, {})]
+        assert stricter.judged(again.attempts[1], again) is None
+        # Who only reads is told of all.
+        read = History(store).case(CONCEPTS[1].id)
+        assert read is not None
+        assert all(attempt.report for attempt in read.attempts)
+
+
+def test_a_repair_that_begins_again_leaves_no_later_attempt(finished: Finished, tmp_path: Path) -> None:
+    with Store.create(tmp_path / "copy") as store, Store(finished.corpus) as source:
+        merge(store, source)
+        history = History(store)
+        case = history.case(CONCEPTS[1].id)
+        assert case is not None
+        history.drop_attempts(case, 1)
+        left = history.case(CONCEPTS[1].id)
+        assert left is not None
+        assert [attempt.number for attempt in left.attempts] == [0]
+
+
 def test_a_second_run_does_nothing(finished: Finished) -> None:
     content, corpus, first = finished.content, finished.corpus, finished.result
     before = contents(corpus)
@@ -167,12 +205,15 @@ def test_killed_at_any_moment_it_comes_to_the_same(finished: Finished, tmp_path:
     content, whole = finished.content, finished.corpus
     rng = random.Random(7)
     program = [sys.executable, "-m", "envcraft", *command(content, tmp_path / "corpus")]
+    killed = 0
     for _ in range(KILLS):
         with subprocess.Popen(program, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as run:
             try:
                 run.wait(rng.uniform(0.1, 1.0) * finished.seconds)
             except subprocess.TimeoutExpired:
                 run.send_signal(signal.SIGKILL)
+                killed += 1
+    assert killed, "every run came to its end before it was to be killed"
     last = subprocess.run(program, capture_output=True, text=True, timeout=300)
     assert last.returncode == 0, last.stderr
     assert contents(tmp_path / "corpus") == contents(whole)
@@ -265,8 +306,10 @@ def told(monkeypatch: pytest.MonkeyPatch, model: Model, corpus: Path, *more: str
         (ModelFailure("refused", "I cannot help with that"), "refused"),
         (ModelFailure("context-overflow", "too long"), "context-overflow"),
         (ValueError("not foreseen"), "the stage broke"),
+        (FileNotFoundError(2, "No such file", "a list of its own"), "the stage broke"),
+        (EnvCraftError("a sentence of the stage"), "the stage broke"),
     ],
-    ids=["nothing", "garbage", "a game for a brief", "refused", "overflow", "breaks"],
+    ids=["nothing", "garbage", "a game for a brief", "refused", "overflow", "breaks", "a file", "a sentence"],
 )
 def test_a_model_that_is_no_good_fails_every_concept(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, answer: str | Exception, reason: str
@@ -284,6 +327,16 @@ def test_a_model_that_stops_ends_the_run_and_fails_nothing(monkeypatch: pytest.M
     assert result.exit_code == 3
     assert "the endpoint is down: start it" in result.output
     assert not [said for said in outcomes(tmp_path / "corpus").values() if said[0] == "failed"]
+
+
+def test_a_corpus_that_cannot_be_written_ends_the_run(generate: Generate, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*_: object) -> str:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(Store, "put", full)
+    result = generate()
+    assert result.exit_code == 3
+    assert "the corpus cannot be written: No space left on device" in result.output
 
 
 def test_what_the_network_failed_is_asked_again(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -338,6 +391,52 @@ def test_a_policy_for_one_file(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) 
     assert "policy 0: wins 6 of 6" in result.stderr
     assert result.stdout == ""
     assert GAME.strip() in model.asked[0].messages[1].content
+
+
+@pytest.mark.parametrize("command", ["repair", "privileged"])
+def test_one_stage_asks_nobody_where_it_could_not_run_or_be_written(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, command: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("game.py").write_text(GAME)
+    model = _Model("nothing")
+    monkeypatch.setattr("envcraft_llm.pipeline.single.opened", lambda *_: (model, None))
+    given = [command, "game.py", "--base-url", "http://none", "--sandbox", "process"]
+    result = CliRunner().invoke(cli, [*given, "--output", "nowhere/out.py"])
+    assert (result.exit_code, "nowhere does not exist" in result.output) == (2, True)
+    for setting, words in (("sandbox = 'nothing'", "there is no sandbox"), ("require-isolation = 'odd'", "'odd'")):
+        Path("pyproject.toml").write_text(f"[tool.envcraft]\n{setting}\n")
+        result = CliRunner().invoke(cli, given[:4])
+        assert (result.exit_code, words in result.output) == (2, True), result.output
+    assert not model.asked
+
+
+def test_without_anybody_who_answers_nothing_is_written(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delenv("OPENAI_BASE_URL", raising=False)
+    given = ["generate", "--concepts", "2", "--corpus", "corpus", "--sandbox", "process"]
+    for more, words in (([], "no endpoint is named"), (["--offline"], "nothing to answer from")):
+        result = CliRunner().invoke(cli, [*given, *more])
+        assert (result.exit_code, words in result.output) == (2, True), result.output
+    assert not [*tmp_path.iterdir()]
+
+
+@pytest.mark.parametrize(
+    ("model", "base_url", "demo"),
+    [
+        ("demo", "http://127.0.0.1:8000/v1", True),
+        ("demo:7b", "http://127.0.0.1:8000/v1", False),
+        ("demo:7b", "", True),
+        ("demo:folder", "http://127.0.0.1:8000/v1", True),
+        ("demonstration", "", False),
+    ],
+)
+def test_a_model_that_is_called_like_the_demo(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, model: str, base_url: str, demo: bool
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("folder").mkdir()
+    assert options.is_demo(ModelChoice(model=model, base_url=base_url)) is demo
 
 
 def test_a_demo_of_other_concepts_is_refused(tmp_path: Path, generate: Generate) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from envcraft_llm.stages import Instawin, Privileged, Repair, Validated
 
-from envcraft.stages import Attempt, Case, Outcome, Played
+from envcraft.stages import Attempt, Case, Outcome, Played, Stage
 from envcraft.verdict import Finding, Verdict
 
 from .content import GAME, GUTTED, IDLE, POLICY, brief
@@ -90,6 +90,23 @@ def test_what_later_stages_judge_is_not_repaired() -> None:
     assert run(Instawin(), about, bench).reason == "instawin: EC601 it is wrong"
 
 
+@pytest.mark.parametrize(
+    ("stage", "code", "reason"),
+    [
+        (Instawin(), "EC107", "judged anew: EC107"),
+        (Instawin(), "EC601", "instawin: EC601"),
+        (Privileged(), "EC601", "judged anew: EC601"),
+        (Privileged(), "EC801", "too hard: EC801"),
+        (Validated(), "EC801", "judged anew: EC801"),
+    ],
+)
+def test_what_this_run_has_not_judged_is_judged_before_it_counts(stage: Stage, code: str, reason: str) -> None:
+    about = case(brief=brief(), attempts=[Attempt(0, GAME)])
+    outcome = run(stage, about, ScriptedBench([""], lambda source: [finding(code)]))
+    assert outcome.reason.startswith(reason)
+    assert about.attempts[0].report is not None
+
+
 # Privileged
 
 
@@ -143,10 +160,25 @@ def test_an_answer_without_a_policy_is_a_policy_that_fails() -> None:
     assert about.policies[0].source == ""
 
 
+@pytest.mark.parametrize("answer", ["Hold left.\n", IDLE])
+def test_no_two_questions_for_a_policy_are_the_same(answer: str) -> None:
+    _, _, bench = privileged(answer)
+    assert len(bench.asked) == 4
+    assert len({(question.messages, question.sample) for question in bench.asked}) == 4
+    assert bench.asked[0].sample == 0
+
+
 @pytest.mark.parametrize(("code", "words"), [("EC801", "too hard: EC801"), ("EC802", "too easy: EC802")])
 def test_what_the_search_has_settled_is_not_played(code: str, words: str) -> None:
     outcome, _, bench = privileged(POLICY, found=code)
     assert outcome.reason.startswith(words)
+    assert not bench.asked
+
+
+def test_no_policy_is_written_for_what_cannot_be_loaded() -> None:
+    about = case(brief=brief(), attempts=[Attempt(0, GAME, report=report(GAME, finding("EC001", "it does not parse")))])
+    bench = ScriptedBench([fenced(POLICY)])
+    assert run(Privileged(), about, bench).reason == "no game: EC001 it does not parse"
     assert not bench.asked
 
 

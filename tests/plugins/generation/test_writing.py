@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import time
 
 import pytest
 from envcraft_llm.stages import STAGES, Briefs, Code, Viability
@@ -70,6 +71,12 @@ def test_what_is_wrong_with_a_brief(text: str, words: str | None) -> None:
     assert any(words in one for one in found) if words else not found
 
 
+def test_a_line_of_spaces_takes_no_time() -> None:
+    began = time.process_time()
+    assert complaints("# Errand" + " " * 60_000 + "x\n")
+    assert time.process_time() - began < 2
+
+
 def test_a_section_of_nothing_is_told_of() -> None:
     place = brief().index("## Rewards")
     end = brief().index("## Termination")
@@ -119,6 +126,13 @@ def test_what_is_not_viable_keeps_its_reason() -> None:
 def test_a_verdict_of_another_form_is_refused(text: str, words: str) -> None:
     with pytest.raises(ValueError, match=re.escape(words)):
         read(text)
+
+
+def test_an_answer_of_braces_is_read_and_refused() -> None:
+    with pytest.raises(ValueError, match="the JSON cannot be read"):
+        read("{" * 100_000)
+    with pytest.raises(ValueError, match="nested too deeply"):
+        read('{"viable": ' + "[" * 100_000)
 
 
 def test_a_verdict_is_asked_for_once_more() -> None:
