@@ -48,8 +48,9 @@ class GitHubReporter(Reporter):
         rule = self.rules.get(finding.code)
         line = str(finding.line) if finding.line else ""
         message = one_line(finding.message)
-        if not file:
-            message = f"{one_line(report.file)}{line and f':{line}'}: {message}"
+        place = f"{one_line(report.file)}{line and f':{line}'}"
+        if place and not file:
+            message = f"{place}: {message}"
         if rule is not None:
             message += f"\nFix: {rule.fix}\nMore: envcraft explain {rule.code}"
         self._annotate(
