@@ -48,9 +48,8 @@ class GitHubReporter(Reporter):
         rule = self.rules.get(finding.code)
         line = str(finding.line) if finding.line else ""
         message = one_line(finding.message)
-        place = f"{one_line(report.file)}{line and f':{line}'}"
-        if place and not file:
-            message = f"{place}: {message}"
+        if not file:
+            message = f"{one_line(report.file)}{line and f':{line}'}: {message}"
         if rule is not None:
             message += f"\nFix: {rule.fix}\nMore: envcraft explain {rule.code}"
         self._annotate(
