@@ -144,7 +144,7 @@ def load_agent(path: Path) -> tuple[Network, Surface]:
             told = json.loads((file.metadata() or {})["envcraft"])
             surface = msgspec.convert(told["surface"], Surface)
             network = Network(surface.shape, surface.choices, told["size"], told["head"])
-            network.load_state_dict({name: file.get_tensor(name) for name in file.keys()})  # noqa: SIM118
+            network.load_state_dict({name: file.get_tensor(name) for name in file.keys()})  # noqa: SIM118 (no dict)
     except (OSError, ValueError, KeyError, RuntimeError, SafetensorError) as error:
         raise UsageError(f"{path} is no agent that `envcraft train` wrote: {type(error).__name__}: {error}") from None
     return network, surface

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -174,11 +175,6 @@ def evaluate(
 
 def _needed() -> None:
     """Raises UsageError without the libraries of the extra ``train``."""
-    try:
-        import numba  # noqa: F401
-        import safetensors  # noqa: F401
-        import tensorboard  # noqa: F401
-        import torch  # noqa: F401
-        import zstandard  # noqa: F401
-    except ImportError as error:
-        raise UsageError(f"training needs {error.name}; install it with `pip install 'envcraft-rl[train]'`") from None
+    for name in ("numba", "safetensors", "tensorboard", "torch", "zstandard"):
+        if importlib.util.find_spec(name) is None:
+            raise UsageError(f"training needs {name}; install it with `pip install 'envcraft-rl[train]'`")

@@ -39,6 +39,7 @@ class Traces:
             np.seterr(**self._floating)
             return _thread._count() == 0 and not _has_children()
         except BaseException:
+            # Whatever it is, it stays: the process takes no other job.
             return False
 
 
