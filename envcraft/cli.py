@@ -9,7 +9,7 @@ import contextlib
 import signal
 import sys
 import threading
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -27,17 +27,17 @@ class PluginGroup(click.Group):
     """A group that asks the plugins for its commands."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        return sorted(self._offered())
+        return sorted(command.name for command in offered("envcraft_commands"))
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        return self._offered().get(cmd_name)
+        command: click.Command | None = named("envcraft_commands", cmd_name)
+        return command
 
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        commands = self._offered()
-        if args and not args[0].startswith("-") and args[0] not in commands:
-            ctx.fail(f"there is no command {unknown(args[0], commands)}")
+        if args and not args[0].startswith("-") and self.get_command(ctx, args[0]) is None:
+            ctx.fail(f"there is no command {unknown(args[0], self.list_commands(ctx))}")
         return super().resolve_command(ctx, args)
 
     def invoke(self, ctx: click.Context) -> Any:
@@ -60,12 +60,6 @@ class PluginGroup(click.Group):
                 f"Error: EnvCraft itself broke ({type(error).__name__}); please report the lines above", err=True
             )
             ctx.exit(ExitCode.ERROR)
-
-    def _offered(self) -> dict[str, click.Command]:
-        found: dict[str, click.Command] = {}
-        for command in offered("envcraft_commands"):
-            found.setdefault(command.name, command)
-        return found
 
 
 class Configured(click.Command):
@@ -95,8 +89,14 @@ class Configured(click.Command):
     ) -> click.Context:
         options = {name: param for name, param in self._options().items() if name not in self.apart}
         repeated = {str(param.name) for param in self.params if isinstance(param, click.Option) and param.multiple}
-        extra["default_map"] = configuration(Path.cwd(), options, repeated, Configured._settings)
+        extra["default_map"] = configuration(Path.cwd(), options, repeated, _settings_of_others)
         return super().make_context(info_name, args, parent, **extra)
+
+
+def _settings_of_others() -> set[str]:
+    # To know them, the commands must have been made.
+    offered("envcraft_commands")
+    return Configured._settings
 
 
 class Sharing(click.Command):
@@ -116,12 +116,15 @@ class Sharing(click.Command):
 
 
 def configuration(
-    folder: Path, options: dict[str, str], repeated: Collection[str] = (), others: Collection[str] = ()
+    folder: Path,
+    options: dict[str, str],
+    repeated: Collection[str] = (),
+    others: Callable[[], Collection[str]] = frozenset,
 ) -> dict[str, Any]:
     """Read ``[tool.envcraft]`` of the ``pyproject.toml`` in `folder` or the nearest one above. Raises UsageError.
 
     `options` are the names that settings may have, with the parameter that each sets; those parameters that are
-    `repeated` get a list, the others one value, of a list with commas in between. `others` are
+    `repeated` get a list, the others one value, of a list with commas in between. `others` gives the
     settings of other commands.
     """
     path, table = settings(folder)
@@ -130,7 +133,7 @@ def configuration(
         if key in ("contracts", "corpus", "llm"):
             continue
         name = key.replace("_", "-")
-        if name not in options and name in others:
+        if name not in options and name in others():
             continue
         if name not in options:
             raise UsageError(f"{path}: [tool.envcraft] has no setting {unknown(key, options)}")
@@ -162,14 +165,24 @@ def uninterrupted() -> Iterator[None]:
 
 def offered(hook: str) -> list[Any]:
     """What the plugins give for a hook; on stderr, once, a line for each plugin that is broken."""
-    loaded = plugins()
-    found = loaded.collect(hook)
-    for broken in loaded.broken:
+    found = plugins().collect(hook)
+    _warn()
+    return found
+
+
+def named(hook: str, name: str) -> Any | None:
+    """What the plugins give of one name for a hook, or None; fewer plugins are imported than for all of them."""
+    found = plugins().find(hook, name)
+    _warn()
+    return found
+
+
+def _warn() -> None:
+    for broken in plugins().broken:
         line = f"Warning: the plugin {broken.plugin} is broken and left out: {broken.error}"
         if line not in _warned:
             _warned.add(line)
             click.echo(" ".join(line.split()), err=True)
-    return found
 
 
 def unknown(name: str, known: Iterable[str]) -> str:

@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING
 import pluggy
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     import click
 
     from envcraft.check import Check
@@ -29,8 +31,8 @@ hookspec = pluggy.HookspecMarker("envcraft")
 
 
 @hookspec
-def envcraft_commands() -> list[click.Command]:
-    """Commands for the command line. Called in every run of ``envcraft``: import heavy libraries in the command."""
+def envcraft_commands() -> Iterable[click.Command]:
+    """Commands for the command line. Called in most runs of ``envcraft``: import heavy libraries in the command."""
 
 
 @hookspec

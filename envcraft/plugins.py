@@ -8,44 +8,44 @@ import sys
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 import pluggy
 
 GROUP = "envcraft"
 
-#: The built-in plugins, named as strings: the framework imports none of them.
-DEFAULT_PLUGINS = (
-    "envcraft.commands",
-    "envcraft.contract",
-    "envcraft.reports.console",
-    "envcraft.reports.json",
-    "envcraft.reports.sarif",
-    "envcraft.reports.junit",
-    "envcraft.reports.github",
-    "envcraft.reports.markdown",
-    "envcraft.reports.html",
-    "envcraft.corpus.export.package",
-    "envcraft.corpus.export.hf",
-    "envcraft.corpus.export.site",
-    "envcraft_sandbox.plugin",
-    "envcraft_checks.source",
-    "envcraft_checks.api",
-    "envcraft_checks.determinism",
-    "envcraft_checks.reward",
-    "envcraft_checks.observation",
-    "envcraft_checks.termination",
-    "envcraft_checks.instawin",
-    "envcraft_checks.instadeath",
-    "envcraft_checks.difficulty",
-    "envcraft_checks.sandbox",
-    "envcraft_dask.plugin",
-    "envcraft_dqn.plugin",
-    "envcraft_llm.plugin",
-    "envcraft_privileged.plugin",
-    "envcraft_tetris.plugin",
-)
+#: The built-in plugins, named as strings, since the framework imports none of them, and the hooks that each fills: it
+#: is imported when one of them is asked.
+DEFAULT_PLUGINS: dict[str, tuple[str, ...]] = {
+    "envcraft.commands": ("envcraft_commands",),
+    "envcraft.contract": ("envcraft_contracts",),
+    "envcraft.reports.console": ("envcraft_reporters",),
+    "envcraft.reports.json": ("envcraft_reporters",),
+    "envcraft.reports.sarif": ("envcraft_reporters",),
+    "envcraft.reports.junit": ("envcraft_reporters",),
+    "envcraft.reports.github": ("envcraft_reporters",),
+    "envcraft.reports.markdown": ("envcraft_reporters",),
+    "envcraft.reports.html": ("envcraft_reporters",),
+    "envcraft.corpus.export.package": ("envcraft_exporters",),
+    "envcraft.corpus.export.hf": ("envcraft_exporters",),
+    "envcraft.corpus.export.site": ("envcraft_exporters",),
+    "envcraft_sandbox.plugin": ("envcraft_commands", "envcraft_sandbox_drivers"),
+    "envcraft_checks.source": ("envcraft_checks",),
+    "envcraft_checks.api": ("envcraft_checks",),
+    "envcraft_checks.determinism": ("envcraft_checks",),
+    "envcraft_checks.reward": ("envcraft_checks",),
+    "envcraft_checks.observation": ("envcraft_checks",),
+    "envcraft_checks.termination": ("envcraft_checks",),
+    "envcraft_checks.instawin": ("envcraft_checks",),
+    "envcraft_checks.instadeath": ("envcraft_checks",),
+    "envcraft_checks.difficulty": ("envcraft_checks",),
+    "envcraft_checks.sandbox": ("envcraft_checks",),
+    "envcraft_dask.plugin": ("envcraft_executors",),
+    "envcraft_dqn.plugin": ("envcraft_commands",),
+    "envcraft_llm.plugin": ("envcraft_commands", "envcraft_exporters", "envcraft_generators", "envcraft_stages"),
+    "envcraft_privileged.plugin": ("envcraft_commands", "envcraft_exporters", "envcraft_players"),
+    "envcraft_tetris.plugin": ("envcraft_families", "envcraft_players"),
+}
 
 hookimpl = pluggy.HookimplMarker(GROUP)
 
@@ -74,36 +74,57 @@ class Plugins:
     manager: pluggy.PluginManager
     broken: list[Broken] = field(default_factory=list)
     _distributions: dict[str, str] = field(default_factory=dict)
+    _waiting: dict[str, tuple[str, ...]] = field(default_factory=dict)
+    _order: dict[str, None] = field(default_factory=dict)
 
     def collect(self, hook: str) -> list[Any]:
-        """Call one hook of each plugin in turn and join the lists that they give. A plugin that raises is noted, and so
+        """Call one hook of each plugin in turn and join what they give. A plugin that raises is noted, and so
         is one that gives what has the name, or a code, of what an earlier one gives; that is left out.
         """
         found: list[Any] = []
         taken: dict[str, str] = {}
-        # Not in pluggy's order, which a plugin can push itself to the front of.
-        order = [name for name, _ in self.manager.list_name_plugin()]
-        implementations = getattr(self.manager.hook, hook).get_hookimpls()
-        for implementation in sorted(implementations, key=lambda found: order.index(found.plugin_name)):
-            plugin = implementation.plugin_name
-            try:
-                for item in implementation.function():
-                    names = [item.name, *(rule.code for rule in getattr(item, "rules", ()))]
-                    if clash := next((name for name in names if name in taken), None):
-                        self.note(plugin, LookupError(f"{hook}: {clash} is taken by the plugin {taken[clash]}"))
-                    else:
-                        taken.update(dict.fromkeys(names, plugin))
-                        found.append(item)
-            except Exception as error:
-                self.note(plugin, error)
+        for plugin, names, item in self._given(hook):
+            if clash := next((name for name in names if name in taken), None):
+                self.note(plugin, LookupError(f"{hook}: {clash} is taken by the plugin {taken[clash]}"))
+            else:
+                taken.update(dict.fromkeys(names, plugin))
+                found.append(item)
         return found
+
+    def find(self, hook: str, name: str) -> Any | None:
+        """What :meth:`collect` has of that name, or None. No plugin that comes after it is asked, or imported."""
+        return next((item for _, names, item in self._given(hook) if names[0] == name), None)
+
+    def _given(self, hook: str) -> Iterator[tuple[str, list[str], Any]]:
+        """What each plugin in turn gives for a hook: the plugin, the item's name and codes, the item."""
+        # Not in pluggy's order, which a plugin can push itself to the front of.
+        for plugin in list(self._order):
+            if hook in self._waiting.get(plugin, ()):
+                self._load(plugin)
+            for implementation in getattr(self.manager.hook, hook).get_hookimpls():
+                if implementation.plugin_name == plugin:
+                    try:
+                        for item in implementation.function():
+                            yield plugin, [item.name, *(rule.code for rule in getattr(item, "rules", ()))], item
+                    except Exception as error:
+                        self.note(plugin, error)
 
     def note(self, plugin: str, error: BaseException) -> None:
         """Remember that a plugin broke."""
         self.broken.append(Broken(plugin, f"{type(error).__name__}: {error}"))
 
+    def defer(self, module: str, hooks: tuple[str, ...]) -> None:
+        """Register a built-in plugin in this place of the order, and import it when one of its hooks is asked."""
+        self._order[module] = None
+        self._waiting[module] = hooks
+
+    def _load(self, module: str) -> None:
+        del self._waiting[module]
+        self.register(module, "envcraft-rl", lambda: importlib.import_module(module))
+
     def register(self, name: str, distribution: str, load: Any) -> None:
         """Load and register one plugin; a failure, or a hook that no specification knows, is noted."""
+        self._order[name] = None
         plugin = None
         try:
             plugin = load()
@@ -122,8 +143,11 @@ class Plugins:
 
     def list(self) -> list[Plugin]:
         """Every registered plugin with its distribution and the hooks that it fills."""
+        for module in list(self._waiting):
+            self._load(module)
         listed = []
-        for name, plugin in self.manager.list_name_plugin():
+        for name in self._order:
+            plugin = self.manager.get_plugin(name)
             if plugin is not None:
                 hooks = [caller.name for caller in self.manager.get_hookcallers(plugin) or []]
                 listed.append(Plugin(name, self._distributions.get(name, ""), sorted(hooks)))
@@ -132,14 +156,14 @@ class Plugins:
 
 @cache
 def plugins() -> Plugins:
-    """Load the built-in plugins, then those of installed packages."""
+    """The built-in plugins, each imported when it is needed, then those of installed packages, which are loaded."""
     from envcraft import hookspecs
 
     manager = pluggy.PluginManager(GROUP)
     manager.add_hookspecs(hookspecs)
     loaded = Plugins(manager)
-    for name in DEFAULT_PLUGINS:
-        loaded.register(name, "envcraft-rl", lambda name=name: importlib.import_module(name))
+    for name, hooks in DEFAULT_PLUGINS.items():
+        loaded.defer(name, hooks)
     for point in _entry_points():
         distribution = point.dist.name if point.dist else ""
         loaded.register(point.name, distribution, point.load)
@@ -166,8 +190,9 @@ def _names_group(folder: str) -> bool:
     for name in names:
         if name.endswith((".dist-info", ".egg-info")):
             try:
-                if f"[{GROUP}]" in Path(folder, name, "entry_points.txt").read_text("utf-8"):
-                    return True
-            except (OSError, UnicodeDecodeError):
+                with open(f"{folder or '.'}/{name}/entry_points.txt", "rb") as file:
+                    if f"[{GROUP}]".encode() in file.read():
+                        return True
+            except OSError:
                 continue
     return False

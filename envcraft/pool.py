@@ -98,6 +98,11 @@ class Pool(Driver):
         finally:
             self._release(turn.wanted)
 
+    def settle(self) -> None:
+        """Wait until the first worker has started, or has failed to: its driver then knows without a trial."""
+        for _, launched in self._warm[:1]:
+            launched.exception()
+
     def want(self, hash_seeds: Iterable[int]) -> None:
         """Launch these ahead, too."""
         with self._lock:

@@ -5,21 +5,23 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
 from envcraft.budget import BUDGETS
 from envcraft.check import Check, Rule
-from envcraft.cli import offered, unknown
+from envcraft.cli import named, offered, unknown
 from envcraft.contract import Contract
-from envcraft.corpus.export import Exporter
 from envcraft.errors import SandboxUnavailable, UsageError
-from envcraft.executors import ExecutorPlugin
-from envcraft.families import Family
 from envcraft.own_contracts import own_contracts
 from envcraft.reports import Reporter
 from envcraft.sandbox import Driver, Isolation, choose, ensure
+
+if TYPE_CHECKING:
+    from envcraft.corpus.export import Exporter
+    from envcraft.executors import ExecutorPlugin
+    from envcraft.families import Family
 
 _F = TypeVar("_F", bound=Callable[..., Any])
 
@@ -82,7 +84,7 @@ def contract_named(name: str) -> Contract:
 
 def reporter_named(name: str) -> type[Reporter]:
     """Raises UsageError, naming the nearest."""
-    found: type[Reporter] = _named(
+    found: type[Reporter] = named("envcraft_reporters", name) or _named(
         "format", name, {reporter.name: reporter for reporter in offered("envcraft_reporters")}
     )
     return found

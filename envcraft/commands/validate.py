@@ -83,7 +83,6 @@ def validate(
                  2 wrong use                      3 something could not be judged
     """
     wanted, promised = read_reports(form, output, also), contract_named(contract)
-    selected = select_checks(checks, skip)
     changes = {"kwargs": read_kwargs(kwargs), "wrappers": read_wrappers(wrap)}
     files, unusable = _files(targets, env_class, environments_only, changes)
     if not files and (unusable or not environments_only):
@@ -92,15 +91,17 @@ def validate(
     privileged = read_policy(policy) if policy else None
     report = None
     with contextlib.ExitStack() as stack:
-        streams = [sys.stdout if path in (None, "-") else stack.enter_context(open_output(path)) for _, path in wanted]
         driver = driver_for(driver_named(sandbox, require_isolation, runtime, probe=False), files)
         stack.callback(driver.close)
         pool = stack.enter_context(Pool(driver, Limits(), len(files)))
         # The first worker is starting: now is the time for all that takes time.
+        selected = select_checks(checks, skip)
+        streams = [sys.stdout if path in (None, "-") else stack.enter_context(open_output(path)) for _, path in wanted]
         with uninterrupted():
             from envcraft.engine import Plan
             from envcraft.engine import validate as judge
             from envcraft.progress import Progress
+        pool.settle()
         ensure(driver)
         plan = Plan(files, promised, driver, selected, BUDGETS[budget], seed, privileged)
         progress = stack.enter_context(Progress(streams[0]))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping
+from functools import cached_property
 from itertools import groupby
 from typing import TYPE_CHECKING, TextIO
 
@@ -33,15 +34,22 @@ class ConsoleReporter(Reporter):
 
     def __init__(self, output: TextIO, rules: Mapping[str, Rule], console: Console | None = None) -> None:
         super().__init__(output, rules)
-        # Not needed by other formats, and slow to import.
-        from rich.console import Console
-
-        self._console = console or Console(file=output, highlight=False, markup=False, emoji=False)
-        self._signs = self._console.encoding.lower().startswith("utf")
+        self._given = console
         self._findings = 0
         self._numbers: dict[str, int] = {}
         self._waiting: dict[int, SubjectReport] = {}
         self._shown = 0
+
+    @cached_property
+    def _console(self) -> Console:
+        # Slow to import, and there is time once something is judged.
+        from rich.console import Console
+
+        return self._given or Console(file=self.output, highlight=False, markup=False, emoji=False)
+
+    @property
+    def _signs(self) -> bool:
+        return self._console.encoding.lower().startswith("utf")
 
     def handle(self, event: Event) -> None:
         if isinstance(event, SubjectStarted):

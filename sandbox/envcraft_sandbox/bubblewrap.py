@@ -9,6 +9,7 @@ import shutil
 import subprocess
 import sys
 import sysconfig
+import threading
 from collections.abc import Callable
 from pathlib import Path
 
@@ -26,6 +27,8 @@ _LAYERS = [
     "scrubbed environment",
 ]
 _SYSTEM = ("/usr", "/lib", "/lib64", "/lib32", "/bin", "/etc/ld.so.cache", "/etc/localtime")
+#: Whether a worker of this process has: then there is nothing left to try.
+_has_started = threading.Event()
 _TMPFS_BYTES = 64 * 1024**2
 #: As bwrap makes them itself, but read-only, and without new terminals, which workers of one zygote would share. For
 #: its own it is root inside first, and then covers parts of /proc: below that no namespace can have a /proc of its own.
@@ -58,13 +61,20 @@ class BubblewrapDriver(Driver):
         return BubblewrapDriver(found)
 
     def probe(self) -> Availability:
-        return _probe()
+        return Availability(True, layers=_LAYERS) if _has_started.is_set() else _probe()
 
     def launch(self, *, hash_seed: int, limits: Limits) -> Worker:
         return self.begin(hash_seed=hash_seed, limits=limits)()
 
     def begin(self, *, hash_seed: int, limits: Limits) -> Callable[[], Worker]:
-        return launch.start(self._argv(isolate(self._found), hash_seed), {}, limits, self.name)
+        begun = launch.start(self._argv(isolate(self._found), hash_seed), {}, limits, self.name)
+
+        def wait() -> Worker:
+            worker = begun()
+            _has_started.set()
+            return worker
+
+        return wait
 
     def nursery(self) -> Driver:
         return Nursery(self, self._zygote, launch.JOB_FOLDER)

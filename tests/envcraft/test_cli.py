@@ -360,7 +360,7 @@ def test_a_bug_of_ours_is_exit_3_never_1(invoke: Any, monkeypatch: pytest.Monkey
     def broken() -> None:
         raise ZeroDivisionError
 
-    monkeypatch.setattr("envcraft.cli.offered", lambda hook: [click.Command("boom", callback=broken)])
+    monkeypatch.setattr("envcraft.cli.named", lambda hook, name: click.Command(name, callback=broken))
     result = invoke("boom")
     assert result.exit_code == 3
     assert "EnvCraft itself broke" in result.stderr
@@ -370,7 +370,7 @@ def test_ctrl_c_is_exit_130(invoke: Any, monkeypatch: pytest.MonkeyPatch) -> Non
     def interrupted() -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("envcraft.cli.offered", lambda hook: [click.Command("wait", callback=interrupted)])
+    monkeypatch.setattr("envcraft.cli.named", lambda hook, name: click.Command(name, callback=interrupted))
     result = invoke("wait")
     assert result.exit_code == 130
     assert result.stderr == "interrupted\n"

@@ -53,6 +53,35 @@ def test_built_in_plugins_all_load() -> None:
     assert {listed.name for listed in plugins().list()} >= set(DEFAULT_PLUGINS)
 
 
+def test_built_in_plugins_fill_the_hooks_that_they_are_known_for() -> None:
+    filled = {listed.name: tuple(listed.hooks) for listed in plugins().list() if listed.name in DEFAULT_PLUGINS}
+    assert filled == DEFAULT_PLUGINS
+
+
+def test_a_built_in_plugin_is_imported_when_its_hook_is_asked_and_keeps_its_place(
+    empty: Plugins, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    other = types.SimpleNamespace(name="other", rules=[])
+    built_in = {
+        "one": plugin("one", "envcraft_checks", gives),
+        "two": plugin("two", "envcraft_contracts", raises),
+        "three": plugin("three", "envcraft_checks", lambda: [other]),
+    }
+    for (name, load), hook in zip(
+        built_in.items(), ["envcraft_checks", "envcraft_contracts", "envcraft_checks"], strict=True
+    ):
+        empty.defer(name, (hook,))
+        monkeypatch.setitem(sys.modules, name, load())
+    empty.register("foreign", "foreign-dist", plugin("foreign", "envcraft_checks", lambda: [RULE]))
+    assert empty.find("envcraft_checks", "a check") is RULE
+    assert [name for name, _ in empty.manager.list_name_plugin()] == ["foreign", "one"]
+    assert empty.collect("envcraft_checks") == [RULE, other]
+    (broken,) = empty.broken
+    assert broken.plugin == "foreign"
+    assert empty.find("envcraft_checks", "none") is None
+    assert [listed.name for listed in empty.list()] == ["one", "two", "three", "foreign"]
+
+
 def test_a_hook_that_raises_is_named_and_the_rest_go_on(empty: Plugins) -> None:
     empty.register("bad", "bad-dist", plugin("bad", "envcraft_checks", raises))
     empty.register("good", "good-dist", plugin("good", "envcraft_checks", gives))
