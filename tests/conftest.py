@@ -1,6 +1,8 @@
 """Shared by all tests: what is skipped elsewhere must not be skipped where CI set it up.
 
 ``ENVCRAFT_REQUIRE_DRIVERS=docker,bubblewrap`` turns the skips of tests with these markers into failures.
+
+``make test`` gives whole files to processes of pytest-xdist, in the order in which they are collected here.
 """
 
 from __future__ import annotations
@@ -13,8 +15,13 @@ from typing import Any
 
 import pytest
 
+from envcraft.engine import cores
+
 ROOT = Path(__file__).resolve().parent.parent
 _REQUIRED = {name for name in os.environ.get("ENVCRAFT_REQUIRE_DRIVERS", "").split(",") if name}
+#: What is begun last must not be what takes longest. Hostile programs take longest, and mostly wait.
+_FIRST = ("hostile/test_hostile.py",)
+_SECTIONS = pytest.StashKey[dict[str, str]]()
 
 
 def pytest_configure() -> None:
@@ -35,6 +42,32 @@ def pytest_runtest_makereport(
         report.outcome = "failed"
         report.longrepr = f"ENVCRAFT_REQUIRE_DRIVERS names {', '.join(sorted(needed))}, but: {reason}"
     return report
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_auto_num_workers() -> int:
+    """One more than there are cores: it waits for the hostile programs."""
+    return cores() + 1
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    if hasattr(config, "workerinput"):
+        order = {ROOT / "tests" / name: number for number, name in enumerate(_FIRST)}
+        items.sort(key=lambda item: order.get(item.path, len(order)))
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_testnodedown(node: Any) -> None:
+    """What a process has to say at the end is said by the one that started it."""
+    sections = node.config.stash.setdefault(_SECTIONS, {})
+    sections.update((getattr(node, "workeroutput", None) or {}).get("sections", {}))
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: pytest.Config) -> None:
+    for title, text in config.stash.get(_SECTIONS, {}).items():
+        terminalreporter.section(title)
+        terminalreporter.write_line(text)
 
 
 @pytest.fixture(scope="session")
