@@ -16,7 +16,7 @@ demo: .venv/core.stamp
 	$(BIN)/python -m benchmarks.demo
 
 test: lint types
-	$(BIN)/pytest $(PYTEST_FLAGS)
+	$(BIN)/pytest -n auto --dist loadfile --no-loadscope-reorder $(PYTEST_FLAGS)
 
 lint: .venv/dev.stamp
 	$(BIN)/ruff check .

@@ -1,27 +1,33 @@
-"""Judge many fixtures side by side, each in a process of its own."""
+"""Judge many fixtures, those of one plan side by side and by the same zygote."""
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
 
 from benchmarks.fixtures import Fixture
+from envcraft.check import Check
 from envcraft.verdict import Severity, SubjectReport
 
+Judged = Iterator[tuple[Fixture, SubjectReport]]
 
-def judge(
-    fixtures: Sequence[Fixture], sandbox: str = "auto", narrow: bool = False
-) -> Iterator[tuple[Fixture, SubjectReport]]:
-    """Give each fixture's report by all checks, in order, on as many processes as there are cores.
+
+def judge(fixtures: Sequence[Fixture], sandbox: str = "auto", narrow: bool = False) -> Judged:
+    """Give each fixture's report by all checks, as they come.
 
     With `narrow` good ones are judged at the budget `quick`, and bad ones by the checks alone whose codes they expect,
     at `standard` only where `quick` does not find them: what takes most of the time is looking for defects that are not
     there.
     """
-    count = len(fixtures)
-    with ProcessPoolExecutor(os.cpu_count()) as pool:
-        yield from zip(fixtures, pool.map(_judge_one, fixtures, [sandbox] * count, [narrow] * count), strict=True)
+    if not narrow:
+        yield from _judge_at("standard", fixtures, sandbox, narrow)
+        return
+    missed = []
+    for fixture, report in _judge_at("quick", fixtures, sandbox, narrow):
+        if fixture.codes and failing(report) != fixture.codes:
+            missed.append(fixture)
+        else:
+            yield fixture, report
+    yield from _judge_at("standard", missed, sandbox, narrow)
 
 
 def failing(report: SubjectReport) -> frozenset[str]:
@@ -31,18 +37,10 @@ def failing(report: SubjectReport) -> frozenset[str]:
     )
 
 
-def _judge_one(fixture: Fixture, sandbox: str, narrow: bool) -> SubjectReport:
-    if narrow:
-        report = _judge_at("quick", fixture, sandbox, narrow)
-        if not fixture.codes or failing(report) == fixture.codes:
-            return report
-    return _judge_at("standard", fixture, sandbox, narrow)
-
-
-def _judge_at(budget: str, fixture: Fixture, sandbox: str, narrow: bool) -> SubjectReport:
+def _judge_at(budget: str, fixtures: Sequence[Fixture], sandbox: str, narrow: bool) -> Judged:
     from envcraft.budget import BUDGETS
     from envcraft.contract import ARCADE
-    from envcraft.engine import Plan, validate
+    from envcraft.engine import Plan, stream
     from envcraft.events import SubjectFinished
     from envcraft.plugins import plugins
     from envcraft.pool import Pool
@@ -50,20 +48,37 @@ def _judge_at(budget: str, fixture: Fixture, sandbox: str, narrow: bool) -> Subj
     from envcraft.target import read_policy, read_target
 
     registered = plugins()
-    checks = registered.collect("envcraft_checks")
-    if narrow and fixture.codes:
-        expecting = {check.name for check in checks if any(rule.code in fixture.codes for rule in check.rules)}
-        checks = [check for check in checks if check.always or check.name in {"source", fixture.check, *expecting}]
-    plan = Plan(
-        targets=[read_target(str(fixture.path))],
-        contract=ARCADE,
-        driver=choose(registered.collect("envcraft_sandbox_drivers"), sandbox),
-        checks=checks,
-        budget=BUDGETS[budget],
-        policy=read_policy(str(fixture.policy)) if fixture.policy else None,
-        # Each core has a fixture of its own.
-        lanes=1,
-    )
-    # Workers as those of one among many: forked, but for the one that must share no memory layout.
-    pool = Pool(plan.driver, plan.limits, subjects=2)
-    return next(event.report for event in validate(plan, pool=pool) if isinstance(event, SubjectFinished))
+    every = registered.collect("envcraft_checks")
+    driver = choose(registered.collect("envcraft_sandbox_drivers"), sandbox)
+    for alike in _alike(fixtures, every, narrow):
+        policy = alike[0].policy
+        plan = Plan(
+            targets=[read_target(str(fixture.path)) for fixture in alike],
+            contract=ARCADE,
+            driver=driver,
+            checks=_checks(alike[0], every, narrow),
+            budget=BUDGETS[budget],
+            policy=read_policy(str(policy)) if policy else None,
+        )
+        # Workers as those of one among many, also where it is the only one: forked, but for the one that must share no
+        # memory layout.
+        pool = Pool(plan.driver, plan.limits, subjects=max(len(alike), 2))
+        for number, event in stream(plan, pool=pool):
+            if isinstance(event, SubjectFinished):
+                yield alike[number - 1], event.report
+
+
+def _alike(fixtures: Sequence[Fixture], every: Sequence[Check], narrow: bool) -> list[list[Fixture]]:
+    """The fixtures in groups of the same checks and the same policy."""
+    groups: dict[object, list[Fixture]] = {}
+    for fixture in fixtures:
+        names = tuple(check.name for check in _checks(fixture, every, narrow))
+        groups.setdefault((fixture.policy, names), []).append(fixture)
+    return list(groups.values())
+
+
+def _checks(fixture: Fixture, every: Sequence[Check], narrow: bool) -> list[Check]:
+    if not narrow or not fixture.codes:
+        return list(every)
+    expecting = {check.name for check in every if any(rule.code in fixture.codes for rule in check.rules)}
+    return [check for check in every if check.always or check.name in {"source", fixture.check, *expecting}]

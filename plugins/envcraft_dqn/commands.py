@@ -23,7 +23,7 @@ def _where(command: _F) -> _F:
     for option in reversed(
         (
             click.option(
-                "--select", multiple=True, metavar="PATTERN", help="Environments whose names fit, such as 'tetris-*'."
+                "--select", multiple=True, metavar="PATTERN", help="Environments whose names fit, such as 'tetris_*'."
             ),
             click.option("--contract", metavar="NAME", help="What they promise  [default: what they have passed]"),
             click.option("--trust", is_flag=True, help="Run also what has not passed in this process."),

@@ -115,8 +115,10 @@ def start(
         try:
             return ChildWorker(process, ours, limits, folder)
         except WorkerLost as error:
+            # First: one that is only late would complain of the closed socket.
+            words = last_words(process)
             ours.close()
-            raise SandboxUnavailable(f"the {name} sandbox did not start: {last_words(process) or error}") from None
+            raise SandboxUnavailable(f"the {name} sandbox did not start: {words or error}") from None
 
     return wait
 

@@ -1,9 +1,11 @@
-"""Hostile programs mostly wait for deadlines: they are begun before the first test, and their tests come last."""
+"""Hostile programs mostly wait for deadlines: they are begun before the first test, and their tests come last.
+
+Each process of pytest-xdist would begin all of them: there only that one does which is given their tests.
+"""
 
 from __future__ import annotations
 
-import os
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from pathlib import Path
 
 import pytest
@@ -12,24 +14,30 @@ from envcraft.engine import cores
 from tests.hostile.judge import Runs, missing
 
 _RUNS = pytest.StashKey[Runs]()
+_TITLE = "hostile programs"
 
 
 @pytest.hookimpl(trylast=True)
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    items.sort(key=_is_run)
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    if not hasattr(config, "workerinput"):
+        items.sort(key=_is_run)
 
 
 def pytest_collection_finish(session: pytest.Session) -> None:
-    # Every process of pytest-xdist would begin all of them.
-    if session.config.option.collectonly or "PYTEST_XDIST_WORKER" in os.environ:
-        return
-    session.config.stash[_RUNS] = _begin(session.items, cores())
+    if not session.config.option.collectonly and not hasattr(session.config, "workerinput"):
+        session.config.stash[_RUNS] = _begin(session.items)
+
+
+def pytest_sessionfinish(session: pytest.Session) -> None:
+    runs = session.config.stash.get(_RUNS, None)
+    if runs is not None and runs.seen and hasattr(session.config, "workeroutput"):
+        session.config.workeroutput["sections"] = {_TITLE: runs.table()}
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: pytest.Config) -> None:
     runs = config.stash.get(_RUNS, None)
     if runs is not None and runs.seen:
-        terminalreporter.section("hostile programs")
+        terminalreporter.section(_TITLE)
         terminalreporter.write_line(runs.table())
 
 
@@ -39,21 +47,21 @@ def pytest_unconfigure(config: pytest.Config) -> None:
 
 
 @pytest.fixture(scope="session")
-def runs(request: pytest.FixtureRequest) -> Iterator[Runs]:
+def runs(request: pytest.FixtureRequest) -> Runs:
     """All runs that this session asks for, side by side."""
-    if _RUNS in request.config.stash:
-        yield request.config.stash[_RUNS]
-        return
-    with _begin(request.session.items, cores() + 1) as begun:
-        yield begun
+    stash = request.config.stash
+    if _RUNS not in stash:
+        stash[_RUNS] = _begin(request.session.items)
+    return stash[_RUNS]
 
 
 def _is_run(item: pytest.Item) -> bool:
     return "runs" in getattr(item, "fixturenames", ()) and item.path.parent == Path(__file__).parent
 
 
-def _begin(items: Iterable[pytest.Item], workers: int) -> Runs:
-    begun = Runs(workers)
+def _begin(items: Iterable[pytest.Item]) -> Runs:
+    # Beside the other tests.
+    begun = Runs(cores())
     for item in filter(_is_run, items):
         asked = item.callspec.params  # type: ignore[attr-defined]
         if not missing(asked["driver"]):

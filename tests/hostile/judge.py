@@ -123,7 +123,7 @@ class Runs:
     def __init__(self, workers: int = _POOL, nursery: bool = False) -> None:
         self.seen: list[Run] = []
         self._nursery = nursery
-        self._started = time.monotonic()
+        self._started = self._last = time.monotonic()
         self._pool = ProcessPoolExecutor(workers, initializer=_set_traps)
         self._alone: dict[str, Future[Run]] = {}
         self._runs: dict[tuple[str, str], Future[Run]] = {}
@@ -148,11 +148,12 @@ class Runs:
         if run.digest != alone.digest and not run.broken:
             run.broken.append("the innocent program's traces are not those of its run alone")
         self.seen.append(run)
+        self._last = time.monotonic()
         return run
 
     def table(self) -> str:
         """The figures of what was seen, in Markdown."""
-        return table(self.seen, time.monotonic() - self._started)
+        return table(self.seen, self._last - self._started)
 
 
 _machine: Machine | None = None

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from envcraft_sandbox import bubblewrap, launch
+from envcraft_sandbox import bubblewrap, client, launch
 from envcraft_sandbox.bubblewrap import BubblewrapDriver
 from envcraft_sandbox.process import ProcessDriver
 from envcraft_sandbox.zygote import ForkedWorker, Nursery, Started
@@ -337,3 +337,11 @@ def ends(process: int) -> bool:
     while Path(f"/proc/{process}").exists() and time.monotonic() < deadline:
         time.sleep(0.01)
     return not Path(f"/proc/{process}").exists()
+
+
+def test_a_worker_that_is_late_is_not_told_as_one_that_broke(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(client, "_SERVER_SECONDS", 0.2)
+    late = "import socket, sys; socket.socket(fileno=int(sys.argv[2])).recv(1); sys.exit('Broken pipe')"
+    begun = launch.start([sys.executable, "-c", late], dict(os.environ), Limits(), "process")
+    with pytest.raises(SandboxUnavailable, match="did not start: the worker was silent"):
+        begun()

@@ -97,8 +97,8 @@ class Order:
         """For an exporter that found nothing to export."""
         root = self.store.root
         return UsageError(
-            f"{root} has no environment that passes: `envcraft audit {root}` judges them, and --all exports what has "
-            "not passed, too"
+            f"{root} has no environment that passes all checks: `envcraft audit {root}` judges them, and --all "
+            "exports what has not passed, too"
         )
 
     def _astray(self, name: str) -> EnvCraftError:
