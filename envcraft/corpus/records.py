@@ -47,7 +47,7 @@ class Record(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", tag="r
         isolation: that of the driver.
         steps: environment steps.
         traces: a digest of all that was played, empty where that is not known.
-        command: what judges it again by hand.
+        command: what judges it again by hand, in the folder of the corpus, or in the one that the corpus follows.
         previous: the digest of the line before, empty in the first.
         digest: of all the rest.
     """
