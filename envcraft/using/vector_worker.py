@@ -22,15 +22,23 @@ import msgspec
 from envcraft.errors import EnvCraftError, EnvironmentFailed, UsageError
 from envcraft.using import infos
 from envcraft.using.group import Arrays, Crash, Group, Layout, Member
+from envcraft.using.weighing import weigh
 
 LENGTH = struct.Struct("<I")
-#: Commands: those with a payload are START, ATTACH and RESET.
-START, ATTACH, RESET, STEP, RENDER, CLOSE = b"i", b"a", b"r", b"s", b"f", b"c"
+#: Commands: those with a payload are WEIGH, START, ATTACH and RESET.
+WEIGH, START, ATTACH, RESET, STEP, RENDER, CLOSE = b"w", b"i", b"a", b"r", b"s", b"f", b"c"
 #: Answers: done; done, and there is more to say; an environment failed.
 DONE, MORE, FAILED = b".", b"+", b"!"
 _MAX_TRACEBACK = 8000
 #: So long a worker looks for its next command before it sleeps.
 _LOOK_SECONDS = 2e-4
+
+
+class Weigh(msgspec.Struct):
+    """What is to be weighed, and where Python looks for modules."""
+
+    members: list[Member]
+    path: list[str]
 
 
 class Start(msgspec.Struct):
@@ -92,7 +100,11 @@ def serve(commands: int, answers: int, memory: int) -> None:
     try:
         while (command := _next(commands, waiting)) != CLOSE:
             try:
-                if command == START:
+                if command == WEIGH:
+                    asked = msgspec.msgpack.decode(_payload(commands), type=Weigh)
+                    sys.path[:] = asked.path
+                    answer = MORE + frame(msgspec.msgpack.encode([weigh(member) for member in asked.members]))
+                elif command == START:
                     start = msgspec.msgpack.decode(_payload(commands), type=Start)
                     sys.path[:] = start.path
                     group = Group(start.members, start.number)
