@@ -22,6 +22,7 @@ import msgspec
 from envcraft.errors import EnvCraftError, EnvironmentFailed, UsageError
 from envcraft.using import infos
 from envcraft.using.group import Arrays, Crash, Group, Layout, Member
+from envcraft.using.slices import take_short_turns
 from envcraft.using.weighing import weigh
 
 LENGTH = struct.Struct("<I")
@@ -31,7 +32,7 @@ WEIGH, START, ATTACH, RESET, STEP, RENDER, CLOSE = b"w", b"i", b"a", b"r", b"s",
 DONE, MORE, FAILED = b".", b"+", b"!"
 _MAX_TRACEBACK = 8000
 #: So long a worker looks for its next command before it sleeps.
-_LOOK_SECONDS = 2e-4
+_LOOK_SECONDS = 1e-4
 
 
 class Weigh(msgspec.Struct):
@@ -171,6 +172,7 @@ def _failure(crash: Crash) -> Failure:
 def main() -> None:
     # Ctrl-C goes to the whole terminal: the vector closes its workers.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    take_short_turns()
     commands, answers, memory = map(int, sys.argv[1:])
     serve(commands, answers, memory)
     sys.stdout.flush()

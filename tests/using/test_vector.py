@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import platform
 import re
 import signal
 import subprocess
@@ -228,6 +229,17 @@ class TestShares:
         assert weighed("import os; os._exit(3)") is None
         assert weighed("while True: pass") is None
         assert capfd.readouterr() == ("", "")
+
+
+def test_processes_take_short_turns_and_stay_as_nice_as_they_were(started: Started) -> None:
+    (pid,) = pids(started(workers=1))
+    assert os.getpriority(os.PRIO_PROCESS, pid) == os.getpriority(os.PRIO_PROCESS, 0)
+    told = {}
+    for line in Path(f"/proc/{pid}/sched").read_text().splitlines():
+        key, _, value = line.partition(":")
+        told[key.strip()] = value.strip()
+    if tuple(map(int, re.findall(r"\d+", platform.release())[:2])) >= (6, 12) and "se.slice" in told:
+        assert told["se.slice"] == "100000"
 
 
 class TestFailures:
