@@ -34,6 +34,7 @@ bench: .venv/peers.stamp
 	$(BIN)/python -m benchmarks.launch
 	$(BIN)/python -m benchmarks.memory
 	$(BIN)/python -m benchmarks.audit
+	$(BIN)/python -m benchmarks.audit_scale
 	$(BIN)/python -m benchmarks.corpus_store
 	$(BIN)/python -m benchmarks.duplicates
 	$(BIN)/python -m benchmarks.vector

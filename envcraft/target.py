@@ -11,10 +11,10 @@ import ast
 import hashlib
 import re
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from enum import StrEnum
 from pathlib import Path
-from typing import Any
+from typing import Any, Generic, TypeVar, overload
 
 import msgspec
 
@@ -29,6 +29,7 @@ _CLASS = re.compile(rf"{_NAME}(?:\.{_NAME})*:{_NAME}(?:\.{_NAME})*")
 #: As Gymnasium writes ids: ``[module:][namespace/]name[-vN]``.
 _ID = re.compile(r"(?:[\w.]+:)?(?:[\w:-]+/)?[\w:.-]+")
 _VERSION = re.compile(r"-v\d+$")
+_Item = TypeVar("_Item")
 
 
 class Kind(StrEnum):
@@ -81,6 +82,25 @@ class Target(msgspec.Struct, frozen=True):
             module, _, name = self.path.partition(":")
             return {**told, "module": module, "class": name}
         return {**told, "id": self.path}
+
+
+class LazyTargets(Sequence[Target], Generic[_Item]):
+    """The targets of `items`, each read by `read` when it is asked for, by whichever thread does; none is kept."""
+
+    def __init__(self, items: Sequence[_Item], read: Callable[[_Item], Target]) -> None:
+        self._items, self._read = items, read
+
+    def __len__(self) -> int:
+        return len(self._items)
+
+    @overload
+    def __getitem__(self, index: int) -> Target: ...
+    @overload
+    def __getitem__(self, index: slice) -> Sequence[Target]: ...
+    def __getitem__(self, index: int | slice) -> Target | Sequence[Target]:
+        if isinstance(index, slice):
+            return LazyTargets(self._items[index], self._read)
+        return self._read(self._items[index])
 
 
 def kind_of(name: str) -> Kind | None:

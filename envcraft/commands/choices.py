@@ -29,6 +29,8 @@ _F = TypeVar("_F", bound=Callable[..., Any])
 FIRST = "source"
 #: The executor that is no plugin's: the threads of the process that judges.
 LOCAL = "local"
+#: More than any machine has cores; each is a thread.
+MOST_WORKERS = 1024
 
 
 def all_checks() -> list[Check]:
@@ -137,7 +139,7 @@ def where_options(sandbox: str | None = "auto") -> Callable[[_F], _F]:
         ),
         click.option(
             "--workers",
-            type=click.IntRange(1, 64),
+            type=click.IntRange(1, MOST_WORKERS),
             show_default="as many as cores",
             help="Environments judged side by side; they share the cores.",
         ),

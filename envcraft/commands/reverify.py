@@ -10,7 +10,7 @@ import re
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, overload
+from typing import TYPE_CHECKING
 
 import click
 
@@ -20,7 +20,7 @@ from envcraft.errors import ExitCode, TargetLost, UsageError
 from envcraft.pool import Pool
 from envcraft.reports import one_line, plural
 from envcraft.sandbox import Driver, ensure
-from envcraft.target import Target, read_target
+from envcraft.target import LazyTargets, Target, read_target
 from envcraft.verdict import SubjectReport, Verdict
 
 from .choices import checks_named, contract_named, driver_named, where_options
@@ -116,25 +116,6 @@ def _groups(records: Iterable[Record]) -> Iterable[list[Record]]:
     return found.values()
 
 
-class _Targets(Sequence[Target]):
-    """The targets of records, each read when its turn comes."""
-
-    def __init__(self, records: Sequence[Record], find: Callable[[Record], Target]) -> None:
-        self._records, self._find = records, find
-
-    def __len__(self) -> int:
-        return len(self._records)
-
-    @overload
-    def __getitem__(self, index: int) -> Target: ...
-    @overload
-    def __getitem__(self, index: slice) -> Sequence[Target]: ...
-    def __getitem__(self, index: int | slice) -> Target | Sequence[Target]:
-        if isinstance(index, slice):
-            return _Targets(self._records[index], self._find)
-        return self._find(self._records[index])
-
-
 def _target(record: Record, place: str, store: Store | None) -> Target:
     """The source of a record: from the corpus if there is one, else the file of its name in the working directory or
     beside the records. Raises TargetLost where it is not there, or is not what was recorded.
@@ -173,7 +154,7 @@ def _again(
     budget = BUDGETS[settings.budget]
     differing = settings_of(contract, checks, driver, budget, settings.seed).differing(settings)
     because = f" (judged now by {one_line('; '.join(differing))})" if differing else ""
-    plan = Plan(_Targets(records, find), contract, driver, checks, budget, settings.seed)
+    plan = Plan(LazyTargets(records, find), contract, driver, checks, budget, settings.seed)
     with (
         Pool(driver, plan.limits, len(records)) as pool,
         Progress() as progress,

@@ -10,14 +10,14 @@ import contextlib
 import os
 import random
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
-from typing import Any, overload
+from typing import Any
 
 import msgspec
 
 from envcraft.corpus.store import CorpusDamaged, Environment, Store, decode, now
 from envcraft.errors import EnvCraftError, TargetLost
 from envcraft.events import Event, SubjectFinished
-from envcraft.target import Target
+from envcraft.target import LazyTargets, Target
 from envcraft.verdict import SubjectReport, Verdict
 
 #: What an audit is about: one row for each environment, in the temporary database of its connection.
@@ -44,31 +44,20 @@ class Choice(msgspec.Struct, frozen=True):
     seed: int = 0
 
 
-class Stored(Sequence[Target]):
-    """Environments as targets, each read from the store when it is asked for, by whichever thread does.
-
-    Asking raises TargetLost where the source is gone or has changed.
+def stored(store: Store, environments: Sequence[Environment], folder: str = "") -> LazyTargets[Environment]:
+    """Environments as targets whose names lead from `folder`. Asking for one raises TargetLost where its source is gone
+    or has changed.
     """
 
-    def __init__(self, store: Store, environments: Sequence[Environment], folder: str) -> None:
-        self._store, self._environments, self._folder = store, environments, folder
-
-    def __len__(self) -> int:
-        return len(self._environments)
-
-    @overload
-    def __getitem__(self, index: int) -> Target: ...
-    @overload
-    def __getitem__(self, index: slice) -> Sequence[Target]: ...
-    def __getitem__(self, index: int | slice) -> Target | Sequence[Target]:
-        if isinstance(index, slice):
-            return Stored(self._store, self._environments[index], self._folder)
-        name, source, env_class = self._environments[index]
-        path = os.path.join(self._folder, name)
+    def read(environment: Environment) -> Target:
+        name, source, env_class = environment
+        path = os.path.join(folder, name)
         try:
-            return Target(path, self._store.source(source), env_class or None)
+            return Target(path, store.source(source), env_class or None)
         except CorpusDamaged as error:
             raise TargetLost(path, env_class or None, source, str(error)) from None
+
+    return LazyTargets(environments, read)
 
 
 class Audit:
@@ -115,9 +104,9 @@ class Audit:
         return self.selected - len(self.pending)
 
     @property
-    def targets(self) -> Stored:
+    def targets(self) -> LazyTargets[Environment]:
         """What is to be judged."""
-        return Stored(self.store, self.pending, self.folder)
+        return stored(self.store, self.pending, self.folder)
 
     def run(self, judging: Generator[tuple[int, Event], None, None], tell: Callable[[Event], None]) -> None:
         """Take in the judging of what is pending, whose events come with its numbers, from 1: each verdict is written

@@ -42,7 +42,7 @@ def merge(store: Store, other: Store) -> Merged:
     numbers = {
         number: store.settings(Settings(*row))
         for number, *row in other.db.execute(
-            "SELECT id, contract, contract_sha256, rules, seed, budget, driver, image, checks FROM settings"
+            "SELECT id, contract, contract_sha256, rules, seed, budget, driver, image, checks, offered FROM settings"
         )
     }
     for source, env_class, settings, verdict, report in other.db.execute(

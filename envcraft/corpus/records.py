@@ -47,7 +47,7 @@ class Record(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", tag="r
         isolation: that of the driver.
         steps: environment steps.
         traces: a digest of all that was played, empty where that is not known.
-        command: what judges it again by hand.
+        command: what judges it again by hand, in the folder of the corpus, or in the one that the corpus follows.
         previous: the digest of the line before, empty in the first.
         digest: of all the rest.
     """
@@ -91,23 +91,27 @@ def records_of(store: Store) -> Iterator[Record]:
     """
     rows = store.db.execute(
         "SELECT name, environments.source, environments.class, report, contract, contract_sha256, rules, seed, budget, "
-        "driver, image, settings.checks FROM environments JOIN verdicts ON verdicts.id = environments.verdict "
+        "driver, image, settings.checks, offered FROM environments JOIN verdicts ON verdicts.id = environments.verdict "
         "AND verdicts.source = environments.source AND verdicts.class = environments.class "
         "JOIN settings ON settings.id = verdicts.settings "
         "WHERE verdicts.verdict != ? ORDER BY name",
         (Verdict.ERROR.value,),
     )
     for name, source, env_class, report, *settings in rows:
-        yield record(name, source, env_class or None, Settings(*settings), decode(report))
+        # A corpus has its files by their digests, and only who follows a folder has them by their names.
+        file = name if store.follows_folder else str(store.place(source).relative_to(store.root))
+        yield record(name, file, source, env_class or None, Settings(*settings), decode(report))
 
 
-def record(name: str, source: str, env_class: str | None, settings: Settings, report: SubjectReport) -> Record:
-    """The record of one verdict."""
+def record(
+    name: str, file: str, source: str, env_class: str | None, settings: Settings, report: SubjectReport
+) -> Record:
+    """The record of one verdict; `file` is where the source lies."""
     checks = [
         Checked(check.check, check.verdict, [finding.code for finding in check.findings], evidence(check))
         for check in report.checks
     ]
-    words = ["envcraft", "validate", name, "--contract", settings.contract, "--budget", settings.budget]
+    words = ["envcraft", "validate", file, "--contract", settings.contract, "--budget", settings.budget]
     words += ["--seed", str(settings.seed), "--sandbox", settings.driver]
     words += ["--checks", ",".join(check.check for check in checks)]
     words += ["--class", env_class] if env_class else []

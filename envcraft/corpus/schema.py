@@ -163,6 +163,8 @@ MIGRATIONS = (
         PRIMARY KEY (demonstration, number)
     ) WITHOUT ROWID;
     """,
+    # The rules that some checks were chosen from; of those before, nobody knows.
+    "ALTER TABLE settings ADD COLUMN offered TEXT NOT NULL DEFAULT '';",
 )
 
 

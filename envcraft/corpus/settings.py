@@ -26,6 +26,8 @@ from envcraft.verdict import plain
 #: What the environments of the built-in contracts import, and so what their episodes may depend on.
 _LIBRARIES = ("numpy", "gymnasium", "pygame-ce", "scipy")
 
+#: What is known of settings and does not tell them apart.
+_BESIDE = ("checks", "offered")
 #: What settings are called in words, where it is not as in the table.
 _WORDS = {"contract_sha256": "a contract whose digest is", "image": "image or libraries"}
 
@@ -41,8 +43,10 @@ class Settings(msgspec.Struct, frozen=True):
         budget: its name; its numbers are part of `rules`.
         driver: the sandbox driver's name.
         image: the digest of the image that workers run in, else the versions of the interpreter and the libraries.
-        checks: the names of those that ran, empty where all did that were offered, ``?`` where that is not known. It
-            is no part of what tells settings apart: `rules` has a digest of the checks that ran.
+        checks: the names of those that ran, empty where all did that were offered, ``?`` where that is not known.
+        offered: what `rules` would be with all checks that were offered, where only some of them ran; else empty.
+
+    The last two are no part of what tells settings apart: `rules` has a digest of the checks that ran.
     """
 
     contract: str
@@ -53,6 +57,7 @@ class Settings(msgspec.Struct, frozen=True):
     driver: str
     image: str
     checks: str = ""
+    offered: str = ""
 
     @property
     def digest(self) -> str:
@@ -66,13 +71,14 @@ class Settings(msgspec.Struct, frozen=True):
 
     def _telling(self) -> dict[str, Any]:
         """What tells settings apart."""
-        return {name: value for name, value in msgspec.structs.asdict(self).items() if name != "checks"}
+        return {name: value for name, value in msgspec.structs.asdict(self).items() if name not in _BESIDE}
 
 
 def settings_of(contract: Contract, checks: Iterable[Check], driver: Driver, budget: Budget, seed: int) -> Settings:
     """The settings of a run. Raises SandboxUnavailable where the driver's image is missing."""
-    checks = list(checks)
+    checks, offers = list(checks), offered("envcraft_checks")
     names = {check.name for check in checks}
+    whole = names == {check.name for check in offers}
     return Settings(
         contract.name,
         contract_digest(contract),
@@ -81,7 +87,8 @@ def settings_of(contract: Contract, checks: Iterable[Check], driver: Driver, bud
         budget.name,
         driver.name,
         driver.image() or _libraries(),
-        "" if names == {check.name for check in offered("envcraft_checks")} else ",".join(sorted(names)),
+        "" if whole else ",".join(sorted(names)),
+        "" if whole else rules_version(offers, driver),
     )
 
 

@@ -268,8 +268,10 @@ class Store:
         """The number of a way to judge, which is written down if it is new."""
         row = (settings.digest, *msgspec.structs.astuple(settings))
         self.db.execute(
-            "INSERT INTO settings (digest, contract, contract_sha256, rules, seed, budget, driver, image, checks) "
-            "VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?) ON CONFLICT (digest) DO UPDATE SET checks = excluded.checks "
+            "INSERT INTO settings "
+            "(digest, contract, contract_sha256, rules, seed, budget, driver, image, checks, offered) "
+            "VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?) "
+            "ON CONFLICT (digest) DO UPDATE SET checks = excluded.checks, offered = excluded.offered "
             # What was all of them may be some by now, and the other way round.
             "WHERE excluded.checks != '?'",
             row,

@@ -1,7 +1,8 @@
 """Whether an environment has passed: what ``envcraft.make`` and ``envcraft export`` go by.
 
 A pass counts where all checks ran that were offered, and where the same source and class was not found to fail by the
-same checks in the same version, under the same contract: another budget or seed takes no finding back.
+same checks in the same version, or by some of them alone, under the same contract: another budget or seed takes no
+finding back.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from envcraft.verdict import Verdict
 _FAILED = (
     "EXISTS (SELECT 1 FROM verdicts AS v JOIN settings AS s ON s.id = v.settings WHERE v.source = verdicts.source "
     "AND v.class = verdicts.class AND v.verdict = 'fail' AND s.contract_sha256 = settings.contract_sha256 "
-    "AND s.rules = settings.rules)"
+    "AND settings.rules IN (s.rules, s.offered))"
 )
 #: The condition on a row of ``verdicts`` with its ``settings``, the last on an environment, that this has passed.
 PASSED = f"(verdicts.verdict = 'pass' AND settings.checks = '' AND NOT {_FAILED})"
@@ -53,4 +54,5 @@ def _doubt(verdict: Verdict, checks: str, failed: int) -> str:
         return f"has the verdict {verdict.value}"
     if checks:
         return "has passed checks that are not known" if checks == "?" else "has passed only some of the checks"
-    return "has passed, but failed by the same checks with another budget or seed," if failed else ""
+    words = "has passed, but failed by the same checks with another budget or seed, or by some of them alone,"
+    return words if failed else ""

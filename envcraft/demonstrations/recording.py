@@ -12,7 +12,7 @@ import msgspec
 from envcraft.budget import BUDGETS
 from envcraft.check import Check, Rule, Skip
 from envcraft.contract import Contract
-from envcraft.corpus.audit import Stored
+from envcraft.corpus.audit import stored
 from envcraft.corpus.settings import contract_digest
 from envcraft.corpus.store import Environment, Store
 from envcraft.demonstrations import cache, keeping
@@ -238,7 +238,7 @@ def _run(
     if not pending:
         return
     limits = Limits(total=3600.0 * max(1.0, steps / _HOUR))
-    targets = Stored(store, pending, "")
+    targets = stored(store, pending)
     policy = player.policy if player is not None else None
     plan = Plan(targets, contract, driver, [check], _BUDGET, seed, policy, limits)
     with (

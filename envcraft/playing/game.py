@@ -60,7 +60,7 @@ class Game:
                     chosen.append(action)
             if not episode.waiting:
                 continue
-            trace = episode.watched.trace
+            trace = episode.shown.trace
             if trace.steps != shown:
                 shown = trace.steps
                 self._show(episode, f"step {trace.steps}, return {trace.total:g}")
@@ -74,7 +74,7 @@ class Game:
 
     def rest(self, episode: Episode, notes: list[str]) -> Wish:
         """Show how an episode ended, and wait for what the player wants."""
-        self._show(episode, result(episode.watched.trace), notes)
+        self._show(episode, result(episode.shown.trace), notes)
         while True:
             for key in self._screen.pressed(0.1):
                 if key in QUIT:
@@ -83,7 +83,7 @@ class Game:
                     return Wish.AGAIN
 
     def _show(self, episode: Episode, state: str, notes: list[str] | None = None) -> None:
-        watched = episode.watched
+        watched = episode.shown
         text = textwrap.wrap(watched.text, 76)[:12] if watched.picture is None else []
         self._screen.show(
             watched.picture,

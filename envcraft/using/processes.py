@@ -28,13 +28,16 @@ from envcraft.using.vector_worker import (
     RESET,
     START,
     STEP,
+    WEIGH,
     Attach,
     Failure,
     Reset,
     Start,
+    Weigh,
     frame,
     write,
 )
+from envcraft.using.weighing import shares, worth_weighing
 
 _CHUNK = 1 << 16
 _HEAD = 1 + LENGTH.size
@@ -54,25 +57,35 @@ _VARIABLES = {
 class Processes:
     """Worker processes with several environments each. Calls raise EnvironmentFailed, and close everything then."""
 
-    def __init__(self, shares: Sequence[Sequence[Member]]) -> None:
-        """Start one for each share. Raises EnvironmentFailed, UsageError."""
-        self._names = {member.index: member.name for share in shares for member in share}
-        self._shares = [[member.index for member in share] for share in shares]
-        self.groups = len(shares)
-        self._order = [index for share in self._shares for index in share]
+    def __init__(self, members: Sequence[Member], workers: int) -> None:
+        """Start so many, and share the environments out. Raises EnvironmentFailed, UsageError."""
+        self._names = {member.index: member.name for member in members}
+        self.groups = workers
+        self._shares = [sorted(self._names)] * workers
         self._memory = os.memfd_create("envcraft-vector", os.MFD_CLOEXEC | os.MFD_ALLOW_SEALING)
         self._arrays: Arrays | None = None
         self._workers: list[_Worker] = []
         try:
-            for number, share in enumerate(shares):
+            for _ in range(workers):
                 self._workers.append(_Worker(self._memory))
-                start = Start(number, list(share), [os.path.abspath(entry) for entry in sys.path])
-                self._workers[-1].send(START + frame(_plain(start)))
-            told = [self._receive(number) for number in range(len(shares))]
+            path = [os.path.abspath(entry) for entry in sys.path]
+            found = shares(members, workers, self._weights(worth_weighing(members, workers), path))
+            self._shares = [[member.index for member in share] for share in found]
+            self._order = [index for share in self._shares for index in share]
+            told = self._all([START + frame(_plain(Start(number, share, path))) for number, share in enumerate(found)])
         except BaseException:
             self.close()
             raise
         self.spaces = self._in_order(told)
+
+    def _weights(self, members: Sequence[Member], path: list[str]) -> dict[str, float]:
+        """Seconds of a step by path, each measured by one of the processes; none of what cannot be played."""
+        if not members:
+            return {}
+        dealt = [list(members[number :: self.groups]) for number in range(self.groups)]
+        told = self._all([WEIGH + frame(_plain(Weigh(part, path))) for part in dealt])
+        weighed = zip(itertools.chain.from_iterable(dealt), itertools.chain.from_iterable(told), strict=True)
+        return {member.path: seconds for member, seconds in weighed if seconds is not None}
 
     def attach(self, layout: Layout, same_step: bool) -> Arrays:
         """Share the arrays."""

@@ -3,28 +3,26 @@
 from __future__ import annotations
 
 import json
-import os
 import queue
-from collections import deque
 from typing import Any
 
 import gymnasium
 import msgspec
 from gymnasium.error import ResetNeeded
 
+from envcraft.asked import AskedEpisode
 from envcraft.budget import BUDGETS
 from envcraft.contract import Contract
 from envcraft.errors import EnvironmentFailed, UsageError
-from envcraft.rollout import Conditions, Rollout
-from envcraft.sandbox import Driver, How, Step, Stop
-from envcraft.subject import Begun, Subject
+from envcraft.rollout import Conditions
+from envcraft.sandbox import Driver, How, Step
+from envcraft.subject import Subject
 from envcraft.target import Target
 from envcraft.trace import Recording
 from envcraft.using.spaces import action_to_json, to_gymnasium
 
 #: More steps than an episode has: it ends when its environment ends it.
 _STEPS = 10**12
-_STOP = object()
 _MAX_SEED = 2**31 - 1
 
 
@@ -53,59 +51,20 @@ class _Shown(Recording):
         self.info = step.info
 
 
-class _Episode:
-    """An episode that waits for actions (:class:`envcraft.sandbox.Player`); its job runs in a lane."""
+class _Episode(AskedEpisode[_Shown]):
+    """An episode that an agent plays, step by step."""
 
     def __init__(self, subject: Subject, seed: int, conditions: Conditions) -> None:
-        self._actions: deque[Any] = deque()
         self._turns: queue.SimpleQueue[None] = queue.SimpleQueue()
-        self._read, self._write = os.pipe()
-        rollout = Rollout(seed, [], conditions, player="an agent", asked=True, max_steps=_STEPS)
-        self._begun: Begun = subject.begin(rollout, self, _Shown)
+        super().__init__(subject, seed, conditions, "an agent", _STEPS, _Shown)
         self._begun.task.future.add_done_callback(lambda _: self._turns.put(None))
-
-    @property
-    def shown(self) -> _Shown:
-        assert isinstance(self._begun.recording, _Shown)
-        return self._begun.recording
-
-    @property
-    def over(self) -> bool:
-        return self._begun.task.future.done()
 
     def wait(self) -> None:
         """Wait until the job wants an action or has ended."""
         self._turns.get()
 
-    def give(self, action: Any) -> None:
-        self._actions.append(action)
-        os.write(self._write, b".")
-
-    def end(self) -> Any:
-        """How the job ended. Raises WorkerLost, SandboxUnavailable."""
-        return self._begun.task.future.result()
-
-    def close(self) -> None:
-        """Stop it, wait for that, and let go of the pipe."""
-        self.give(_STOP)
-        self._begun.task.future.exception()
-        os.close(self._read)
-        os.close(self._write)
-
-    # What the job's thread calls
-
     def asked(self) -> None:
         self._turns.put(None)
-
-    def fileno(self) -> int:
-        return self._read
-
-    def take(self) -> Any:
-        os.read(self._read, 1)
-        item = self._actions.popleft()
-        if item is _STOP:
-            raise Stop
-        return item
 
 
 class SandboxedEnv(gymnasium.Env[Any, Any]):

@@ -216,22 +216,6 @@ class VectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
         return gathered
 
 
-def _shares(members: Sequence[Member], workers: int) -> list[list[Member]]:
-    """The environments of each worker, of which all have as many, or one more.
-
-    A step takes as long as the slowest worker. How long an environment takes is not known, but copies of one take as
-    long as each other, and so, often, do neighbours: they are dealt out in turns, there and back again.
-    """
-    first: dict[str, int] = {}
-    for member in members:
-        first.setdefault(member.path, member.index)
-    shares: list[list[Member]] = [[] for _ in range(workers)]
-    for place, member in enumerate(sorted(members, key=lambda member: (first[member.path], member.index))):
-        turn, seat = divmod(place, workers)
-        shares[workers - 1 - seat if turn % 2 else seat].append(member)
-    return shares
-
-
 def _column(key: str, value: Any, count: int) -> NDArray[Any]:
     """What holds the values of one key of info, by the first of them."""
     if key != "final_obs":
@@ -303,7 +287,7 @@ def make_vec(
     members = [_member(index, found[index % len(found)], sandbox, runtime, kwargs) for index in range(count)]
     cores = len(os.sched_getaffinity(0))
     processes = min(cores if workers is None else workers, count)
-    running: Running = Processes(_shares(members, processes)) if processes else InProcess(members)
+    running: Running = Processes(members, processes) if processes else InProcess(members)
     return VectorEnv([member.name for member in members], running, mode, copy)
 
 

@@ -22,15 +22,25 @@ import msgspec
 from envcraft.errors import EnvCraftError, EnvironmentFailed, UsageError
 from envcraft.using import infos
 from envcraft.using.group import Arrays, Crash, Group, Layout, Member
+from envcraft.using.slices import take_short_turns
+from envcraft.using.weighing import weigh
 
 LENGTH = struct.Struct("<I")
-#: Commands: those with a payload are START, ATTACH and RESET.
-START, ATTACH, RESET, STEP, RENDER, CLOSE = b"i", b"a", b"r", b"s", b"f", b"c"
+#: Commands: those with a payload are WEIGH, START, ATTACH and RESET.
+WEIGH, START, ATTACH, RESET, STEP, RENDER, CLOSE = b"w", b"i", b"a", b"r", b"s", b"f", b"c"
 #: Answers: done; done, and there is more to say; an environment failed.
 DONE, MORE, FAILED = b".", b"+", b"!"
 _MAX_TRACEBACK = 8000
-#: So long a worker looks for its next command before it sleeps.
-_LOOK_SECONDS = 2e-4
+#: So long a worker looks for its next command before it sleeps; one that was kept from its core for longer than the
+#: second of these does not look for so many commands.
+_LOOK_SECONDS, _KEPT_SECONDS, _REST = 1e-4, 5e-4, 1_000
+
+
+class Weigh(msgspec.Struct):
+    """What is to be weighed, and where Python looks for modules."""
+
+    members: list[Member]
+    path: list[str]
 
 
 class Start(msgspec.Struct):
@@ -87,12 +97,15 @@ def write(descriptor: int, data: bytes) -> None:
 def serve(commands: int, answers: int, memory: int) -> None:
     """Do what is asked until CLOSE, or until the other end is gone."""
     group: Group | None = None
-    waiting = select.poll()
-    waiting.register(commands, select.POLLIN)
+    listening = _Listening(commands)
     try:
-        while (command := _next(commands, waiting)) != CLOSE:
+        while (command := listening.next()) != CLOSE:
             try:
-                if command == START:
+                if command == WEIGH:
+                    asked = msgspec.msgpack.decode(_payload(commands), type=Weigh)
+                    sys.path[:] = asked.path
+                    answer = MORE + frame(msgspec.msgpack.encode([weigh(member) for member in asked.members]))
+                elif command == START:
                     start = msgspec.msgpack.decode(_payload(commands), type=Start)
                     sys.path[:] = start.path
                     group = Group(start.members, start.number)
@@ -110,16 +123,36 @@ def serve(commands: int, answers: int, memory: int) -> None:
             group.close()
 
 
-def _next(commands: int, waiting: select.poll) -> bytes:
-    """The next command. Raises EOFError.
+class _Listening:
+    """Waits for commands. Mostly the next one comes soon: looking for it costs less than being put to sleep and woken
+    up, which on virtual machines takes as long as a game's step.
 
-    Mostly it comes soon: looking for it, while anything else that wants the core may have it, costs less than being put
-    to sleep and woken up, which on virtual machines takes as long as a game's step.
+    Who else wants the core may have it in between. Where that is other work than the vector's own, it keeps the core
+    for milliseconds, which sleeping does not: then there is no looking for a while.
     """
-    deadline = time.perf_counter() + _LOOK_SECONDS
-    while not waiting.poll(0) and time.perf_counter() < deadline:
-        os.sched_yield()
-    return read(commands, 1)
+
+    def __init__(self, descriptor: int) -> None:
+        self._descriptor = descriptor
+        self._rest = 0
+        self._poll = select.poll()
+        self._poll.register(descriptor, select.POLLIN)
+
+    def next(self) -> bytes:
+        """The next command. Raises EOFError."""
+        if self._rest:
+            self._rest -= 1
+        else:
+            self._look()
+        return read(self._descriptor, 1)
+
+    def _look(self) -> None:
+        now = time.perf_counter()
+        deadline = now + _LOOK_SECONDS
+        while now < deadline and not self._poll.poll(0):
+            os.sched_yield()
+            now, before = time.perf_counter(), now
+            if now - before > _KEPT_SECONDS:
+                self._rest = _REST
 
 
 def _answer(command: bytes, commands: int, memory: int, group: Group) -> bytes:
@@ -159,6 +192,7 @@ def _failure(crash: Crash) -> Failure:
 def main() -> None:
     # Ctrl-C goes to the whole terminal: the vector closes its workers.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    take_short_turns()
     commands, answers, memory = map(int, sys.argv[1:])
     serve(commands, answers, memory)
     sys.stdout.flush()

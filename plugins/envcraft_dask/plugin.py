@@ -25,6 +25,8 @@ class DaskExecutor(ExecutorPlugin):
     @contextlib.contextmanager
     def open(self, workers: int | None, scheduler: str | None) -> Iterator[Opened]:
         try:
+            # Without it there are no certificates for a cluster of this machine.
+            import cryptography  # noqa: F401
             from distributed import Client, LocalCluster
         except ImportError:
             raise UsageError("--executor dask needs Dask; install it with `pip install 'envcraft-rl[dask]'`") from None
@@ -35,6 +37,9 @@ class DaskExecutor(ExecutorPlugin):
                         n_workers=workers or _cores(),
                         threads_per_worker=1,
                         dashboard_address=None,
+                        # Whoever reaches a scheduler has its workers run anything, and all users of a machine reach
+                        # its loopback: certificates of this run's own let in nobody else.
+                        security=True,
                         silence_logs=logging.CRITICAL,
                         # The sandbox holds what environments use; a worker itself has little.
                         memory_limit=0,

@@ -341,11 +341,13 @@ def test_settings_say_whether_all_checks_ran() -> None:
     def settings(checks: list[Check]) -> Settings:
         return settings_of(ARCADE, checks, StubDriver(), BUDGETS["quick"], 0)
 
-    assert settings(select_checks(None, None)).checks == ""
+    whole = settings(select_checks(None, None))
+    assert (whole.checks, whole.offered) == ("", "")
     some = settings(select_checks("source,api", None))
     assert some.checks == ",".join(sorted(check.name for check in select_checks("source,api", None)))
     # What ran is told apart by the rules already, so that verdicts from before this was kept still count.
-    assert some.digest == msgspec.structs.replace(some, checks="").digest
+    assert some.digest == msgspec.structs.replace(some, checks="", offered="").digest
+    assert some.offered == whole.rules != some.rules
 
 
 @pytest.fixture

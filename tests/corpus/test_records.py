@@ -17,7 +17,7 @@ from envcraft.corpus.store import Store
 from envcraft.errors import UsageError
 from envcraft.verdict import CheckReport, Finding, Repro, Severity, SubjectReport, Verdict
 
-from .conftest import SETTINGS, Invoke, judged, report
+from .conftest import SETTINGS, Invoke, judged, report, source
 
 Lines = list[bytes]
 QUICK = ("--sandbox", "process", "--budget", "quick", "--checks", "source,api")
@@ -63,8 +63,11 @@ def test_each_judged_environment_has_a_line(file: Path) -> None:
     assert [(known.path, known.verdict.value) for known in found] == [("ant", "pass"), ("bee", "fail"), ("elk", "fail")]
     assert found[1].checks[0].codes == ["EC107", "EC203"]
     assert (found[1].envcraft, found[1].settings) == ("0.1.0", SETTINGS)
+    sha256 = found[1].source_sha256
+    place = f"sources/{sha256[:2]}/{sha256[2:4]}/{sha256}.py"
+    assert (file.parent / "corpus" / place).read_bytes() == source("bee")
     assert found[1].command == (
-        "envcraft validate bee --contract arcade --budget quick --seed 0 --sandbox process --checks api"
+        f"envcraft validate {place} --contract arcade --budget quick --seed 0 --sandbox process --checks api"
     )
 
 
@@ -152,7 +155,7 @@ def test_evidence_is_codes_evidence_and_reproduction() -> None:
 
 def known(*codes: str, traces: str = "t") -> tuple[Record, SubjectReport]:
     told = msgspec.structs.replace(report("bee", *codes), traces=traces)
-    return record("bee", told.source_sha256, None, SETTINGS, told), told
+    return record("bee", "bee", told.source_sha256, None, SETTINGS, told), told
 
 
 def test_drift_is_told_by_check_evidence_and_traces() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import hashlib
 import importlib.util
 import json
 import re
@@ -10,24 +11,32 @@ import signal
 import subprocess
 import sys
 from collections import Counter
+from collections.abc import Iterator
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
 
+from envcraft.contract import ARCADE
 from envcraft.corpus.report import data, media, swap
+from envcraft.corpus.report.command import promised_in
 from envcraft.corpus.report.data import Measure, outliers
 from envcraft.corpus.store import Environment, Store, decode
 from envcraft.corpus.verify import verify
+from envcraft.engine import Plan
 from envcraft.errors import UsageError
+from envcraft.events import Event, SubjectFinished
+from envcraft.pool import Pool
 from envcraft.reports import one_line
 from envcraft.verdict import CheckReport, SubjectReport, Verdict, overall
 
-from .conftest import Invoke, judged
+from .conftest import SETTINGS, Invoke, judged, source
+from .conftest import report as report_on
 from .reported import CHECKS, HOSTILE, SIZE
-from .test_audit import ENVIRONMENT, QUICK
+from .test_audit import ENVIRONMENT, QUICK, StubDriver
 
 
 @pytest.fixture(scope="module")
@@ -436,6 +445,29 @@ def test_an_audit_writes_a_report_with_pictures(folder: Path, invoke: Invoke, tm
     with Store(folder) as store:
         (kept,) = media.files(store)
         assert store.db.execute("SELECT media FROM previews").fetchall() == [(kept.stem,)]
+
+
+def test_pictures_are_played_under_the_contract_that_was_judged(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
+    """ant and bee under arcade, cat under another, dog never, eel under one that is not known here."""
+    known = Environment("cat", hashlib.sha256(source("cat")).hexdigest(), "")
+    store.record(known, store.settings(msgspec.structs.replace(SETTINGS, contract="gymnasium")), report_on("cat"))
+    judged(store, "eel")
+    gone = Environment("eel", hashlib.sha256(source("eel")).hexdigest(), "")
+    store.record(gone, store.settings(msgspec.structs.replace(SETTINGS, contract="gone")), report_on("eel"))
+    played: list[tuple[str, str]] = []
+
+    def stream(plan: Plan, workers: int | None, pool: Pool) -> Iterator[tuple[int, Event]]:
+        for number, target in enumerate(plan.targets, 1):
+            played.append((plan.contract.name, target.path))
+            yield number, SubjectFinished(report_on(target.path))
+
+    monkeypatch.setattr(media, "stream", stream)
+    notes: list[str] = []
+    for _ in range(2):
+        for promised in promised_in(store, ARCADE, notes):
+            media.make(store, promised, ARCADE.name, StubDriver())
+    assert played == [("arcade", "ant"), ("arcade", "bee"), ("arcade", "dog"), ("gymnasium", "cat")]
+    assert notes[0].startswith("No new pictures of 1 environment: there is no contract 'gone'")
 
 
 def test_no_previews_plays_nothing(store: Store, invoke: Invoke, tmp_path: Path) -> None:

@@ -6,7 +6,9 @@ import contextlib
 import os
 import re
 import signal
+import socket
 import sqlite3
+import ssl
 import subprocess
 import sys
 import time
@@ -14,6 +16,7 @@ from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
+from urllib.parse import urlsplit
 
 import pytest
 
@@ -129,6 +132,26 @@ def test_ctrl_c_ends_it_at_once(audit: subprocess.Popen[str], corpus: Path) -> N
     while (left := [pid for pid in started if Path(f"/proc/{pid}").exists()]) and time.monotonic() < deadline:
         time.sleep(0.1)
     assert not left
+
+
+def test_nobody_else_is_let_into_a_cluster_of_this_machine() -> None:
+    from envcraft_dask.plugin import DaskExecutor
+
+    # As somebody has it who has no certificate.
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
+    context.check_hostname, context.verify_mode = False, ssl.CERT_NONE
+    # Later versions tell of a refusal only after the handshake.
+    context.maximum_version = ssl.TLSVersion.TLSv1_2
+    with DaskExecutor().open(1, None) as opened:
+        assert opened.executor.submit(abs, -3).result(timeout=60) == 3
+        executor: Any = opened.executor
+        address = urlsplit(executor._client.scheduler.address)
+        assert (address.scheme, address.hostname) == ("tls", "127.0.0.1")
+        with (
+            socket.create_connection(("127.0.0.1", address.port), timeout=60) as raw,
+            pytest.raises((ssl.SSLError, ConnectionError)),
+        ):
+            context.wrap_socket(raw)
 
 
 def test_a_scheduler_that_there_is_not_is_told(monkeypatch: pytest.MonkeyPatch) -> None:

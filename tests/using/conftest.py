@@ -63,11 +63,13 @@ def judged(
     rules: str = "rules",
     budget: str = "quick",
     checks: str = "",
+    offered: str = "",
 ) -> None:
     """Add an environment with a verdict."""
     store.add(name, text.encode())
     sha256 = hashlib.sha256(text.encode()).hexdigest()
-    settings = Settings(contract.name, contract_digest(contract), rules, 0, budget, "process", "python 3", checks)
+    digest = contract_digest(contract)
+    settings = Settings(contract.name, digest, rules, 0, budget, "process", "python 3", checks, offered)
     report = SubjectReport(name, env_class, sha256, verdict, "process", 0.1, 10, [])
     store.record(Environment(name, sha256, ""), store.settings(settings), report)
 

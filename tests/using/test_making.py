@@ -121,6 +121,20 @@ class TestTrust:
         with pytest.raises(Untrusted, match="failed by the same checks with another budget or seed"):
             envcraft.make(corpus, "ant")
 
+    @pytest.mark.parametrize("same", [True, False])
+    def test_nor_does_a_pass_of_all_take_back_what_some_found(self, corpus: Path, tmp_path: Path, same: bool) -> None:
+        (text,) = _texts(corpus, "ant.py")
+        with Store(corpus, write=True) as store:
+            offered = "rules" if same else "older rules"
+            judged(store, "ant.py", text, "Ant", ARCADE, Verdict.FAIL, "some", checks="api,source", offered=offered)
+            judged(store, "ant.py", text, "Ant", ARCADE, Verdict.PASS)
+            assert ("ant.py" in [one.name for one in Order(store, tmp_path).environments()]) is not same
+        if same:
+            with pytest.raises(Untrusted, match="or by some of them alone"):
+                envcraft.make(corpus, "ant")
+        else:
+            envcraft.make(corpus, "ant")
+
     def test_what_ran_before_that_was_kept_is_known_once_it_runs_again(self, corpus: Path) -> None:
         with Store(corpus, write=True) as store:
             store.db.execute("UPDATE settings SET checks = '?'")

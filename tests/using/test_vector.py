@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import platform
+import re
 import signal
 import subprocess
 import sys
@@ -24,9 +26,11 @@ from gymnasium.wrappers.vector import RecordEpisodeStatistics
 import envcraft
 from envcraft.errors import EnvironmentFailed, UsageError
 from envcraft.using import infos
+from envcraft.using.group import Member
 from envcraft.using.processes import Processes
 from envcraft.using.sources import Untrusted, locate
-from envcraft.using.vector import VectorEnv, _member, _shares
+from envcraft.using.vector import VectorEnv, _member
+from envcraft.using.weighing import shares, weigh, worth_weighing
 
 from .conftest import game
 
@@ -99,18 +103,6 @@ def pids(vector: VectorEnv) -> list[int]:
 
 
 class TestUse:
-    @pytest.mark.parametrize("workers", [1, 2, 3, 4])
-    def test_copies_are_dealt_out_evenly(self, corpus: Path, workers: int) -> None:
-        found = [locate(corpus, name) for name in ("ant", "bee", "cat")]
-        members = [_member(at, found[at % 3], None, None, {}) for at in range(12)]
-        shares = _shares(members, workers)
-        assert sorted(member.index for share in shares for member in share) == list(range(12))
-        assert {len(share) for share in shares} == {12 // workers}
-        for name in ("ant.py", "bee.py", "cat.py"):
-            copies = [sum(member.name == name for member in share) for share in shares]
-            # There and back again: two in a row at a turn.
-            assert max(copies) - min(copies) <= (1 if 12 // 3 % workers == 0 else 2)
-
     def test_observations_are_copies_unless_none_are_wanted(self, started: Started) -> None:
         for copy in (True, False):
             with_copy = started("ant", "bee", workers=0, copy=copy)
@@ -188,6 +180,69 @@ class TestUse:
             vector.reset()
 
 
+class TestShares:
+    @pytest.fixture
+    def members(self, corpus: Path) -> list[Member]:
+        """ant, bee and cat, four of each."""
+        found = [locate(corpus, name) for name in ("ant", "bee", "cat")]
+        return [_member(at, found[at % 3], None, None, {}) for at in range(12)]
+
+    @pytest.mark.parametrize("workers", [1, 2, 3, 4])
+    def test_copies_are_dealt_out_evenly(self, members: list[Member], workers: int) -> None:
+        found = shares(members, workers, {})
+        assert sorted(member.index for share in found for member in share) == list(range(12))
+        assert {len(share) for share in found} == {12 // workers}
+        for name in ("ant.py", "bee.py", "cat.py"):
+            copies = [sum(member.name == name for member in share) for share in found]
+            assert max(copies) - min(copies) <= 1
+
+    def test_the_heaviest_are_apart_and_the_light_make_up_for_them(self, members: list[Member]) -> None:
+        ant, bee, cat = (member.path for member in members[:3])
+        heavy, light = shares(members[:3] + members[4:6], 2, {ant: 9.0, bee: 1.0, cat: 2.0})
+        assert [member.name for member in heavy] == ["ant.py"]
+        assert [member.name for member in light] == ["cat.py", "cat.py", "bee.py", "bee.py"]
+        # What could not be weighed is taken for one that is neither heavy nor light.
+        heavy, light = shares(members[:3], 2, {ant: 9.0, cat: 2.0})
+        assert [member.name for member in heavy] == ["ant.py"]
+        assert [len(share) for share in shares(members, 12, {ant: 0.0})] == [1] * 12
+
+    def test_what_is_worth_it(self, members: list[Member]) -> None:
+        assert [member.name for member in worth_weighing(members, 2)] == ["ant.py", "bee.py", "cat.py"]
+        assert worth_weighing(members, 1) == []
+        assert worth_weighing(members[::3], 2) == []
+        apart = [msgspec.structs.replace(member, sandbox="process") for member in members]
+        assert worth_weighing(apart, 2) == []
+
+    def test_weighing_leaves_nothing_behind(
+        self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+    ) -> None:
+        def weighed(body: str) -> float | None:
+            (tmp_path / "game.py").write_text(game("Game", "self.steps >= 9", body))
+            return weigh(_member(0, locate(tmp_path / "game.py"), None, None, {}))
+
+        monkeypatch.setattr("envcraft.using.weighing._PATIENCE", 30.0)
+        sleeps = weighed("import os, time; time.sleep(0.004); os.write(1, b'said'); np.left_behind = True")
+        assert sleeps is not None
+        assert sleeps >= 0.004
+        assert not hasattr(np, "left_behind")
+        assert weighed("raise ValueError") is None
+        assert weighed("import os; os._exit(3)") is None
+        monkeypatch.setattr("envcraft.using.weighing._PATIENCE", 0.3)
+        assert weighed("while True: pass") is None
+        assert capfd.readouterr() == ("", "")
+
+
+def test_processes_take_short_turns_and_stay_as_nice_as_they_were(started: Started) -> None:
+    (pid,) = pids(started(workers=1))
+    assert os.getpriority(os.PRIO_PROCESS, pid) == os.getpriority(os.PRIO_PROCESS, 0)
+    told = {}
+    for line in Path(f"/proc/{pid}/sched").read_text().splitlines():
+        key, _, value = line.partition(":")
+        told[key.strip()] = value.strip()
+    if tuple(map(int, re.findall(r"\d+", platform.release())[:2])) >= (6, 12) and "se.slice" in told:
+        assert told["se.slice"] == "100000"
+
+
 class TestFailures:
     """An environment fails on one action: the message names it, and nothing is left running."""
 
@@ -244,7 +299,9 @@ class TestFailures:
         vector = started()
         vector.reset(seed=0)
         os.kill(pids(vector)[1], signal.SIGKILL)
-        with pytest.raises(EnvironmentFailed, match=r"environments bee\.py, cat\.py has ended \(signal 9\)"):
+        assert isinstance(vector._running, Processes)
+        names = ", ".join(vector.names[index] for index in vector._running._shares[1])
+        with pytest.raises(EnvironmentFailed, match=rf"environments {re.escape(names)} has ended \(signal 9\)"):
             vector.step(np.zeros((4, 3), np.int64))
 
     def test_an_environment_cannot_be_made(self, tmp_path: Path) -> None:

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from envcraft.budget import BUDGETS
 from envcraft.check import Check
 from envcraft.contract import Contract
-from envcraft.corpus.audit import Stored
+from envcraft.corpus.audit import stored
 from envcraft.corpus.settings import contract_digest
 from envcraft.corpus.store import Environment, Store
 from envcraft.engine import Plan, stream
@@ -122,8 +122,9 @@ def preview(store: Store, environment: Environment) -> Path | None:
     return file if file is not None and file.is_file() else None
 
 
-def make(store: Store, contract: Contract, driver: Driver, workers: int | None = None) -> int:
-    """Play what has no preview under this contract yet, but for what `source` refused; give how many were played.
+def make(store: Store, contract: Contract, otherwise: str, driver: Driver, workers: int | None = None) -> int:
+    """Play what was last judged under this contract and has no preview yet, but for what `source` refused; give how
+    many were played. What was never judged counts as judged under the contract called `otherwise`.
 
     Each is written down as it comes, so that whatever ends this costs only those in flight. Raises OSError, and what
     the sandbox raises.
@@ -133,14 +134,15 @@ def make(store: Store, contract: Contract, driver: Driver, workers: int | None =
         "SELECT min(name), source, class FROM environments LEFT JOIN previews USING (source, class) "
         "WHERE recipe IS NOT ? AND coalesce(verdict, 0) NOT IN "
         "(SELECT verdict FROM findings WHERE rule_check = 'source' AND severity = 'error') "
-        "GROUP BY source, class ORDER BY 1",
-        (recipe,),
+        "AND coalesce((SELECT contract FROM verdicts JOIN settings ON settings.id = verdicts.settings "
+        "WHERE verdicts.id = environments.verdict), ?) = ? GROUP BY source, class ORDER BY 1",
+        (recipe, otherwise, contract.name),
     )
     pending = [Environment(*row) for row in found]
     if not pending:
         return 0
     made: dict[str, bytes] = {}
-    targets = Stored(store, pending, "")
+    targets = stored(store, pending)
     plan = Plan(targets, contract, driver, [_Preview(made.__setitem__)], BUDGETS["quick"], limits=_LIMITS)
     told = time.monotonic()
     with Pool(driver, _LIMITS, len(pending)) as pool, contextlib.closing(stream(plan, workers, pool)) as events:

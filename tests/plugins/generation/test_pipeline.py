@@ -164,7 +164,7 @@ def test_a_verdict_of_other_settings_counts_as_none(finished: Finished, tmp_path
     with Store.create(tmp_path / "copy") as store, Store(finished.corpus) as source:
         merge(store, source)
         row = store.db.execute(
-            "SELECT contract, contract_sha256, rules, seed, budget, driver, image, checks FROM settings"
+            "SELECT contract, contract_sha256, rules, seed, budget, driver, image, checks, offered FROM settings"
         ).fetchone()
         same = Settings(*row)
         case = History(store, same).case(CONCEPTS[1].id)
