@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
-import random
 import signal
 import sqlite3
 import subprocess
@@ -29,12 +27,11 @@ from envcraft.corpus.settings import Settings
 from envcraft.corpus.store import Store
 from envcraft.corpus.verify import verify
 from envcraft.errors import EnvCraftError
+from tests.killing import TIMES, Killed
 
-from .content import CONCEPTS, GAME, POLICY, UNSEEDED, small, verdict, write
+from .content import CONCEPTS, GAME, POLICY, UNSEEDED, elaboration, small, verdict, write
 
 Generate = Callable[..., Result]
-#: How often the pipeline is killed.
-KILLS = int(os.environ.get("ENVCRAFT_KILLS", "3"))
 #: What a corpus holds that is not the clock's.
 TABLES = {
     "concepts": "SELECT * FROM concepts ORDER BY id",
@@ -203,21 +200,32 @@ def test_a_second_run_does_nothing(finished: Finished) -> None:
 
 def test_killed_at_any_moment_it_comes_to_the_same(finished: Finished, tmp_path: Path) -> None:
     content, whole = finished.content, finished.corpus
-    rng = random.Random(7)
-    program = [sys.executable, "-m", "envcraft", *command(content, tmp_path / "corpus")]
-    killed = 0
-    for _ in range(KILLS):
-        with subprocess.Popen(program, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as run:
-            try:
-                run.wait(rng.uniform(0.1, 1.0) * finished.seconds)
-            except subprocess.TimeoutExpired:
-                run.send_signal(signal.SIGKILL)
-                killed += 1
-    assert killed, "every run came to its end before it was to be killed"
+    corpus, kept = tmp_path / "corpus", list[int]()
+    program = [sys.executable, "-m", "envcraft", *command(content, corpus)]
+    killed = Killed(
+        lambda: subprocess.Popen(program, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True),
+        lambda pid: (corpus / "lock").is_file() and (corpus / "lock").read_text() == str(pid),
+        finished.seconds / 3,
+        lambda: kept.append(_kept(corpus)),
+    )
+    killed.run()
+    print("kept after each kill:", *kept, killed.moments)
+    # What was kept stays kept.
+    assert kept == sorted(kept)
+    assert killed.moments.total() == TIMES
     last = subprocess.run(program, capture_output=True, text=True, timeout=300)
     assert last.returncode == 0, last.stderr
-    assert contents(tmp_path / "corpus") == contents(whole)
-    assert requests(tmp_path / "corpus") == requests(whole)
+    assert last.stdout == finished.result.stdout
+    assert contents(corpus) == contents(whole)
+    assert requests(corpus) == requests(whole)
+
+
+def _kept(corpus: Path) -> int:
+    """How many briefs, policies and outcomes a corpus has, which may not be there yet."""
+    try:
+        return sum(len(contents(corpus)[table]) for table in ("briefs", "policies", "outcomes"))
+    except sqlite3.Error:
+        return 0
 
 
 def test_interrupted_it_ends_cleanly_and_goes_on(finished: Finished, tmp_path: Path) -> None:
@@ -256,10 +264,32 @@ def test_in_parts(generate: Generate, tmp_path: Path) -> None:
     assert outcomes(tmp_path / "other") == {}
 
 
+def test_an_optional_stage_runs_where_it_is_named(generate: Generate, tmp_path: Path) -> None:
+    for number in (1, 2):
+        made = next((tmp_path / "content").glob(f"{number:02}_*"))
+        (made / "elaboration.md").write_text(elaboration(CONCEPTS[number].text) if number == 1 else "Nothing.")
+    assert generate("--with", "elaboration", "--until", "viability").exit_code == 0
+    said = outcomes(tmp_path / "corpus")
+    first, second = (concept.id for concept in CONCEPTS[1:3])
+    assert (said[first, "elaboration"][0], said[first, "viability"][0]) == ("passed", "passed")
+    assert said[second, "elaboration"][1].startswith("no elaboration: There is no part")
+    assert (second, "briefs") not in said
+    plain = generate("--until", "viability", corpus="plain")
+    assert "elaboration" not in plain.stdout
+    # What is written of it is asked otherwise.
+    assert len(requests(tmp_path / "corpus") - requests(tmp_path / "plain")) == 1
+    with Store(tmp_path / "corpus") as store:
+        assert CONCEPTS[1].text in History(store).outcomes(first)["elaboration"].facts["text"]
+    # It comes too late where there is a brief.
+    late = generate("--until", "elaboration", corpus="plain")
+    assert (late.exit_code, "| elaboration | 2 | 2 | 0 | 0 |" in late.stdout) == (0, True), late.output
+
+
 @pytest.mark.parametrize(
     ("more", "words"),
     [
         (["--until", "repare"], "did you mean repair?"),
+        (["--with", "elaborating"], "there is no stage 'elaborating'; did you mean"),
         (["--seed", "3"], "concepts of seed 0 alone"),
         (["--family", "tetris"], "--family does not go with --model"),
         (["--output", "files"], "--output does not go with --model"),
