@@ -5,7 +5,8 @@ answer gets a piece, and answers are of different lengths, the same ones for bot
 times, and its prompt grows with what it was answered. The bare client is the HTTP library on which the `openai` client
 is built: it sends the same bodies, reads the bytes of the stream, and does nothing with them. EnvCraft's model paces,
 decodes, accounts, and writes its journal, to which every answer is synced. They take turns, in an order that changes,
-and a ratio is the median of those within one round. Less than 95% of the bare client's answers a second is exit status 1.
+and a ratio is the median of those within one round. Less than 95% of the bare client's answers a second gives exit
+status 1.
 
 The rate of the server is what an engine would have, not what this machine's cores can send: ``--tick 0`` takes the
 bound away, and shows what EnvCraft costs where the cores are the limit.

@@ -66,7 +66,8 @@ class Killed:
                     assert time.monotonic() - began < _PATIENCE, "the work does not begin"
                     time.sleep(0.005)
                 self._starting = time.monotonic() - began
-                self._wait(process, self._random.uniform(0.0, self._seconds))
+                # More of them soon after the begin, so that the work is not done before the kills are.
+                self._wait(process, self._seconds * self._random.random() ** 2)
             else:
                 assert process.stdout is not None
                 process.stdout.readline()

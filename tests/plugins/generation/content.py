@@ -173,7 +173,9 @@ def write(folder: Path, number: int, **files: str) -> None:
 
 
 def small(folder: Path) -> Path:
-    """Two concepts: one whose game and policy are repaired, one that is not viable."""
+    """Three concepts: one whose game and policy are repaired, one that is not viable, one that no repair gets to run."""
     write(folder, 1, attempt_0=UNSEEDED, attempt_1=GAME, policy_0=IDLE, policy_1=POLICY)
     write(folder, 2, viability=verdict(False))
+    lost = {f"attempt_{number}": GAME.replace("import numpy", f"import numpy_{number}") for number in range(4)}
+    write(folder, 3, **lost)
     return folder
