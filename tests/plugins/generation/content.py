@@ -173,7 +173,7 @@ def write(folder: Path, number: int, **files: str) -> None:
 
 
 def small(folder: Path) -> Path:
-    """Three concepts: one whose game and policy are repaired, one that is not viable, one that no repair gets to run."""
+    """Three concepts: one whose game and policy are repaired, one that is not viable, one that never gets to run."""
     write(folder, 1, attempt_0=UNSEEDED, attempt_1=GAME, policy_0=IDLE, policy_1=POLICY)
     write(folder, 2, viability=verdict(False))
     lost = {f"attempt_{number}": GAME.replace("import numpy", f"import numpy_{number}") for number in range(4)}
