@@ -542,7 +542,7 @@ def test_killed_at_any_moment_and_resumed_gives_the_same_rows(tmp_path: Path) ->
     killed = Killed(
         lambda: audited(games[1]),
         lambda pid: lock.is_file() and lock.read_text() == str(pid),
-        3 * each,
+        12 * each,
         lambda: judged.append(judged_in(games[1])),
     )
     killed.run()

@@ -122,13 +122,14 @@ def test_only_failures_of_the_network_are_asked_again_and_answers_stay(tmp_path:
 def test_the_journals_of_corpora_are_merged_and_each_request_is_kept_once(tmp_path: Path) -> None:
     asked = [request(f"q{number}") for number in range(6)]
     mine, other = tmp_path / "mine", tmp_path / "other"
-    for place, outcomes in (
-        (mine, [Answer("a0"), Answer("a1"), Failed("timeout", "late"), Failed("refused", "no")]),
-        (other, [Answer("b0"), Failed("empty", "-"), Answer("b2"), Failed("timeout", "late"), Answer("b4"), *_FAILED]),
-    ):
+    known: dict[Path, list[Answer | Failed]] = {
+        mine: [Answer("a0"), Answer("a1"), Failed("timeout", "late"), Failed("refused", "no")],
+        other: [Answer("b0"), Failed("empty", "-"), Answer("b2"), Failed("timeout", "late"), Answer("b4"), *_FAILED],
+    }
+    for place, told in known.items():
         Store.create(place).close()
         with contextlib.closing(Journal(place)) as journal:
-            journal.keep_now(list(zip(asked, outcomes, strict=False)))
+            journal.keep_now(list(zip(asked, told, strict=False)))
     with sqlite3.connect(other / JOURNAL) as db:
         before = db.execute("SELECT * FROM answers ORDER BY key").fetchall()
     for words in ("3 answers", None):
