@@ -182,12 +182,14 @@ class Stage(ABC):
         summary: one line for people.
         after: the stage that comes before this one; "" for the first.
         replaces: the stage whose place this one takes; "" for one that comes in addition.
+        optional: whether it runs only where ``--with`` names it.
     """
 
     name: str
     summary: str
     after: str = ""
     replaces: str = ""
+    optional: bool = False
 
     @abstractmethod
     async def run(self, case: Case, bench: Workbench) -> Outcome:

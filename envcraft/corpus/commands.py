@@ -224,9 +224,8 @@ def verify(ctx: click.Context, corpus: Path, repair: bool) -> None:
 @_CORPUS
 @click.argument("other", metavar="OTHER", type=click.Path(path_type=Path))
 def merge(corpus: Path, other: Path) -> None:
-    """Take over the environments and verdicts of another corpus, and how they came about. What models answered, its
-    journal, stays there.
-    """
+    """Take over the environments and verdicts of another corpus, how they came about, and what models answered."""
+    from envcraft.cli import offered
     from envcraft.corpus.merge import merge as take
 
     with Store(corpus, write=True) as store, Store(other) as source:
@@ -234,18 +233,16 @@ def merge(corpus: Path, other: Path) -> None:
             raise UsageError(f"{corpus} follows a folder; merge into a corpus that `envcraft corpus init` has made")
         try:
             merged = take(store, source)
+            generators = [generator for generator in offered("envcraft_generators") if generator.merge is not None]
+            beside = [generator.merge(store.root, source.root) for generator in generators]
         except OSError as error:
             raise EnvCraftError(f"{corpus} cannot be written to: {error.strerror}") from None
     for old, new in merged.renamed:
         click.echo(f"{one_line(old)} is another source here; that of {other} is called {one_line(new)}", err=True)
     found = [plural(merged.added, "environment"), plural(merged.verdicts, "verdict")]
     found += [plural(merged.concepts, "concept")] if merged.concepts else []
+    found += filter(None, beside)
     click.echo(f"{', '.join(found[:-1])} and {found[-1]} added")
-    if merged.concepts:
-        click.echo(
-            f"what models answered stays in {other}: for concepts not at their end, it is asked anew here",
-            err=True,
-        )
 
 
 @click.command()

@@ -72,6 +72,8 @@ def _answer(place: Path, request: Request) -> str:
     """What was answered; "" for nothing."""
     if request.stage == "briefs":
         return _read(place / "brief.md")
+    if request.stage == "elaboration":
+        return _read(place / "elaboration.md")
     if request.stage == "viability":
         return _read(place / "viability.json")
     kind = _FILES.get(request.stage)

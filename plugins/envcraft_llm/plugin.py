@@ -26,16 +26,16 @@ def envcraft_commands() -> list[click.Command]:
 def envcraft_generators() -> list[Generator]:
     from envcraft.generators import Generator
 
-    from .pipeline.command import pipeline
+    from .pipeline.command import merge, pipeline
 
-    return [Generator(pipeline, frozenset({"concepts", "model", "base_url"}))]
+    return [Generator(pipeline, frozenset({"concepts", "model", "base_url"}), merge)]
 
 
 @hookimpl
 def envcraft_stages() -> list[Stage]:
-    from .stages import STAGES
+    from .stages import OPTIONAL, STAGES
 
-    return [stage() for stage in STAGES]
+    return [stage() for stage in (*STAGES, *OPTIONAL)]
 
 
 @hookimpl

@@ -5,8 +5,6 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import json
-import os
-import random
 import re
 import signal
 import subprocess
@@ -35,11 +33,10 @@ from envcraft.sandbox import Availability, Driver, Isolation, JobEnd, Limits, Pl
 from envcraft.subject import Subject
 from envcraft.target import MAX_SOURCE, Target
 from envcraft.verdict import Finding
+from tests.killing import TIMES, Killed
 
 from .conftest import Invoke, judged, source
 
-#: How often a run is killed; an acceptance run takes 20.
-KILLS = int(os.environ.get("ENVCRAFT_KILLS", "3"))
 QUICK = ("--sandbox", "process", "--budget", "quick", "--checks", "source,api", "--workers", "2")
 ENVIRONMENT = """import gymnasium as gym
 import numpy as np
@@ -532,7 +529,7 @@ def judged_in(folder: Path) -> int:
 
 def test_killed_at_any_moment_and_resumed_gives_the_same_rows(tmp_path: Path) -> None:
     games = [tmp_path / "undisturbed" / "games", tmp_path / "killed" / "games"]
-    total = 8 + KILLS
+    total = 24
     for folder in games:
         folder.mkdir(parents=True)
         for number in range(total):
@@ -542,27 +539,23 @@ def test_killed_at_any_moment_and_resumed_gives_the_same_rows(tmp_path: Path) ->
     assert audited(games[0]).wait(400) == 1
     each = (time.monotonic() - started) / total
     wanted = database(games[0])
-    moments = random.Random(KILLS)
     judged: list[int] = []
-    for number in range(KILLS):
-        process = audited(games[1])
-        if number % 4:
-            # While environments are judged, of which some come to their end.
-            assert process.stderr is not None
-            assert "to be judged" in process.stderr.readline()
-            time.sleep(moments.uniform(0.0, 5 * each))
-        else:
-            time.sleep(moments.uniform(0.0, 1.5))
-        process.send_signal(signal.SIGKILL)
-        process.communicate(timeout=60)
-        judged.append(judged_in(games[1]))
+    lock = games[1] / ".envcraft" / "lock"
+    killed = Killed(
+        lambda: audited(games[1]),
+        lambda pid: lock.is_file() and lock.read_text() == str(pid),
+        12 * each,
+        lambda: judged.append(judged_in(games[1])),
+    )
+    killed.run()
     # What was judged stays judged.
     assert judged == sorted(judged)
+    assert killed.moments.total() == TIMES
     resumed = audited(games[1], "--format", "json")
     out, error = resumed.communicate(timeout=400)
     assert resumed.returncode == 1, error
     assert json.loads(out)["audit"]["judged"] == total - judged[-1]
-    print("judged after each kill:", *judged)
+    print("judged after each kill:", *judged, killed.moments)
     assert database(games[1]) == wanted
 
 

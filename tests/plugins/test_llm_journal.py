@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import os
 import random
 import signal
@@ -15,12 +16,17 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from click.testing import CliRunner
 from envcraft_llm.endpoint import ModelChoice, OpenedModel, faults, open_model
 from envcraft_llm.endpoint.journal import JOURNAL, Failed, Journal
 from envcraft_llm.model import Answer, Message, ModelFailure, ModelStopped, Request
 
+from envcraft.cli import cli
+from envcraft.corpus.store import Store
 from envcraft.errors import EnvCraftError, UsageError
 from tests.plugins.loopback import Loopback, error, piece, says, stream
+
+_FAILED = (Failed("server-error", "HTTP 500"),)
 
 
 @pytest.fixture(autouse=True)
@@ -111,6 +117,40 @@ def test_only_failures_of_the_network_are_asked_again_and_answers_stay(tmp_path:
     assert third == first
     assert fourth.text == "code"
     assert offline(tmp_path, lambda model: outcomes(model, [empty, lost])) == [first, fourth]
+
+
+def test_the_journals_of_corpora_are_merged_and_each_request_is_kept_once(tmp_path: Path) -> None:
+    asked = [request(f"q{number}") for number in range(6)]
+    mine, other = tmp_path / "mine", tmp_path / "other"
+    known: dict[Path, list[Answer | Failed]] = {
+        mine: [Answer("a0"), Answer("a1"), Failed("timeout", "late"), Failed("refused", "no")],
+        other: [Answer("b0"), Failed("empty", "-"), Answer("b2"), Failed("timeout", "late"), Answer("b4"), *_FAILED],
+    }
+    for place, told in known.items():
+        Store.create(place).close()
+        with contextlib.closing(Journal(place)) as journal:
+            journal.keep_now(list(zip(asked, told, strict=False)))
+    with sqlite3.connect(other / JOURNAL) as db:
+        before = db.execute("SELECT * FROM answers ORDER BY key").fetchall()
+    for words in ("3 answers", None):
+        result = CliRunner().invoke(cli, ["corpus", "merge", str(mine), str(other)])
+        ended = f"0 environments, 0 verdicts and {words} added" if words else "0 environments and 0 verdicts added"
+        assert (result.exit_code, result.output) == (0, f"{ended}\n")
+    with contextlib.closing(Journal(mine, write=False)) as journal:
+        found = [journal.find(one.key(), passing=True) for one in asked]
+        assert found == [Answer("a0"), Answer("a1"), Answer("b2"), Failed("refused", "no"), Answer("b4"), *_FAILED]
+    with sqlite3.connect(other / JOURNAL) as db:
+        assert db.execute("SELECT * FROM answers ORDER BY key").fetchall() == before
+
+
+def test_a_journal_that_cannot_be_merged_is_told_of(tmp_path: Path) -> None:
+    for name in ("mine", "other"):
+        Store.create(tmp_path / name).close()
+    (tmp_path / "other" / JOURNAL).write_text("no database, but long enough to be looked at as one" * 20)
+    result = CliRunner().invoke(cli, ["corpus", "merge", str(tmp_path / "mine"), str(tmp_path / "other")])
+    assert result.exit_code == 3
+    assert f"{tmp_path / 'other' / JOURNAL} cannot be used as a journal" in result.output
+    assert not (tmp_path / "mine" / JOURNAL).exists()
 
 
 def test_requests_under_way_are_asked_once_and_samples_apart(tmp_path: Path) -> None:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import json
+import re
 import socket
 import sqlite3
 import subprocess
@@ -14,11 +16,17 @@ from typing import Any
 
 import pytest
 from click.testing import CliRunner
+from envcraft_llm import templates
 from envcraft_llm.endpoint import ModelChoice, OpenedModel, open_model
-from envcraft_llm.model import Message, ModelFailure, ModelStopped, Request
+from envcraft_llm.endpoint.journal import Failed, Journal
+from envcraft_llm.model import Answer, Message, ModelFailure, ModelStopped, Request
+from envcraft_llm.stages import briefs
 
 from envcraft.cli import cli
+from envcraft.corpus.history import History
+from envcraft.corpus.store import Store
 from tests.plugins import tiny_model
+from tests.plugins.generation.content import GAME, write
 
 pytest.importorskip("xllamacpp", reason="needs the wheel xllamacpp, which is not for every machine")
 
@@ -124,6 +132,62 @@ def test_the_pipeline_counts_every_concept_that_such_a_model_fails(served: Serve
     assert [one[:2] for one in said] == [("briefs", "failed")] * 2
     assert all(reason.startswith("context-overflow: ") for _, _, reason in said)
     assert "| briefs | 2 | 0 | 0 | 2 |" in result.stdout
+
+
+@pytest.fixture
+def short_prompts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Templates so short that all requests fit into the tiny model's context, and are answered; each is sent once."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "pyproject.toml").write_text("[tool.envcraft.llm]\nretries = 0\n")
+    folder = tmp_path / "prompts"
+    folder.mkdir()
+    for stage in ("briefs", "viability", "code"):
+        parts = {"System": f"Write {stage}.", "User": "{{%s}}" % ("title" if stage == "briefs" else "brief")}
+        parts |= {"Again": "Again.", "Continue": "Go on."}
+        (folder / f"{stage}.md").write_text("\n".join(f"# {name}\n\n{text}\n" for name, text in parts.items()))
+    monkeypatch.setattr(templates, "FOLDER", folder)
+    templates.prompt.cache_clear()
+    yield
+    templates.prompt.cache_clear()
+
+
+@pytest.mark.usefixtures("short_prompts")
+@pytest.mark.parametrize(
+    ("first", "reasons"),
+    [
+        ("briefs", r"no brief: It does not begin with a level-1 heading .*"),
+        # What the grammar does not keep the model from: a server finds fault with what its limit cuts off.
+        ("viability", r"garbage: HTTP 500: .*|no verdict: .*|[a-z]+-[a-z-]+: .*|no code: .*"),
+        ("code", r"no code: nothing in the answer looks like an environment; it begins '.*"),
+    ],
+)
+def test_garbage_ends_every_concept_with_its_reason(served: Served, tmp_path: Path, first: str, reasons: str) -> None:
+    content, corpus = tmp_path / "content", tmp_path / "corpus"
+    for number in range(3):
+        write(content, number, brief=f"Short brief {number}.", attempt_0=GAME)
+    given = ["generate", "--concepts", "3", "--corpus", str(corpus), "--sandbox", "process", "--until"]
+    if first != "briefs":
+        before = "briefs" if first == "viability" else "viability"
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(briefs, "complaints", lambda text: [])
+            ended = CliRunner().invoke(cli, [*given, before, "--model", f"demo:{content}"])
+        assert ended.exit_code == 0, ended.output
+    # Concepts come before briefs, and are nobody's answers.
+    begun = ["--from", first if first != "briefs" else "concepts"]
+    result = CliRunner().invoke(cli, [*given, "code", *begun, "--base-url", served.url, "--model", "tiny"])
+    assert result.exit_code == 1, result.output
+    with Store(corpus) as store:
+        history = History(store)
+        said = [list(history.outcomes(concept).values()) for concept in history.concepts()]
+    last = [next(one for one in outcomes if one.result != "passed") for outcomes in said]
+    assert len(last) == 3
+    assert [one.reason for one in last if not re.fullmatch(reasons, one.reason, re.DOTALL)] == []
+    with contextlib.closing(Journal(corpus, write=False)) as journal:
+        keys = sqlite3.connect(journal.path).execute("SELECT key FROM answers")
+        kept = [journal.find(key, passing=True) for (key,) in keys]
+    # All of it was answered: it is the answers that are no good.
+    assert len(kept) >= 3
+    assert all(isinstance(one, Answer) or (isinstance(one, Failed) and one.kind == "garbage") for one in kept)
 
 
 def test_a_server_that_is_killed_and_started_again_answers_the_rest(served: Served, tmp_path: Path) -> None:

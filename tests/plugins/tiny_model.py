@@ -79,6 +79,8 @@ def main() -> None:
     params.n_ctx, params.n_parallel = 4 * CONTEXT, 4
     params.cpuparams.n_threads = params.cpuparams_batch.n_threads = 1
     params.warmup = False
+    # Unless a request says another limit: left alone, it would write until its context is full.
+    params.n_predict = 160
     server = xllamacpp.Server(params)
     print(server.listening_address, flush=True)
     while True:

@@ -26,6 +26,8 @@ _NO_MODEL = re.compile(
 )
 _FILTERED = re.compile(r"content[_ ]?(filter|policy|management)|safety system|moderation", re.IGNORECASE)
 _SPENT = re.compile(r"insufficient_quota|exceeded your current quota|insufficient (credit|fund|balance)", re.IGNORECASE)
+#: How llama.cpp says that the model kept to no form, such as that of a schema.
+_UNREADABLE = re.compile(r"output that does not match the expected", re.IGNORECASE)
 #: Parameters that an endpoint may refuse, by the words with which it does.
 _PARAMETERS = {
     "response_format": re.compile(
@@ -86,7 +88,7 @@ def fault(
     if status in (401, 403):
         return ModelStopped(f"the endpoint refuses the key ({said})")
     if status in (408, 409, 425, 429) or status >= 500:
-        kind: FailureKind = "timeout" if status == 408 else "server-error"
+        kind: FailureKind = "timeout" if status == 408 else "garbage" if _UNREADABLE.search(body) else "server-error"
         if status >= 500 and _OVERFLOW.search(body):
             return ModelFailure("context-overflow", said)
         return Again(kind, said, retry_after(headers), limited=status in (429, 503, 529))

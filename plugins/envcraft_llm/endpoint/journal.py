@@ -8,11 +8,13 @@ written in one transaction.
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import os
 import sqlite3
 import threading
 import time
 import zlib
+from collections.abc import Sequence
 from pathlib import Path
 
 import msgspec
@@ -44,6 +46,9 @@ INSERT INTO answers VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)
 ON CONFLICT (key) DO UPDATE SET outcome = excluded.outcome, result = excluded.result, written = excluded.written
 WHERE answers.outcome != 'answer'
 """
+_MERGE = f"{_WRITE.rstrip()} AND excluded.outcome = 'answer'"
+#: So many rows are taken over in one transaction.
+_ROWS = 500
 
 
 class Failed(msgspec.Struct, frozen=True):
@@ -111,26 +116,44 @@ class Journal:
         await written
 
     def keep_now(self, outcomes: list[tuple[Request, Outcome]]) -> None:
-        """Write what came of requests, in one transaction."""
-        assert self._writing is not None, "opened for reading"
-        rows = [_row(request, outcome) for request, outcome in outcomes]
+        """Write what came of requests, in one transaction. Raises EnvCraftError."""
+        self._write(_WRITE, [_row(request, outcome) for request, outcome in outcomes])
+
+    def take(self, other: Journal) -> int:
+        """Take over what another journal has, and give how many outcomes came. Of a request that both know, what is
+        here stays, unless it failed and was answered there. Raises EnvCraftError; what came before that is kept.
+        """
+        taken = 0
         try:
-            with self._lock:
-                self._writing.execute("BEGIN IMMEDIATE")
-                try:
-                    self._writing.executemany(_WRITE, rows)
-                except BaseException:
-                    self._writing.execute("ROLLBACK")
-                    raise
-                self._writing.execute("COMMIT")
+            found = other._reading.execute("SELECT * FROM answers ORDER BY key")
+            while rows := found.fetchmany(_ROWS):
+                taken += self._write(_MERGE, rows)
         except sqlite3.Error as error:
-            raise EnvCraftError(f"{self.path} cannot be written: {error}; what it holds is safe") from None
+            raise EnvCraftError(f"{other.path} cannot be read as a journal: {error}") from None
+        return taken
 
     def close(self) -> None:
         """Close the file. All `keep` must have returned."""
         self._reading.close()
         if self._writing is not None:
             self._writing.close()
+
+    def _write(self, statement: str, rows: Sequence[tuple[object, ...]]) -> int:
+        """Write rows in one transaction; gives how many were added or changed. Raises EnvCraftError."""
+        assert self._writing is not None, "opened for reading"
+        try:
+            with self._lock:
+                before = self._writing.total_changes
+                self._writing.execute("BEGIN IMMEDIATE")
+                try:
+                    self._writing.executemany(statement, rows)
+                except BaseException:
+                    self._writing.execute("ROLLBACK")
+                    raise
+                self._writing.execute("COMMIT")
+                return self._writing.total_changes - before
+        except sqlite3.Error as error:
+            raise EnvCraftError(f"{self.path} cannot be written: {error}; what it holds is safe") from None
 
     async def _flush(self) -> None:
         while self._pending:
@@ -145,6 +168,16 @@ class Journal:
                 for _, _, written in batch:
                     if not written.done():
                         written.set_result(None)
+
+
+def merge(corpus: Path, other: Path) -> int:
+    """Take over the journal of one corpus into that of another, which is made where it lacks; gives how many outcomes
+    came. Raises EnvCraftError.
+    """
+    if not (other / JOURNAL).is_file():
+        return 0
+    with contextlib.closing(Journal(other, write=False)) as theirs, contextlib.closing(Journal(corpus)) as mine:
+        return mine.take(theirs)
 
 
 def _connect(path: Path, write: bool) -> sqlite3.Connection:

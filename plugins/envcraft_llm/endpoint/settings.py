@@ -14,7 +14,7 @@ from envcraft.errors import UsageError
 from envcraft.pyproject import settings
 
 #: The stages that a small model is good enough for.
-SMALL_STAGES = frozenset({"concepts", "briefs", "viability"})
+SMALL_STAGES = frozenset({"elaboration", "briefs", "viability"})
 #: The models unless told.
 SMALL, LARGE = "gpt-oss-20b", "gpt-oss-120b"
 #: The environment variable that holds the key, and the one that may name another.
@@ -36,7 +36,7 @@ class ModelChoice(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     Attributes:
         base_url: where the endpoint is, with ``/v1``; empty where none is named.
         model: its name for the stages that write code, or empty for gpt-oss-120b.
-        small_model: its name for concepts, briefs and viability, or empty for `model` where that is given, else
+        small_model: its name for elaboration, briefs and viability, or empty for `model` where that is given, else
             gpt-oss-20b.
         models: names for single stages.
         effort: of reasoning, or empty for the endpoint's own.
@@ -78,7 +78,7 @@ class ModelChoice(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
 
     @property
     def small(self) -> str:
-        """The name of the model for concepts, briefs and viability."""
+        """The name of the model for elaboration, briefs and viability."""
         return self.small_model or self.model or SMALL
 
     def of(self, stage: str) -> str:

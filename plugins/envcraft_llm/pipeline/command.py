@@ -26,6 +26,7 @@ from .options import (
     named,
     offered_stages,
     opened,
+    running,
     stage_named,
 )
 
@@ -48,6 +49,9 @@ _EACH_CORE, _EACH_REQUEST = 4, 2
 @click.option("--concepts", type=click.IntRange(1), metavar="N", help="So many concepts, through all stages.")
 @click.option("--seed", type=click.IntRange(0, 2**31 - 1), default=0)
 @click.option("--corpus", metavar="DIR", type=click.Path(path_type=Path))
+@click.option(
+    "--with", "optional", metavar="STAGE", multiple=True, help="Run this optional stage too, such as elaboration."
+)
 @click.option("--from", "first", metavar="STAGE", help="Begin there, with what has come so far.")
 @click.option("--until", "last", metavar="STAGE", help="Go no further than this stage.")
 @click.option("--offline", is_flag=True, help="Ask nobody: answers come from the corpus's journal.")
@@ -62,6 +66,7 @@ def pipeline(
     concepts: int | None,
     seed: int,
     corpus: Path | None,
+    optional: tuple[str, ...],
     first: str | None,
     last: str | None,
     offline: bool,
@@ -73,8 +78,10 @@ def pipeline(
     workers: int | None,
 ) -> None:
     """Concepts through all stages, into a corpus."""
-    stages = offered_stages()
-    begin, end = stage_named(first, stages), stage_named(last, stages)
+    offered = offered_stages()
+    begin, end, *others = (stage_named(name, offered) for name in (first, last, *optional))
+    # One that a run begins or ends with is one that it has.
+    stages = running(offered, {begin, end, *others})
     names = [stage.name for stage in stages]
     if begin and end and names.index(begin) > names.index(end):
         raise UsageError(f"--from {begin} comes after --until {end}; the stages are {', '.join(names)}")
@@ -121,6 +128,14 @@ def pipeline(
     if run.tally.unjudged:
         ctx.exit(ExitCode.ERROR)
     ctx.exit(ExitCode.PASS if passed else ExitCode.FAIL)
+
+
+def merge(corpus: Path, other: Path) -> str:
+    """Take over what models answered, from one corpus into another; gives how much in words. Raises EnvCraftError."""
+    from envcraft_llm.endpoint.journal import merge as take
+
+    taken = take(corpus, other)
+    return plural(taken, "answer") if taken else ""
 
 
 def _at_once(count: int, workers: int, chosen: ModelChoice) -> int:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -105,6 +106,11 @@ def offered_stages() -> list[Stage]:
     from envcraft.cli import offered
 
     return ordered(offered("envcraft_stages"))
+
+
+def running(stages: Iterable[Stage], wanted: Collection[str]) -> list[Stage]:
+    """The stages that run: optional ones only where they are `wanted`."""
+    return [stage for stage in stages if not stage.optional or stage.name in wanted]
 
 
 def stage_named(name: str | None, stages: list[Stage]) -> str:

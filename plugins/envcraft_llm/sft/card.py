@@ -14,7 +14,7 @@ from envcraft.corpus.export.shards import SPLITS
 from envcraft.corpus.history import History
 from envcraft.corpus.store import Store
 from envcraft.reports import one_line
-from envcraft_llm.pipeline.options import offered_stages
+from envcraft_llm.pipeline.options import offered_stages, running
 from envcraft_llm.pipeline.tables import rows, stage_table, yield_lines
 from envcraft_llm.templates import prompt
 
@@ -76,6 +76,7 @@ def card(store: Store, contents: Contents) -> str:
     """The whole card. Raises CorpusDamaged."""
     history = History(store)
     concepts = history.concepts()
+    stages = running(offered_stages(), history.counts(concepts))
     words = {
         "FRONT": _front(contents),
         "TITLE": text(contents.title),
@@ -99,7 +100,7 @@ def card(store: Store, contents: Contents) -> str:
             ("rules", "contract", "its digest", "budget", "sandbox", "image or libraries", "seed", "attempts"),
             [(*key, count) for key, count in _most(contents.gates)],
         ),
-        "STAGES": "\n".join(stage_table(rows(history, offered_stages(), concepts))),
+        "STAGES": "\n".join(stage_table(rows(history, stages, concepts))),
         "YIELDS": "\n".join(f"- {line}" for line in yield_lines(history.yields(concepts))),
     }
     return re.sub(r"@([A-Z]+)@", lambda found: words[found[1]], _TEMPLATE.read_text("utf-8"))

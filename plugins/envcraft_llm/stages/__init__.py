@@ -1,4 +1,4 @@
-"""The stages from a concept to an environment, one a file, in the order in which they run."""
+"""The stages from a concept to an environment, one a file, in the order in which they run; optional ones apart."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from envcraft.stages import Stage
 from .briefs import Briefs
 from .code import Code
 from .concepts import Concepts
+from .elaboration import Elaboration
 from .filters import Instadeath, Instawin
 from .privileged import Privileged
 from .repair import Repair
@@ -24,12 +25,15 @@ STAGES: tuple[type[Stage], ...] = (
     Privileged,
     Validated,
 )
+OPTIONAL: tuple[type[Stage], ...] = (Elaboration,)
 
 __all__ = [
+    "OPTIONAL",
     "STAGES",
     "Briefs",
     "Code",
     "Concepts",
+    "Elaboration",
     "Instadeath",
     "Instawin",
     "Privileged",

@@ -8,6 +8,8 @@ from envcraft.stages import Case, Outcome, Question, Stage, Workbench
 from envcraft_llm.extraction import clean
 from envcraft_llm.templates import prompt
 
+from .elaboration import told
+
 #: The sections of a brief, in order.
 SECTIONS = (
     "Premise",
@@ -37,7 +39,7 @@ class Briefs(Stage):
         template = prompt(self.name)
         messages = [
             ("system", template.fill("System")),
-            ("user", template.fill("User", title=case.title, concept=case.idea)),
+            ("user", template.fill("User", title=case.title, concept=told(case))),
         ]
         wrong: list[str] = []
         for number in range(_TRIES):

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from envcraft_llm.concepts.generation import concepts
 from envcraft_llm.stages.briefs import SECTIONS
+from envcraft_llm.stages.elaboration import PARTS
 
 CONCEPTS = list(concepts(4, 0))
 
@@ -150,6 +151,12 @@ def brief(title: str = "Errand", words: int = 1600) -> str:
     return f"# {title}\n\n" + "\n".join(f"## {section}\n\n{' '.join(body)}\n" for section in SECTIONS)
 
 
+def elaboration(numbers: str = "", words: int = 300) -> str:
+    """A concept in its six parts, with about so many words and these numbers."""
+    each = " ".join(["the guard walks its row and the key is carried to the door"] * (words // len(PARTS) // 12 + 1))
+    return "\n\n".join(f"{part}: {each} {numbers}".strip() for part in PARTS)
+
+
 def verdict(viable: bool = True) -> str:
     objection = {"kind": "impossible-physics", "quote": "one cell in 3 steps", "why": "The guard is faster than light."}
     return json.dumps({"viable": viable, "objections": [] if viable else [objection], "summary": "An errand."})
@@ -161,12 +168,14 @@ def write(folder: Path, number: int, **files: str) -> None:
     place.mkdir(parents=True)
     told = {"brief": brief(CONCEPTS[number].title), "viability": verdict(), **files}
     for name, text in told.items():
-        ending = {"brief": ".md", "viability": ".json"}.get(name, ".py")
+        ending = {"brief": ".md", "elaboration": ".md", "viability": ".json"}.get(name, ".py")
         (place / (name + ending)).write_text(text, "utf-8")
 
 
 def small(folder: Path) -> Path:
-    """Two concepts: one whose game and policy are repaired, one that is not viable."""
+    """Three concepts: one whose game and policy are repaired, one that is not viable, one that never gets to run."""
     write(folder, 1, attempt_0=UNSEEDED, attempt_1=GAME, policy_0=IDLE, policy_1=POLICY)
     write(folder, 2, viability=verdict(False))
+    lost = {f"attempt_{number}": GAME.replace("import numpy", f"import numpy_{number}") for number in range(4)}
+    write(folder, 3, **lost)
     return folder

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import json
-import os
-import random
+import re
 import signal
 import sqlite3
 import subprocess
@@ -29,12 +28,11 @@ from envcraft.corpus.settings import Settings
 from envcraft.corpus.store import Store
 from envcraft.corpus.verify import verify
 from envcraft.errors import EnvCraftError
+from tests.killing import TIMES, Killed
 
-from .content import CONCEPTS, GAME, POLICY, UNSEEDED, small, verdict, write
+from .content import CONCEPTS, GAME, POLICY, UNSEEDED, elaboration, small, verdict, write
 
 Generate = Callable[..., Result]
-#: How often the pipeline is killed.
-KILLS = int(os.environ.get("ENVCRAFT_KILLS", "3"))
 #: What a corpus holds that is not the clock's.
 TABLES = {
     "concepts": "SELECT * FROM concepts ORDER BY id",
@@ -120,11 +118,12 @@ def test_concepts_become_environments(finished: Finished) -> None:
 
 def test_the_table_says_what_became_of_them(finished: Finished) -> None:
     lines = finished.result.stdout.splitlines()
-    assert "| briefs | 2 | 2 | 0 | 0 | 100.0% (34.2% to 100.0%) |  |" in lines
-    assert "| viability | 2 | 1 | 1 | 0 | 50.0% (9.5% to 90.5%) | impossible-physics 1 |" in lines
-    assert "| all | 2 | 1 | | | 50.0% (9.5% to 90.5%) | |" in lines
-    assert "  first: 0 of 1 (0.0%) without a finding" in lines
-    assert "  repair 1: 1 of 1 (100.0%) without a finding" in lines
+    assert "| briefs | 3 | 3 | 0 | 0 | 100.0% (43.9% to 100.0%) |  |" in lines
+    assert "| viability | 3 | 2 | 1 | 0 | 66.7% (20.8% to 93.9%) | impossible-physics 1 |" in lines
+    assert "| repair | 2 | 1 | 1 | 0 | 50.0% (9.5% to 90.5%) | unfixable 1 |" in lines
+    assert "| all | 3 | 1 | | | 33.3% (6.1% to 79.2%) | |" in lines
+    assert "  first: 0 of 2 (0.0%) without a finding" in lines
+    assert "  repair 1: 1 of 2 (50.0%) without a finding" in lines
 
 
 def test_an_environment_says_how_it_came_about(finished: Finished) -> None:
@@ -145,11 +144,12 @@ def test_a_corpus_with_a_history_is_whole_and_can_be_merged(finished: Finished, 
     corpus = finished.corpus
     with Store.create(tmp_path / "other") as other, Store(corpus) as source:
         taken = merge(other, source)
-        assert (taken.added, taken.concepts) == (1, 2)
+        assert (taken.added, taken.concepts) == (1, 3)
         again = merge(other, source)
         assert (again.added, again.verdicts, again.concepts) == (0, 0, 0)
         assert [*verify(other)] == []
-        attempt = other.db.execute("SELECT source FROM attempts WHERE result = 'faulty'").fetchone()[0]
+        query = "SELECT source FROM attempts WHERE result = 'faulty' AND concept = ?"
+        attempt = other.db.execute(query, (CONCEPTS[1].id,)).fetchone()[0]
         other.place(attempt).unlink()
         assert [damage.what for damage in verify(other)] == [
             f"the source of attempt 0 at the concept {CONCEPTS[1].id} is missing"
@@ -203,21 +203,32 @@ def test_a_second_run_does_nothing(finished: Finished) -> None:
 
 def test_killed_at_any_moment_it_comes_to_the_same(finished: Finished, tmp_path: Path) -> None:
     content, whole = finished.content, finished.corpus
-    rng = random.Random(7)
-    program = [sys.executable, "-m", "envcraft", *command(content, tmp_path / "corpus")]
-    killed = 0
-    for _ in range(KILLS):
-        with subprocess.Popen(program, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as run:
-            try:
-                run.wait(rng.uniform(0.1, 1.0) * finished.seconds)
-            except subprocess.TimeoutExpired:
-                run.send_signal(signal.SIGKILL)
-                killed += 1
-    assert killed, "every run came to its end before it was to be killed"
+    corpus, kept = tmp_path / "corpus", list[int]()
+    program = [sys.executable, "-m", "envcraft", *command(content, corpus)]
+    killed = Killed(
+        lambda: subprocess.Popen(program, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True),
+        lambda pid: (corpus / "lock").is_file() and (corpus / "lock").read_text() == str(pid),
+        finished.seconds / 4,
+        lambda: kept.append(_kept(corpus)),
+    )
+    killed.run()
+    print("kept after each kill:", *kept, killed.moments)
+    # What was kept stays kept.
+    assert kept == sorted(kept)
+    assert killed.moments.total() == TIMES
     last = subprocess.run(program, capture_output=True, text=True, timeout=300)
     assert last.returncode == 0, last.stderr
-    assert contents(tmp_path / "corpus") == contents(whole)
-    assert requests(tmp_path / "corpus") == requests(whole)
+    assert last.stdout == finished.result.stdout
+    assert contents(corpus) == contents(whole)
+    assert requests(corpus) == requests(whole)
+
+
+def _kept(corpus: Path) -> int:
+    """How many briefs, policies and outcomes a corpus has, which may not be there yet."""
+    try:
+        return sum(len(contents(corpus)[table]) for table in ("briefs", "policies", "outcomes"))
+    except sqlite3.Error:
+        return 0
 
 
 def test_interrupted_it_ends_cleanly_and_goes_on(finished: Finished, tmp_path: Path) -> None:
@@ -249,17 +260,40 @@ def test_in_parts(generate: Generate, tmp_path: Path) -> None:
     assert first.exit_code == 0, first.output
     assert {stage for _, stage in outcomes(tmp_path / "corpus")} == {"concepts", "briefs", "viability"}
     assert generate("--from", "code", "--until", "code").exit_code == 0
-    assert len(contents(tmp_path / "corpus")["attempts"]) == 1
+    assert len(contents(tmp_path / "corpus")["attempts"]) == 2
     # What has not come so far is not taken further.
     assert generate("--from", "repair", "--until", "code", corpus="other").exit_code == 2
     assert generate("--from", "validated", corpus="other").exit_code == 1
     assert outcomes(tmp_path / "other") == {}
 
 
+def test_an_optional_stage_runs_where_it_is_named(generate: Generate, tmp_path: Path) -> None:
+    for number in (1, 2):
+        made = next((tmp_path / "content").glob(f"{number:02}_*"))
+        numbers = " ".join(re.findall(r"\d+(?:\.\d+)?", CONCEPTS[number].text))
+        (made / "elaboration.md").write_text(elaboration(numbers) if number == 1 else "Nothing.")
+    assert generate("--with", "elaboration", "--until", "viability").exit_code == 0
+    said = outcomes(tmp_path / "corpus")
+    first, second = (concept.id for concept in CONCEPTS[1:3])
+    assert (said[first, "elaboration"][0], said[first, "viability"][0]) == ("passed", "passed")
+    assert said[second, "elaboration"][1].startswith("no elaboration: There is no part")
+    assert (second, "briefs") not in said
+    plain = generate("--until", "viability", corpus="plain")
+    assert "elaboration" not in plain.stdout
+    # The same brief, asked for otherwise.
+    assert len(requests(tmp_path / "corpus") - requests(tmp_path / "plain")) == 1
+    with Store(tmp_path / "corpus") as store:
+        assert "Objects: the guard walks" in History(store).outcomes(first)["elaboration"].facts["text"]
+    # It comes too late where there is a brief, and is none of what has come to its end.
+    late = generate("--until", "elaboration", corpus="plain")
+    assert (late.exit_code, "| elaboration | 2 | 2 | 0 | 0 |" in late.stdout) == (0, True), late.output
+
+
 @pytest.mark.parametrize(
     ("more", "words"),
     [
         (["--until", "repare"], "did you mean repair?"),
+        (["--with", "elaborating"], "there is no stage 'elaborating'; did you mean"),
         (["--seed", "3"], "concepts of seed 0 alone"),
         (["--family", "tetris"], "--family does not go with --model"),
         (["--output", "files"], "--output does not go with --model"),

@@ -7,16 +7,58 @@ import re
 import time
 
 import pytest
-from envcraft_llm.stages import STAGES, Briefs, Code, Viability
+from envcraft_llm.stages import STAGES, Briefs, Code, Elaboration, Viability
 from envcraft_llm.stages.briefs import SECTIONS, complaints, count, tidy
+from envcraft_llm.stages.elaboration import PARTS
 from envcraft_llm.stages.viability import SCHEMA, read
 from envcraft_llm.templates import FOLDER, prompt
 
 from envcraft.errors import UsageError
 from envcraft.stages import Case, Outcome, Reply, Stage, Workbench, ordered
 
-from .content import GAME, brief, verdict
+from .content import GAME, brief, elaboration, verdict
 from .scripted import ScriptedBench, case, fenced, run
+
+# Elaboration
+
+
+def test_a_brief_is_written_from_the_elaborated_concept() -> None:
+    about, bench = case(), ScriptedBench([elaboration(), brief()])
+    assert run(Briefs(), about, ScriptedBench([brief()])).result == "passed"
+    about.brief = ""
+    about.outcomes["elaboration"] = run(Elaboration(), about, bench)
+    assert about.outcomes["elaboration"].facts["text"] == elaboration()
+    assert run(Briefs(), about, bench).result == "passed"
+    assert about.idea in bench.asked[0].messages[1][1]
+    assert elaboration() in bench.asked[1].messages[1][1]
+
+
+def test_an_elaboration_is_asked_for_once_more_with_the_complaint() -> None:
+    about = Case("c0", "Errand", "Carry 12 keys over 1,000 steps, 3 at a time.")
+    for answer, words in (
+        (elaboration("12 keys, 1000 steps"), "Numbers of the concept are missing: 3."),
+        (elaboration("12, 3, 1,000").replace("Loss:", "Lost:"), "There is no part that begins with `Loss:`."),
+        (elaboration("12, 3, 1,000").replace("Win:", "Rules:", 1), "no part that begins with `Win:`"),
+        ("Win: 12.\n" + elaboration("3 and 1000"), "The parts are not in the order"),
+        (elaboration("12, 3, 1,000", 100), "words; it has to have 200 to 800"),
+    ):
+        bench = ScriptedBench([answer, elaboration("12, 3, **1,000**")])
+        outcome = run(Elaboration(), about, bench)
+        assert (outcome.result, outcome.facts["tries"]) == ("passed", 2)
+        assert words in bench.asked[1].messages[-1][1]
+
+
+def test_a_concept_that_cannot_be_elaborated_fails_with_the_reason() -> None:
+    outcome = run(Elaboration(), case(), ScriptedBench(["No."]))
+    assert outcome.result == "failed"
+    assert outcome.reason.startswith("no elaboration: There is no part that begins with `Controls:`.")
+
+
+def test_what_has_a_brief_is_not_elaborated() -> None:
+    bench = ScriptedBench([])
+    assert run(Elaboration(), case(brief=brief()), bench).result == "passed"
+    assert not bench.asked
+
 
 # Briefs
 
@@ -190,6 +232,7 @@ NAMES = ["concepts", "briefs", "viability", "code", "repair", "instawin", "insta
     ("extra", "names"),
     [
         ([], NAMES),
+        ([Elaboration()], [NAMES[0], "elaboration", *NAMES[1:]]),
         ([_Extra("briefs")], [*NAMES[:2], "extra", *NAMES[2:]]),
         ([_Extra("validated")], [*NAMES, "extra"]),
         ([_Extra(replaces="viability")], [*NAMES[:2], "extra", *NAMES[3:]]),
@@ -210,19 +253,20 @@ def test_what_is_filled_in_is_not_looked_at_again() -> None:
     assert "{{source}}" in prompt("viability").fill("User", brief="A brief with {{source}} in it.")
 
 
+STAGES_ASKING = ("elaboration", "briefs", "viability", "code", "repair", "privileged")
+
+
 def test_every_prompt_says_what_the_contract_and_the_form_are() -> None:
     for section in SECTIONS:
         assert f"`## {section}`" in prompt("briefs").parts["User"]
+    for part in PARTS:
+        assert f"`{part}:`" in prompt("elaboration").parts["User"]
     for stage in ("code", "repair"):
         assert "MultiDiscrete([5, 2, 2])" in prompt(stage).parts["System"]
         assert "What goes wrong most often" in prompt(stage).parts["System"]
-    assert len({prompt(stage).sha256 for stage in ("briefs", "viability", "code", "repair", "privileged")}) == 5
+    assert len({prompt(stage).sha256 for stage in STAGES_ASKING}) == len(STAGES_ASKING)
     assert {file.stem for file in FOLDER.glob("*.md")} == {
-        "briefs",
-        "viability",
-        "code",
-        "repair",
-        "privileged",
+        *STAGES_ASKING,
         "contract",
         "defects",
     }
