@@ -25,7 +25,7 @@ _STEPS = 16
 _BCTS = (-12.63, 6.60, -9.22, -19.77, -13.08, -10.49, -1.61, -24.04)
 _LOST, _WON, _PUT_OFF = -1e6, 1e5, -3e3
 #: The goal is put off, so as to play on, while so many rows are free and so many steps are left.
-_ROOM, _REST = 4, 20
+_ROOM, _REST = 5, 20
 #: For each row in which the column is blocked that is kept free while the goal is put off.
 _BLOCKED = -100.0
 #: Per pair of neighbours of one colour, and per block that is cleared, under the rule that clears groups.
