@@ -49,6 +49,13 @@ def last_verdicts(store: Store, source: str, env_class: str) -> dict[str, Last]:
     return last
 
 
+def contract_of(last: dict[str, Last]) -> str | None:
+    """Of the last verdicts on an environment, the contract that it has passed, else the one that it was judged under
+    last; None where it was not judged.
+    """
+    return next((contract for contract, given in last.items() if not given.doubt), next(iter(last), None))
+
+
 def _doubt(verdict: Verdict, checks: str, failed: int) -> str:
     if verdict is not Verdict.PASS:
         return f"has the verdict {verdict.value}"

@@ -191,7 +191,8 @@ def replay(
     workers: int | None = None,
     tell: Tell | None = None,
 ) -> Outcome:
-    """Play recordings again, and with `frames` write their caches, those that are missing.
+    """Play recordings again, and with `frames` write their caches, those that are missing. An environment whose frames
+    cannot be kept is told among what went wrong.
 
     Raises OSError, CorpusDamaged, and what the sandbox raises.
     """
@@ -206,17 +207,20 @@ def replay(
         environments[name] = Environment(name, row.source, row.env_class)
         files[id(recording)] = row.file
     made: list[tuple[Recording, bytes]] = []
+    written: set[str] = set()
     check = _Replay(recordings, (lambda recording, data: made.append((recording, data))) if frames else None)
     outcome = Outcome()
     most = max((recording.steps for found in recordings.values() for recording in found), default=0)
     for environment, report in _run(
         store, list(environments.values()), contract, driver, check, most, 0, None, workers, tell
     ):
-        if report.verdict is not Verdict.PASS:
-            outcome.bad.append(report)
         while made:
             recording, data = made.pop()
             store.keep(keeping.cache_place(store, files[id(recording)]), data)
+            written.add(files[id(recording)])
+        missing = frames and any(files[id(recording)] not in written for recording in recordings[environment.name])
+        if missing or report.verdict is not Verdict.PASS:
+            outcome.bad.append(report)
         outcome.done += len(recordings[environment.name])
         outcome.steps += sum(recording.steps for recording in recordings[environment.name])
     return outcome

@@ -12,7 +12,7 @@ import msgspec
 from envcraft.contract import Contract, envcraft_contracts
 from envcraft.corpus.settings import contract_digest
 from envcraft.corpus.store import BESIDE, CorpusDamaged, Store, decode, find, is_corpus
-from envcraft.corpus.trust import last_verdicts
+from envcraft.corpus.trust import contract_of, last_verdicts
 from envcraft.errors import UsageError
 from envcraft.pyproject import settings
 from envcraft.target import read_target
@@ -145,8 +145,7 @@ def _found(
 ) -> Found:
     """What a corpus knows of a source and class."""
     last = last_verdicts(store, sha256, env_class)
-    passed = [promised for promised, given in last.items() if not given.doubt]
-    chosen = contract_named(contract or next(iter([*passed, *last]), _DEFAULT))
+    chosen = contract_named(contract or contract_of(last) or _DEFAULT)
     given = last.get(chosen.name)
     if given is None or given.contract_sha256 != contract_digest(chosen):
         # None, or one on other promises under the same name.

@@ -24,8 +24,8 @@ if TYPE_CHECKING:
     from envcraft.demonstrations import recording
     from envcraft.demonstrations.player import Player
 
-#: Who plays what no other player was asked for.
-_ANY = "search"
+#: Who plays what no other player was asked for, under which contract where none is known.
+_ANY, _CONTRACT = "search", "arcade"
 
 
 class _Players(Configured):
@@ -54,7 +54,13 @@ class _Players(Configured):
 @click.option(
     "--seed", type=click.IntRange(0, 2**31 - 1), default=0, show_default=True, help="Same seed, same episodes."
 )
-@click.option("--contract", default="arcade", show_default=True, metavar="NAME", help="What the environments promise.")
+@click.option(
+    "--contract",
+    "promise",
+    metavar="NAME",
+    show_default=f"the one that each has passed, else {_CONTRACT}",
+    help="What the environments promise.",
+)
 @click.option("--cache", is_flag=True, help="Also keep the frames, for a learner to read; those that are missing.")
 @click.option("--verify", is_flag=True, help="Record nothing: play all recordings again, and tell where one differs.")
 @where_options()
@@ -67,7 +73,7 @@ def demos(
     policy: str | None,
     select: str | None,
     seed: int,
-    contract: str,
+    promise: str | None,
     cache: bool,
     verify: bool,
     sandbox: str,
@@ -87,7 +93,7 @@ def demos(
     if name is not None and policy is not None:
         raise UsageError(f"either --player {name} or --policy {policy} plays, not both")
     players = _players(name, policy)
-    promised = contract_named(contract)
+    promised = contract_named(promise) if promise is not None else None
     with contextlib.ExitStack() as stack:
         driver = driver_named(sandbox, require_isolation, runtime, probe=False)
         stack.callback(driver.close)
@@ -145,7 +151,7 @@ def _players(name: str | None, policy: str | None) -> list[Player]:
 def _record(
     store: Store,
     players: list[Player],
-    contract: Contract,
+    promised: Contract | None,
     driver: Driver,
     steps: int,
     seed: int,
@@ -156,35 +162,43 @@ def _record(
     from envcraft.demonstrations import keeping, recording
 
     keeping.prune(store)
-    shares: dict[str, list[Environment]] = {player.name: [] for player in players}
+    shares: dict[tuple[str, str], list[Environment]] = {}
     strangers = 0
     for environment, family in _environments(store, select):
         player = next((player for player in players if player.plays(family)), None)
         if player is None:
             strangers += 1
         else:
-            shares[player.name].append(environment)
+            contract = promised.name if promised is not None else _passed(store, environment)
+            shares.setdefault((player.name, contract), []).append(environment)
     if strangers:
         words = " and ".join(player.name for player in players)
         click.echo(f"{plural(strangers, 'environment')} left out, whose family {words} does not play", err=True)
-    for player in players:
-        chosen = shares[player.name]
-        if not chosen:
-            continue
+    known = {player.name: player for player in players}
+    for (name, contract), chosen in shares.items():
+        under = contract_named(contract)
         with _shown() as tell:
-            found = recording.record(store, chosen, player, contract, driver, steps, seed, workers, tell)
+            found = recording.record(store, chosen, known[name], under, driver, steps, seed, workers, tell)
         outcome.take(found)
         there = len(chosen) - found.done - len(found.bad)
+        words = name if contract == _CONTRACT else f"{name}, {contract}"
         click.echo(
-            f"{player.name}: {plural(found.steps, 'step')} in {plural(found.done, 'environment')} recorded, "
+            f"{words}: {plural(found.steps, 'step')} in {plural(found.done, 'environment')} recorded, "
             f"{there:,} there already"
         )
+
+
+def _passed(store: Store, environment: Environment) -> str:
+    """The contract that an environment is to be played under."""
+    from envcraft.corpus.trust import contract_of, last_verdicts
+
+    return contract_of(last_verdicts(store, environment.source, environment.env_class)) or _CONTRACT
 
 
 def _replay(
     store: Store,
     name: str | None,
-    contract: Contract,
+    promised: Contract | None,
     driver: Driver,
     verify: bool,
     select: str | None,
@@ -194,16 +208,20 @@ def _replay(
     from envcraft.demonstrations import keeping, recording
 
     wanted = {environment.source for environment, _ in _environments(store, select)}
-    named = [
-        (one, row) for one, row in keeping.rows(store, name) if row.source in wanted and row.contract == contract.name
-    ]
-    if not named:
+    shares: dict[str, list[tuple[str, keeping.Row]]] = {}
+    for one, row in keeping.rows(store, name):
+        if row.source in wanted and (promised is None or row.contract == promised.name):
+            shares.setdefault(row.contract, []).append((one, row))
+    if not shares:
         raise UsageError(f"{store.root} has no such recording; `envcraft demos {store.root}` records some")
-    with _shown() as tell:
-        found = recording.replay(store, named, contract, driver, not verify, workers, tell)
-    outcome.take(found)
-    words = "played again" if verify else "in the cache"
-    click.echo(f"{plural(len(named), 'recording')} {words}, {len(found.bad):,} of their environments otherwise")
+    count = bad = 0
+    for contract, named in shares.items():
+        with _shown() as tell:
+            found = recording.replay(store, named, contract_named(contract), driver, not verify, workers, tell)
+        outcome.take(found)
+        count, bad = count + len(named), bad + len(found.bad)
+    words = "played again" if verify else "played for the cache"
+    click.echo(f"{plural(count, 'recording')} {words}, {bad:,} of their environments otherwise")
 
 
 def _environments(store: Store, select: str | None) -> Iterator[tuple[Environment, str | None]]:

@@ -5,9 +5,10 @@ standard library. It reads the whole state and changes none of it: moves are tri
 class, whose rules are therefore those of the variant: turning and kicks, gravity and lock delay, sides that are one,
 walls, and whatever is cleared.
 
-A board is rated by the features of Dellacherie and those that Thiery and Scherrer added, with weights after those of
-their controller BCTS (C. Thiery and B. Scherrer, "Building Controllers for Tetris", ICGA Journal 32(1), 2009). Where
-groups of a colour are cleared, neighbours of one colour count besides.
+A board is rated by the features of Dellacherie and the two that Thiery and Scherrer added, with the weights of their
+controller BCTS (C. Thiery and B. Scherrer, "Building Controllers for Tetris", ICGA Journal 32(1), 3-11, 2009). The
+depth of a hole is the number of successive blocks right above it, as in their program. Where groups of a colour are
+cleared, neighbours of one colour count besides.
 """
 
 from __future__ import annotations
@@ -19,12 +20,14 @@ _WAIT: Move = (0, 0, 0)
 _LEFT, _RIGHT = 3, 4
 #: So many steps are tried to get a piece where it is to fall.
 _STEPS = 16
-#: Landing height, eroded cells, row transitions, column transitions, holes, cumulative wells, depth of holes, rows with
-#: holes.
+#: Landing height, eroded cells (lines cleared times the piece's cells in them), row transitions, column transitions,
+#: holes, cumulative wells, depth of holes, rows with holes.
 _BCTS = (-12.63, 6.60, -9.22, -19.77, -13.08, -10.49, -1.61, -24.04)
 _LOST, _WON, _PUT_OFF = -1e6, 1e5, -3e3
 #: The goal is put off, so as to play on, while so many rows are free and so many steps are left.
 _ROOM, _REST = 5, 20
+#: For each row in which the column is blocked that is kept free while the goal is put off.
+_BLOCKED = -100.0
 #: Per pair of neighbours of one colour, and per block that is cleared, under the rule that clears groups.
 _PAIR, _CLEARED = 25.0, 40.0
 #: So many of the best placements are told apart by what the next piece would find.
@@ -83,6 +86,7 @@ class Game:
         self._ghost = self._stand_in(env)
         self._controls = self._probe()
         self._hurry = False
+        self._back = self._kept = 0
         self.room = 0
         # Steps that a piece takes to the ground.
         self._fall = 0.7 * self.rows * names.get("FALL_EVERY", (names.get("SLOW", 0) + names.get("FAST", 0)) / 2)
@@ -183,6 +187,7 @@ class Game:
     def plan(self) -> list[Move]:
         """The moves that bring the piece above the best place for it."""
         ghost = self._ghost
+        self._back = 0
         start = dict(ghost.__dict__)
         self._note(ghost)
         board = self._bits(ghost.board)
@@ -197,7 +202,7 @@ class Game:
         queue = getattr(ghost, "queue", None)
         if queue and len(rated) > 1 and rated[0][0] > _LOST / 2:
             kind = queue[0]
-            ahead = [(score + self._best(board, ghost.kind, place, kind), place) for score, place in rated[:_AHEAD]]
+            ahead = [(self._followed(board, ghost.kind, place, kind), place) for _, place in rated[:_AHEAD]]
             rated = sorted(ahead, reverse=True)
         return found[rated[0][1]] if rated else []
 
@@ -254,10 +259,25 @@ class Game:
         """What to do above the place: wait, or go down where there is something to be done in time."""
         controls = self._controls
         if not self._hurry:
-            return _WAIT
+            return self._stay()
         if "hard" in controls and self._ghost.drop_rest <= 1 and not self._pressed(controls["hard"]):
             return controls["hard"]
         return controls.get("soft", _WAIT)
+
+    def _stay(self) -> Move:
+        """Wait. On the ground, where the delay is counted anew after a move, go to the side at last, and come back."""
+        ghost = self._ghost
+        if "LOCK_RESETS" not in self._names or ghost.grounded < self._names["LOCK_DELAY"]:
+            return _WAIT
+        if self._back:
+            back, self._back = self._back, 0
+            return (back, 0, 0)
+        for there, back, step in ((_LEFT, _RIGHT, -1), (_RIGHT, _LEFT, 1)) if ghost.resets else ():
+            column = ghost.column + step
+            if ghost._fits(ghost.turn, ghost.row, column) and not ghost._fits(ghost.turn, ghost.row + 1, column):
+                self._back = back
+                return (there, 0, 0)
+        return _WAIT
 
     def aside(self) -> Move | None:
         """How to put the piece aside, where that can be done and there is time."""
@@ -287,7 +307,14 @@ class Game:
             self._hurry = self._rising or (self._digs and late)
         else:
             self._hurry = self._hurry or late
-        self._end = _PUT_OFF if self.room > self._room and not late else _WON
+        put_off = self.room > self._room and not late
+        self._end = _PUT_OFF if put_off else _WON
+        self._kept = self._spare(ghost.board) if put_off and self._missing == 1 and not self._colours else 0
+
+    def _spare(self, board: list[list[int]]) -> int:
+        """The bit of a column to be kept free, so that no row is full: the lowest one, if possible at a side."""
+        tops = [next((y for y, row in enumerate(board) if row[x]), self.rows) for x in range(self.columns)]
+        return 1 << max(range(self.columns), key=lambda x: (tops[x], abs(2 * x - self.columns + 1)))
 
     # -- boards as rows of bits ------------------------------------------------------------------------------------
 
@@ -321,14 +348,15 @@ class Game:
                     return row - 1
 
     def _rate(self, board: list[int], kind: int, turn: int, row: int, column: int) -> float:
-        return self._laid(board, kind, turn, row, column)[0]
+        gain, after = self._laid(board, kind, turn, row, column)
+        return gain + self._features(after)
 
-    def _best(self, board: list[int], kind: int, place: tuple[int, int, int], follower: int) -> float:
-        """The best rating that the next piece could get, after this one was laid."""
-        _, after = self._laid(board, kind, *place)
-        best = 4 * _LOST
+    def _followed(self, board: list[int], kind: int, place: tuple[int, int, int], follower: int) -> float:
+        """The best rating after this piece and the next one were laid."""
+        gain, after = self._laid(board, kind, *place)
         if self._colours:
-            return 0.0
+            return gain + self._features(after)
+        best = 4 * _LOST
         seen = set()
         for turn in range(4):
             for column in range(-2, self.columns):
@@ -339,25 +367,26 @@ class Game:
                 if any(down >= 0 and after[down] & bits for down, bits in mask):
                     continue
                 row = self._landing(after, follower, turn, 0, column)
-                best = max(best, self._laid(after, follower, turn, row, column)[0])
-        return best
+                best = max(best, self._rate(after, follower, turn, row, column))
+        return gain + best
 
     def _laid(self, board: list[int], kind: int, turn: int, row: int, column: int) -> tuple[float, list[int]]:
-        """The rating of a landing, and the board that it leaves."""
+        """What a landing is worth by itself, and the board that it leaves."""
         mask = self._mask(kind, turn, column)
         assert mask is not None
-        after, lost = list(board), False
+        after, lost, blocked = list(board), False, 0
         for down, bits in mask:
             y = row + down
             lost = lost or y < self._top
             if y >= 0:
                 after[y] |= bits
+            blocked += bool(bits & self._kept)
         low, high = row + mask[0][0], row + mask[-1][0]
         height = self.rows - (low + high) / 2
-        bonus, eroded = (_LOST if lost else 0.0), 0
+        bonus, eroded = (_LOST if lost else 0.0) + _BLOCKED * blocked, 0
         if self._colours:
             gained, after = self._coloured(kind, turn, row, column, after)
-            return bonus + gained + self._features(after, height, 0), after
+            return bonus + gained + _BCTS[0] * height, after
         lines = [y for y, line in enumerate(after) if line == self.full]
         cleared = len(lines)
         if lines:
@@ -369,7 +398,7 @@ class Game:
             cleared, after = self._settled(after)
         if self._missing is not None and cleared >= self._missing:
             bonus += self._end
-        return bonus + self._features(after, height, eroded), after
+        return bonus + _BCTS[0] * height + _BCTS[1] * eroded, after
 
     def _settled(self, board: list[int]) -> tuple[int, list[int]]:
         """How much the game's own rules clear of a board, and what they leave of it."""
@@ -416,15 +445,14 @@ class Game:
         end = self._end if self._missing is not None and cleared >= self._missing else 0.0
         return _PAIR * len(group) + _CLEARED * self._group + end, after
 
-    def _features(self, board: list[int], height: float, eroded: int) -> float:
-        """The rating of a board; `height` is that of the landing, `eroded` the lines cleared times the piece's cells in
-        them.
-        """
+    def _features(self, board: list[int]) -> float:
+        """The rating of a board; a column that is kept free is no well."""
         full, columns = self.full, self.columns
         above = covered = 0
         across = down = holes = wells = depth = holed = 0
         open_wells = [0] * len(board)
-        for y, line in enumerate(board):
+        for y, row in enumerate(board):
+            line = row | self._kept
             if self.wrap:
                 left, right = (line << 1 | line >> columns - 1) & full, (line >> 1 | line << columns - 1) & full
                 across += (line ^ left).bit_count()
@@ -451,5 +479,5 @@ class Game:
                 well &= open_wells[up] if up >= 0 else 0
             above = line
         down += (above ^ full).bit_count()
-        values = (height, eroded, across, down, holes, wells, depth, holed)
-        return sum((weight * float(value) for weight, value in zip(_BCTS, values, strict=True)), 0.0)
+        values = (across, down, holes, wells, depth, holed)
+        return sum((weight * float(value) for weight, value in zip(_BCTS[2:], values, strict=True)), 0.0)

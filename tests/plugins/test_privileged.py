@@ -20,8 +20,11 @@ from envcraft_tetris.family import TetrisFamily
 from envcraft_tetris.placement import Game, Placement
 
 from envcraft.cli import cli
-from envcraft.corpus.store import Store
+from envcraft.contract import GYMNASIUM
+from envcraft.corpus.settings import Settings, contract_digest
+from envcraft.corpus.store import Environment, Store
 from envcraft.demonstrations import form, keeping
+from envcraft.verdict import SubjectReport, Verdict
 
 WHERE = ("--sandbox", "process", "--workers", "1")
 VARIANT = "tetris_0_0000.py"
@@ -59,6 +62,26 @@ class Maze(gym.Env):
         frame = np.zeros((84, 84, 3), np.uint8)
         frame[40:44, self.x * 8 : self.x * 8 + 4] = 255
         return frame
+"""
+#: Ends after nine steps, and has no frames.
+COUNTER = """
+import gymnasium as gym
+from gymnasium import spaces
+
+
+class Counter(gym.Env):
+    def __init__(self):
+        self.observation_space = spaces.Dict({"count": spaces.Discrete(10)})
+        self.action_space = spaces.Discrete(3)
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        self.count = 0
+        return {"count": 0}, {}
+
+    def step(self, action):
+        self.count += 1
+        return {"count": self.count}, float(action), self.count == 9, False, {}
 """
 Demos = Callable[..., Result]
 
@@ -317,6 +340,33 @@ def test_the_cache_can_be_made_again_and_damage_shows(demos: Demos, corpus: Path
     assert not file.exists()
     assert demos("--steps", "40", "--player", "noop", "--cache").exit_code == 0
     assert file.read_bytes() == data
+
+
+def test_each_is_played_under_the_contract_that_it_has_passed_and_who_has_no_frames_is_told(tmp_path: Path) -> None:
+    pytest.importorskip("zstandard")
+    (tetris,) = TetrisFamily().generate(1, 0)
+    with Store.create(tmp_path / "corpus") as store:
+        store.add(VARIANT, tetris.source.encode())
+        store.add("counter.py", COUNTER.encode())
+        settings = Settings("gymnasium", contract_digest(GYMNASIUM), "rules", 0, "quick", "process", "python 3")
+        sha256 = form.sha256(COUNTER.encode())
+        report = SubjectReport("counter.py", "Counter", sha256, Verdict.PASS, "process", 0.1, 10, [])
+        store.record(Environment("counter.py", sha256, ""), store.settings(settings), report)
+    command = ["demos", str(tmp_path / "corpus"), "--player", "random", "--steps", "20", *WHERE]
+    done = CliRunner().invoke(cli, command)
+    assert done.exit_code == 0, done.output
+    assert "random, gymnasium: 20 steps in 1 environment recorded" in done.stdout
+    assert {found.contract for found in recordings(tmp_path / "corpus")} == {"arcade", "gymnasium"}
+    cached = CliRunner().invoke(cli, [*command, "--cache"])
+    assert cached.exit_code == 3, cached.output
+    assert "counter.py: its observations are no arrays" in cached.stdout
+    assert "2 recordings played for the cache, 1 of their environments otherwise" in cached.stdout
+    # The one that has frames is there.
+    assert len(list((tmp_path / "corpus").rglob("*.frames"))) == 1
+    # Said again, since it is missing still; what was asked for outright is refused where it does not hold.
+    assert CliRunner().invoke(cli, [*command, "--cache"]).exit_code == 3
+    refused = CliRunner().invoke(cli, [*command, "--contract", "arcade", "--select", "counter.py"])
+    assert refused.exit_code == 3, refused.output
 
 
 # Minari
