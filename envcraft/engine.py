@@ -31,8 +31,8 @@ _STEPS_EVERY = 0.25
 class Plan(msgspec.Struct, frozen=True):
     """What to judge, and how.
 
-    `lanes` is the number of jobs of one subject that run side by side; None shares the machine's cores out among the
-    subjects that do. No verdict depends on it.
+    `lanes` is the number of jobs of one subject that run side by side; None shares those that may run at all out among
+    the subjects that do. No verdict depends on it.
     """
 
     targets: Sequence[Target]
@@ -52,7 +52,8 @@ def cores() -> int:
 
 
 def validate(plan: Plan, workers: int | None = None, pool: Pool | None = None) -> Generator[Event, None, None]:
-    """Judge every target, up to `workers` side by side: by default as many as there are cores.
+    """Judge every target, with up to `workers` jobs side by side: by default as many as there are cores. They are those
+    of as many subjects, or of fewer if there are no more.
 
     `pool` may have been opened before, with the plan's driver (which must see what the targets need,
     :func:`envcraft.sandbox.driver_for`), limits and number of targets, so that the first workers are under way; it is
@@ -76,9 +77,10 @@ def stream(
     its subject. With a `pool`, a target is taken from `plan.targets` when its turn comes, by the thread that judges it;
     one that raises TargetLost then is an ``error``.
     """
-    workers = max(min(workers or cores(), len(plan.targets)), 1)
+    jobs = workers or cores()
+    workers = max(min(jobs, len(plan.targets)), 1)
     driver = driver_for(plan.driver, plan.targets) if pool is None else plan.driver
-    plan = msgspec.structs.replace(plan, driver=driver, lanes=plan.lanes or max(cores() // workers, 1))
+    plan = msgspec.structs.replace(plan, driver=driver, lanes=plan.lanes or max(jobs // workers, 1))
     with (
         pool or Pool(plan.driver, plan.limits, len(plan.targets)) as pool,
         contextlib.closing(_side_by_side(plan, pool, workers)) as running,

@@ -62,6 +62,11 @@ class Conditions(msgspec.Struct, frozen=True, omit_defaults=True):
     after_end: int = 0
     options: bool = False
 
+    @property
+    def passing(self) -> bool:
+        """Whether the process is afterwards as it is after an episode without conditions."""
+        return not self.again and (self.heap, self.global_seed, self.perturb, self.clock) == (None,) * 4
+
     def to_json(self) -> dict[str, Any]:
         """Give the conditions that differ from the defaults."""
         result: dict[str, Any] = msgspec.to_builtins(self)

@@ -101,7 +101,9 @@ class Stop(Exception):
 
 
 class Recorder(Protocol):
-    """Receives a job's messages in order. `layout` and `data` are as :mod:`envcraft.values` reads them."""
+    """Receives a job's messages in order. `layout` and `data` are as :mod:`envcraft.values` reads them; a long value
+    that comes again may come as the very object that it came as before.
+    """
 
     def phase(self, name: str) -> None: ...
     def loaded(self, description: dict[str, Any]) -> None: ...
@@ -109,6 +111,7 @@ class Recorder(Protocol):
     def reset(self, step: Step) -> None: ...
     def action(self, action: Any) -> None: ...
     def step(self, step: Step) -> None: ...
+    def steps(self, steps: Steps) -> None: ...
     def after(self, step: Step) -> None: ...
     def render(self, layout: int, data: memoryview) -> None: ...
     def reread(self, layout: int, data: memoryview) -> None: ...
@@ -134,7 +137,7 @@ class Player(Protocol):
 class Step(msgspec.Struct, frozen=True):
     """What one call of reset or step returned. Types are the worker's words (``float``, ``numpy floating``, …).
 
-    `data` is the observation's bytes under `layout`, only valid during the call; `info` is JSON, empty for ``{}``.
+    `data` is the observation's bytes under `layout`; `info` is JSON, empty for ``{}``.
     """
 
     terminated: bool
@@ -144,6 +147,23 @@ class Step(msgspec.Struct, frozen=True):
     reward_type: str
     reward: float
     micros: int
+    layout: int
+    data: memoryview
+    info: bytes
+
+
+class Steps(msgspec.Struct, frozen=True):
+    """Steps, one after the other, with one observation and one info: fields as in :class:`Step`, lists with an item for
+    each. Not of a job whose actions a player chooses.
+    """
+
+    terminated: list[bool]
+    truncated: list[bool]
+    terminated_types: list[str]
+    truncated_types: list[str]
+    reward_types: list[str]
+    rewards: list[float]
+    micros: list[int]
     layout: int
     data: memoryview
     info: bytes

@@ -116,6 +116,7 @@ class Subject:
         self._tidy = not target.installed and set(imported(target.source)) <= _TIDY
         self._lanes = Lanes(self._launch, lanes)
         self._ahead: dict[tuple[bytes, bool], Begun] = {}
+        self._compared: set[bytes] = set()
         self._prepared: weakref.WeakSet[Worker] = weakref.WeakSet()
         self._traces: dict[bytes, Trace] = {}
         self._searches: dict[bytes, Outcome] = {}
@@ -232,24 +233,28 @@ class Subject:
     def foresee(self, requests: Iterable[Rollout | Search], again: bool = False, alone: bool = False) -> None:
         """Begin what is nearly sure to be asked for, in this order, and come back at once.
 
-        With `again` it is :meth:`rerun` that will ask. What is never asked for counts nowhere. Ordinary episodes may
-        follow one another in one process unless `alone`, for those that are held against others bit by bit.
+        With `again` it is :meth:`rerun` that will ask. What is never asked for counts nowhere. Jobs may follow one
+        another in one process unless `alone`, for those that are held against others bit by bit.
         """
         if self._refusal:
             return
         for request in requests:
             key = (request.key(), again)
+            if alone:
+                self._compared.add(key[0])
             known = not again and (key[0] in self._traces or key[0] in self._searches)
             if not known and key not in self._ahead:
-                self._ahead[key] = self._begin(request, again, series=not (again or alone))
+                self._ahead[key] = self._begin(request, again, alone=again)
 
     def forget(self) -> None:
         """Begin nothing more of what was foreseen."""
         self._ahead = {key: begun for key, begun in self._ahead.items() if not self._lanes.drop(begun.task)}
 
-    def rollout(self, rollout: Rollout) -> Trace:
-        """Run one rollout, or give its trace again."""
+    def rollout(self, rollout: Rollout, alone: bool = False) -> Trace:
+        """Run one rollout, or give its trace again; `alone` as in :meth:`foresee`."""
         key = rollout.key()
+        if alone:
+            self._compared.add(key)
         if key not in self._traces:
             self._traces[key] = self._record(rollout)
         return self._traces[key]
@@ -259,9 +264,11 @@ class Subject:
         self.foresee(rollouts)
         return [self.rollout(rollout) for rollout in rollouts]
 
-    def rerun(self, rollout: Rollout) -> Trace:
-        """Run one rollout even if its trace is known; a fresh one in a worker of its own."""
-        return self._record(rollout, again=True)
+    def rerun(self, rollout: Rollout, alone: bool = True) -> Trace:
+        """Run one rollout even if its trace is known; a fresh one in a worker of its own. One that is not `alone` may
+        follow others in a process: what differs then has to be seen again.
+        """
+        return self._record(rollout, again=True, alone=alone)
 
     def random(self, number: int) -> Trace:
         """Random play on the episode seed `number`."""
@@ -364,8 +371,8 @@ class Subject:
             raise Skip(f"the environment could not be constructed, so its {name} is not known")
         return space
 
-    def _record(self, rollout: Rollout, again: bool = False) -> Trace:
-        trace = self._ask(rollout, again)
+    def _record(self, rollout: Rollout, again: bool = False, alone: bool = False) -> Trace:
+        trace = self._ask(rollout, again, alone)
         if trace.end is not None and (
             trace.end.how is How.DIED or (trace.end.how is How.TIMEOUT and self._timeouts == 1)
         ):
@@ -393,14 +400,14 @@ class Subject:
             return f"{self._timeouts} episodes or searches hung: see sandbox, or difficulty for a policy"
         return f"its episodes took {self.seconds:.0f} s together; the check sandbox tells more" if self.overrun else ""
 
-    def _ask(self, request: Rollout | Search, again: bool = False) -> Trace:
+    def _ask(self, request: Rollout | Search, again: bool = False, alone: bool = False) -> Trace:
         """Wait for what a check asks for. Whatever depends on the order of asking is done here. Raises Skip."""
         if refusal := self._refusal:
             raise Skip(refusal)
         key = (request.key(), again)
 
         def attempt() -> Trace:
-            begun = self._ahead.pop(key, None) or self._begin(request, again)
+            begun = self._ahead.pop(key, None) or self._begin(request, again, alone=alone)
             return self._result(begun)
 
         trace = self._persist(attempt)
@@ -443,12 +450,13 @@ class Subject:
         every_step: bool = False,
         player: Player | None = None,
         kind: type[Recording] = Recording,
-        series: bool = False,
+        alone: bool = False,
     ) -> Begun:
+        series = not (alone or every_step) and self._may_follow(request, again)
         if isinstance(request, Search):
             job = self._job("search", search=request.kind, seed=request.seed, actions=self.choices)
             job |= {"path": request.path, "max_steps": request.budget, "limit": self.length}
-            job["seconds"] = self.limits.job * _SEARCH_SHARE
+            job |= {"seconds": self.limits.job * _SEARCH_SHARE, "series": series}
             asked = Rollout(request.seed, [], max_steps=self.length)
             return self._submit(Place(), job, Recording(asked, None, self.action_space))
         conditions = request.conditions
@@ -467,7 +475,7 @@ class Subject:
             job["every_step"] = True
         if request.asked:
             job["asked"] = True
-        if series and self._may_follow(request):
+        if series:
             job["series"] = True
         if conditions.fresh or conditions.hash_seed:
             own = conditions.fresh and again
@@ -485,16 +493,21 @@ class Subject:
         )
         return self._submit(place, job, recording, player)
 
-    def _may_follow(self, request: Rollout) -> bool:
-        """Whether an episode may run in a process with others, since nothing has gone wrong with any so far; not those
-        that are held against others bit by bit.
+    def _may_follow(self, request: Rollout | Search, again: bool) -> bool:
+        """Whether a job may run in a process with others, since nothing has gone wrong with any so far; not those that
+        are held against others bit by bit, nor those whose conditions outlast them, nor the search that is a proof.
         """
-        plain = not request.live and request.conditions == Conditions()
-        return self._tidy and plain and request.key() not in self._probes
+        if isinstance(request, Search):
+            return self._tidy and request.kind != "exhaust"
+        if not self._tidy or request.live or not request.conditions.passing:
+            return False
+        return again or request.key() not in self._compared | self._probes
 
     @cached_property
     def _probes(self) -> set[bytes]:
-        return {rollout.key() for rollout in self.players.probes}
+        """Those on which determinism is probed and that are played no further: the others are played again for it."""
+        length = self.budget.probes[1]
+        return {rollout.key() for rollout in self.players.probes if len(rollout.actions) <= length}
 
     @cached_property
     def _watched(self) -> list[Action]:

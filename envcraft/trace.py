@@ -8,7 +8,7 @@ from __future__ import annotations
 import hashlib
 import json
 import struct
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any
@@ -23,7 +23,7 @@ from envcraft.description import outcome as read_outcome
 from envcraft.errors import MalformedValue
 from envcraft.membership import problem, refuse
 from envcraft.rollout import Rollout
-from envcraft.sandbox import How, JobEnd, Step, Stop
+from envcraft.sandbox import How, JobEnd, Step, Steps, Stop
 from envcraft.similarity.behavioural import EVERY, STEPS
 from envcraft.similarity.perceptual import frame_hash, value_hash
 from envcraft.values import Layout
@@ -121,9 +121,13 @@ class Trace:
     @property
     def actions(self) -> list[Any]:
         """The actions that led to the trace, as far as it goes, and the one that broke it."""
-        given = self.chosen if self.rollout.live else self.rollout.actions
         extra = (self.fault is not None and self.fault.phase == "step") or self.ending is Ending.BROKEN
-        return given[: self.steps + bool(extra)]
+        return self.given[: self.steps + bool(extra)]
+
+    @property
+    def given(self) -> list[Any]:
+        """The actions that there were, whether they were taken or not."""
+        return self.chosen if self.rollout.live else self.rollout.actions
 
     @property
     def ending(self) -> Ending:
@@ -285,6 +289,8 @@ class Recording:
         self._parts = 0
         self._infos = 0
         self._frames = 0
+        #: The last value, with its digest.
+        self._digested: tuple[memoryview, bytes] | None = None
 
     def phase(self, name: str) -> None:
         pass
@@ -311,8 +317,7 @@ class Recording:
 
     def step(self, step: Step) -> None:
         trace = self.trace
-        given = trace.chosen if trace.rollout.live else trace.rollout.actions
-        if not trace.observations or trace.steps >= len(given):
+        if not trace.observations or trace.steps >= len(trace.given):
             raise MalformedValue("a step that was not asked for")
         trace.rewards.append(step.reward)
         trace.reward_types.append(step.reward_type)
@@ -320,6 +325,25 @@ class Recording:
         trace.truncated.append(step.truncated)
         trace.flag_types.append((step.terminated_type, step.truncated_type))
         self._observe(step)
+
+    def steps(self, steps: Steps) -> None:
+        trace, layout, count = self.trace, self._layout(steps.layout), len(steps.rewards)
+        looked_at = trace.steps <= self._watch or len(trace.frames) < trace.rollout.keep
+        judged = self._exact[steps.layout] or len(trace.problems) >= _MAX_PROBLEMS
+        asked_for = trace.observations and trace.steps + count <= len(trace.given)
+        if looked_at or not judged or not asked_for or len(steps.data) != layout.size:
+            for step in _each(steps):
+                self.step(step)
+            return
+        trace.rewards += steps.rewards
+        trace.reward_types += steps.reward_types
+        trace.terminated += steps.terminated
+        trace.truncated += steps.truncated
+        trace.flag_types += zip(steps.terminated_types, steps.truncated_types, strict=True)
+        trace.micros += sum(steps.micros)
+        trace.observations += [self._digest(layout, steps.data)] * count
+        self._keep_info(steps.info)
+        trace.infos += [trace.infos[-1]] * (count - 1)
 
     def after(self, step: Step) -> None:
         if len(self.trace.after) >= self.trace.rollout.conditions.after_end:
@@ -341,7 +365,7 @@ class Recording:
         trace.renders += 1
         shape = self._layout(layout)
         self._keep_frame(trace.rendered, shape, _thin(shape.decode(data)))
-        if _digest(shape, data) == trace.observations[-1]:
+        if self._digest(shape, data) == trace.observations[-1]:
             return
         if shape.kind != "array" or len(shape.shape) != 3:
             self._note_render(Problem(step, "type", f"render() returned {shape}, not a frame"))
@@ -351,7 +375,7 @@ class Recording:
     def reread(self, layout: int, data: memoryview) -> None:
         if not self.trace.observations:
             raise MalformedValue("an observation again before the reset")
-        if _digest(self._layout(layout), data) != self.trace.observations[-1]:
+        if self._digest(self._layout(layout), data) != self.trace.observations[-1]:
             self.trace.overwritten.append(self.trace.steps + 1)
 
     def acted(self, action: Any) -> None:
@@ -408,12 +432,17 @@ class Recording:
             picture = layout.kind == "array" and is_picture(layout.shape, layout.dtype)
             trace.watched.append(frame_hash(value) if picture else value_hash(value))
         trace.micros += step.micros
-        trace.observations.append(_digest(layout, step.data))
+        trace.observations.append(self._digest(layout, step.data))
         self._keep_info(step.info)
         # Where render() is asked for, observations that are no pictures are not what is to be seen.
         seen = not trace.rollout.conditions.render or is_picture(layout.shape, layout.dtype)
         if len(trace.frames) < trace.rollout.keep and seen:
             self._keep_frame(trace.frames, layout, layout.decode(step.data))
+
+    def _digest(self, layout: Layout, data: memoryview) -> bytes:
+        if self._digested is None or self._digested[0] is not data:
+            self._digested = data, hashlib.blake2b(data, digest_size=16, key=layout.tag).digest()
+        return self._digested[1]
 
     def _keep_frame(self, frames: list[NDArray[Any]], layout: Layout, value: Any) -> None:
         wanted = layout.kind == "array" and len(frames) < self.trace.rollout.keep
@@ -473,6 +502,12 @@ class Recording:
             self.trace.render_problems.append(problem)
 
 
+def _each(steps: Steps) -> Iterator[Step]:
+    columns = (steps.terminated, steps.truncated, steps.terminated_types, steps.truncated_types, steps.reward_types)
+    for fixed in zip(*columns, steps.rewards, steps.micros, strict=True):
+        yield Step(*fixed, steps.layout, steps.data, steps.info)
+
+
 def is_picture(shape: Sequence[int], dtype: Any) -> bool:
     """Whether values of this form are grey or RGB frames: ``(H, W)``, ``(H, W, 1)`` or ``(H, W, 3)``, uint8."""
     return dtype == np.uint8 and (len(shape) == 2 or (len(shape) == 3 and shape[2] in (1, 3))) and 0 not in shape
@@ -484,10 +519,6 @@ def _thin(value: Any) -> Any:
         return value
     step = -(-max(value.shape[:2]) // _RENDERED_SIDE) or 1
     return value[::step, ::step]
-
-
-def _digest(layout: Layout, data: memoryview) -> bytes:
-    return hashlib.blake2b(data, digest_size=16, key=layout.tag).digest()
 
 
 def _info_digest(info: bytes) -> bytes:

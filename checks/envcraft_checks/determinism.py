@@ -150,14 +150,12 @@ class Determinism(Check):
         return None
 
     def _probe(self, subject: Subject, rollout: Rollout) -> Iterator[Finding]:
-        base = subject.rollout(rollout)
-        if (
-            found := _diverge(base, subject.rerun(rollout)) or self._redraw(subject, rollout.cut(0), _RESETS)
-        ) is not None:
+        base = subject.rollout(rollout, alone=True)
+        if (found := _diverge(base, subject.rerun(rollout)) or self._reset_again(subject, rollout.cut(0))) is not None:
             yield self._attribute_repeat(subject, rollout, found)
             return
         together = self._together(subject, rollout)
-        everything = subject.rollout(rollout.under(together))
+        everything = subject.rollout(rollout.under(together), alone=True)
         found = _diverge(base, everything)
         if found is None and not _interrupted(everything):
             return
@@ -173,9 +171,9 @@ class Determinism(Check):
                 yield self._found(subject, "EC202", rollout, fresh, again)
                 return
         alone = self._alone(subject, rollout)
-        subject.foresee(rollout.under(conditions) for _, conditions, _ in alone)
+        subject.foresee((rollout.under(conditions) for _, conditions, _ in alone), alone=True)
         for code, conditions, _ in alone:
-            if (again := _diverge(base, subject.rollout(rollout.under(conditions)))) is not None:
+            if (again := _diverge(base, subject.rollout(rollout.under(conditions), alone=True))) is not None:
                 reported = True
                 if code == "EC205" and again.field == "info":
                     code = "EC210"
@@ -183,9 +181,18 @@ class Determinism(Check):
         if found is not None and not reported:
             yield self._found(subject, "EC206", rollout, together, found)
 
+    def _reset_again(self, subject: Subject, rollout: Rollout) -> Divergence | None:
+        """How a repetition of the reset differs from the first, if one of some does: first in one process, which is
+        quick, and only what differs there each in its own.
+        """
+        first = subject.rollout(rollout, alone=True)
+        repeated = (subject.rerun(rollout, alone=False) for _ in range(_RESETS))
+        differs = any(_diverge(first, trace) is not None for trace in repeated)
+        return self._redraw(subject, rollout, _AGAIN) if differs else None
+
     def _redraw(self, subject: Subject, rollout: Rollout, times: int) -> Divergence | None:
         """How a repetition differs from the first run, if one of so many does."""
-        first = subject.rollout(rollout)
+        first = subject.rollout(rollout, alone=True)
         repeated = (_diverge(first, subject.rerun(rollout)) for _ in range(times))
         return next((found for found in repeated if found is not None), None)
 

@@ -120,7 +120,7 @@ class Difficulty(Check):
                 words = f"the policy does not choose move {trace.steps + 1} ({trace.end.how}: {trace.end.detail})"
                 return self.finding("EC805", words, repro=Repro(trace.rollout.seed, trace.actions), **trace.printed)
             plain = Rollout(trace.rollout.seed, trace.actions, player="the policy's actions without it")
-            if (found := _diverge(trace, subject.rollout(plain))) is not None:
+            if (found := _diverge(trace, subject.rollout(plain, alone=True))) is not None:
                 return self.finding(
                     "EC804",
                     f"without the policy its actions give another trace: {found}",

@@ -141,7 +141,7 @@ def where_options(sandbox: str | None = "auto") -> Callable[[_F], _F]:
             "--workers",
             type=click.IntRange(1, MOST_WORKERS),
             show_default="as many as cores",
-            help="Environments judged side by side; they share the cores.",
+            help="Jobs that run side by side: of as many environments, or several of one.",
         ),
     )
 

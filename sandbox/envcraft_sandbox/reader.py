@@ -7,11 +7,14 @@ import struct
 from typing import Any
 
 from envcraft.errors import MalformedValue
-from envcraft.sandbox import Recorder, Step
+from envcraft.sandbox import Recorder, Step, Steps
 
-from .wire import HEADER, MAX_INFO, STEP, VALUE, Kind, Type, longest
+from .wire import HEADER, LONG, MAX_INFO, SAME, SAME_INFO, STEP, VALUE, Kind, Type, longest
 
 _TYPES = [kind.words for kind in Type]
+#: Of a step that brings nothing new, and all that there are.
+_NEITHER = SAME | SAME_INFO
+_FLAGS = 1 | 2 | _NEITHER
 _KINDS = {int(kind): kind for kind in Kind}
 
 
@@ -35,6 +38,10 @@ class Reader:
         self.phase = "start"
         self._recorder = recorder
         self._buffer = bytearray()
+        #: The last long value, and its layout's number.
+        self._last: tuple[int, memoryview] | None = None
+        #: That of the last step or reset.
+        self._info: bytes | None = None
 
     def feed(self, data: bytes | memoryview) -> None:
         """Take more bytes. Raises Forged; whatever the recorder raises (Stop) passes through."""
@@ -65,18 +72,21 @@ class Reader:
             raise Forged("a message after the end")
         if self.asked:
             raise Forged("a message while it waits for an action")
-        if (kind is Kind.ASK and not self._played) or (kind is Kind.ACTION and self._played):
+        if (kind is Kind.ASK and not self._played) or (kind in (Kind.ACTION, Kind.STEPS) and self._played):
             raise Forged(f"{kind.name} in a job that is given its actions otherwise")
         recorder = self._recorder
         if kind is Kind.STEP:
-            recorder.step(_step(payload))
+            recorder.step(self._step(payload))
+        elif kind is Kind.STEPS:
+            recorder.steps(self._steps(payload))
         elif kind is Kind.RESET:
-            recorder.reset(_step(payload))
+            recorder.reset(self._step(payload))
         elif kind is Kind.AFTER:
-            recorder.after(_step(payload))
+            recorder.after(self._step(payload))
         elif kind in (Kind.RENDER, Kind.REREAD):
-            (layout,) = VALUE.unpack_from(payload)
-            (recorder.render if kind is Kind.RENDER else recorder.reread)(layout, payload[VALUE.size :])
+            flags, layout = VALUE.unpack_from(payload)
+            value = self._value(flags, layout, payload[VALUE.size :])
+            (recorder.render if kind is Kind.RENDER else recorder.reread)(layout, value)
         elif kind is Kind.PHASE:
             self.phase = str(_json(payload))[:40]
             recorder.phase(self.phase)
@@ -101,26 +111,61 @@ class Reader:
                 Kind.RESULT: recorder.result,
             }[kind](value)
 
+    def _value(self, flags: int, layout: int, data: memoryview) -> memoryview:
+        """The bytes of a value: the same object as the last time where it is the last long one over again."""
+        if flags:
+            if flags != SAME or len(data) or self._last is None or self._last[0] != layout:
+                raise Forged("a value that is said to be the last one, and is not")
+            return self._last[1]
+        value = memoryview(bytes(data))
+        if len(data) >= LONG:
+            self._last = layout, value
+        return value
 
-def _step(payload: memoryview) -> Step:
-    flags, ended_type, cut_type, reward_type, reward, micros, layout, size, info_size = STEP.unpack_from(payload)
-    start = STEP.size
-    if len(payload) != start + size + info_size or info_size > MAX_INFO or flags > 3:
-        raise Forged("a step whose lengths do not add up")
-    if max(ended_type, cut_type, reward_type) >= len(_TYPES):
-        raise Forged("a step with an unknown type")
-    return Step(
-        terminated=bool(flags & 1),
-        truncated=bool(flags & 2),
-        terminated_type=_TYPES[ended_type],
-        truncated_type=_TYPES[cut_type],
-        reward_type=_TYPES[reward_type],
-        reward=reward,
-        micros=micros,
-        layout=layout,
-        data=payload[start : start + size],
-        info=bytes(payload[start + size :]),
-    )
+    def _step(self, payload: memoryview) -> Step:
+        flags, ended_type, cut_type, reward_type, reward, micros, layout, size, info_size = STEP.unpack_from(payload)
+        start = STEP.size
+        if len(payload) != start + size + info_size or info_size > MAX_INFO or flags > _FLAGS:
+            raise Forged("a step whose lengths do not add up")
+        if max(ended_type, cut_type, reward_type) >= len(_TYPES):
+            raise Forged("a step with an unknown type")
+        if not flags & SAME_INFO:
+            self._info = bytes(payload[start + size :])
+        elif info_size or self._info is None:
+            raise Forged("an info that is said to be the last one, and is not")
+        return Step(
+            terminated=bool(flags & 1),
+            truncated=bool(flags & 2),
+            terminated_type=_TYPES[ended_type],
+            truncated_type=_TYPES[cut_type],
+            reward_type=_TYPES[reward_type],
+            reward=reward,
+            micros=micros,
+            layout=layout,
+            data=self._value(flags & SAME, layout, payload[start : start + size]),
+            info=self._info,
+        )
+
+    def _steps(self, payload: memoryview) -> Steps:
+        if not payload or self._last is None or self._info is None:
+            raise Forged("steps like none before")
+        flags, ended, cut, kinds, rewards, micros, layouts, sizes, infos = zip(*STEP.iter_unpack(payload), strict=True)
+        if any(sizes) or any(infos) or set(layouts) != {self._last[0]} or min(flags) < _NEITHER or max(flags) > _FLAGS:
+            raise Forged("steps that are said to bring nothing new, and do")
+        if max(*ended, *cut, *kinds) >= len(_TYPES):
+            raise Forged("a step with an unknown type")
+        return Steps(
+            terminated=[bool(flag & 1) for flag in flags],
+            truncated=[bool(flag & 2) for flag in flags],
+            terminated_types=[_TYPES[kind] for kind in ended],
+            truncated_types=[_TYPES[kind] for kind in cut],
+            reward_types=[_TYPES[kind] for kind in kinds],
+            rewards=list(rewards),
+            micros=list(micros),
+            layout=self._last[0],
+            data=self._last[1],
+            info=self._info,
+        )
 
 
 def _json(payload: memoryview) -> Any:

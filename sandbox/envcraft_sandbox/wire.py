@@ -7,7 +7,9 @@ whose actions a player chooses asks for each (ASK) and sends nothing until it ha
 a message of kind ACTION.
 
 Observations travel as raw bytes beside a *layout*: a JSON description of the value (dtype, shape, keys) that is sent
-once and then referred to by number, so that a step of a picture game is one fixed header and exactly the frame.
+once and then referred to by number, so that a step of a picture game is one fixed header and exactly the frame. A long
+value whose bytes are those of the last long one is only said to be so, and so is an info; steps of which neither is new
+come several in one message.
 
 This module is the standard library only: the worker imports it inside the sandbox.
 """
@@ -19,12 +21,18 @@ from enum import IntEnum
 
 HEADER = struct.Struct("<BI")
 
-#: Fixed part of a RESET, STEP or AFTER message: flags (bit 0 terminated, bit 1 truncated), the three value types,
-#: the reward, microseconds spent in the call, layout number, observation bytes, info bytes.
+#: Fixed part of a RESET, STEP or AFTER message: flags (bit 0 terminated, bit 1 truncated, SAME, SAME_INFO), the three
+#: value types, the reward, microseconds spent in the call, layout number, observation bytes, info bytes.
 STEP = struct.Struct("<BBBBdIHII")
 
-#: Fixed part of a RENDER or REREAD message: layout number. The rest is the value.
-VALUE = struct.Struct("<H")
+#: Fixed part of a RENDER or REREAD message: flags (SAME), layout number. The rest is the value.
+VALUE = struct.Struct("<BH")
+
+#: Flag of a value of which no bytes follow: it has the layout and the bytes of the last one of at least LONG bytes.
+SAME = 4
+LONG = 256
+#: Flag of a step whose info is that of the step or reset before; no bytes follow for it.
+SAME_INFO = 8
 
 MAX_OBSERVATION = 8 * 1024 * 1024
 MAX_INFO = 64 * 1024
@@ -58,6 +66,7 @@ class Kind(IntEnum):
     RESULT = 13  #: JSON object: what a search found
     END = 14  #: JSON object: the job is complete; with "goes_on" its process waits for another one
     ASK = 15  #: empty: the job waits for its next action
+    STEPS = 16  #: STEP structs, each with SAME and SAME_INFO
 
 
 #: The kinds whose payload begins with a fixed part and goes on with a value's bytes.

@@ -176,7 +176,8 @@ def test_steps_are_told_within_a_check_but_not_too_often(
 
 
 @pytest.mark.parametrize(
-    ("workers", "targets", "lanes"), [(None, 1, 6), (None, 2, 3), (4, 9, 1), (None, 50, 1), (2, 9, 3)]
+    ("workers", "targets", "lanes"),
+    [(None, 1, 6), (None, 2, 3), (4, 9, 1), (None, 50, 1), (2, 9, 1), (4, 2, 2), (1, 1, 1)],
 )
 def test_subjects_share_the_cores(
     monkeypatch: pytest.MonkeyPatch, workers: int | None, targets: int, lanes: int

@@ -13,7 +13,7 @@ from envcraft.budget import BUDGETS
 from envcraft.check import Skip
 from envcraft.contract import ARCADE
 from envcraft.errors import WorkerLost
-from envcraft.rollout import Conditions, Rollout
+from envcraft.rollout import ClockShift, Conditions, Episode, Rollout
 from envcraft.sandbox import Availability, Driver, How, Isolation, JobEnd, Limits, Player, Recorder, Step, Worker
 from envcraft.subject import Subject
 from envcraft.target import Target
@@ -144,14 +144,28 @@ def test_a_deadline_that_is_kept_the_second_time_counts_as_kept() -> None:
             subject.rerun(play(103))
 
 
-def test_only_ordinary_episodes_follow_one_another() -> None:
+def test_what_is_compared_or_outlasts_its_episode_follows_nothing() -> None:
     driver = Arcade()
+    passing = [Conditions(render=True), Conditions(before=[Episode(1, [ACTION])]), Conditions(after_end=2)]
+    lasting = [
+        Conditions(heap=1),
+        Conditions(perturb=1),
+        Conditions(clock=ClockShift(1.0, 2.0)),
+        Conditions(again=True),
+    ]
     with subject_of(driver, 1) as subject:
         subject.rollout(play(1))
         subject.rerun(play(2))
-        subject.foresee([play(3)], alone=True)
-        subject.rollouts([play(3), play(4, conditions=Conditions(render=True)), play(5)])
-    assert [job["seed"] for job in driver.served if job.get("series")] == [5]
+        subject.rerun(play(3), alone=False)
+        subject.foresee([play(4)], alone=True)
+        subject.rollouts([play(4), *(play(5, conditions=conditions) for conditions in passing), play(6)])
+        subject.rollout(play(7), alone=True)
+        subject.explore()
+        for conditions in lasting:
+            subject.rollout(play(8, conditions=conditions))
+        subject.rollout(subject.players.probes[0])
+        seed = subject.episode_seed(0)
+    assert [job["seed"] for job in driver.served if job.get("series")] == [1, 3, 5, 5, 5, 6, seed, seed]
 
 
 def test_a_foreseen_trace_has_the_name_that_it_is_asked_for_under() -> None:

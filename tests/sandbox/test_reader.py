@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import contextlib
 import json
+import socket
 import sys
 from typing import Any
 
+import numpy as np
 import pytest
 from envcraft_sandbox.reader import Forged, Reader
-from envcraft_sandbox.wire import HEADER, STEP, VALUE, Kind
+from envcraft_sandbox.wire import HEADER, LONG, SAME, SAME_INFO, STEP, VALUE, Kind
+from envcraft_sandbox.worker.channel import Channel
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
@@ -18,6 +21,7 @@ from envcraft.rollout import Rollout
 from envcraft.trace import Recording, diverge
 
 FLOAT = {"k": "float"}
+FRAME = {"k": "array", "dtype": "|u1", "shape": [84, 84, 3]}
 
 
 def message(kind: int, payload: bytes | Any = b"") -> bytes:
@@ -26,9 +30,16 @@ def message(kind: int, payload: bytes | Any = b"") -> bytes:
 
 
 def step(
-    kind: Kind, *, layout: int = 0, observation: bytes = bytes(8), info: bytes = b"", reward: float = 1.0
+    kind: Kind,
+    *,
+    layout: int = 0,
+    observation: bytes = bytes(8),
+    info: bytes = b"",
+    reward: float = 1.0,
+    flags: int = 0,
 ) -> bytes:
-    return message(kind, STEP.pack(0, 0, 0, 4, reward, 7, layout, len(observation), len(info)) + observation + info)
+    head = STEP.pack(flags, 0, 0, 4, reward, 7, layout, len(observation), len(info))
+    return message(kind, head + observation + info)
 
 
 def recording(steps: int = 8) -> Recording:
@@ -41,12 +52,16 @@ GOOD = [
     message(Kind.LAYOUT, {"k": "dict", "items": [["a", {"k": "array", "dtype": "<U3", "shape": [2]}], ["b", FLOAT]]}),
     step(Kind.RESET, info=b'{"a": [1, 2]}'),
     step(Kind.STEP),
-    message(Kind.RENDER, VALUE.pack(0) + bytes(8)),
+    message(Kind.RENDER, VALUE.pack(0, 0) + bytes(8)),
     step(Kind.STEP, layout=1, observation=bytes(32)),
     message(Kind.ACTED, {"before": [0, 0, 0], "now": [0, 0, 0]}),
     message(Kind.FAULT, {"phase": "step", "type": "ValueError", "message": "no", "line": 3}),
     message(Kind.RESULT, {"steps": 3}),
     message(Kind.TICK),
+    message(Kind.LAYOUT, {"k": "array", "dtype": "|u1", "shape": [LONG]}),
+    step(Kind.STEP, layout=2, observation=bytes(LONG)),
+    step(Kind.STEP, layout=2, observation=b"", flags=SAME),
+    message(Kind.STEPS, 3 * STEP.pack(SAME | SAME_INFO, 0, 0, 4, 0.0, 7, 2, 0, 0)),
     message(Kind.END, {}),
 ]
 
@@ -105,6 +120,124 @@ def test_an_end_before_the_episodes_is_forged() -> None:
     whole = Reader(recording(1))
     whole.feed(begun + message(Kind.END, {}))
     assert whole.ended
+
+
+def frames(*messages: bytes) -> Recording:
+    made = recording()
+    Reader(made).feed(message(Kind.LAYOUT, FRAME) + message(Kind.LAYOUT, FLOAT) + b"".join(messages))
+    return made
+
+
+def again(kind: Kind = Kind.STEP, layout: int = 0) -> bytes:
+    return step(kind, layout=layout, observation=b"", flags=SAME)
+
+
+def test_a_value_that_comes_again_is_as_if_it_had_been_sent() -> None:
+    one, two = (bytes([number]) * 84 * 84 * 3 for number in range(2))
+    short = step(Kind.STEP, layout=1)
+    whole = frames(
+        *(step(Kind.RESET if not n else Kind.STEP, observation=f) for n, f in enumerate((one, one, two, two)))
+    )
+    said = frames(step(Kind.RESET, observation=one), again(), step(Kind.STEP, observation=two), again())
+    assert said.trace.observations == whole.trace.observations
+    between = frames(step(Kind.RESET, observation=one), short, again())
+    assert between.trace.observations[2] == between.trace.observations[0]
+    drawn = frames(step(Kind.RESET, observation=one), message(Kind.RENDER, VALUE.pack(SAME, 0)))
+    assert (drawn.trace.renders, drawn.trace.render_problems) == (1, [])
+
+
+def run(steps: int = 3, *, flags: int = SAME | SAME_INFO, layout: int = 0, size: int = 0, kind: int = 4) -> bytes:
+    return message(Kind.STEPS, steps * STEP.pack(flags, 0, 0, kind, 0.5, 7, layout, size, 0))
+
+
+BLACK = bytes(84 * 84 * 3)
+
+
+@pytest.mark.parametrize(
+    "messages",
+    [
+        [again(Kind.RESET)],
+        [step(Kind.RESET, layout=1), again(layout=1)],
+        [step(Kind.RESET, observation=BLACK), again(layout=1)],
+        [step(Kind.RESET, observation=BLACK), step(Kind.STEP, observation=bytes(LONG), flags=SAME)],
+        [step(Kind.RESET, observation=BLACK), message(Kind.RENDER, VALUE.pack(1, 0))],
+    ],
+    ids=["nothing", "short", "layout", "bytes", "flags"],
+)
+def test_a_value_that_cannot_come_again_is_forged(messages: list[bytes]) -> None:
+    with pytest.raises(Forged):
+        frames(*messages)
+
+
+@pytest.mark.parametrize(
+    "messages",
+    [
+        [run()],
+        [step(Kind.RESET, layout=1), run()],
+        *([step(Kind.RESET, observation=BLACK), made] for made in (run(9), run(0), run(layout=1), run(size=1))),
+        *([step(Kind.RESET, observation=BLACK), made] for made in (run(flags=SAME), run(flags=31), run(kind=99))),
+        [step(Kind.RESET, observation=BLACK), message(Kind.STEPS, bytes(5))],
+    ],
+)
+def test_steps_that_cannot_be_are_forged(messages: list[bytes]) -> None:
+    with pytest.raises(Forged):
+        frames(*messages)
+
+
+def test_a_player_is_asked_for_each_step() -> None:
+    reader = Reader(recording(), played=True)
+    reader.feed(message(Kind.LAYOUT, FRAME) + step(Kind.RESET, observation=BLACK))
+    with pytest.raises(Forged, match="STEPS"):
+        reader.feed(run())
+
+
+class Kept(Channel):
+    """A channel that keeps what it would send; without `leaving_out`, each step in full."""
+
+    def __init__(self, leaving_out: bool) -> None:
+        with socket.socket(socket.AF_UNIX) as nobody:
+            super().__init__(nobody)
+        self.sent = b""
+        self._leaving_out = leaving_out
+
+    def flush(self) -> None:
+        if self._run:
+            self._end_run()
+        self.sent += b"".join(self._waiting)
+        self._waiting.clear()
+        self._size = 0
+
+    def step(self, *values: Any) -> None:
+        if not self._leaving_out:
+            self._last, self._info = (-1, b""), None
+        super().step(*values)
+
+
+VALUES = [np.full((84, 84, 3), 7, np.uint8), np.zeros(3), np.full((84, 84, 3), 9, np.int16)]
+EPISODE = st.lists(
+    st.tuples(st.sampled_from([0, 0, 0, 1, 2]), st.booleans(), st.sampled_from([0.0, 1, True]), st.booleans()),
+    max_size=40,
+)
+
+
+@settings(max_examples=40, deadline=None)
+@given(EPISODE, st.integers(0, 9), st.booleans())
+def test_what_the_worker_leaves_out_comes_back(episode: list[Any], keep: int, watch: bool) -> None:
+    made = []
+    for leaving_out in (True, False):
+        channel = Kept(leaving_out)
+        channel.step(Kind.RESET, VALUES[0], 0.0, False, False, {}, 0.0)
+        for value, info, reward, flag in episode:
+            channel.step(Kind.STEP, VALUES[value], reward, flag, False, {"a": 1} if info else {}, 0.001)
+        channel.send_json(Kind.END, {}, flush=True)
+        rollout = Rollout(0, [[0, 0, 0]] * len(episode), keep=keep)
+        made.append((Recording(rollout, ARCADE.observation, ARCADE.action, watch=watch), channel.sent))
+        Reader(made[-1][0]).feed(channel.sent)
+    (one, short), (other, long) = made
+    assert len(short) <= len(long)
+    frames = [[frame.tobytes() for frame in recording.trace.frames] for recording in (one, other)]
+    assert frames[0] == frames[1]
+    assert vars(one.trace) | {"frames": []} == vars(other.trace) | {"frames": []}
 
 
 def long_infos(steps: int, odd: int = -1) -> Recording:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import os
 import socket
 import time
 from typing import Any
@@ -13,12 +14,15 @@ from envcraft_runtime.classes import type_name
 
 from envcraft_sandbox.wire import (
     HEADER,
+    LONG,
     MAX_DEPTH,
     MAX_INFO,
     MAX_JSON,
     MAX_LAYOUTS,
     MAX_OBSERVATION,
     MAX_PARTS,
+    SAME,
+    SAME_INFO,
     STEP,
     VALUE,
     Kind,
@@ -27,35 +31,64 @@ from envcraft_sandbox.wire import (
 
 _BATCH = 256 * 1024
 _FLUSH_SECONDS = 0.05
+#: So many steps go into one message at the most.
+_RUN = 2_000
+#: So many parts are sent at a time at the most, and those of one more message: the kernel takes 1,024 (IOV_MAX).
+_MOST = 1_000
 _ONE_TOO_MANY = {"k": "other", "type": "a value of yet another shape, of too many"}
 # Bound before any untrusted module can replace them.
 _monotonic = time.monotonic
 _dumps = json.dumps
 _loads = json.loads
+_writev = os.writev
 
 
 class Channel:
-    """Writes messages for the host. `every_step` flushes after each one, to tell exactly how far a job came."""
+    """Writes messages for the host. `every_step` flushes after each one, to tell exactly how far a job came; without
+    `phases` not even a call that is about to run is told at once, for a job that runs again if anything goes wrong.
+    """
 
-    def __init__(self, sock: socket.socket, every_step: bool = False) -> None:
+    def __init__(self, sock: socket.socket, every_step: bool = False, phases: bool = True) -> None:
         self._sock = sock
-        self._buffer = bytearray()
+        self._descriptor = sock.fileno()
+        self._phases = phases
+        #: What waits to be sent, in parts that are not copied together, and how many bytes these are.
+        self._waiting: list[bytes] = []
+        self._size = 0
         self._flushed = _monotonic()
         self._every_step = every_step
         self._layouts: dict[Any, int] = {}
         self._parts = 0
+        #: The last long value that was sent, and its layout's number.
+        self._last: tuple[int, bytes] = (-1, b"")
+        self._info: bytes | None = None
+        #: Steps that have brought nothing new, to go into one message.
+        self._run: list[bytes] = []
 
     def send(self, kind: Kind, payload: bytes = b"", flush: bool = False) -> None:
-        self._buffer += HEADER.pack(kind, len(payload))
-        self._buffer += payload
-        if flush or self._every_step or len(self._buffer) >= _BATCH or _monotonic() - self._flushed > _FLUSH_SECONDS:
+        self._put(HEADER.pack(kind, len(payload)), payload, flush=flush)
+
+    def _put(self, *parts: bytes, flush: bool = False) -> None:
+        if self._run:
+            self._end_run()
+        self._waiting += parts
+        self._size += sum(map(len, parts))
+        full = self._size >= _BATCH or len(self._waiting) >= _MOST
+        if flush or full or self._every_step or _monotonic() - self._flushed > _FLUSH_SECONDS:
             self.flush()
+
+    def _end_run(self) -> None:
+        steps, self._run = b"".join(self._run), []
+        # A player's job sends each by itself, and its host looks at each.
+        kind = Kind.STEPS if len(steps) > STEP.size else Kind.STEP
+        self._waiting += HEADER.pack(kind, len(steps)), steps
+        self._size += HEADER.size + len(steps)
 
     def send_json(self, kind: Kind, value: Any, flush: bool = False) -> None:
         self.send(kind, _dumps(value).encode(), flush)
 
     def phase(self, name: str) -> None:
-        self.send_json(Kind.PHASE, name, flush=True)
+        self.send_json(Kind.PHASE, name, flush=self._phases)
 
     def tick(self) -> None:
         """Say that the job is alive, at most twenty times a second."""
@@ -63,9 +96,14 @@ class Channel:
             self.send(Kind.TICK, flush=True)
 
     def flush(self) -> None:
-        if self._buffer:
-            self._sock.sendall(self._buffer)
-            self._buffer.clear()
+        if self._run:
+            self._end_run()
+        waiting, self._waiting = self._waiting, []
+        while self._size:
+            sent = _writev(self._descriptor, waiting)
+            self._size -= sent
+            if self._size:
+                waiting = [b"".join(waiting)[sent:]]
         self._flushed = _monotonic()
 
     def ask(self) -> Any:
@@ -87,7 +125,11 @@ class Channel:
 
     def value(self, kind: Kind, value: Any) -> None:
         number, data = self.encode(value)
-        self.send(kind, VALUE.pack(number) + data)
+        same = self._said(number, data)
+        if same:
+            self.send(kind, VALUE.pack(SAME, number))
+        else:
+            self._put(HEADER.pack(kind, VALUE.size + len(data)), VALUE.pack(0, number), data)
 
     def step(
         self, kind: Kind, observation: Any, reward: Any, terminated: Any, truncated: Any, info: Any, seconds: float
@@ -98,10 +140,28 @@ class Channel:
         cut_type, cut = _flag(truncated)
         text = encode_info(info)
         micros = min(int(seconds * 1e6), 0xFFFFFFFF)
-        head = STEP.pack(
-            ended | cut << 1, ended_type, cut_type, reward_type, number, micros, layout, len(data), len(text)
-        )
-        self.send(kind, b"".join((head, data, text)))
+        flags = ended | cut << 1
+        if self._said(layout, data):
+            flags, data = flags | SAME, b""
+        if text == self._info:
+            flags, text = flags | SAME_INFO, b""
+        else:
+            self._info = text
+        head = STEP.pack(flags, ended_type, cut_type, reward_type, number, micros, layout, len(data), len(text))
+        if kind is not Kind.STEP or flags < SAME | SAME_INFO:
+            self._put(HEADER.pack(kind, len(head) + len(data) + len(text)), head, data, text)
+            return
+        self._run.append(head)
+        if self._every_step or len(self._run) >= _RUN or _monotonic() - self._flushed > _FLUSH_SECONDS:
+            self.flush()
+
+    def _said(self, layout: int, data: bytes) -> bool:
+        """Whether a value is the last long one over again; from now on that is this one, if it is long."""
+        if len(data) < LONG:
+            return False
+        same = self._last == (layout, data)
+        self._last = layout, data
+        return same
 
     def encode(self, value: Any) -> tuple[int, bytes]:
         """Give the value's layout number, announcing a new layout first, and its bytes."""
@@ -224,6 +284,8 @@ def jsonable(value: Any, depth: int = 0) -> Any:
 
 
 def _number(value: Any) -> tuple[Type, float]:
+    if type(value) is float:
+        return Type.FLOAT, value
     kind = _type(value)
     if kind <= Type.NUMPY_FLOAT:
         try:
@@ -234,6 +296,8 @@ def _number(value: Any) -> tuple[Type, float]:
 
 
 def _flag(value: Any) -> tuple[Type, int]:
+    if type(value) is bool:
+        return Type.BOOL, value
     kind = _type(value)
     return kind, int(bool(value)) if kind <= Type.STR else 0
 

@@ -42,10 +42,10 @@ def main(data_fd: int, output_fd: int, limits: dict[str, Any], folder: str, show
         job = _receive(sock)
         confine.enter(limits, shown)
         traces = Traces(folder)
-        while _run(job, Channel(sock, every_step=bool(job.get("every_step"))), traces) and sock.recv(
-            1, socket.MSG_PEEK
-        ):
-            job = _receive(sock)
+        channel = Channel(sock, every_step=bool(job.get("every_step")))
+        while _run(job, channel, traces) and sock.recv(1, socket.MSG_PEEK):
+            # What goes wrong after other jobs runs again alone, and tells then where it was.
+            job, channel = _receive(sock), Channel(sock, phases=False)
     except BaseException:
         # Outside the job's own guard: the host sees a death and the traceback among the captured output.
         traceback.print_exc()

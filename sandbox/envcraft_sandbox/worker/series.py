@@ -1,4 +1,4 @@
-"""What an episode leaves behind in its process, and must not leave for the next one of a series."""
+"""What a job leaves behind in its process, and must not leave for the next one of a series."""
 
 from __future__ import annotations
 

@@ -13,7 +13,8 @@ import re
 import sys
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from types import ModuleType
+from functools import lru_cache
+from types import CodeType, ModuleType
 from typing import Any
 
 import gymnasium
@@ -135,8 +136,14 @@ def execute(name: str, source: str, filename: str, extra: dict[str, Any] | None 
     module.__dict__.update(extra or {})
     sys.modules[name] = module
     linecache.cache[filename] = (len(source), None, source.splitlines(keepends=True), filename)
-    exec(compile(source, filename, "exec"), module.__dict__)  # noqa: S102 (that is what a sandbox is for)
+    exec(_compiled(source, filename), module.__dict__)  # noqa: S102 (that is what a sandbox is for)
     return module
+
+
+@lru_cache(maxsize=2)
+def _compiled(source: str, filename: str) -> CodeType:
+    """The code of a text, which every job of a series runs anew."""
+    return compile(source, filename, "exec")
 
 
 def attribute(name: str) -> Any:
