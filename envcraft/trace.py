@@ -289,8 +289,8 @@ class Recording:
         self._parts = 0
         self._infos = 0
         self._frames = 0
-        #: The last value, with its digest.
-        self._digested: tuple[memoryview, bytes] | None = None
+        #: The last value and its layout, with their digest.
+        self._digested: tuple[memoryview, Layout, bytes] | None = None
 
     def phase(self, name: str) -> None:
         pass
@@ -440,9 +440,10 @@ class Recording:
             self._keep_frame(trace.frames, layout, layout.decode(step.data))
 
     def _digest(self, layout: Layout, data: memoryview) -> bytes:
-        if self._digested is None or self._digested[0] is not data:
-            self._digested = data, hashlib.blake2b(data, digest_size=16, key=layout.tag).digest()
-        return self._digested[1]
+        last = self._digested
+        if last is None or last[0] is not data or last[1] is not layout:
+            last = self._digested = data, layout, hashlib.blake2b(data, digest_size=16, key=layout.tag).digest()
+        return last[2]
 
     def _keep_frame(self, frames: list[NDArray[Any]], layout: Layout, value: Any) -> None:
         wanted = layout.kind == "array" and len(frames) < self.trace.rollout.keep
@@ -503,9 +504,10 @@ class Recording:
 
 
 def _each(steps: Steps) -> Iterator[Step]:
-    columns = (steps.terminated, steps.truncated, steps.terminated_types, steps.truncated_types, steps.reward_types)
-    for fixed in zip(*columns, steps.rewards, steps.micros, strict=True):
-        yield Step(*fixed, steps.layout, steps.data, steps.info)
+    flags = zip(steps.terminated, steps.truncated, strict=True)
+    types = zip(steps.terminated_types, steps.truncated_types, steps.reward_types, strict=True)
+    for ended, named, reward, micros in zip(flags, types, steps.rewards, steps.micros, strict=True):
+        yield Step(*ended, *named, reward, micros, steps.layout, steps.data, steps.info)
 
 
 def is_picture(shape: Sequence[int], dtype: Any) -> bool:
