@@ -247,6 +247,10 @@ class Subject:
         """Begin nothing more of what was foreseen."""
         self._ahead = {key: begun for key, begun in self._ahead.items() if not self._lanes.drop(begun.task)}
 
+    def drop(self) -> None:
+        """Let go of the traces that are known: whoever plays episodes by the thousand asks for none a second time."""
+        self._traces.clear()
+
     def rollout(self, rollout: Rollout) -> Trace:
         """Run one rollout, or give its trace again."""
         key = rollout.key()
