@@ -250,6 +250,10 @@ class Subject:
         """Begin nothing more of what was foreseen."""
         self._ahead = {key: begun for key, begun in self._ahead.items() if not self._lanes.drop(begun.task)}
 
+    def drop(self) -> None:
+        """Let go of the traces that are known: whoever plays episodes by the thousand asks for none a second time."""
+        self._traces.clear()
+
     def rollout(self, rollout: Rollout, alone: bool = False) -> Trace:
         """Run one rollout, or give its trace again; `alone` as in :meth:`foresee`."""
         key = rollout.key()

@@ -25,18 +25,21 @@ from envcraft.rollout import Rollout
 from envcraft.sandbox import Driver, Limits
 from envcraft.shrink import repro
 from envcraft.subject import Subject
+from envcraft.target import Target
 from envcraft.trace import Trace, diverge
 from envcraft.verdict import Finding, SubjectReport, Verdict
 
 #: All of an environment's episodes together may take an hour for so many steps.
 _HOUR = 50_000
+#: Steps that an episode may well have.
+_LONGEST = 1_000
 _BUDGET = BUDGETS["standard"]
 
 Tell = Callable[[Event], None]
 
 
-class _Play(Check):
-    """Has a player play until there are enough steps, and gives the recording to `take`."""
+class _Playing(Check):
+    """Has a player play; what its policy must not do are findings."""
 
     name = "demonstrations"
     rules = (
@@ -49,32 +52,27 @@ class _Play(Check):
         Rule("EC805", "policy-fails", "The privileged policy raises or chooses no valid action.", "Mend the policy."),
     )
 
-    def __init__(self, player: Player, steps: int, take: Callable[[str, Recorder], object]) -> None:
-        self._player, self._steps, self._take = player, steps, take
+    def __init__(self, player: Player) -> None:
+        self._player = player
 
-    def judge(self, subject: Subject) -> Iterator[Finding]:
-        recorder = Recorder(self._steps)
-        number = 0
-        while recorder.left:
-            trace = self._player.play(subject, number)
-            wrong = self._wrong(trace)
-            if wrong is None and trace.rollout.live:
-                # What a policy played counts as what its actions give without it.
-                plain = subject.rollout(Rollout(trace.rollout.seed, trace.actions, player="the player's actions"))
-                if (found := diverge(trace, plain)) is not None:
-                    words = f"without the policy its actions give another trace: {found}"
-                    wrong = self.finding("EC804", words, repro=repro(plain.rollout.cut(found.step)), step=found.step)
-                trace = plain
-            if wrong is not None:
-                yield wrong
-                return
-            if not trace.usable or not trace.steps:
-                raise Skip(f"the episode on seed {trace.rollout.seed} breaks off: {trace.fault or trace.ending}")
-            if trace.steps > recorder.left:
-                trace = subject.rollout(trace.rollout.cut(recorder.left))
-            recorder.add(trace)
-            number += 1
-        self._take(subject.target.path, recorder)
+    def _episode(self, subject: Subject, number: int) -> Trace | Finding:
+        """The player's episode with this number, of actions from a list, or what was wrong. Raises Skip where it breaks
+        off.
+        """
+        trace = self._player.play(subject, number)
+        wrong = self._wrong(trace)
+        if wrong is None and trace.rollout.live:
+            # What a policy played counts as what its actions give without it.
+            plain = subject.rollout(Rollout(trace.rollout.seed, trace.actions, player="the player's actions"))
+            if (found := diverge(trace, plain)) is not None:
+                words = f"without the policy its actions give another trace: {found}"
+                wrong = self.finding("EC804", words, repro=repro(plain.rollout.cut(found.step)), step=found.step)
+            trace = plain
+        if wrong is not None:
+            return wrong
+        if not trace.usable or not trace.steps:
+            raise Skip(f"the episode on seed {trace.rollout.seed} breaks off: {trace.fault or trace.ending}")
+        return trace
 
     def _wrong(self, trace: Trace) -> Finding | None:
         """What a policy did that it must not do."""
@@ -89,6 +87,47 @@ class _Play(Check):
         if fault.phase == "policy write" or fault.type.endswith("ReadOnlyState"):
             return self.finding("EC804", f"the policy writes to the environment at step {at}: {fault.message}")
         return self.finding("EC805", f"the policy raises {fault} at step {at}", line=fault.line)
+
+
+class _Play(_Playing):
+    """Has a player play until there are enough steps, and gives the recording to `take`."""
+
+    def __init__(self, player: Player, steps: int, take: Callable[[str, Recorder], object]) -> None:
+        super().__init__(player)
+        self._steps, self._take = steps, take
+
+    def judge(self, subject: Subject) -> Iterator[Finding]:
+        recorder = Recorder(self._steps)
+        number = 0
+        while recorder.left:
+            trace = self._episode(subject, number)
+            if isinstance(trace, Finding):
+                yield trace
+                return
+            if trace.steps > recorder.left:
+                trace = subject.rollout(trace.rollout.cut(recorder.left))
+            recorder.add(trace)
+            number += 1
+        self._take(subject.target.path, recorder)
+
+
+class _Count(_Playing):
+    """Has a player play so many episodes, and gives what came out of them to `take`."""
+
+    def __init__(self, player: Player, episodes: int, take: Callable[[str, list[keeping.Outcome]], object]) -> None:
+        super().__init__(player)
+        self._episodes, self._take = episodes, take
+
+    def judge(self, subject: Subject) -> Iterator[Finding]:
+        outcomes = []
+        for number in range(self._episodes):
+            trace = self._episode(subject, number)
+            if isinstance(trace, Finding):
+                yield trace
+                return
+            outcomes.append(keeping.Outcome(trace.steps, trace.total, trace.success))
+            subject.drop()
+        self._take(subject.target.path, outcomes)
 
 
 class _Replay(Check):
@@ -160,9 +199,10 @@ def record(
             pending.append(environment)
     made: dict[str, Recorder] = {}
     outcome = Outcome()
-    for environment, report in _run(
-        store, pending, contract, driver, _Play(player, steps, made.__setitem__), steps, seed, player, workers, tell
-    ):
+    check = _Play(player, steps, made.__setitem__)
+    targets = stored(store, pending)
+    for number, report in _run(targets, contract, driver, check, steps, seed, player, workers, tell):
+        environment = pending[number]
         recorder = made.pop(environment.name, None)
         if recorder is None:
             outcome.bad.append(report)
@@ -211,9 +251,9 @@ def replay(
     check = _Replay(recordings, (lambda recording, data: made.append((recording, data))) if frames else None)
     outcome = Outcome()
     most = max((recording.steps for found in recordings.values() for recording in found), default=0)
-    for environment, report in _run(
-        store, list(environments.values()), contract, driver, check, most, 0, None, workers, tell
-    ):
+    again = list(environments.values())
+    for number, report in _run(stored(store, again), contract, driver, check, most, 0, None, workers, tell):
+        environment = again[number]
         while made:
             recording, data = made.pop()
             store.keep(keeping.cache_place(store, files[id(recording)]), data)
@@ -226,9 +266,29 @@ def replay(
     return outcome
 
 
+def episodes(
+    targets: Sequence[Target],
+    player: Player,
+    contract: Contract,
+    driver: Driver,
+    count: int,
+    seed: int = 0,
+    workers: int | None = None,
+    tell: Tell | None = None,
+) -> Iterator[tuple[int, list[keeping.Outcome], SubjectReport]]:
+    """Have `player` play `count` whole episodes in each of `targets`, which have different paths.
+
+    As each is done, its place among the targets, what came out of its episodes (nothing where one went wrong), and the
+    report that says so. Raises what the sandbox raises.
+    """
+    made: dict[str, list[keeping.Outcome]] = {}
+    check = _Count(player, count, made.__setitem__)
+    for number, report in _run(targets, contract, driver, check, count * _LONGEST, seed, player, workers, tell):
+        yield number, made.pop(report.path, []), report
+
+
 def _run(
-    store: Store,
-    pending: Sequence[Environment],
+    targets: Sequence[Target],
     contract: Contract,
     driver: Driver,
     check: Check,
@@ -237,20 +297,19 @@ def _run(
     player: Player | None,
     workers: int | None,
     tell: Tell | None,
-) -> Iterator[tuple[Environment, SubjectReport]]:
-    """Judge environments by one check alone; each with its report as it ends."""
-    if not pending:
+) -> Iterator[tuple[int, SubjectReport]]:
+    """Judge environments by one check alone; as each ends, its place and its report."""
+    if not targets:
         return
     limits = Limits(total=3600.0 * max(1.0, steps / _HOUR))
-    targets = stored(store, pending)
     policy = player.policy if player is not None else None
     plan = Plan(targets, contract, driver, [check], _BUDGET, seed, policy, limits)
     with (
-        Pool(driver, limits, len(pending)) as pool,
+        Pool(driver, limits, len(targets)) as pool,
         contextlib.closing(stream(plan, workers, pool)) as events,
     ):
         for number, event in events:
             if tell is not None:
                 tell(event)
             if isinstance(event, SubjectFinished):
-                yield pending[number - 1], event.report
+                yield number - 1, event.report

@@ -29,6 +29,11 @@ def _where(command: _F) -> _F:
             click.option("--trust", is_flag=True, help="Run also what has not passed in this process."),
             click.option("--sandbox", metavar="NAME", help="Run them in a sandbox, whatever was judged of them."),
             click.option("--workers", type=click.IntRange(0, 64), help="Processes  [default: one a core]"),
+            click.option(
+                "--fast/--no-fast",
+                default=None,
+                help="By the program of the family that wrote them, running none of their code  [default: if it can]",
+            ),
             click.option("--seed", type=click.IntRange(0, 2**31 - 1), default=0, show_default=True),
             click.option("--device", default="auto", show_default=True, metavar="NAME", help="Such as cpu or cuda."),
         )
@@ -52,7 +57,12 @@ def _number(name: str, words: str, least: float = 1) -> Callable[[_F], _F]:
 @click.option("--head", type=click.Choice(HEADS), default=_DEFAULT.head, show_default=True)
 @_number("steps", "Environment steps, over all environments.", 0)
 @_number("pretrain_updates", "Updates on demonstrations alone, before.", 0)
-@click.option("--demos", metavar="PLAYER", help="Whose demonstrations: random, noop, checkpoint:PATH.")
+@click.option(
+    "--demos",
+    metavar="PLAYER|CORPUS[:PLAYER]",
+    help="Whose demonstrations: random, noop, checkpoint:PATH, a player that `envcraft demos` has, or what it recorded "
+    "in a corpus.",
+)
 @_number("demonstrations", "Steps of them from each environment.")
 @_number("lanes", "Environments side by side.")
 @_number("cycle", "Steps of an environment before the next one's turn.")
@@ -85,6 +95,7 @@ def train(
     trust: bool,
     sandbox: str | None,
     workers: int | None,
+    fast: bool | None,
     demos: str | None,
     checkpoint_minutes: float,
     **given: Any,
@@ -97,17 +108,14 @@ def train(
     settings.check()
     from envcraft_dqn.places import environments
 
-    names, open_vector = environments(corpus, select, contract, trust, sandbox, workers)
+    names, open_vector = environments(corpus, select, contract, trust, sandbox, workers, fast)
     with uninterrupted():
         _needed()
-        from envcraft_dqn.evaluation import Played, player_named
         from envcraft_dqn.learner import train as run
-        from envcraft_dqn.spaces import Surface
+        from envcraft_dqn.sources import Where, source_named
         from envcraft_dqn.telling import Shown
-    source = None
-    if demos is not None:
-        player = player_named(demos, Surface.of(open_vector, names[0]), settings.seed, device=settings.device)
-        source = Played(open_vector, player, settings.demonstrations, settings.seed)
+    there = Where(corpus, names, open_vector, contract, sandbox, workers)
+    source = None if demos is None else source_named(demos, there, settings, output)
     click.echo(f"{len(names):,} environments; the run is kept in {output}", err=True)
     with Shown(output / "tensorboard") as teller:
         agent = run(settings, names, open_vector, output, source, teller, checkpoint_minutes * 60)
@@ -116,7 +124,12 @@ def train(
 
 @click.command()
 @click.argument("target", metavar="CORPUS|FILE", type=click.Path(path_type=Path))
-@click.option("--player", required=True, metavar="NAME", help="random, noop, or checkpoint:PATH.")
+@click.option(
+    "--player",
+    required=True,
+    metavar="NAME",
+    help="random, noop, checkpoint:PATH, or one that `envcraft demos` has, which plays in a sandbox.",
+)
 @click.option("--episodes", type=click.IntRange(2), default=1000, show_default=True, help="Of each environment.")
 @click.option("--lanes", type=click.IntRange(1), default=64, show_default=True, help="Episodes side by side.")
 @click.option(
@@ -136,26 +149,34 @@ def evaluate(
     trust: bool,
     sandbox: str | None,
     workers: int | None,
+    fast: bool | None,
     seed: int,
     device: str,
 ) -> None:
     """Play whole episodes, and give mean return and length of each environment as JSON, with their intervals."""
     import json
 
+    from envcraft_dqn import privileged
     from envcraft_dqn.places import environments
 
-    names, open_vector = environments(target, select, contract, trust, sandbox, workers)
+    seeing = privileged.players().get(player)
+    if seeing is not None:
+        # Their own code runs beside the environment's: nowhere else than in a sandbox.
+        sandbox = sandbox or "auto"
+    names, open_vector = environments(target, select, contract, trust, sandbox, workers, fast)
     with uninterrupted():
         _needed()
         from envcraft_dqn.evaluation import evaluate as play
         from envcraft_dqn.evaluation import player_named
         from envcraft_dqn.spaces import Surface
-    who = player_named(player, Surface.of(open_vector, names[0]), seed, epsilon, device)
-    done = []
-    with click.progressbar(
-        play(names, open_vector, who, episodes, lanes, seed), length=len(names), label="environments", file=sys.stderr
-    ) as found:
+    if seeing is not None:
+        found = privileged.evaluate(seeing, target, names, contract, episodes, seed, sandbox, workers or None)
         done = [one.told() for one in found]
+    else:
+        who = player_named(player, Surface.of(open_vector, names[0]), seed, epsilon, device)
+        playing = play(names, open_vector, who, episodes, lanes, seed)
+        with click.progressbar(playing, length=len(names), label="environments", file=sys.stderr) as played:
+            done = [one.told() for one in played]
     told = {
         "format": 1,
         "target": str(target),

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from envcraft.errors import UsageError
 from envcraft_dqn.demonstrations import Episode
 from envcraft_dqn.frames import Frames
+from envcraft_dqn.privileged import players
 from envcraft_dqn.spaces import OpenVector, Surface, surface_of
 
 #: Two-sided 95% of a normal distribution.
@@ -80,7 +81,8 @@ def player_named(name: str, surface: Surface, seed: int, epsilon: float = 0.0, d
         return NoopPlayer()
     kind, _, path = name.partition(":")
     if kind != "checkpoint" or not path:
-        raise UsageError(f"there is no player {name!r}; there are random, noop, checkpoint:PATH")
+        there = ", ".join(("random", "noop", "checkpoint:PATH", *players()))
+        raise UsageError(f"there is no player {name!r}; there are {there}")
     return AgentPlayer(Path(path), surface, seed, epsilon, device)
 
 
@@ -155,8 +157,11 @@ def _play(
         played: list[list[tuple[int, float]]] = [[] for _ in names]
         lengths, sums = np.zeros(len(names), np.int64), np.zeros(len(names))
         over = np.zeros(len(names), np.bool_)
-        while (quotas > 0).any():
-            frames, rewards, terminated, truncated, _ = vector.step(surface.split(player.act(frames)))
+        while (on := np.flatnonzero(quotas > 0)).size:
+            # A lane that has played its episodes is stepped along, and nobody has to think for it.
+            actions = np.zeros(len(names), np.int64)
+            actions[on] = player.act(frames[on] if len(on) < len(names) else frames)
+            frames, rewards, terminated, truncated, _ = vector.step(surface.split(actions))
             # A lane whose episode was over has only been reset by this step.
             lengths[~over] += 1
             sums += rewards

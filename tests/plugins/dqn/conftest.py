@@ -44,6 +44,11 @@ def open_corridors(names: Sequence[str]) -> Any:
     return SyncVectorEnv([partial(Corridor, name == "left") for name in names])
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """With torch the process grows to half a gigabyte, which the other tests' memory and forks need not bear."""
+    items.sort(key=lambda item: Path(__file__).parent in item.path.parents)
+
+
 @pytest.fixture(autouse=True)
 def one_thread() -> Iterator[None]:
     """Small networks gain nothing by more, and the order of sums depends on it."""

@@ -10,11 +10,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-import torch
 from envcraft_dqn.demonstrations import Episode
 from envcraft_dqn.evaluation import AgentPlayer, evaluate
-from envcraft_dqn.learner import Learner, schedule, train
-from envcraft_dqn.network import Network
 from envcraft_dqn.replay import Batch
 from envcraft_dqn.settings import Settings
 from envcraft_dqn.spaces import Surface
@@ -28,12 +25,17 @@ SMALL = Surface((16, 16, 3), (5, 2, 2))
 
 
 def test_the_reference_network_has_about_twelve_million_parameters() -> None:
+    from envcraft_dqn.network import Network
+
     network = Network(PAD.shape, PAD.choices, "reference")
     assert network.parameter_count == 12_051_517
     assert Network(PAD.shape, PAD.choices, "small").parameter_count < 2_000_000
 
 
 def test_a_branching_head_adds_up_its_parts() -> None:
+    import torch
+    from envcraft_dqn.network import Network
+
     network = Network(SMALL.shape, SMALL.choices, "tiny", "branching")
     frames = torch.randint(0, 256, (3, *SMALL.shape), dtype=torch.uint8)
     values = network(frames)
@@ -61,6 +63,9 @@ def batch(count: int = 8) -> Batch:
 
 
 def test_the_errors_are_those_of_double_q_learning() -> None:
+    import torch
+    from envcraft_dqn.learner import Learner
+
     learner = Learner(Settings(size="tiny", device="cpu", precision="fp32"), SMALL)
     other = Learner(Settings(size="tiny", device="cpu", seed=1), SMALL)
     learner.target.load_state_dict(other.network.state_dict())
@@ -80,6 +85,8 @@ def test_the_errors_are_those_of_double_q_learning() -> None:
 
 
 def test_a_learner_that_is_put_back_goes_on_bit_by_bit() -> None:
+    from envcraft_dqn.learner import Learner
+
     learner, again = (Learner(Settings(size="tiny", seed=seed, device="cpu"), SMALL) for seed in (1, 2))
     for _ in range(3):
         learner.update(batch())
@@ -90,6 +97,8 @@ def test_a_learner_that_is_put_back_goes_on_bit_by_bit() -> None:
 
 
 def test_every_environment_has_its_turn_in_each_cycle() -> None:
+    from envcraft_dqn.learner import schedule
+
     settings = Settings(lanes=4, cycle=25, leg=10)
     names = [f"e{number}" for number in range(8)]
     legs = list(islice(schedule(names, settings), 12))
@@ -130,6 +139,8 @@ def returns(agent: Path, names: list[str], surface: Surface, open_vector: Any) -
 
 
 def test_demonstrations_alone_teach_a_corridor(tmp_path: Path) -> None:
+    from envcraft_dqn.learner import train
+
     settings = Settings(size="tiny", device="cpu", steps=0, pretrain_updates=400, target_every=50, learning_rate=1e-3)
     agent = train(settings, ["right"], open_corridors, tmp_path, Scripted())
     assert (tmp_path / "pretrained.safetensors").read_bytes() == agent.read_bytes()
@@ -137,6 +148,8 @@ def test_demonstrations_alone_teach_a_corridor(tmp_path: Path) -> None:
 
 
 def test_what_cannot_be_trained_is_told(tmp_path: Path) -> None:
+    from envcraft_dqn.learner import train
+
     with pytest.raises(UsageError, match="need demonstrations"):
         train(Settings(pretrain_updates=5), ["right"], open_corridors, tmp_path)
     with pytest.raises(UsageError, match="there is no size 'huge'; there are tiny"):

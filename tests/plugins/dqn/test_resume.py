@@ -11,7 +11,6 @@ import time
 from pathlib import Path
 
 import pytest
-from envcraft_dqn.learner import train
 from envcraft_dqn.settings import Settings
 
 from envcraft.errors import EnvCraftError, UsageError
@@ -56,6 +55,8 @@ def learnt(folder: Path) -> dict[str, bytes]:
 
 
 def test_a_run_that_is_killed_again_and_again_comes_to_the_same(tmp_path: Path) -> None:
+    from envcraft_dqn.learner import train
+
     train(SETTINGS, NAMES, open_corridors, tmp_path / "whole", Scripted())
     killed = tmp_path / "killed"
     code = _RUN.format(root=str(Path(__file__).parents[3]), folder=str(killed))
@@ -85,6 +86,7 @@ def test_a_run_that_is_killed_again_and_again_comes_to_the_same(tmp_path: Path) 
 
 def test_another_seed_is_another_agent(tmp_path: Path) -> None:
     import msgspec
+    from envcraft_dqn.learner import train
 
     short = msgspec.structs.replace(SETTINGS, steps=200, pretrain_updates=0)
     one, same, other = (tmp_path / name for name in ("one", "same", "other"))
@@ -96,6 +98,7 @@ def test_another_seed_is_another_agent(tmp_path: Path) -> None:
 
 def test_another_run_in_the_same_folder_is_refused(tmp_path: Path) -> None:
     import msgspec
+    from envcraft_dqn.learner import train
 
     short = msgspec.structs.replace(SETTINGS, steps=40, pretrain_updates=0, leg=10)
     train(short, NAMES, open_corridors, tmp_path)

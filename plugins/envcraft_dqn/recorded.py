@@ -1,0 +1,100 @@
+"""Demonstrations that ``envcraft demos`` has recorded: seeds and actions, of which the frames are made again."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from envcraft.corpus.store import CorpusDamaged, Store, find
+from envcraft.demonstrations import keeping
+from envcraft.demonstrations.cache import Cache, CacheDamaged
+from envcraft.demonstrations.form import Recording, rewards
+from envcraft.errors import UsageError
+from envcraft_dqn.demonstrations import Episode
+from envcraft_dqn.spaces import OpenVector
+
+
+class Recorded:
+    """The recordings in a corpus. Their frames are those of its cache (``envcraft demos --cache``); where it has none,
+    their actions are played again.
+
+    Attributes:
+        names: of the environments that have one.
+    """
+
+    def __init__(self, corpus: Path, open_vector: OpenVector, player: str | None = None) -> None:
+        """Look which there are, of one `player` or of the only one. Raises UsageError where there is none, or an
+        environment has several players' and none is named.
+        """
+        self._corpus, self._open = find(corpus), open_vector
+        self._rows: dict[str, list[keeping.Row]] = {}
+        with Store(self._corpus) as store:
+            by_source: dict[tuple[str, str], list[keeping.Row]] = {}
+            for _, row in keeping.rows(store, player):
+                by_source.setdefault((row.source, row.env_class), []).append(row)
+            for name, *source in store.db.execute("SELECT name, source, class FROM environments ORDER BY name"):
+                if rows := by_source.get((source[0], source[1])):
+                    self._rows[name] = rows
+        self.names = list(self._rows)
+        if not self._rows:
+            whose = f" of {player}" if player else ""
+            raise UsageError(f"{corpus} has no recording{whose}; `envcraft demos {corpus}` makes some")
+        for name, rows in self._rows.items():
+            players = sorted({row.player for row in rows})
+            if len(players) > 1:
+                raise UsageError(
+                    f"{name} has recordings of {' and '.join(players)}: name one, as in {corpus}:{players[0]}"
+                )
+
+    def episodes(self, name: str) -> Iterator[Episode]:
+        """The episodes of one environment in the order in which they were played; none where it has no recording.
+
+        Raises CorpusDamaged, and where an environment plays otherwise than it did, UsageError.
+        """
+        for row in self._rows.get(name, ()):
+            with Store(self._corpus) as store:
+                file = keeping.cache_place(store, row.file)
+                recording = None if file.exists() else keeping.read(store, row)
+            yield from _cached(file) if recording is None else _played(recording, name, self._open)
+
+
+def _cached(file: Path) -> Iterator[Episode]:
+    try:
+        cache = Cache(file)
+    except CacheDamaged as error:
+        raise CorpusDamaged(f"the frames {file} cannot be read: the file {error}") from None
+    arrays = cache.arrays
+    firsts = np.flatnonzero(np.diff(arrays["episode"].astype(np.int64), prepend=-1))
+    for first, end in zip(firsts, [*firsts[1:], len(cache)], strict=True):
+        shown = [*arrays["observation"][first:end].tolist(), int(arrays["next_observation"][end - 1])]
+        yield Episode(
+            np.stack([cache.read(number) for number in shown]),
+            arrays["table"][arrays["action"][first:end]],
+            arrays["reward"][first:end],
+            bool(arrays["terminated"][end - 1]),
+        )
+
+
+def _played(recording: Recording, name: str, open_vector: OpenVector) -> Iterator[Episode]:
+    vector = open_vector([name])
+    try:
+        for number, episode in enumerate(recording.episodes):
+            actions, wanted = np.array(recording.actions(episode)), rewards(episode)
+            frames, found = [vector.reset(seed=[episode.seed])[0][0]], []
+            over = terminated = False
+            while not over and len(found) < episode.steps:
+                seen, reward, terminations, truncations, _ = vector.step(actions[len(found)][None])
+                frames.append(seen[0])
+                found.append(float(reward[0]))
+                terminated = bool(terminations[0])
+                over = terminated or bool(truncations[0])
+            if found != wanted.tolist() or terminated != episode.terminated:
+                raise UsageError(
+                    f"{recording.player}'s episode {number} in {name} does not come out again; `envcraft demos "
+                    "--verify` tells more"
+                )
+            yield Episode(np.stack(frames), actions, wanted, terminated)
+    finally:
+        vector.close()

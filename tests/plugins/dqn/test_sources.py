@@ -1,0 +1,160 @@
+"""Where episodes come from: the family's own program, players that see the state, and what was recorded of them."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from click.testing import CliRunner, Result
+from envcraft_dqn.demonstrations import Episode
+from envcraft_dqn.places import environments
+from envcraft_dqn.recorded import Recorded
+
+from envcraft.cli import cli
+from envcraft.contract import ARCADE
+from envcraft.corpus.settings import Settings, contract_digest
+from envcraft.corpus.store import Environment, Store
+from envcraft.demonstrations import keeping
+from envcraft.errors import UsageError
+from envcraft.verdict import SubjectReport, Verdict
+
+from .conftest import GAMES
+
+COUNT = 3
+FIRST = "tetris_0_0000.py"
+SANDBOX = ("--sandbox", "process")
+TRAIN = ("--size", "tiny", "--steps", "60", "--lanes", "2", "--leg", "20", "--capacity", "3000", "--device", "cpu")
+
+
+def run(*arguments: Any) -> Result:
+    return CliRunner().invoke(cli, [str(argument) for argument in arguments])
+
+
+@pytest.fixture
+def games(tmp_path: Path) -> Path:
+    """Variants of the family tetris, of which none was judged."""
+    corpus = tmp_path / "games"
+    done = run("generate", "--family", "tetris", "--count", COUNT, "--seed", 0, "--corpus", corpus)
+    assert done.exit_code == 0, done.output
+    return corpus
+
+
+def outcome(result: Result) -> list[dict[str, Any]]:
+    assert result.exit_code == 0, result.output
+    found: list[dict[str, Any]] = json.loads(result.stdout)["environments"]
+    return found
+
+
+def test_a_family_plays_its_environments_itself_and_none_of_their_code_runs(games: Path, tmp_path: Path) -> None:
+    playing = ("evaluate", games, "--player", "random", "--episodes", "20")
+    done = run(*playing)
+    assert "3 environments are played by the program of their family" in done.stderr
+    fast = outcome(done)
+    assert outcome(run(*playing, "--no-fast", "--trust", "--workers", "0")) == fast
+    assert len(fast) == COUNT
+    refused = run(*playing, "--no-fast")
+    assert refused.exit_code == 2
+    assert "has no verdict" in refused.output
+    agents = [tmp_path / name for name in ("fast", "files")]
+    assert run("train", games, "--output", agents[0], *TRAIN).exit_code == 0
+    assert run("train", games, "--output", agents[1], *TRAIN, "--no-fast", "--trust", "--workers", "0").exit_code == 0
+    assert len({(folder / "agent.safetensors").read_bytes() for folder in agents}) == 1
+
+
+def test_what_a_family_cannot_play_is_told_or_left_to_the_files(games: Path) -> None:
+    playing = ("evaluate", games, "--player", "random", "--episodes", "2")
+    for arguments, words in (
+        (("--fast", "--sandbox", "process"), "leave out --sandbox, or --fast"),
+        (("--fast", "--contract", "arcade-native"), "the contract arcade-native adapts that"),
+    ):
+        result = run(*playing, *arguments)
+        assert result.exit_code == 2
+        assert words in result.output
+    with Store(games, write=True) as store:
+        store.add("catch.py", (GAMES / "catch.py").read_bytes())
+    assert "fast=True plays what `envcraft generate` wrote" in run(*playing, "--fast").output
+    # One that was changed is no longer what the family writes.
+    with Store(games, write=True) as store:
+        store.remove("catch.py")
+        row = store.db.execute("SELECT source, origin FROM environments WHERE name = ?", (FIRST,)).fetchone()
+        store.add(FIRST, store.source(row[0]) + b"\n# mine\n", origin=json.loads(row[1]))
+    assert "not as the family tetris of this version writes it" in run(*playing, "--fast").output
+    assert "has no verdict" in run(*playing).output
+    names, _ = environments(games, ["*_0001.py"], None, False, None, None)
+    assert names == ["tetris_0_0001.py"]
+    assert "is a file" in run("evaluate", GAMES / "catch.py", "--player", "noop", "--fast").output
+
+
+def test_what_has_failed_is_not_played(games: Path) -> None:
+    with Store(games, write=True) as store:
+        [source] = store.db.execute("SELECT source FROM environments WHERE name = ?", (FIRST,)).fetchone()
+        given = Settings(ARCADE.name, contract_digest(ARCADE), "rules", 0, "quick", "process", "python 3", "")
+        report = SubjectReport(FIRST, "", source, Verdict.FAIL, "process", 0.1, 10, [])
+        store.record(Environment(FIRST, source, ""), store.settings(given), report)
+    done = run("evaluate", games, "--player", "noop", "--episodes", "2")
+    assert "1 of 3 environments have not passed and are left out" in done.stderr
+    assert FIRST not in [one["name"] for one in outcome(done)]
+    assert "has the verdict fail" in run("evaluate", games, "--player", "noop", "--select", FIRST).output
+
+
+def same(one: list[Episode], other: list[Episode]) -> bool:
+    return len(one) == len(other) and all(
+        mine.terminated == theirs.terminated
+        and all((np.asarray(a) == np.asarray(b)).all() for a, b in zip(mine[:3], theirs[:3], strict=True))
+        for mine, theirs in zip(one, other, strict=True)
+    )
+
+
+def test_recordings_are_played_again_or_read_from_the_cache(games: Path, tmp_path: Path) -> None:
+    where = ("demos", games, "--steps", "90", "--player", "random", "--select", FIRST, *SANDBOX)
+    assert run(*where).exit_code == 0
+    _, open_vector = environments(games, (), None, False, None, None)
+    source = Recorded(games, open_vector)
+    assert source.names == [FIRST]
+    played = list(source.episodes(FIRST))
+    assert list(source.episodes("tetris_0_0001.py")) == []
+    assert sum(len(one.actions) for one in played) == 90
+    assert all(one.terminated for one in played[:-1])
+    assert run(*where, "--cache").exit_code == 0
+    assert same(list(source.episodes(FIRST)), played)
+    with pytest.raises(UsageError, match="no recording of tetris"):
+        Recorded(games, open_vector, "tetris")
+    # A recording of another game does not come out.
+    with Store(games) as store:
+        [(_, row)] = keeping.rows(store)
+        keeping.cache_place(store, row.file).unlink()
+    with pytest.raises(UsageError, match=r"random's episode 0 in .* does not come out again"):
+        list(Recorded(games, lambda _: open_vector(["tetris_0_0002.py"])).episodes(FIRST))
+    output = tmp_path / "run"
+    result = run("train", games, "--output", output, *TRAIN, "--demos", games, "--pretrain-updates", "3")
+    assert result.exit_code == 0, result.output
+    assert "2 of 3 environments have no demonstration" in result.stderr
+    assert run(*where[:5], "noop", *where[6:]).exit_code == 0
+    result = run("train", games, "--output", output, *TRAIN, "--demos", games, "--pretrain-updates", "3")
+    assert "has recordings of noop and random: name one, as in" in result.output
+    again = ("--demos", f"{games}:random", "--pretrain-updates", "3")
+    assert run("train", games, "--output", output, *TRAIN, *again).exit_code == 0
+
+
+def test_players_that_see_the_state_play_and_demonstrate_in_a_sandbox(games: Path, tmp_path: Path) -> None:
+    chosen = ("--select", FIRST, *SANDBOX)
+    [found] = outcome(run("evaluate", games, "--player", "tetris", "--episodes", "2", *chosen))
+    [chance] = outcome(run("evaluate", games, "--player", "random", "--episodes", "50", "--select", FIRST))
+    assert found["length"]["mean"] > 2 * chance["length"]["mean"]
+    output = tmp_path / "run"
+    training = ("train", games, "--output", output, *TRAIN, "--select", FIRST, "--demonstrations", "150")
+    demos = ("--demos", "tetris", "--pretrain-updates", "3")
+    assert run(*training, *demos).exit_code == 0
+    with Store(output / "demonstrations") as store:
+        [(name, row)] = keeping.rows(store)
+        assert (name, row.player, row.steps) == (FIRST, "tetris", 150)
+        recorded = store.db.execute("SELECT recorded FROM demonstrations").fetchall()
+    assert run(*training, *demos).exit_code == 0
+    with Store(output / "demonstrations") as store:
+        assert store.db.execute("SELECT recorded FROM demonstrations").fetchall() == recorded
+    stranger = run("evaluate", GAMES / "catch.py", "--player", "tetris", "--episodes", "2", *SANDBOX)
+    assert stranger.exit_code == 2
+    assert "tetris plays only the family tetris" in stranger.output
