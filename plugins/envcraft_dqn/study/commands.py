@@ -36,9 +36,15 @@ def _count(name: str, words: str, least: int = 1) -> Any:
 
 @study.command()
 @click.argument("corpus", metavar="[CORPUS]", required=False, type=click.Path(path_type=Path))
-@click.option("--output", required=True, metavar="DIR", type=click.Path(path_type=Path), help="Where all of it is kept.")
 @click.option(
-    "--scale", type=click.Choice(["smoke", "laptop", "reference"]), default="laptop", show_default=True, help="How much."
+    "--output", required=True, metavar="DIR", type=click.Path(path_type=Path), help="Where all of it is kept."
+)
+@click.option(
+    "--scale",
+    type=click.Choice(["smoke", "laptop", "reference"]),
+    default="laptop",
+    show_default=True,
+    help="How much.",
 )
 @click.option("--select", multiple=True, metavar="PATTERN", help="Environments whose names fit, such as 'tetris-*'.")
 @_count("variants", "Environments that are written where no corpus is named.", 2)
@@ -73,7 +79,9 @@ def _count(name: str, words: str, least: int = 1) -> Any:
 @click.option("--seed", type=click.IntRange(0, 2**31 - 1), default=0, show_default=True, help="Of everything.")
 @click.option("--device", default="auto", show_default=True, metavar="NAME", help="Such as cpu or cuda.")
 @click.option("--sandbox", default="auto", show_default=True, metavar="NAME", help="Where the privileged player plays.")
-@click.option("--executor", default=_LOCAL, show_default=True, metavar="NAME", help="Who does the tasks: local or dask.")
+@click.option(
+    "--executor", default=_LOCAL, show_default=True, metavar="NAME", help="Who does the tasks: local or dask."
+)
 @click.option("--scheduler", metavar="ADDRESS", help="Of the cluster of --executor.")
 @click.option("--workers", type=click.IntRange(0, 1024), help="Tasks side by side  [default: one a core]")
 def generalisation(

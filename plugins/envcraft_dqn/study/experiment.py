@@ -83,9 +83,7 @@ class Experiment:
             len(self.tasks), "task"
         )
 
-    def run(
-        self, plugin: ExecutorPlugin, workers: int | None, scheduler: str | None, tell: running.Tell
-    ) -> Path:
+    def run(self, plugin: ExecutorPlugin, workers: int | None, scheduler: str | None, tell: running.Tell) -> Path:
         """Do what is left to do, and write the report; give its file."""
         from envcraft_dqn.study.report import write
         from envcraft_dqn.study.summary import summarise

@@ -45,7 +45,9 @@ def draw(folder: Path, protocol: Protocol, results: Mapping[str, Result], summar
             _save(folder / f"{name}.png", 3.6, lambda axes, found=condition: _bars(axes, found, protocol))
             held = f"{condition.over.count} environments that were held out"
             words = "after pretraining alone" if name != AGENT else "after all of its training"
-            drawn.append((name, f"The agent {words}, in {held}: each with its 95% interval, the mean and its interval."))
+            drawn.append(
+                (name, f"The agent {words}, in {held}: each with its 95% interval, the mean and its interval.")
+            )
     _save(folder / "conditions.png", 0.9 + 0.36 * len(summary.conditions), lambda axes: _dots(axes, protocol, summary))
     drawn.append(("conditions", "The agent and its controls: means over environments with bootstrap intervals."))
     sizes = _sizes(results, summary)
@@ -125,7 +127,9 @@ def _sizes(results: Mapping[str, Result], summary: Summary) -> list[tuple[int, C
 def _scaling(axes: Axes, protocol: Protocol, sizes: Sequence[tuple[int, Condition]]) -> None:
     means = [condition.over.value for _, condition in sizes]
     errors = [[mean.mean - mean.low for mean in means], [mean.high - mean.mean for mean in means]]
-    axes.errorbar([size for size, _ in sizes], [mean.mean for mean in means], yerr=errors, fmt="o-", color=_MEAN, capsize=3)
+    axes.errorbar(
+        [size for size, _ in sizes], [mean.mean for mean in means], yerr=errors, fmt="o-", color=_MEAN, capsize=3
+    )
     axes.axhline(0, color=_SOFT, linewidth=0.8)
     axes.set_xlabel("environments of the training")
     axes.set_ylabel(_wrapped(unit(protocol)))

@@ -1,10 +1,10 @@
 """How much better than chance: for each environment with its error, and over all of them.
 
-An environment's figure is the percentage by which its episodes are longer than those of random play, or, where length is
-no measure, the return on a scale from 0 (random) to 100 (the privileged player). Both are functions of independent means,
-whose errors are put together by the delta method. Over environments it is a mean with a percentile bootstrap interval
-(Efron and Tibshirani, "An Introduction to the Bootstrap", 1993): environments are drawn anew, not episodes, since what
-is asked for is what another such environment would give.
+An environment's figure is the percentage by which its episodes are longer than those of random play, or, where length
+is no measure, the return on a scale from 0 (random) to 100 (the privileged player). Both are functions of independent
+means, whose errors are put together by the delta method. Over environments it is a mean with a percentile bootstrap
+interval (Efron and Tibshirani, "An Introduction to the Bootstrap", 1993): environments are drawn anew, not episodes,
+since what is asked for is what another such environment would give.
 """
 
 from __future__ import annotations

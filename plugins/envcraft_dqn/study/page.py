@@ -49,7 +49,9 @@ class Page:
     def table(self, head: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
         """The first column is of words, the others of numbers."""
         lines = [head, ["---", *["---:"] * (len(head) - 1)], *rows]
-        cells = [[_plain(cell).replace("|", "\\|") if line is not lines[1] else cell for cell in line] for line in lines]
+        cells = [
+            [_plain(cell).replace("|", "\\|") if line is not lines[1] else cell for cell in line] for line in lines
+        ]
         self._markdown.append("\n".join(f"| {' | '.join(line)} |" for line in cells))
         body = "\n".join(f"<tr>{''.join(f'<td>{html.escape(cell)}</td>' for cell in row)}</tr>" for row in rows)
         top = "".join(f"<th>{html.escape(cell)}</th>" for cell in head)

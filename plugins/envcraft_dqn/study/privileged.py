@@ -126,9 +126,7 @@ class _Outcomes(Check):
         yield from ()
 
 
-def scores(
-    corpus: Path, names: Sequence[str], player: Player, episodes: int, seed: int, sandbox: str
-) -> list[Score]:
+def scores(corpus: Path, names: Sequence[str], player: Player, episodes: int, seed: int, sandbox: str) -> list[Score]:
     """What the player comes to in whole episodes, two at least. Raises EnvCraftError where it cannot play."""
     check = _Outcomes(player, episodes)
     limits = Limits(total=_SECONDS)

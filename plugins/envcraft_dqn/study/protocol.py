@@ -95,18 +95,18 @@ class Task(msgspec.Struct, frozen=True):
 
 
 def tasks(protocol: Protocol, names: Sequence[str]) -> list[Task]:
-    """All tasks, those that others wait for first. Raises UsageError where the names do not suffice."""
+    """All tasks, in the order in which they are best begun: what the others are held against, agents, controls. None
+    comes before one that it waits for. Raises UsageError where the names do not suffice.
+    """
     protocol.check()
     parts = splits(names, protocol.folds, protocol.seed)
-    found: list[Task] = []
+    found = [_play(protocol, split, RANDOM, split.test, RANDOM) for split in parts]
+    trainings = [(split, training) for split in parts for training in _trainings(protocol, split)]
+    for split, training in sorted(trainings, key=lambda pair: pair[1].condition != AGENT):
+        found += [training, *_plays(protocol, split, training)]
     for split in parts:
-        found += _trainings(protocol, split)
-    for split in parts:
-        players = [RANDOM, UNTRAINED, *([PRIVILEGED] if protocol.privileged_episodes else [])]
+        players = (UNTRAINED, PRIVILEGED) if protocol.privileged_episodes else (UNTRAINED,)
         found += [_play(protocol, split, player, split.test, player) for player in players]
-    trained = [task for task in found if task.kind == "train"]
-    for task in trained:
-        found += _plays(protocol, parts[task.split], task)
     return found
 
 

@@ -39,7 +39,7 @@ _WORDS = {
 }
 
 
-def write( folder: Path, protocol: Protocol, player: str, results: Mapping[str, Result], summary: Summary) -> Path:
+def write(folder: Path, protocol: Protocol, player: str, results: Mapping[str, Result], summary: Summary) -> Path:
     """Write the report into a study's folder; give its file as Markdown. Raises EnvCraftError."""
     try:
         figures = draw(folder / "figures", protocol, results, summary)
@@ -71,7 +71,16 @@ def _page(protocol: Protocol, player: str, summary: Summary, figures: list[tuple
     )
     page.heading("The agent and its controls")
     page.text(f"Mean over environments with a 95% bootstrap interval; the figure is the {unit(protocol)}.")
-    head = ["", "environments", "figure", "steps longer", "improve", "beyond doubt", "worse beyond doubt", "the agent's lead"]
+    head = [
+        "",
+        "environments",
+        "figure",
+        "steps longer",
+        "improve",
+        "beyond doubt",
+        "worse beyond doubt",
+        "the agent's lead",
+    ]
     page.table(head, [_row(condition) for condition in summary.conditions.values()])
     page.text(
         "The agent's lead is by how much its figure is the higher one, in the environments that both were tested in. "
@@ -105,8 +114,8 @@ def _verdict(when: str, over: Pooled) -> str:
     else:
         words = "on both sides of zero: this does not tell it from chance"
     return (
-        f"{when}, in {over.count} environments that it had not seen, the mean figure is {over.value.mean:+.1f} with a 95% "
-        f"interval of {interval}, {words}."
+        f"{when}, in {over.count} environments that it had not seen, the mean figure is {over.value.mean:+.1f} with a "
+        f"95% interval of {interval}, {words}."
     )
 
 

@@ -1,7 +1,7 @@
 """Doing the tasks of a study on an executor: each once, in an order that its dependencies allow, whatever is killed.
 
-A result is one file of JSON, which is there whole or not at all; what has one is not done again. Only this process writes
-them. A training that was interrupted goes on from its own checkpoint.
+A result is one file of JSON, which is there whole or not at all; what has one is not done again. Only this process
+writes them. A training that was interrupted goes on from its own checkpoint.
 """
 
 from __future__ import annotations
@@ -92,7 +92,9 @@ def _spread(
 def _lose(task: Task, losses: Counter[str]) -> None:
     losses[task.name] += 1
     if losses[task.name] >= _LOSSES:
-        raise EnvCraftError(f"{task.name} was lost {_LOSSES} times with the process that did it: is there memory enough?")
+        raise EnvCraftError(
+            f"{task.name} was lost {_LOSSES} times with the process that did it: is there memory enough?"
+        )
 
 
 def place(folder: Path, task: Task) -> Path:

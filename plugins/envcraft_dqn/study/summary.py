@@ -91,9 +91,7 @@ def summarise(protocol: Protocol, results: Mapping[str, Result]) -> Summary:
 
 
 def _scores(results: Iterable[Result], condition: str) -> dict[str, Score]:
-    return {
-        score.name: score for result in results if result.task.condition == condition for score in result.scores
-    }
+    return {score.name: score for result in results if result.task.condition == condition for score in result.scores}
 
 
 def _change(

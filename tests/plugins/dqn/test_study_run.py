@@ -1,0 +1,107 @@
+"""A whole study of the smallest size, from the command line to its report, and whatever ends it in between."""
+
+from __future__ import annotations
+
+import json
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+from click.testing import CliRunner, Result
+
+from envcraft.cli import cli
+
+_OPTIONS = ("--scale", "smoke", "--device", "cpu", "--sandbox", "process")
+
+
+def study(folder: Path, *more: str) -> Result:
+    arguments = ["study", "generalisation", "--output", str(folder), *_OPTIONS, *more]
+    return CliRunner().invoke(cli, arguments)
+
+
+def results(folder: Path) -> dict[str, dict[str, Any]]:
+    """All results but the times."""
+    found = {path.name: json.loads(path.read_text()) for path in (folder / "results").glob("*.json")}
+    for one in found.values():
+        assert one.pop("seconds") > 0
+        del one["processor_seconds"]
+    return found
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A study that nothing interrupts."""
+    folder = tmp_path_factory.mktemp("whole") / "study"
+    result = study(folder, "--workers", "0")
+    assert result.exit_code == 0, result.output
+    assert result.stdout.strip() == str(folder / "report.md")
+    return folder
+
+
+def test_report_tells_what_came_out(whole: Path) -> None:
+    summary = json.loads((whole / "summary.json").read_text())
+    report = (whole / "report.md").read_text()
+    found = results(whole)
+    trained = [one for one in found.values() if one["task"]["kind"] == "train"]
+    assert len(trained) == 4
+    for one in trained:
+        assert one["updates"] == 30 * one["task"]["demonstrations"] + max(
+            one["steps"] - 20 * (not one["task"]["demonstrations"]), 0
+        ) // 4
+        phases = {point["phase"] for point in one["curve"]}
+        assert phases == ({"pretraining", "training"} if one["task"]["demonstrations"] else {"training"})
+    conditions = summary["conditions"]
+    every = ["agent", "pretrained", "without demonstrations", "untrained", "familiar", "privileged", "seed 2"]
+    assert list(conditions) == every
+    assert [conditions[name]["over"]["count"] for name in every] == [6, 6, 3, 6, 4, 6, 3]
+    agent = conditions["agent"]["over"]["value"]
+    assert f"{agent['mean']:+.2f} [{agent['low']:.2f}, {agent['high']:.2f}]" in report
+    for words in ("68.7%", "+1.96", "+7.4 \\[4.97, 9.81\\]", "untrained network", "the ceiling"):
+        assert words in report
+    page = (whole / "report.html").read_text()
+    for name in ("agent", "pretrained", "conditions", "curves"):
+        assert f"(figures/{name}.png)" in report
+        assert f'src="figures/{name}.png"' in page
+        assert (whole / "figures" / f"{name}.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_what_was_killed_goes_on_to_the_same(whole: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "study"
+    command = [sys.executable, "-m", "envcraft", "study", "generalisation", "--output", str(folder), *_OPTIONS]
+    null = subprocess.DEVNULL
+    with subprocess.Popen([*command, "--workers", "2"], stdout=null, stderr=null) as process:
+        deadline = time.monotonic() + 120
+        while len(list((folder / "results").glob("*.json"))) < 3:
+            assert process.poll() is None
+            assert time.monotonic() < deadline
+            time.sleep(0.05)
+        process.send_signal(signal.SIGKILL)
+    kept = {path: path.stat().st_mtime_ns for path in (folder / "results").glob("*.json")}
+    assert 3 <= len(kept) < len(results(whole))
+    result = study(folder, "--workers", "0")
+    assert result.exit_code == 0, result.output
+    assert {path: path.stat().st_mtime_ns for path in kept} == kept
+    assert results(folder) == results(whole)
+    told = json.loads((folder / "summary.json").read_text())
+    assert told["conditions"] == json.loads((whole / "summary.json").read_text())["conditions"]
+    assert not list((folder / "runs").glob("*/checkpoint"))
+
+
+@pytest.mark.parametrize(
+    ("more", "words"),
+    [
+        (("--folds", "3"), "is that of another study"),
+        (("--subset", "many"), "--subset many is no SIZE:SPLITS"),
+        (("--subset", "4:1"), "a subset of 4 cannot be taken of the 3"),
+        (("--scheduler", "tcp://somewhere:1"), "--scheduler goes with --executor dask"),
+        (("--metric", "return", "--privileged-episodes", "0"), "take --privileged-episodes of 2 or more"),
+    ],
+)
+def test_wrong_use_is_told(whole: Path, more: tuple[str, ...], words: str) -> None:
+    result = study(whole, *more)
+    assert result.exit_code == 2, result.output
+    assert words in " ".join(result.output.split())
