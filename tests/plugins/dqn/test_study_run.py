@@ -49,11 +49,11 @@ def test_report_tells_what_came_out(whole: Path) -> None:
     trained = [one for one in found.values() if one["task"]["kind"] == "train"]
     assert len(trained) == 4
     for one in trained:
-        assert one["updates"] == 30 * one["task"]["demonstrations"] + max(
-            one["steps"] - 20 * (not one["task"]["demonstrations"]), 0
-        ) // 4
-        phases = {point["phase"] for point in one["curve"]}
-        assert phases == ({"pretraining", "training"} if one["task"]["demonstrations"] else {"training"})
+        first, starts, phases = (30, 0, {"pretraining", "training"})
+        if not one["task"]["demonstrations"]:
+            first, starts, phases = 0, 20, {"training"}
+        assert one["updates"] == first + (one["steps"] - starts) // 4
+        assert {point["phase"] for point in one["curve"]} == phases
     conditions = summary["conditions"]
     every = ["agent", "pretrained", "without demonstrations", "untrained", "familiar", "privileged", "seed 2"]
     assert list(conditions) == every
