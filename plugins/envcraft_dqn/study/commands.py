@@ -5,8 +5,9 @@ from __future__ import annotations
 import contextlib
 import importlib.util
 import time
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
     from envcraft_dqn.study.protocol import Protocol
     from envcraft_dqn.study.work import Result
 
+_F = TypeVar("_F", bound=Callable[..., Any])
 _NEEDED = ("matplotlib", "numba", "safetensors", "tensorboard", "torch", "zstandard")
 _LOCAL = "local"
 #: Options that override a number of the scale, by whose it is.
@@ -30,7 +32,8 @@ def study() -> None:
     """Experiments over a corpus, from the environments to a report."""
 
 
-def _count(name: str, words: str, least: int = 1) -> Any:
+def _count(name: str, words: str, least: int = 1) -> Callable[[_F], _F]:
+    """An option for a number of the scale."""
     return click.option(f"--{name}", type=click.IntRange(least), show_default="that of the scale", help=words)
 
 

@@ -56,7 +56,7 @@ class Curve(Teller):
         point = {"phase": self._phase, "done": done, "steps": steps, "updates": updates}
         for name, values in (("loss", self._losses), ("return", self._returns), ("length", self._lengths)):
             point[name] = float(np.mean(values)) if values else None
-            values.clear()  # type: ignore[attr-defined]
+            values.clear()
         self._points.append(point)
         self._file.parent.mkdir(parents=True, exist_ok=True)
         self._file.write_text("".join(f"{json.dumps(one)}\n" for one in self._points), "utf-8")
