@@ -13,10 +13,12 @@ from envcraft_dqn.telling import Teller
 
 #: Of each phase.
 POINTS = 100
+#: That a mean over episodes is taken over at least: with fewer, they wait for the next point.
+_EPISODES = 10
 
 
 class Curve(Teller):
-    """Writes points into `file`: means since the last one, over updates and over episodes that ended.
+    """Writes points into `file`: means since the last one, over updates and over episodes that ended by themselves.
 
     A run that goes on from a checkpoint takes back the points that came after it.
     """
@@ -54,9 +56,14 @@ class Curve(Teller):
             return
         self._next = (done // self._each + 1) * self._each
         point = {"phase": self._phase, "done": done, "steps": steps, "updates": updates}
-        for name, values in (("loss", self._losses), ("return", self._returns), ("length", self._lengths)):
-            point[name] = float(np.mean(values)) if values else None
-            values.clear()
+        for name, values, least in (
+            ("loss", self._losses, 1),
+            ("return", self._returns, _EPISODES),
+            ("length", self._lengths, _EPISODES),
+        ):
+            point[name] = float(np.mean(values)) if len(values) >= least else None
+            if len(values) >= least:
+                values.clear()
         self._points.append(point)
         self._file.parent.mkdir(parents=True, exist_ok=True)
         self._file.write_text("".join(f"{json.dumps(one)}\n" for one in self._points), "utf-8")

@@ -44,7 +44,8 @@ def test_error_of_a_normalised_return_is_what_drawing_again_gives() -> None:
     sets = [rng.normal(mean, 4, (4000, 50)) for mean in (3, 1, 9)]
     agent, random, privileged = (one.mean(1) for one in sets)
     values = 100 * (agent - random) / (privileged - random)
-    found = by_return(*(score([1.0, 1.0], one[0].tolist()) for one in sets), 0)
+    player, chance, best = (score([1.0, 1.0], one[0].tolist()) for one in sets)
+    found = by_return(player, chance, best, 0)
     assert found is not None
     assert found.standard_error == pytest.approx(values.std(), rel=0.2)
     assert found.value == pytest.approx(values[0])
