@@ -59,8 +59,8 @@ def draw(folder: Path, protocol: Protocol, results: Mapping[str, Result], summar
     drawn.append(
         (
             "curves",
-            "Learning, a line a split: the loss, and the length of episodes in the environments of the training, of those "
-            "that ended before their turn did, random actions included.",
+            "Learning, a line a split: the loss, and the length of episodes in the environments of the training, of "
+            "those that ended before their turn did, random actions included.",
         )
     )
     return drawn
