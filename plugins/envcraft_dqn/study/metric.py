@@ -42,7 +42,7 @@ class Score(msgspec.Struct, frozen=True):
 
 class Change(msgspec.Struct, frozen=True):
     """An environment's figure `value` with standard error and 95% interval; `steps` is by how much its episodes are
-    longer than random play's.
+    longer than random play's, and `total` by how much they return more.
     """
 
     name: str
@@ -52,6 +52,7 @@ class Change(msgspec.Struct, frozen=True):
     low: float
     high: float
     steps: float
+    total: float
 
 
 class Interval(msgspec.Struct, frozen=True):
@@ -63,7 +64,8 @@ class Interval(msgspec.Struct, frozen=True):
 
 
 class Pooled(msgspec.Struct, frozen=True):
-    """Over environments: the mean figure, the share whose figure is above zero, and the mean of `steps`.
+    """Over environments: the mean figure, the mean of `steps`, and the shares whose figure is above zero (`improved`)
+    and whose return is higher than random play's (`richer`).
 
     `above` and `below` count those whose own interval lies above or below zero.
     """
@@ -72,6 +74,7 @@ class Pooled(msgspec.Struct, frozen=True):
     value: Interval
     steps: Interval
     improved: Interval
+    richer: Interval
     above: int
     below: int
 
@@ -111,22 +114,29 @@ def by_return(agent: Score, random: Score, privileged: Score, split: int) -> Cha
 
 def _change(agent: Score, random: Score, split: int, value: float, error: float) -> Change:
     steps = agent.length.mean - random.length.mean
-    return Change(agent.name, split, value, error, value - _Z * error, value + _Z * error, steps)
+    total = agent.total.mean - random.total.mean
+    return Change(agent.name, split, value, error, value - _Z * error, value + _Z * error, steps, total)
 
 
 def pooled(changes: Sequence[Change], seed: int) -> Pooled:
     """Over at least one environment."""
     values = np.array([change.value for change in changes])
     steps = np.array([change.steps for change in changes])
-    better = Proportion(int((values > 0).sum()), len(values), _Z)
     return Pooled(
         len(changes),
         bootstrap(values, seed),
         bootstrap(steps, seed),
-        Interval(better.estimate, better.low, better.high),
+        _share(values),
+        _share(np.array([change.total for change in changes])),
         sum(change.low > 0 for change in changes),
         sum(change.high < 0 for change in changes),
     )
+
+
+def _share(values: NDArray[Any]) -> Interval:
+    """Of those above zero, with Wilson's interval."""
+    found = Proportion(int((values > 0).sum()), len(values), _Z)
+    return Interval(found.estimate, found.low, found.high)
 
 
 def paired(changes: Sequence[Change], others: Sequence[Change], seed: int) -> Interval | None:

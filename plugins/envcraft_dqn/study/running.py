@@ -40,6 +40,9 @@ def run(
     Raises EnvCraftError where one fails; the results of the others are kept.
     """
     found = {task.name: result for task in tasks if (result := read(folder, task)) is not None}
+    for result in found.values():
+        # Its process may have been killed before it came to this.
+        _let_go(folder, result.task)
     losses: Counter[str] = Counter()
     while len(found) < len(tasks):
         with plugin.open(workers, scheduler) as opened:
@@ -117,7 +120,7 @@ def read(folder: Path, task: Task) -> work.Result | None:
 
 
 def _write(folder: Path, task: Task, data: bytes) -> None:
-    """Keep a result, and let go of what only an interrupted training needs."""
+    """Keep a result, there whole or not at all."""
     file = place(folder, task)
     file.parent.mkdir(parents=True, exist_ok=True)
     new = file.with_suffix(".new")
@@ -126,4 +129,9 @@ def _write(folder: Path, task: Task, data: bytes) -> None:
         stream.flush()
         os.fsync(stream.fileno())
     os.replace(new, file)
+    _let_go(folder, task)
+
+
+def _let_go(folder: Path, task: Task) -> None:
+    """Remove what only an interrupted training needs."""
     shutil.rmtree(folder / "runs" / task.name / "checkpoint", ignore_errors=True)

@@ -13,13 +13,14 @@ def score(lengths: list[float], returns: list[float] | None = None, name: str = 
 
 
 def change(name: str, value: float, error: float = 1.0) -> Change:
-    return Change(name, 0, value, error, value - 2 * error, value + 2 * error, value / 10)
+    return Change(name, 0, value, error, value - 2 * error, value + 2 * error, value / 10, -value)
 
 
 def test_change_of_length_is_that_of_the_means() -> None:
     found = by_length(score([12, 18, 30]), score([10, 10, 16]), 3)
     assert found.value == pytest.approx(100 * (20 / 12 - 1))
     assert found.steps == pytest.approx(8)
+    assert found.total == pytest.approx(8)
     assert (found.name, found.split) == ("a", 3)
     assert found.high - found.value == pytest.approx(1.959964 * found.standard_error)
 
@@ -69,6 +70,7 @@ def test_pooled_counts_what_improves() -> None:
     assert found.value.mean == pytest.approx(0.5)
     assert found.steps.mean == pytest.approx(0.05)
     assert found.improved.mean == 0.5
+    assert found.richer.mean == 0.25
     assert (found.above, found.below) == (1, 1)
     assert found.improved.low < 0.5 < found.improved.high
 

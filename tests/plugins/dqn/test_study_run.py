@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 import signal
 import subprocess
 import sys
@@ -90,6 +91,18 @@ def test_what_was_killed_goes_on_to_the_same(whole: Path, tmp_path: Path) -> Non
     assert 3 <= len(kept) < len(ours) == 10
     assert ours == {name: theirs[name] for name in ours}
     assert not list((folder / "runs").glob("*/checkpoint"))
+
+
+def test_another_executor_comes_to_the_same(whole: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "study"
+    shutil.copytree(whole, folder)
+    for condition in ("random", "privileged"):
+        (folder / "results" / f"split-01.play.{condition}.json").unlink()
+    (folder / "report.md").unlink()
+    result = study(folder, "--executor", "dask", "--workers", "1")
+    assert result.exit_code == 0, result.output
+    assert results(folder) == results(whole)
+    assert (folder / "report.md").is_file()
 
 
 @pytest.mark.parametrize(
