@@ -85,9 +85,9 @@ def _page(protocol: Protocol, player: str, summary: Summary, figures: list[tuple
     page.table(head, [_row(condition) for condition in summary.conditions.values()])
     page.text(
         "Return higher: the share of environments in which the mean return is higher than that of random play, which "
-        "need not be so where episodes are longer. The agent's lead is by how much its figure is the higher one, in the "
-        "environments that both were tested in. Beyond doubt: an environment's own 95% interval lies above zero, or "
-        "below."
+        "need not be so where episodes are longer. The agent's lead is by how much its figure is the higher one, in "
+        "the environments that both were tested in. Beyond doubt: an environment's own 95% interval lies above zero, "
+        "or below."
     )
     if summary.gap is not None:
         page.text(f"In environments of its training the agent's mean is {summary.gap:+.1f} above that of the others.")
