@@ -1,4 +1,4 @@
-"""The commands ``train`` and ``evaluate``."""
+"""The commands ``train``, ``evaluate`` and ``study``."""
 
 from __future__ import annotations
 
@@ -13,5 +13,6 @@ if TYPE_CHECKING:
 @hookimpl
 def envcraft_commands() -> list[click.Command]:
     from envcraft_dqn.commands import evaluate, train
+    from envcraft_dqn.study.commands import study
 
-    return [evaluate, train]
+    return [evaluate, train, study]

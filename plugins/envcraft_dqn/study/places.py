@@ -1,0 +1,85 @@
+"""The environments of a study: those of a corpus, or a new one of the family that a study is made for."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from fnmatch import fnmatchcase
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from envcraft.commands.choices import family_named
+from envcraft.corpus.store import Store, is_corpus
+from envcraft.errors import UsageError
+from envcraft.using.sources import locate
+
+#: The family whose variants are written where no corpus is named, and whose episodes last as long as they are played
+#: well.
+FAMILY = "tetris"
+
+
+class Place(msgspec.Struct, frozen=True):
+    """A corpus, and whether its environments are played by the program of their family (`fast`)."""
+
+    corpus: str
+    fast: bool
+
+    def open(self, names: Sequence[str]) -> Any:
+        """A vector of these environments, in this process."""
+        from envcraft.using.vector import make_vec
+
+        # Tasks are what runs side by side.
+        return make_vec(list(names), corpus=self.corpus, fast=self.fast, workers=0)
+
+
+class Chosen(msgspec.Struct, frozen=True):
+    """An environment of a study: its name, the SHA-256 of its source, and its family, or ""."""
+
+    name: str
+    source: str
+    family: str
+
+
+def written(root: Path, count: int, seed: int) -> Path:
+    """The corpus `root` with so many variants of the family, which are written where they are missing."""
+    with Store(root, write=True) if is_corpus(root) else Store.create(root) as store, store.transaction():
+        for one in family_named(FAMILY).generate(count, seed):
+            origin = {"family": FAMILY, "seed": seed, **one.metadata}
+            store.add(f"{one.name}.py", one.source.encode(), origin=origin)
+    return root
+
+
+def chosen(corpus: Path, patterns: Sequence[str]) -> list[Chosen]:
+    """The environments whose names fit one of the patterns, or all; of several with one source the first.
+
+    Raises UsageError where there is none.
+    """
+    with Store(corpus) as store:
+        rows = store.db.execute(
+            "SELECT min(name), source, origin FROM environments GROUP BY source, class ORDER BY 1"
+        ).fetchall()
+    found = [Chosen(name, source, json.loads(origin).get("family", "")) for name, source, origin in rows]
+    if patterns:
+        found = [one for one in found if any(fnmatchcase(one.name, pattern) for pattern in patterns)]
+    if not found:
+        words = f"no environment that {' or '.join(patterns)} fits" if patterns else "no environment"
+        raise UsageError(f"{corpus} has {words}; `envcraft corpus list {corpus}` lists them")
+    return found
+
+
+def place_of(corpus: Path, environments: Sequence[Chosen]) -> Place:
+    """How these environments are played: by their family where it can, or by their own code, which must have passed.
+
+    Raises UsageError, naming the next step.
+    """
+    fast = Place(str(corpus), True)
+    names = [one.name for one in environments]
+    try:
+        fast.open(names).close()
+        return fast
+    except UsageError:
+        for name in names:
+            locate(corpus, name).ensure_trusted()
+        return Place(str(corpus), False)

@@ -1,0 +1,181 @@
+"""The report of a study: a page with its figures, and its numbers for other programs."""
+
+from __future__ import annotations
+
+import os
+import platform
+from collections.abc import Mapping
+from pathlib import Path
+
+import msgspec
+
+from envcraft.errors import EnvCraftError
+from envcraft_dqn.study.figures import draw, unit
+from envcraft_dqn.study.metric import Interval, Pooled
+from envcraft_dqn.study.page import Page
+from envcraft_dqn.study.protocol import (
+    AGENT,
+    FAMILIAR,
+    PRETRAINED,
+    PRIVILEGED,
+    SEED,
+    SUBSET,
+    UNTRAINED,
+    WITHOUT,
+    Protocol,
+)
+from envcraft_dqn.study.summary import Condition, Summary
+from envcraft_dqn.study.work import Result
+
+#: What the study that this one follows came to, over 1,000 variants: the share that improves, steps, percent.
+REFERENCE = ("68.7%", "+1.96", "+7.4 [4.97, 9.81]")
+_WORDS = {
+    AGENT: "the agent",
+    PRETRAINED: "pretrained only",
+    WITHOUT: "trained without demonstrations",
+    UNTRAINED: "untrained network",
+    FAMILIAR: "the agent, in environments of its training",
+    PRIVILEGED: "privileged player (the ceiling)",
+}
+
+
+def write(folder: Path, protocol: Protocol, player: str, results: Mapping[str, Result], summary: Summary) -> Path:
+    """Write the report into a study's folder; give its file as Markdown. Raises EnvCraftError."""
+    try:
+        figures = draw(folder / "figures", protocol, results, summary)
+        page = _page(protocol, player, summary, figures)
+        for name, text in (
+            ("summary.json", msgspec.json.format(msgspec.json.encode(summary), indent=1).decode() + "\n"),
+            ("report.html", page.html()),
+            ("report.md", page.markdown()),
+        ):
+            (folder / f"{name}.new").write_text(text, "utf-8")
+            os.replace(folder / f"{name}.new", folder / name)
+    except OSError as error:
+        raise EnvCraftError(f"{error.filename or folder} cannot be written: {error.strerror or error}") from None
+    return folder / "report.md"
+
+
+def _page(protocol: Protocol, player: str, summary: Summary, figures: list[tuple[str, str]]) -> Page:
+    page = Page("Generalisation to environments that were held out")
+    agent = summary.conditions[AGENT].over
+    page.text(_verdict("After all of its training", agent))
+    if PRETRAINED in summary.conditions:
+        page.text(_verdict("After pretraining on demonstrations alone", summary.conditions[PRETRAINED].over))
+    page.heading("Beside the reference")
+    page.table(["", "this study", "reference"], _reference(protocol, agent))
+    page.text(
+        "The reference had 1,000 variants of its own, 900 of them in each training, 1,000 episodes for each "
+        "environment, 250,000 updates of pretraining and about 9 million steps. This study is of the scale "
+        f"{protocol.scale}, with the numbers at the end of this page; what it may be held against is its own controls."
+    )
+    page.heading("The agent and its controls")
+    page.text(f"Mean over environments with a 95% bootstrap interval; the figure is the {unit(protocol)}.")
+    head = [
+        "",
+        "environments",
+        "figure",
+        "steps longer",
+        "improve",
+        "return higher",
+        "beyond doubt",
+        "worse beyond doubt",
+        "the agent's lead",
+    ]
+    page.table(head, [_row(condition) for condition in summary.conditions.values()])
+    page.text(
+        "Return higher: the share of environments in which the mean return is higher than that of random play, which "
+        "need not be so where episodes are longer. The agent's lead is by how much its figure is the higher one, in "
+        "the environments that both were tested in. Beyond doubt: an environment's own 95% interval lies above zero, "
+        "or below."
+    )
+    if summary.gap is not None:
+        page.text(f"In environments of its training the agent's mean is {summary.gap:+.1f} above that of the others.")
+    if summary.without_scale:
+        page.text(
+            "Left out, since the privileged player is not beyond doubt better than random play there: "
+            + ", ".join(summary.without_scale)
+        )
+    for name, words in figures:
+        page.figure(f"figures/{name}.png", words)
+    page.heading("By split")
+    rows = [
+        [f"split {number + 1}", f"{over.count}", _interval(over.value), _interval(over.steps, 2)]
+        for number, over in summary.conditions[AGENT].splits.items()
+    ]
+    page.table(["", "environments", "figure", "steps longer"], rows)
+    _numbers(page, protocol, player, summary)
+    return page
+
+
+def _verdict(when: str, over: Pooled) -> str:
+    interval = f"[{over.value.low:.1f}, {over.value.high:.1f}]"
+    if over.value.low > 0:
+        words = "above zero: it does better than chance"
+    elif over.value.high < 0:
+        words = "below zero: it does worse than chance"
+    else:
+        words = "on both sides of zero: this does not tell it from chance"
+    return (
+        f"{when}, in {over.count} environments that it had not seen, the mean figure is {over.value.mean:+.1f} with a "
+        f"95% interval of {interval}, {words}."
+    )
+
+
+def _reference(protocol: Protocol, agent: Pooled) -> list[list[str]]:
+    improved, steps, percent = REFERENCE
+    rows = [["environments that improve", f"{agent.improved.mean:.1%}", improved]]
+    if protocol.metric == "length":
+        rows.append(["steps longer, mean", f"{agent.steps.mean:+.2f}", steps])
+        rows.append(["% longer, mean and 95% interval", _interval(agent.value, 2), percent])
+    return rows
+
+
+def _row(condition: Condition) -> list[str]:
+    over = condition.over
+    lead = "" if condition.agent is None else _interval(condition.agent)
+    return [
+        _called(condition.name),
+        f"{over.count}",
+        _interval(over.value),
+        _interval(over.steps),
+        f"{over.improved.mean:.0%}",
+        f"{over.richer.mean:.0%}",
+        f"{over.above}",
+        f"{over.below}",
+        lead,
+    ]
+
+
+def _called(name: str) -> str:
+    kind, _, number = name.rpartition(" ")
+    return {SEED: f"another seed ({number})", SUBSET: f"trained on {number} environments"}.get(kind) or _WORDS[name]
+
+
+def _interval(interval: Interval, digits: int = 1) -> str:
+    return f"{interval.mean:+.{digits}f} [{interval.low:.{digits}f}, {interval.high:.{digits}f}]"
+
+
+def _numbers(page: Page, protocol: Protocol, player: str, summary: Summary) -> None:
+    """What it takes to do it again."""
+    settings = protocol.settings
+    page.heading("What it was run with")
+    own = {
+        "environments": f"{protocol.variants:,}",
+        "folds": f"{protocol.folds}",
+        "episodes of each environment and player": f"{protocol.episodes:,}",
+        "episodes of the privileged player": f"{protocol.privileged_episodes:,}",
+        "random actions of agents that are tested": f"{protocol.epsilon:.0%}",
+        "seed": f"{protocol.seed}",
+        "splits with controls that take a training": f"{protocol.controls}",
+        "who demonstrates": player,
+        "parameters of the network": f"{summary.parameters:,}",
+        "processor hours": f"{summary.processor_seconds / 3600:.2f}",
+        "hours, one task after the other": f"{summary.seconds / 3600:.2f}",
+        "processor": f"{platform.machine()}, {protocol.threads} thread a task",
+    }
+    told = {name.replace("_", " "): f"{value}" for name, value in msgspec.to_builtins(settings).items()}
+    left_out = ("seed", "replay", "compiled", "device")
+    rows = [[name, value] for name, value in own.items()]
+    rows += [[f"training: {name}", value] for name, value in told.items() if name not in left_out]
+    page.table(["", ""], rows)

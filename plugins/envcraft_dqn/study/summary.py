@@ -1,0 +1,122 @@
+"""What the results of a study come to: each condition over its environments, and what two of them differ by."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+
+import msgspec
+
+from envcraft_dqn.study.metric import Change, Interval, Pooled, Score, by_length, by_return, paired, pooled
+from envcraft_dqn.study.protocol import (
+    AGENT,
+    FAMILIAR,
+    PRETRAINED,
+    PRIVILEGED,
+    RANDOM,
+    SEED,
+    SUBSET,
+    UNTRAINED,
+    WITHOUT,
+    Protocol,
+)
+from envcraft_dqn.study.work import Result
+
+
+class Condition(msgspec.Struct, frozen=True):
+    """How one kind of player did.
+
+    Attributes:
+        name: as :mod:`envcraft_dqn.study.protocol` has it.
+        changes: one an environment and split, in the order of names.
+        over: all of them; `splits` has each split by itself.
+        agent: the difference to the agent in the same environments, where both were tested.
+    """
+
+    name: str
+    changes: list[Change]
+    over: Pooled
+    splits: dict[int, Pooled]
+    agent: Interval | None = None
+
+
+class Summary(msgspec.Struct, frozen=True):
+    """A study in numbers.
+
+    Attributes:
+        conditions: by name, the agent first.
+        without_scale: environments that have no figure, since the privileged player is not beyond doubt better there.
+        gap: by how much the agent's mean over environments of its training lies above that over those held out.
+        parameters: of the network.
+        seconds, processor_seconds: of all tasks together.
+    """
+
+    conditions: dict[str, Condition]
+    without_scale: list[str]
+    gap: float | None
+    parameters: int
+    seconds: float
+    processor_seconds: float
+
+
+def summarise(protocol: Protocol, results: Mapping[str, Result]) -> Summary:
+    """All that the report says. Every environment that was played in has a score of random play."""
+    random = _scores(results.values(), RANDOM)
+    privileged = _scores(results.values(), PRIVILEGED)
+    changes: dict[str, list[Change]] = {}
+    nowhere: set[str] = set()
+    for result in results.values():
+        name = result.task.condition
+        if result.task.kind == "train" or name == RANDOM:
+            continue
+        for score in result.scores:
+            change = _change(protocol, score, random, privileged, result.task.split)
+            if change is None:
+                nowhere.add(score.name)
+            else:
+                changes.setdefault(name, []).append(change)
+    agent = changes.get(AGENT, [])
+    conditions = {
+        name: _condition(name, sorted(changes[name], key=_key), agent, protocol.seed)
+        for name in sorted(changes, key=_rank)
+    }
+    known = {name: condition.over.value.mean for name, condition in conditions.items()}
+    return Summary(
+        conditions,
+        sorted(nowhere),
+        known[FAMILIAR] - known[AGENT] if FAMILIAR in known and AGENT in known else None,
+        max((result.parameters for result in results.values()), default=0),
+        sum(result.seconds for result in results.values()),
+        sum(result.processor_seconds for result in results.values()),
+    )
+
+
+def _scores(results: Iterable[Result], condition: str) -> dict[str, Score]:
+    return {score.name: score for result in results if result.task.condition == condition for score in result.scores}
+
+
+def _change(
+    protocol: Protocol, score: Score, random: Mapping[str, Score], privileged: Mapping[str, Score], split: int
+) -> Change | None:
+    if protocol.metric == "length":
+        return by_length(score, random[score.name], split)
+    return by_return(score, random[score.name], privileged[score.name], split)
+
+
+def _condition(name: str, changes: list[Change], agent: list[Change], seed: int) -> Condition:
+    numbers = sorted({change.split for change in changes})
+    splits = {number: pooled([one for one in changes if one.split == number], seed) for number in numbers}
+    # The environments of its training are tested in several splits, and held out in another one.
+    difference = None if name in (AGENT, FAMILIAR) else paired(agent, changes, seed)
+    return Condition(name, changes, pooled(changes, seed), splits, difference)
+
+
+def _key(change: Change) -> tuple[str, int]:
+    return change.name, change.split
+
+
+def _rank(name: str) -> tuple[int, int, str]:
+    """The order in which conditions are told of: subsets by their size."""
+    order = (AGENT, PRETRAINED, WITHOUT, UNTRAINED, FAMILIAR, PRIVILEGED, SEED, SUBSET)
+    kind = next(number for number, known in enumerate(order) if name.startswith(known))
+    number = name.rpartition(" ")[2]
+    return kind, -int(number) if number.isdigit() else 0, name

@@ -1,0 +1,121 @@
+"""A whole study of the smallest size, from the command line to its report, and whatever ends it in between."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+from click.testing import CliRunner, Result
+
+from envcraft.cli import cli
+
+_OPTIONS = ("--scale", "smoke", "--device", "cpu", "--sandbox", "process")
+
+
+def study(folder: Path, *more: str) -> Result:
+    arguments = ["study", "generalisation", "--output", str(folder), *_OPTIONS, *more]
+    return CliRunner().invoke(cli, arguments)
+
+
+def results(folder: Path) -> dict[str, dict[str, Any]]:
+    """All results but the times."""
+    found = {path.name: json.loads(path.read_text()) for path in (folder / "results").glob("*.json")}
+    for one in found.values():
+        assert one.pop("seconds") > 0
+        del one["processor_seconds"]
+    return found
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A study that nothing interrupts."""
+    folder = tmp_path_factory.mktemp("whole") / "study"
+    result = study(folder, "--workers", "0")
+    assert result.exit_code == 0, result.output
+    assert result.stdout.strip() == str(folder / "report.md")
+    return folder
+
+
+def test_report_tells_what_came_out(whole: Path) -> None:
+    summary = json.loads((whole / "summary.json").read_text())
+    report = (whole / "report.md").read_text()
+    found = results(whole)
+    trained = [one for one in found.values() if one["task"]["kind"] == "train"]
+    assert len(trained) == 4
+    for one in trained:
+        first, starts, phases = (30, 0, {"pretraining", "training"})
+        if not one["task"]["demonstrations"]:
+            first, starts, phases = 0, 20, {"training"}
+        assert one["updates"] == first + (one["steps"] - starts) // 4
+        assert {point["phase"] for point in one["curve"]} == phases
+    conditions = summary["conditions"]
+    every = ["agent", "pretrained", "without demonstrations", "untrained", "familiar", "privileged", "seed 2"]
+    assert list(conditions) == every
+    assert [conditions[name]["over"]["count"] for name in every] == [6, 6, 3, 6, 4, 6, 3]
+    agent = conditions["agent"]["over"]["value"]
+    assert f"{agent['mean']:+.2f} \\[{agent['low']:.2f}, {agent['high']:.2f}\\]" in report
+    for words in ("68.7%", "+1.96", "+7.4 \\[4.97, 9.81\\]", "untrained network", "the ceiling"):
+        assert words in report
+    page = (whole / "report.html").read_text()
+    for name in ("agent", "pretrained", "conditions", "curves"):
+        assert f"(figures/{name}.png)" in report
+        assert f'src="figures/{name}.png"' in page
+        assert (whole / "figures" / f"{name}.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_what_was_killed_goes_on_to_the_same(whole: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "study"
+    # Less than the whole, of which each task must come to the same.
+    fewer = ("--controls", "0", "--familiar", "0", "--privileged-episodes", "0")
+    command = [sys.executable, "-m", "envcraft", "study", "generalisation", "--output", str(folder), *_OPTIONS, *fewer]
+    null = subprocess.DEVNULL
+    with subprocess.Popen([*command, "--workers", "2"], stdout=null, stderr=null) as process:
+        deadline = time.monotonic() + 120
+        while len(list((folder / "results").glob("*.json"))) < 3:
+            assert process.poll() is None
+            assert time.monotonic() < deadline
+            time.sleep(0.05)
+        process.send_signal(signal.SIGKILL)
+    kept = {path: path.stat().st_mtime_ns for path in (folder / "results").glob("*.json")}
+    result = study(folder, "--workers", "0", *fewer)
+    assert result.exit_code == 0, result.output
+    assert {path: path.stat().st_mtime_ns for path in kept} == kept
+    ours, theirs = results(folder), results(whole)
+    assert 3 <= len(kept) < len(ours) == 10
+    assert ours == {name: theirs[name] for name in ours}
+    assert not list((folder / "runs").glob("*/checkpoint"))
+
+
+def test_another_executor_comes_to_the_same(whole: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "study"
+    shutil.copytree(whole, folder)
+    for condition in ("random", "privileged"):
+        (folder / "results" / f"split-01.play.{condition}.json").unlink()
+    (folder / "report.md").unlink()
+    result = study(folder, "--executor", "dask", "--workers", "1")
+    assert result.exit_code == 0, result.output
+    assert results(folder) == results(whole)
+    assert (folder / "report.md").is_file()
+
+
+@pytest.mark.parametrize(
+    ("more", "words"),
+    [
+        (("--folds", "3"), "is that of another study"),
+        (("--subset", "many"), "--subset many is no SIZE:SPLITS"),
+        (("--subset", "4:1"), "a subset of 4 cannot be taken of the 3"),
+        (("--scheduler", "tcp://somewhere:1"), "--scheduler goes with --executor dask"),
+        (("--metric", "return", "--privileged-episodes", "0"), "take --privileged-episodes of 2 or more"),
+    ],
+)
+def test_wrong_use_is_told(whole: Path, more: tuple[str, ...], words: str) -> None:
+    result = study(whole, *more)
+    assert result.exit_code == 2, result.output
+    assert words in " ".join(result.output.split())
