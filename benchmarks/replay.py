@@ -26,7 +26,6 @@ from typing import Any
 import numpy as np
 from envcraft_dqn.frames import FrameStore, PackedFrames, RawFrames
 from envcraft_dqn.replay import Replay
-from envcraft_dqn.sumtree import SumTree
 from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
@@ -39,12 +38,12 @@ Call = Callable[[], object]
 
 def our_priorities(count: int, batch: int) -> Call:
     rng = np.random.default_rng(0)
-    tree = SumTree(count)
-    tree.fill(rng.random(count))
+    replay = Replay(RawFrames(count, (1,)), count, 1, 0.99)
+    replay.restore({"at": 0, "added": count + 1, "kept": 0, "highest": 1.0}, {"priorities": rng.random(count)})
 
     def call() -> None:
-        indices, priorities = tree.draw(rng.random(batch))
-        tree.set(indices, priorities * 0.9 + 0.05)
+        slots, _ = replay.draw(batch, 0.4, rng)
+        replay.update(slots, rng.random(batch, np.float32))
 
     return call
 
@@ -169,6 +168,37 @@ def cpprb_images(frames: NDArray[np.uint8]) -> tuple[Call, float]:
     return lambda: buffer.sample(32, 0.4), per
 
 
+def tianshou_images(frames: NDArray[np.uint8]) -> tuple[Call, float]:
+    from tianshou.data import Batch, ReplayBuffer
+
+    count = len(frames)
+    buffer: Any = ReplayBuffer(count, ignore_obs_next=True)
+    zeros, flags = np.zeros(count, np.float32), np.zeros(count, bool)
+    kept = Batch(obs=frames, act=zeros, rew=zeros, terminated=flags, truncated=flags, done=flags, info={})
+    buffer.set_batch(kept)
+    buffer._size = count
+    return lambda: buffer.sample(32), sum(part.nbytes for part in (frames, zeros, zeros, flags, flags, flags)) / count
+
+
+def torchrl_images(frames: NDArray[np.uint8]) -> tuple[Call, float]:
+    import torch
+    from tensordict import TensorDict
+    from torchrl.data import LazyTensorStorage, TensorDictReplayBuffer
+
+    count = len(frames)
+    buffer = TensorDictReplayBuffer(storage=LazyTensorStorage(count), batch_size=32)
+    given = torch.from_numpy(frames)
+    for begin in range(0, count, 1_000):
+        part = given[begin : begin + 1_000]
+        zeros, flags = torch.zeros(len(part)), torch.zeros(len(part), dtype=torch.bool)
+        after = {"observation": part.roll(-1, 0), "reward": zeros, "done": flags, "terminated": flags}
+        buffer.extend(
+            TensorDict({"observation": part, "action": zeros, "next": TensorDict(after, [len(part)])}, [len(part)])
+        )
+    per = sum(part.nbytes for part in buffer[:1].values(include_nested=True, leaves_only=True))
+    return lambda: buffer.sample(), per
+
+
 def rates(calls: dict[str, Call], rounds: int, seconds: float) -> dict[str, float]:
     """Calls a second of each, the median over rounds in which they take turns."""
     found: dict[str, list[float]] = {name: [] for name in calls}
@@ -196,7 +226,7 @@ def made(makers: dict[str, Callable[[], Any]], console: Console) -> dict[str, An
         except (ImportError, OSError, RuntimeError, AttributeError, TypeError) as error:
             if name.startswith(OURS):
                 raise
-            console.print(f"left out: {name}: {type(error).__name__}: {str(error).splitlines()[0]}")
+            console.print(f"left out: {name}: {type(error).__name__}: {(str(error).splitlines() or [''])[0]}")
     return found
 
 
@@ -234,6 +264,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             f"{OURS}, raw": lambda: our_images(frames, False),
             "stable-baselines3 (uniform)": lambda: sb3_images(frames),
             "cpprb": lambda: cpprb_images(frames),
+            "Tianshou (uniform)": lambda: tianshou_images(frames),
+            "torchrl (uniform)": lambda: torchrl_images(frames),
         },
         console,
     )
