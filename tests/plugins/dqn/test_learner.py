@@ -14,7 +14,7 @@ import torch
 from envcraft_dqn.demonstrations import Episode
 from envcraft_dqn.evaluation import AgentPlayer, evaluate
 from envcraft_dqn.learner import Learner, schedule, train
-from envcraft_dqn.network import Network
+from envcraft_dqn.network import Minimal, Network
 from envcraft_dqn.replay import Batch
 from envcraft_dqn.settings import Settings
 from envcraft_dqn.spaces import Surface
@@ -58,6 +58,25 @@ def batch(count: int = 8) -> Batch:
         np.where(np.arange(count) % 2, 0.97, 0.0).astype(np.float32),
         rng.random(count).astype(np.float32),
     )
+
+
+@pytest.mark.parametrize("shape", [(6, 6), (7, 5), (1, 2)])
+def test_a_convolution_of_fewer_products_is_the_same_convolution(shape: tuple[int, int]) -> None:
+    torch.manual_seed(0)
+    minimal, direct = Minimal(128, 32, 3, 1, 1), torch.nn.Conv2d(128, 32, 3, 1, 1)
+    direct.load_state_dict(minimal.state_dict())
+    direct.double()
+    given = torch.rand(3, 128, *shape, requires_grad=True)
+    exact = given.detach().double().requires_grad_()
+    found, wanted = minimal(given), direct(exact)
+    assert torch.allclose(found.double(), wanted, atol=1e-5)
+    slopes = torch.rand_like(found)
+    for one, other in zip(
+        torch.autograd.grad(found, [given, *minimal.parameters()], slopes),
+        torch.autograd.grad(wanted, [exact, *direct.parameters()], slopes.double()),
+        strict=True,
+    ):
+        assert torch.allclose(one.double(), other, rtol=1e-4, atol=1e-4)
 
 
 def test_the_errors_are_those_of_double_q_learning() -> None:
