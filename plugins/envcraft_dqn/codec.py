@@ -40,6 +40,9 @@ LARGEST = 4_096
 _FAR = 4_096
 #: Bytes of one colour that are written at once, whatever the length of the run: sixteen pixels, two moves.
 _STRIP = 48
+#: Numbers that are counted with, and what numba makes code by: to type checkers anything.
+_whole: Any = np.int64
+_builders: Any = cgutils
 
 
 class Arena:
@@ -104,7 +107,7 @@ def _put(
     needed = _blocks(size)
     before = -1
     if lengths[slot]:
-        before = np.int64(starts[slot])
+        before = _whole(starts[slot])
         used[before : before + _blocks(lengths[slot])] = False
         lengths[slot] = 0
     if size == 0:
@@ -123,7 +126,7 @@ def _put(
 
 @numba.njit(cache=True, nogil=True)
 def _blocks(size: int) -> int:
-    return (np.int64(size) + BLOCK - 1) // BLOCK
+    return int((_whole(size) + BLOCK - 1) // BLOCK)
 
 
 @numba.njit(cache=True, nogil=True)
@@ -157,7 +160,7 @@ def _read(arena: _Bytes, starts: _Starts, lengths: _Lengths, slots: _Slots, fram
 def _dump(arena: _Bytes, starts: _Starts, lengths: _Lengths, first: int, end: int, data: _Bytes) -> None:
     at = 0
     for slot in range(first, end):
-        begin, size = starts[slot] * BLOCK, np.int64(lengths[slot])
+        begin, size = starts[slot] * BLOCK, _whole(lengths[slot])
         data[at : at + size] = arena[begin : begin + size]
         at += size
 
@@ -175,7 +178,7 @@ def _load(
 ) -> int:
     at = 0
     for number in range(len(sizes)):
-        size = np.int64(sizes[number])
+        size = _whole(sizes[number])
         behind = _put(arena, used, starts, lengths, behind, first + number, data[at : at + size], size)
         if size and not lengths[first + number]:
             raise ValueError("the replay has no room for what it had")
@@ -183,8 +186,7 @@ def _load(
     return behind
 
 
-@intrinsic  # type: ignore[misc]
-def _copy(context: Any, to: Any, to_at: Any, source: Any, source_at: Any, count: Any) -> Any:
+def _copying(context: Any, to: Any, to_at: Any, source: Any, source_at: Any, count: Any) -> Any:
     """Copy `count` bytes from one place to another, in arrays of one dimension; these must not overlap. Slices would
     do the same a byte at a time.
     """
@@ -195,10 +197,13 @@ def _copy(context: Any, to: Any, to_at: Any, source: Any, source_at: Any, count:
             builder.gep(context.make_array(kind)(context, builder, array).data, [at])
             for kind, array, at in ((to_type, *values[:2]), (source_type, *values[2:4]))
         ]
-        cgutils.raw_memcpy(builder, *places, values[4], 1)
+        _builders.raw_memcpy(builder, *places, values[4], 1)
         return context.get_dummy_value()
 
     return types.void(to, types.intp, source, types.intp, types.intp), generate
+
+
+_copy: Any = intrinsic(_copying)
 
 
 @numba.njit(cache=True, nogil=True)
@@ -258,7 +263,7 @@ def _encode(rows: _Bytes, cell: _Bytes) -> int:
 
 @numba.njit(cache=True, nogil=True)
 def _pixel(row: _Bytes, at: int) -> int:
-    return (np.int64(row[at]) << 16) | (np.int64(row[at + 1]) << 8) | np.int64(row[at + 2])
+    return int((_whole(row[at]) << 16) | (_whole(row[at + 1]) << 8) | _whole(row[at + 2]))
 
 
 @numba.njit(cache=True, nogil=True)
@@ -275,30 +280,30 @@ def _same(one: _Bytes, other: _Bytes) -> bool:
     different = np.uint8(0)
     for at in range(len(one)):
         different = np.uint8(different | (one[at] ^ other[at]))
-    return different == 0
+    return bool(different == 0)
 
 
 @numba.njit(cache=True, nogil=True)
 def _decode(cell: _Bytes, frames: _Bytes, begin: int, height: int, stride: int, strips: _Bytes, line: _Bytes) -> None:
     """Write the frame into `frames` from the byte `begin` on; `strips` and `line` are room to work in."""
     at = 1
-    colours = np.int64(cell[0]) + 1
+    colours = _whole(cell[0]) + 1
     for colour in range(colours):
         for pixel in range(colour * _STRIP, (colour + 1) * _STRIP, 3):
             strips[pixel], strips[pixel + 1], strips[pixel + 2] = cell[at], cell[at + 1], cell[at + 2]
         at += 3
-    row = np.int64(0)
+    row = _whole(0)
     while row < height:
-        count, earlier = np.int64(cell[at]), np.int64(cell[at + 1])
+        count, earlier = _whole(cell[at]), _whole(cell[at + 1])
         at += 2
         if count == 0 or row + count > height:
             raise ValueError("no frame is in this cell")
         place = begin + row * stride
         if earlier == _RUNS:
-            column = np.int64(0)
+            column = _whole(0)
             while column < stride:
-                end = min(column + 3 * np.int64(cell[at]), stride)
-                strip = np.int64(cell[at + 1]) * _STRIP
+                end = min(column + 3 * _whole(cell[at]), stride)
+                strip = _whole(cell[at + 1]) * _STRIP
                 at += 2
                 # What is written behind the end is overwritten by the next run.
                 _copy(line, column, strips, strip, _STRIP)

@@ -50,7 +50,9 @@ class Minimal(nn.Conv2d):
         filters = _FILTERS @ self.weight.permute(2, 3, 1, 0).reshape(9, -1)
         products = tiles.view(25, -1, channels) @ filters.view(25, channels, -1)
         made = (_SUMS @ products.view(25, -1)).view(3, 3, count, rows, columns, -1).permute(2, 3, 0, 4, 1, 5)
-        made = made.reshape(count, 3 * rows, 3 * columns, -1)[:, :height, :width] + self.bias
+        made = made.reshape(count, 3 * rows, 3 * columns, -1)[:, :height, :width]
+        if self.bias is not None:
+            made = made + self.bias
         return made.permute(0, 3, 1, 2)
 
 

@@ -48,7 +48,8 @@ def test_packed_frames_come_back(seed: int, shapes: int, noise: int) -> None:
 @given(st.integers(0, 2**32), st.integers(100, 1_200))
 def test_an_arena_that_is_too_small_loses_nothing(seed: int, mean: int) -> None:
     rng = np.random.default_rng(seed)
-    store, kept = PackedFrames(24, SHAPE, mean), {}
+    store = PackedFrames(24, SHAPE, mean)
+    kept: dict[int, NDArray[np.uint8]] = {}
     for _ in range(12):
         slots = rng.permutation(24)[: rng.integers(1, 13)]
         frames = flat(rng, len(slots), int(rng.integers(0, 30)))
