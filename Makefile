@@ -46,6 +46,8 @@ bench: .venv/peers.stamp
 	$(BIN)/python -m benchmarks.conversations
 	$(BIN)/python -m benchmarks.tetris_players
 	$(BIN)/python -m benchmarks.demonstrations
+	$(BIN)/python -m benchmarks.replay
+	$(BIN)/python -m benchmarks.learner
 
 picture: .venv/core.stamp
 	$(BIN)/python -m benchmarks.picture
@@ -76,4 +78,6 @@ clean:
 
 .venv/peers.stamp: .venv/dev.stamp
 	$(PIP) --editable '.[dev,peers]'
+	@grep -v '^#' benchmarks/trainer_requirements.txt | while read -r peer; do \
+		$(PIP) "$$peer" || echo "left out: $$peer"; done
 	@touch $@

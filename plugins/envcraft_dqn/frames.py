@@ -5,6 +5,7 @@ Each store has numbered slots for one frame; what was written into a slot is the
 
 from __future__ import annotations
 
+import itertools
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -16,8 +17,8 @@ from envcraft_dqn import codec
 
 Frames = NDArray[np.uint8]
 Slots = NDArray[np.int64]
-#: Bytes of a packed frame that lie in its cell; what is larger is kept apart.
-CELL = 896
+#: Bytes of a packed frame on average, for which there is room; what goes beyond is kept apart.
+MEAN = 768
 
 
 class FrameStore(Protocol):
@@ -73,35 +74,35 @@ class RawFrames:
 
 
 class PackedFrames:
-    """Frames encoded by :mod:`envcraft_dqn.codec`, a cell of fixed size each; those that do not fit, compressed by
-    Zstandard, apart.
+    """Frames encoded by :mod:`envcraft_dqn.codec` in an arena; those that it leaves out, compressed by Zstandard,
+    apart.
     """
 
-    def __init__(self, size: int, shape: tuple[int, ...], cell: int = CELL) -> None:
+    def __init__(self, size: int, shape: tuple[int, ...], mean: int = MEAN) -> None:
         import zstandard
 
         if len(shape) != 3 or shape[2] != 3 or max(shape) > codec.LONGEST:
             raise UsageError(f"frames of shape {shape} cannot be packed: keep them with --replay ram or mapped")
         self.shape: tuple[int, ...] = shape
-        self._cells = np.zeros((size, cell), np.uint8)
-        self._lengths = np.zeros(size, np.uint16)
+        self._arena = codec.Arena(size, mean)
         self._apart: dict[int, bytes] = {}
         self._compressor = zstandard.ZstdCompressor(level=1)
         self._decompressor = zstandard.ZstdDecompressor()
         self._buffers: dict[int, Frames] = {}
 
     def write(self, slots: Slots, frames: Frames) -> None:
-        codec.encode(frames, slots, self._cells, self._lengths)
-        if self._apart or not self._lengths[slots].all():
-            for slot, frame in zip(slots.tolist(), frames, strict=True):
+        self._arena.write(slots, frames)
+        lengths = self._arena.lengths[slots]
+        if self._apart or not lengths.all():
+            for slot, length, frame in zip(slots.tolist(), lengths.tolist(), frames, strict=True):
                 self._apart.pop(slot, None)
-                if not self._lengths[slot]:
+                if not length:
                     self._apart[slot] = self._compressor.compress(np.ascontiguousarray(frame).tobytes())
 
     def read(self, slots: Slots) -> Frames:
         buffer = _buffer(self._buffers, len(slots), self.shape)
-        codec.decode(self._cells, self._lengths, slots, buffer)
-        for at in np.flatnonzero(self._lengths[slots] == 0) if self._apart else ():
+        self._arena.read(slots, buffer)
+        for at in np.flatnonzero(self._arena.lengths[slots] == 0) if self._apart else ():
             data = self._decompressor.decompress(self._apart[int(slots[at])])
             buffer[at] = np.frombuffer(data, np.uint8).reshape(self.shape)
         return buffer
@@ -109,26 +110,24 @@ class PackedFrames:
     def dump(self, first: int, end: int) -> dict[str, NDArray[Any]]:
         apart = [self._apart.get(slot, b"") for slot in range(first, end)]
         return {
-            "cells": self._cells[first:end],
-            "lengths": self._lengths[first:end],
+            "encoded": self._arena.dump(first, end),
+            "lengths": self._arena.lengths[first:end],
             "apart": np.frombuffer(b"".join(apart), np.uint8),
             "apart_lengths": np.array([len(data) for data in apart], np.int64),
         }
 
     def load(self, first: int, arrays: dict[str, NDArray[Any]]) -> None:
-        end = first + len(arrays["lengths"])
-        self._cells[first:end], self._lengths[first:end] = arrays["cells"], arrays["lengths"]
+        self._arena.load(first, arrays["lengths"], arrays["encoded"])
         apart = arrays["apart"].tobytes()
         ends = np.cumsum(arrays["apart_lengths"]).tolist()
-        for slot, begin, stop in zip(range(first, end), [0, *ends], ends, strict=False):
+        for slot, begin, stop in zip(itertools.count(first), [0, *ends], ends, strict=False):
             self._apart.pop(slot, None)
             if stop > begin:
                 self._apart[slot] = apart[begin:stop]
 
     @property
     def nbytes(self) -> int:
-        apart = sum(len(data) for data in self._apart.values())
-        return int(self._cells.nbytes + self._lengths.nbytes + apart)
+        return self._arena.nbytes + sum(len(data) for data in self._apart.values())
 
 
 class DeviceFrames:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import math
 from collections.abc import Sequence
 from typing import Any
@@ -12,6 +13,18 @@ from torch import Tensor, nn
 from envcraft_dqn.settings import SIZES
 
 _STRIDES = (2, 2, 2, 2, 1)
+#: Of mallopt(3): how many pieces of memory are fetched from the system singly, and how much stays when it is free.
+_MMAP_MAX, _TRIM_THRESHOLD = -4, -1
+
+
+def keep_memory() -> None:
+    """Have this process keep memory that is freed, where its C library can. Else each update of a large network begins
+    with tens of thousands of page faults, since gradients and frames are fetched from the system anew.
+    """
+    mallopt = getattr(ctypes.CDLL(None), "mallopt", None)
+    if mallopt is not None:
+        mallopt(_MMAP_MAX, 0)
+        mallopt(_TRIM_THRESHOLD, 2**31 - 1)
 
 
 class Network(nn.Module):

@@ -136,26 +136,8 @@ class Replay:
         self.kept = self._at
 
     def sample(self, count: int, beta: float, rng: np.random.Generator, share: float | None = None) -> Batch:
-        """Draw in proportion to priorities, with importance weights ``(N P)^-beta`` over their largest in the batch
-        (Schaul et al. 2016, arXiv:1511.05952). With `share` so much of the batch are demonstrations, as far as there
-        are both.
-        """
-        uniforms = rng.random(count)
-        total = self._tree.total
-        kept = self._tree.before(self.kept) if share is not None and self.kept else 0.0
-        if share is None or kept == 0.0 or kept >= total:
-            slots, priorities = self._tree.draw(uniforms)
-            chances = priorities / total
-        else:
-            first = round(count * share)
-            parts = []
-            for part, low, high in ((uniforms[:first], 0.0, kept), (uniforms[first:], kept, total)):
-                if len(part):
-                    found, priorities = self._tree.draw(part, low, high)
-                    parts.append((found, priorities / (high - low) * (len(part) / count)))
-            slots, chances = (np.concatenate(column) for column in zip(*parts, strict=True))
-        # N falls out of the ratio.
-        weights = (chances / chances.min()) ** -beta
+        """Draw transitions, as :meth:`draw` does, with all that belongs to them."""
+        slots, weights = self.draw(count, beta, rng, share)
         frames = self._store.read(np.concatenate([slots, self._next[slots]]))
         return Batch(
             slots,
@@ -164,8 +146,30 @@ class Replay:
             self._actions[slots].astype(np.int64),
             self._returns[slots],
             self._discounts[slots],
-            weights.astype(np.float32),
+            weights,
         )
+
+    def draw(
+        self, count: int, beta: float, rng: np.random.Generator, share: float | None = None
+    ) -> tuple[Slots, NDArray[np.float32]]:
+        """Draw slots in proportion to priorities, and give their importance weights ``(N P)^-beta`` over the largest of
+        these (Schaul et al. 2016, arXiv:1511.05952). With `share` so much of the batch are demonstrations, as far as
+        there are both.
+        """
+        uniforms = rng.random(count)
+        kept = self._tree.before(self.kept) if share is not None and self.kept else 0.0
+        if share is None or kept == 0.0 or kept >= self._tree.total:
+            # N and the sum of all priorities fall out of the ratio.
+            slots, chances = self._tree.draw(uniforms)
+        else:
+            first = round(count * share)
+            parts = []
+            for part, low, high in ((uniforms[:first], 0.0, kept), (uniforms[first:], kept, self._tree.total)):
+                if len(part):
+                    found, priorities = self._tree.draw(part, low, high)
+                    parts.append((found, priorities / (high - low) * (len(part) / count)))
+            slots, chances = (np.concatenate(column) for column in zip(*parts, strict=True))
+        return slots, ((chances / chances.min()) ** -beta).astype(np.float32)
 
     def update(self, slots: Slots, errors: NDArray[np.float32]) -> None:
         """Set priorities by the absolute TD errors of transitions that were drawn."""

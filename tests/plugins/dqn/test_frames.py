@@ -44,7 +44,39 @@ def test_packed_frames_come_back(seed: int, shapes: int, noise: int) -> None:
     assert (store.read(slots) == frames[::-1]).all()
 
 
-def test_flat_frames_lie_in_their_cells_and_others_apart() -> None:
+@settings(max_examples=20, deadline=None)
+@given(st.integers(0, 2**32), st.integers(100, 1_200))
+def test_an_arena_that_is_too_small_loses_nothing(seed: int, mean: int) -> None:
+    rng = np.random.default_rng(seed)
+    store = PackedFrames(24, SHAPE, mean)
+    kept: dict[int, NDArray[np.uint8]] = {}
+    for _ in range(12):
+        slots = rng.permutation(24)[: rng.integers(1, 13)]
+        frames = flat(rng, len(slots), int(rng.integers(0, 30)))
+        store.write(slots, frames)
+        kept |= dict(zip(slots.tolist(), frames, strict=True))
+        again = PackedFrames(24, SHAPE, mean)
+        again.load(0, store.dump(0, 24))
+        for one in (store, again):
+            assert (one.read(np.array(list(kept))) == np.stack(list(kept.values()))).all()
+
+
+def test_a_ring_finds_its_oldest_behind_frames_that_stay() -> None:
+    # Those that stay are more than are looked at for a gap.
+    size, stay = 1_200, 1_000
+    rng = np.random.default_rng(0)
+    frames = flat(rng, 100)
+    lengths = PackedFrames(100, SHAPE)
+    lengths.write(np.arange(100), frames)
+    mean = int(lengths.dump(0, 100)["lengths"].mean()) + 100
+    store = PackedFrames(size, SHAPE, mean)
+    for begin in range(0, 3 * size, 100):
+        slots = np.arange(begin, begin + 100)
+        store.write(np.where(slots < size, slots, stay + slots % (size - stay)), frames)
+    assert not store.dump(0, size)["apart"].size
+
+
+def test_flat_frames_lie_in_the_arena_and_others_apart() -> None:
     store = PackedFrames(10, SHAPE)
     empty = store.nbytes
     rng = np.random.default_rng(0)
