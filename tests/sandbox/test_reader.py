@@ -207,10 +207,10 @@ class Kept(Channel):
         self._waiting.clear()
         self._size = 0
 
-    def step(self, *values: Any) -> None:
+    def step(self, *values: Any, **named: Any) -> None:
         if not self._leaving_out:
             self._last, self._info = (-1, b""), None
-        super().step(*values)
+        super().step(*values, **named)
 
 
 VALUES = [np.full((84, 84, 3), 7, np.uint8), np.zeros(3), np.full((84, 84, 3), 9, np.int16)]
