@@ -51,7 +51,8 @@ class AskedEpisode(ABC, Generic[_Shown]):
 
     def end(self) -> JobEnd:
         """How the job ended, once it is over. Raises WorkerLost, SandboxUnavailable."""
-        return self._begun.task.future.result()
+        end: JobEnd = self._begun.task.future.result()
+        return end
 
     def finish(self) -> Trace:
         """Wait for the end, and keep the trace. Raises WorkerLost."""
