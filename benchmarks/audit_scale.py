@@ -86,8 +86,8 @@ def audit(corpus: Path) -> None:
     """
     from envcraft.commands import audit as command
 
-    command.driver_named = lambda *_, **__: _Driver()
-    command.select_checks = lambda *_: [_Check(name) for name in CHECKS]
+    checks = [_Check(name) for name in CHECKS]
+    vars(command).update(driver_named=lambda *_, **__: _Driver(), select_checks=lambda *_: checks)
     started = time.process_time()
     with contextlib.suppress(click.exceptions.Exit):
         command.audit.main([str(corpus), "--format", "json"], standalone_mode=False)
