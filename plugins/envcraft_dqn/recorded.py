@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from envcraft.corpus.store import CorpusDamaged, Store, find
 from envcraft.demonstrations import keeping
@@ -78,11 +80,12 @@ def _cached(file: Path) -> Iterator[Episode]:
 
 
 def _played(recording: Recording, name: str, open_vector: OpenVector) -> Iterator[Episode]:
-    vector = open_vector([name])
+    vector: Any = open_vector([name])
     try:
         for number, episode in enumerate(recording.episodes):
             actions, wanted = np.array(recording.actions(episode)), rewards(episode)
-            frames, found = [vector.reset(seed=[episode.seed])[0][0]], []
+            frames: list[NDArray[np.uint8]] = [vector.reset(seed=[episode.seed])[0][0]]
+            found: list[float] = []
             over = terminated = False
             while not over and len(found) < episode.steps:
                 seen, reward, terminations, truncations, _ = vector.step(actions[len(found)][None])
