@@ -36,7 +36,6 @@ import gymnasium
 import numpy as np
 import torch
 from envcraft_dqn import learner as own
-from envcraft_dqn import network
 from envcraft_dqn.learner import Learner
 from envcraft_dqn.replay import Batch
 from envcraft_dqn.settings import Settings
@@ -58,7 +57,6 @@ class Plain(Learner):
     def __init__(self, settings: Settings, surface: Surface) -> None:
         changed: dict[str, Any] = vars(own)
         changed["keep_memory"] = lambda: None
-        network._MANY = sys.maxsize
         super().__init__(settings, surface)
         for one in (self.network, self.target):
             whole: Any = one

@@ -12,7 +12,7 @@ from envcraft.budget import BUDGETS
 from envcraft.check import Check, Skip
 from envcraft.cli import offered
 from envcraft.commands.choices import driver_named
-from envcraft.corpus.audit import Stored
+from envcraft.corpus.audit import stored
 from envcraft.corpus.store import Environment, Store
 from envcraft.demonstrations import keeping, recording
 from envcraft.demonstrations.form import rewards
@@ -64,7 +64,7 @@ def record(
         ensure(driver)
         store = stack.enter_context(Store(corpus, write=True))
         found = recording.record(
-            store, [_stored(store, name) for name in names], player, contract, driver, steps, seed, workers
+            store, [_environment(store, name) for name in names], player, contract, driver, steps, seed, workers
         )
     for report in found.bad:
         reasons = [finding.message for check in report.checks for finding in check.findings]
@@ -135,7 +135,7 @@ def scores(corpus: Path, names: Sequence[str], player: Player, episodes: int, se
         driver = driver_named(sandbox, probe=False)
         stack.callback(driver.close)
         store = stack.enter_context(Store(corpus))
-        targets = Stored(store, [_stored(store, name) for name in names], "")
+        targets = stored(store, [_environment(store, name) for name in names])
         plan = Plan(targets, contract, driver, [check], BUDGETS["standard"], seed, player.policy, limits)
         pool = stack.enter_context(Pool(driver, limits, len(names)))
         # Tasks are what runs side by side.
@@ -150,6 +150,6 @@ def scores(corpus: Path, names: Sequence[str], player: Player, episodes: int, se
     return found
 
 
-def _stored(store: Store, name: str) -> Environment:
+def _environment(store: Store, name: str) -> Environment:
     row = store.db.execute("SELECT name, source, class FROM environments WHERE name = ?", (name,)).fetchone()
     return Environment(*row)
