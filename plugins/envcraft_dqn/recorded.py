@@ -26,16 +26,19 @@ class Recorded:
         names: of the environments that have one.
     """
 
-    def __init__(self, corpus: Path, open_vector: OpenVector, player: str | None = None) -> None:
-        """Look which there are, of one `player` or of the only one. Raises UsageError where there is none, or an
-        environment has several players' and none is named.
+    def __init__(
+        self, corpus: Path, open_vector: OpenVector, player: str | None = None, seed: int | None = None
+    ) -> None:
+        """Look which there are, of one `player` or of the only one, from `seed` or any. Raises UsageError where there is
+        none, or an environment has several players' and none is named.
         """
         self._corpus, self._open = find(corpus), open_vector
         self._rows: dict[str, list[keeping.Row]] = {}
         with Store(self._corpus) as store:
             by_source: dict[tuple[str, str], list[keeping.Row]] = {}
             for _, row in keeping.rows(store, player):
-                by_source.setdefault((row.source, row.env_class), []).append(row)
+                if seed is None or row.seed == seed:
+                    by_source.setdefault((row.source, row.env_class), []).append(row)
             for name, *source in store.db.execute("SELECT name, source, class FROM environments ORDER BY name"):
                 if rows := by_source.get((source[0], source[1])):
                     self._rows[name] = rows

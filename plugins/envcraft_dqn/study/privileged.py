@@ -3,37 +3,25 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
-import numpy as np
-
-from envcraft.budget import BUDGETS
-from envcraft.check import Check, Skip
 from envcraft.cli import offered
 from envcraft.commands.choices import driver_named
 from envcraft.corpus.audit import stored
 from envcraft.corpus.store import Environment, Store
-from envcraft.demonstrations import keeping, recording
-from envcraft.demonstrations.form import rewards
+from envcraft.demonstrations import recording
 from envcraft.demonstrations.player import Player
-from envcraft.engine import Plan, stream
 from envcraft.errors import EnvCraftError, UsageError
-from envcraft.events import SubjectFinished
-from envcraft.pool import Pool
-from envcraft.sandbox import Limits, ensure
-from envcraft.subject import Subject
+from envcraft.sandbox import ensure
 from envcraft.using.sources import locate
-from envcraft.verdict import Finding, Verdict
-from envcraft_dqn.demonstrations import Episode
+from envcraft.verdict import SubjectReport
 from envcraft_dqn.evaluation import Mean
 from envcraft_dqn.study.metric import Score
-from envcraft_dqn.study.places import Chosen, Place
+from envcraft_dqn.study.places import Chosen
 
 #: Who plays what no other player is made for.
 _ANY = "search"
-#: Seconds that an environment's episodes may take together.
-_SECONDS = 3600.0
 
 
 def player_for(environments: Sequence[Chosen]) -> Player:
@@ -67,87 +55,34 @@ def record(
             store, [_environment(store, name) for name in names], player, contract, driver, steps, seed, workers
         )
     for report in found.bad:
-        reasons = [finding.message for check in report.checks for finding in check.findings]
-        reasons += [check.reason for check in report.checks if check.reason]
-        raise EnvCraftError(
-            f"the player {player.name} gives no demonstrations of {report.path}: {'; '.join(reasons) or report.reason}"
-        )
+        raise EnvCraftError(f"the player {player.name} gives no demonstrations of {report.path}: {_words(report)}")
     return found.done
-
-
-class Recorded:
-    """The recordings of one player, played again where the agent learns: seeds and actions are kept, not frames."""
-
-    def __init__(self, place: Place, player: str, seed: int) -> None:
-        self._place, self._player, self._seed = place, player, seed
-
-    def episodes(self, name: str) -> Iterator[Episode]:
-        """In the order in which they were recorded. Raises UsageError where something else comes out."""
-        with Store(Path(self._place.corpus)) as store:
-            rows = [row for one, row in keeping.rows(store, self._player) if one == name and row.seed == self._seed]
-            if not rows:
-                raise UsageError(f"{name} has no recording of the player {self._player}")
-            found = keeping.read(store, rows[0])
-        vector = self._place.open([name])
-        try:
-            for episode in found.episodes:
-                seen, _ = vector.reset(seed=[episode.seed])
-                frames, paid = [seen[0]], []
-                actions = np.array(found.actions(episode))
-                for action in actions:
-                    seen, reward, _, _, _ = vector.step(action[None])
-                    frames.append(seen[0])
-                    paid.append(float(reward[0]))
-                if not np.array_equal(paid, rewards(episode)):
-                    raise UsageError(f"{name} gives other rewards than were recorded: `envcraft demos --verify` tells")
-                yield Episode(np.stack(frames), actions, np.array(paid), episode.terminated)
-        finally:
-            vector.close()
-
-
-class _Outcomes(Check):
-    """Has a player play whole episodes, and takes how long they last and what they pay."""
-
-    name = "outcomes"
-    rules = ()
-
-    def __init__(self, player: Player, episodes: int) -> None:
-        self._player, self._episodes = player, episodes
-        self.found: dict[str, list[tuple[int, float]]] = {}
-
-    def judge(self, subject: Subject) -> Iterator[Finding]:
-        played = []
-        for number in range(self._episodes):
-            trace = self._player.play(subject, number)
-            if not trace.ended:
-                raise Skip(f"episode {number} breaks off after {trace.steps} steps: {trace.fault or trace.ending}")
-            played.append((trace.steps, trace.total))
-        self.found[subject.target.path] = played
-        yield from ()
 
 
 def scores(corpus: Path, names: Sequence[str], player: Player, episodes: int, seed: int, sandbox: str) -> list[Score]:
     """What the player comes to in whole episodes, two at least. Raises EnvCraftError where it cannot play."""
-    check = _Outcomes(player, episodes)
-    limits = Limits(total=_SECONDS)
     contract = locate(corpus, names[0]).contract
+    found: dict[int, Score] = {}
     with contextlib.ExitStack() as stack:
         driver = driver_named(sandbox, probe=False)
         stack.callback(driver.close)
         store = stack.enter_context(Store(corpus))
         targets = stored(store, [_environment(store, name) for name in names])
-        plan = Plan(targets, contract, driver, [check], BUDGETS["standard"], seed, player.policy, limits)
-        pool = stack.enter_context(Pool(driver, limits, len(names)))
         # Tasks are what runs side by side.
-        for _, event in stack.enter_context(contextlib.closing(stream(plan, 1, pool))):
-            if isinstance(event, SubjectFinished) and event.report.verdict is not Verdict.PASS:
-                reasons = "; ".join(one.reason for one in event.report.checks if one.reason) or event.report.reason
-                raise EnvCraftError(f"the player {player.name} cannot play {event.report.path}: {reasons}")
-    found = []
-    for name in names:
-        lengths, totals = zip(*check.found[name], strict=True)
-        found.append(Score(name, episodes, Mean.of(lengths), Mean.of(totals)))
-    return found
+        for number, outcomes, report in recording.episodes(
+            targets, player, contract, driver, episodes, seed, workers=1
+        ):
+            if not outcomes:
+                raise EnvCraftError(f"the player {player.name} cannot play {report.path}: {_words(report)}")
+            lengths, totals = [one.steps for one in outcomes], [one.total for one in outcomes]
+            found[number] = Score(names[number], episodes, Mean.of(lengths), Mean.of(totals))
+    return [found[number] for number in range(len(names))]
+
+
+def _words(report: SubjectReport) -> str:
+    """What went wrong."""
+    findings = [finding.message for check in report.checks for finding in check.findings]
+    return "; ".join([*findings, *(check.reason for check in report.checks if check.reason)]) or report.reason
 
 
 def _environment(store: Store, name: str) -> Environment:

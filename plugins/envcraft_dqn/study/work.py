@@ -77,12 +77,14 @@ def _trained(told: Order) -> dict[str, Any]:
 
     from envcraft_dqn.checkpoint import load_agent
     from envcraft_dqn.learner import train
+    from envcraft_dqn.recorded import Recorded
     from envcraft_dqn.study.curve import Curve, read
-    from envcraft_dqn.study.privileged import Recorded
 
     folder = Path(told.folder, "runs", told.task.name)
     settings = msgspec.structs.replace(training_settings(told.protocol, told.task), device=told.device)
-    source = Recorded(told.place, told.player, told.protocol.seed) if told.task.demonstrations else None
+    corpus = Path(told.place.corpus)
+    recorded = told.task.demonstrations
+    source = Recorded(corpus, told.place.open, told.player, told.protocol.seed) if recorded else None
     file = folder / "curve.jsonl"
     agent = train(settings, told.task.environments, told.place.open, folder, source, Curve(file), _EVERY)
     numbers = json.loads((folder / "checkpoint" / "state.json").read_text("utf-8"))["numbers"]
