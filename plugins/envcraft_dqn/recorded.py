@@ -29,8 +29,8 @@ class Recorded:
     def __init__(
         self, corpus: Path, open_vector: OpenVector, player: str | None = None, seed: int | None = None
     ) -> None:
-        """Look which there are, of one `player` or of the only one, from `seed` or any. Raises UsageError where there is
-        none, or an environment has several players' and none is named.
+        """Look which there are, of one `player` or of the only one, from `seed` or any. Raises UsageError where there
+        is none, or an environment has several players' and none is named.
         """
         self._corpus, self._open = find(corpus), open_vector
         self._rows: dict[str, list[keeping.Row]] = {}
