@@ -115,7 +115,8 @@ def test_a_corpus_from_before_there_were_keys(corpus: Store) -> None:
     later = ("keys", "previews", "outcomes", "policies", "attempts", "briefs", "concepts", "episodes", "demonstrations")
     for table in later:
         corpus.db.execute(f"DROP TABLE {table}")
-    corpus.db.execute("ALTER TABLE settings DROP COLUMN checks")
+    for column in ("checks", "offered"):
+        corpus.db.execute(f"ALTER TABLE settings DROP COLUMN {column}")
     corpus.db.execute("ALTER TABLE audits DROP COLUMN complete")
     corpus.db.execute("PRAGMA user_version = 1")
     corpus.close()

@@ -183,10 +183,12 @@ def test_it_fits_the_terminal_in_real_time_and_goes_on_by_itself(console: Opened
     game = console("walk.py", "--sandbox", "process", "--fps", "30", "--output", "played.json")
     screen = game.expect("step 0, return 0")
     assert "\x1b[?1049h" in screen
-    rows = re.findall(r"\x1b\[(\d+);1H((?:\x1b\[[0-9;]*m|▀)+)", screen)
-    assert [int(number) for number, _ in rows] == list(range(1, 41))
-    assert {row.count("▀") for _, row in rows} == {80}
-    game.expect("step 10")
+    screen += game.expect("step 10")
+    rows: dict[int, str] = {}
+    for number, row in re.findall(r"\x1b\[(\d+);1H((?:\x1b\[[0-9;]*m|▀)+)", screen):
+        rows.setdefault(int(number), row)
+    assert list(rows) == list(range(1, 41))
+    assert {row.count("▀") for row in rows.values()} == {80}
     game.type("\x1b")
     assert game.ended() == 0
     report = json.loads((tmp_path / "played.json").read_text())

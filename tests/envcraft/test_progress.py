@@ -257,7 +257,7 @@ def on_terminal(
     """
     command = [sys.executable, "-m", "envcraft", "validate", *map(str, arguments)]
     ours, its = pty.openpty()
-    fcntl.ioctl(its, termios.TIOCSWINSZ, struct.pack("HHHH", 24, 100, 0, 0))
+    fcntl.ioctl(its, termios.TIOCSWINSZ, struct.pack("HHHH", 24, 140, 0, 0))
     with open(output or os.devnull, "wb") as file:
         process = subprocess.Popen(
             command,

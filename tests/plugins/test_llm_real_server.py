@@ -158,7 +158,7 @@ def short_prompts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[N
         ("briefs", r"no brief: It does not begin with a level-1 heading .*"),
         # What the grammar does not keep the model from: a server finds fault with what its limit cuts off.
         ("viability", r"garbage: HTTP 500: .*|no verdict: .*|[a-z]+-[a-z-]+: .*|no code: .*"),
-        ("code", r"no code: nothing in the answer looks like an environment; it begins '.*"),
+        ("code", r"no code: nothing in the answer looks like an environment; it begins ['\"].*"),
     ],
 )
 def test_garbage_ends_every_concept_with_its_reason(served: Served, tmp_path: Path, first: str, reasons: str) -> None:

@@ -74,7 +74,12 @@ def test_the_report_names_it_and_what_it_lacks(driver: DockerDriver, worker: Wor
         pytest.param("import ctypes; ctypes.string_at(0)", {How.DIED}, id="crash"),
         pytest.param("while True: pass", {How.TIMEOUT}, id="hang"),
         pytest.param("while True: print('x' * 999)", {How.FLOOD}, id="flood"),
-        pytest.param("kept = [b'x' * (1 << 20) for _ in range(4096)]", {How.DONE, How.MEMORY, How.DIED}, id="memory"),
+        pytest.param(
+            "kept = [b'x' * (1 << 20) for _ in range(4096)]",
+            # On a busy machine filling it takes longer than a step may.
+            {How.DONE, How.MEMORY, How.DIED, How.TIMEOUT},
+            id="memory",
+        ),
         pytest.param(
             "import os\nfor victim in (1, -1, os.getppid()):\n    os.kill(victim, 9)", {How.DONE, How.DIED}, id="kill"
         ),
