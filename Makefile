@@ -5,7 +5,9 @@
 
 PYTHON ?= python3
 BIN := .venv/bin
-PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet --constraint constraints.txt
+PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet --no-compile --constraint constraints.txt
+# On all cores, which pip does not; some libraries have files that are no Python.
+LIBRARIES := $(BIN)/python -m compileall -qq -j 0 $$($(BIN)/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))') || true
 # A worker writes nothing, and would compile its modules at each start.
 # The demo's files are answers of a model, and some are no Python.
 COMPILE := $(BIN)/python -m compileall -q -x envcraft_llm/demo/ envcraft checks sandbox plugins
@@ -68,11 +70,13 @@ clean:
 
 .venv/core.stamp: .venv/pip.stamp pyproject.toml constraints.txt
 	$(PIP) --editable .
+	$(LIBRARIES)
 	$(COMPILE)
 	@touch $@
 
 .venv/dev.stamp: .venv/pip.stamp pyproject.toml constraints.txt
 	$(PIP) --editable '.[dev]'
+	$(LIBRARIES)
 	$(COMPILE)
 	@touch $@ .venv/core.stamp
 

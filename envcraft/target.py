@@ -8,7 +8,6 @@ comes from. Importing this module costs nothing, so that commands can look at th
 from __future__ import annotations
 
 import ast
-import hashlib
 import re
 import threading
 from collections.abc import Callable, Iterator, Sequence
@@ -61,6 +60,9 @@ class Target(msgspec.Struct, frozen=True):
     @property
     def sha256(self) -> str:
         """Of the file, or of the target's name where the file is not known on this side."""
+        # Slow to import, and not needed before the first worker is on its way.
+        import hashlib
+
         return hashlib.sha256(self.source if self.kind is Kind.SOURCE else self.path.encode()).hexdigest()
 
     @property

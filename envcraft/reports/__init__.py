@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import os
 import re
 import shlex
@@ -160,6 +159,9 @@ def fingerprint(path: str, code: str, nth: int) -> str:
     code, and which one of this code in this subject it is, from 0. Measured values and lines change with each edit.
     """
     identity = "\0".join((quote(os.fsencode(relative(path))), code, str(nth)))
+    # Slow to import, and needed when there is a finding.
+    import hashlib
+
     return hashlib.sha256(identity.encode("utf-8", "backslashreplace")).hexdigest()
 
 

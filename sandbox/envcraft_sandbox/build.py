@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import hashlib
 import json
 import shutil
 import subprocess
@@ -53,6 +52,9 @@ def worker_sources() -> Iterator[tuple[str, bytes]]:
 
 def digest(packages: str = "") -> str:
     """SHA-256 over the worker's sources and the recipe of its image; `packages` is the value of PACKAGES_LABEL."""
+    # Slow to import, and loaded with whichever driver is wanted.
+    import hashlib
+
     recipe = ((name, (_IMAGE / name).read_bytes()) for name in ("Dockerfile", "requirements.txt"))
     total = hashlib.sha256()
     for name, content in [*worker_sources(), *recipe, ("packages", packages.encode())]:

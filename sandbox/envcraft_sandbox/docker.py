@@ -11,7 +11,6 @@ import contextlib
 import functools
 import os
 import platform
-import secrets
 import socket
 import subprocess
 import threading
@@ -86,7 +85,7 @@ class DockerDriver(Driver):
         return self.begin(hash_seed=hash_seed, limits=limits)()
 
     def begin(self, *, hash_seed: int, limits: Limits) -> Callable[[], Worker]:
-        name = f"envcraft-{secrets.token_hex(8)}"
+        name = f"envcraft-{os.urandom(8).hex()}"
         try:
             self._ask()
             listener, client = self._start(name, hash_seed, limits)

@@ -11,7 +11,6 @@ from __future__ import annotations
 import contextlib
 import fcntl
 import os
-import secrets
 import stat
 import tempfile
 import threading
@@ -53,7 +52,7 @@ def job_folder() -> Path:
     """Where a worker's jobs may write, if it has no file system of its own: a path that nobody has yet. Raises
     SandboxUnavailable.
     """
-    return folder() / f"job-{secrets.token_hex(8)}"
+    return folder() / f"job-{os.urandom(8).hex()}"
 
 
 def lifeline() -> int:
@@ -104,7 +103,7 @@ def remove(path: Path) -> None:
                     for below in _clear(inner):
                         # One that may not be written to cannot be moved.
                         os.close(_enter(below, inner))
-                        os.rename(below, secrets.token_hex(16), src_dir_fd=inner, dst_dir_fd=top)
+                        os.rename(below, os.urandom(16).hex(), src_dir_fd=inner, dst_dir_fd=top)
                 finally:
                     os.close(inner)
                 os.rmdir(name, dir_fd=top)
