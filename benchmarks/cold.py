@@ -2,8 +2,8 @@
 
 *Start-up* is the time from the start of ``envcraft validate`` until the host hears of the environment's first step. It
 is held to twice the time of ``python -c "import numpy, gymnasium"``: the imports that the worker needs, and once more
-for everything else. For docker the container's own start comes on top, which is measured beside it: ``docker run`` of
-the image's interpreter doing nothing.
+for everything else. For docker the container's own start comes on top, which is measured beside it: a container as a
+worker's, with all its limits, whose interpreter does nothing.
 
 *Validation* is the wall-clock time of ``envcraft validate`` on a good game, beside the time that the steps that it
 reports take in a plain loop in one process.
@@ -37,6 +37,7 @@ from benchmarks.bare import environment, play
 from benchmarks.overhead import GAMES, working
 from envcraft import actions
 from envcraft.contract import ARCADE
+from envcraft.sandbox import Limits
 
 ROOT = Path(__file__).resolve().parent.parent
 FIRST_STEP = GAMES / "first_step.py"
@@ -83,11 +84,12 @@ def imports() -> float:
 
 
 def container() -> float:
-    """Seconds that the engine takes to start and end a container of the worker's image that does nothing.
+    """Seconds that the engine takes to start and end a container as a worker's that does nothing.
 
     Raises RuntimeError when the engine cannot.
     """
     from envcraft_sandbox.build import TAG
+    from envcraft_sandbox.docker import DockerDriver
 
     told = subprocess.run(
         ["docker", "image", "inspect", "--format", "{{json .Config.Entrypoint}}", TAG],
@@ -96,8 +98,8 @@ def container() -> float:
         text=True,
     )
     python = json.loads(told.stdout)[0]
-    run = ["docker", "run", "--rm", "--network", "none", "--log-driver", "none", "--entrypoint", python]
-    return _run([*run, TAG, "-I", "-S", "-c", "pass"])[0]
+    run = DockerDriver().command("envcraft-benchmark", 0, Limits())
+    return _run([*run, "--entrypoint", python, TAG, "-I", "-S", "-c", "pass"])[0]
 
 
 def start_up(driver: str) -> float:

@@ -144,7 +144,7 @@ class DockerDriver(Driver):
             # For the container's user: only the socket is mounted, and nobody else can enter the folder.
             path.chmod(0o666)
             listener.listen(1)
-            return listener, self._run(name, path, launch.environment(hash_seed), limits)
+            return listener, self._run(name, path, hash_seed, limits)
         except BaseException:
             listener.close()
             leftovers.remove(path.parent)
@@ -206,18 +206,20 @@ class DockerDriver(Driver):
         # Once: what was looked at is what runs, even if the tag moves on.
         return build.find()
 
-    def _run(self, name: str, path: Path, variables: dict[str, str], limits: Limits) -> subprocess.Popen[bytes]:
-        """Start ``docker run``; it stays until the container is removed, and its standard error is the container's."""
+    def command(self, name: str, hash_seed: int, limits: Limits) -> list[str]:
+        """The ``docker run`` of a worker's container, up to its image, but for the socket that is mounted.
+
+        Raises EngineError.
+        """
         memory = str(limits.memory + _OVERHEAD)
         # The image knows where its interpreter is.
-        variables = {key: value for key, value in variables.items() if key != "PATH"}
+        variables = {key: value for key, value in launch.environment(hash_seed).items() if key != "PATH"}
         variables |= {key: "" for proxy in _PROXIES for key in (proxy, proxy.lower())}
         argv = ["docker", "run", "--rm", "--attach", "stderr", "--sig-proxy=false", "--pull", "never", "--init=false"]
         argv += ["--name", name, "--hostname", "sandbox", "--label", LABEL]
         argv += ["--label", f"{OWNER_LABEL}={leftovers.folder().name}", "--log-driver", "none"]
         argv += ["--network", "none", "--ipc", "private", "--shm-size", "1m", "--read-only", "--workdir", "/tmp"]
         argv += ["--tmpfs", "/tmp:rw,noexec,nosuid,nodev,size=64m,mode=1777"]
-        argv += ["--mount", f"type=bind,source={path},target={_CONTROL}"]
         argv += ["--user", "65534:65534", "--cap-drop", "ALL", "--security-opt", "no-new-privileges"]
         processes = limits.processes + (_SENTRY_THREADS if self._runtime else 1)
         argv += ["--memory", memory, "--memory-swap", memory, "--pids-limit", str(processes)]
@@ -228,6 +230,11 @@ class DockerDriver(Driver):
             argv += ["--runtime", self._runtime]
         for key, value in variables.items():
             argv += ["--env", f"{key}={value}"]
+        return argv
+
+    def _run(self, name: str, path: Path, hash_seed: int, limits: Limits) -> subprocess.Popen[bytes]:
+        """Start ``docker run``; it stays until the container is removed, and its standard error is the container's."""
+        argv = [*self.command(name, hash_seed, limits), "--mount", f"type=bind,source={path},target={_CONTROL}"]
         return subprocess.Popen(
             [*argv, self._image.id, "--connect", _CONTROL],
             stdin=subprocess.DEVNULL,
