@@ -39,6 +39,9 @@ def pytest_configure() -> None:
     # A shell lets what it starts in the background ignore Ctrl-C, and what the tests start would inherit that.
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
+    # The size of somebody's own terminal, which would be that of every terminal that a test opens.
+    for name in ("COLUMNS", "LINES"):
+        os.environ.pop(name, None)
 
 
 @pytest.hookimpl(wrapper=True)
@@ -57,8 +60,8 @@ def pytest_runtest_makereport(
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_auto_num_workers() -> int:
-    """One more than there are cores: it waits for the hostile programs."""
-    return cores() + 1
+    """As many as there are cores: one of them waits for the hostile programs, which keep the cores busy meanwhile."""
+    return max(cores(), 2)
 
 
 @pytest.hookimpl(trylast=True)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import re
 import select
-import shutil
 import sys
 import termios
 import time
@@ -60,7 +59,7 @@ class Terminal(Screen):
             termios.tcsetattr(self._input, termios.TCSAFLUSH, self._before)
 
     def show(self, picture: Picture | None, lines: Sequence[str]) -> None:
-        size = shutil.get_terminal_size()
+        size = os.get_terminal_size(self._output)
         if size != self._size:
             self._size, self._lines = size, []
             self._write("\x1b[2J")

@@ -51,7 +51,7 @@ def test_event(tmp_path: Path, code: str, statement: str) -> None:
     report = judged(tmp_path, GAME.replace(STEP, f"        {statement}\n{STEP}", 1))
     assert code in failing(report)
     assert report.verdict is Verdict.FAIL
-    assert time.monotonic() - started < 60
+    assert time.monotonic() - started < 240
 
 
 @pytest.mark.parametrize("statement", ["[].remove(0)", "__import__('os')._exit(3)"])

@@ -566,12 +566,12 @@ def test_ctrl_c_keeps_what_was_judged(games: Path) -> None:
             break
         time.sleep(0.2)
     process.send_signal(signal.SIGINT)
-    _, error = process.communicate(timeout=60)
+    _, error = process.communicate(timeout=480)
     if process.returncode != 1:
         assert process.returncode == 130
         assert "are kept; the same command judges all of them again, and without --no-resume only" in error
     again = audited(games, "--format", "json")
-    out, error = again.communicate(timeout=240)
+    out, error = again.communicate(timeout=480)
     assert again.returncode == 1, error
     assert json.loads(out)["audit"]["judged"] < 3
 
@@ -584,7 +584,7 @@ def test_two_audits_at_once_are_one_too_many(games: Path) -> None:
             break
         time.sleep(0.02)
     other = audited(games)
-    _, error = other.communicate(timeout=60)
+    _, error = other.communicate(timeout=480)
     assert other.returncode == 3
     assert f"process {process.pid} is writing to the corpus" in error
     assert process.wait(240) == 1

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from envcraft.reports import one_line
+from tests.pages import chromium, window
 
 from .reported import HOSTILE, SIZE
 
@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page
 
 pytestmark = pytest.mark.browser
-CHROMIUM = shutil.which("chromium")
 Open = Callable[..., "Page"]
 
 
@@ -28,15 +27,8 @@ def site(reported: tuple[Path, Path]) -> Path:
 
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Browser]:
-    if CHROMIUM is None:
-        pytest.skip("no chromium on this machine: apt-get install chromium")
-    from playwright.sync_api import sync_playwright
-
-    with sync_playwright() as playwright:
-        # Its own sandbox needs more than a container gives; the pages are ours.
-        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+    with chromium() as browser:
         yield browser
-        browser.close()
 
 
 @pytest.fixture
@@ -46,7 +38,7 @@ def show(browser: Browser, site: Path) -> Iterator[Open]:
     contexts = []
 
     def show(name: str, **options: Any) -> Page:
-        context = browser.new_context(**options)
+        context = window(browser, **options)
         contexts.append(context)
         page = context.new_page()
         urls: list[str] = []
@@ -208,7 +200,7 @@ def test_it_is_read_by_keyboard(show: Open) -> None:
 
 
 def test_a_report_that_lacks_a_file_says_so(browser: Browser, site: Path) -> None:
-    page = browser.new_page()
+    page = window(browser).new_page()
     page.goto(f"{site.as_uri()}/environments.html")
     page.evaluate("info.total = 2000")
     page.locator("#query").fill("zzz")

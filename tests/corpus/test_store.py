@@ -121,7 +121,7 @@ def test_a_second_writer_is_told_who_the_first_is_and_readers_are_let_in(store: 
     with pytest.raises(CorpusBusy, match=f"process {os.getpid()} is writing"):
         Store(store.root, write=True)
     command = [sys.executable, "-m", "envcraft", "corpus", "rm", str(store.root), "ant"]
-    result = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    result = subprocess.run(command, capture_output=True, text=True, timeout=240, check=False)
     assert result.returncode == 3
     assert "is writing to the corpus" in result.stderr
     with Store(store.root) as reader:

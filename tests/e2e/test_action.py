@@ -67,7 +67,7 @@ def run(
         capture_output=True,
         text=True,
         check=False,
-        timeout=120,
+        timeout=480,
         env={
             **os.environ,
             # The `python` of the job.

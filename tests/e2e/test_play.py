@@ -79,7 +79,7 @@ class Console:
     def type(self, keys: str) -> None:
         os.write(self.master, keys.encode())
 
-    def expect(self, words: str, seconds: float = 30) -> str:
+    def expect(self, words: str, seconds: float = 120) -> str:
         """Wait until the words have come; all that came after those that were waited for before."""
         deadline = time.monotonic() + seconds
         while words not in self.text:
@@ -95,7 +95,7 @@ class Console:
 
     def ended(self) -> int:
         """The exit status, once it has put the terminal back as it was."""
-        deadline = time.monotonic() + 30
+        deadline = time.monotonic() + 120
         while self.process.poll() is None:
             assert time.monotonic() < deadline, self.text[-2000:]
             if select.select([self.master], [], [], 0.1)[0]:
@@ -140,7 +140,7 @@ def walk(tmp_path: Path) -> Callable[[str], Path]:
 
 def envcraft(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
     command = [sys.executable, "-m", "envcraft", *arguments]
-    return subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=120, check=False)
+    return subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=480, check=False)
 
 
 @pytest.mark.parametrize(

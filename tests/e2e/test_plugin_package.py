@@ -245,7 +245,7 @@ def test_a_broken_one_is_named_and_the_rest_goes_on(
         cwd=tmp_path,
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=240,
         check=False,
     )
     assert done.returncode == 0, done.stderr

@@ -119,7 +119,7 @@ def test_reports_are_in_the_order_of_the_targets_and_every_worker_is_closed(work
 
 
 def test_subjects_are_judged_side_by_side() -> None:
-    barrier = threading.Barrier(3, timeout=20)
+    barrier = threading.Barrier(3, timeout=120)
 
     class Meet(StubCheck):
         def judge(self, subject: Subject) -> Iterator[Finding]:

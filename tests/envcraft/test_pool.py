@@ -15,7 +15,7 @@ from envcraft.sandbox import Availability, Driver, Isolation, Limits, Worker
 from .test_lanes import StubWorker
 
 LIMITS = Limits()
-_SOON = 20.0
+_SOON = 120.0
 
 
 class StubDriver(Driver):

@@ -306,7 +306,7 @@ def test_on_one_terminal_nothing_is_left_but_the_report(good: Path, bad: Path) -
         stdout=subprocess.PIPE,
         text=True,
         check=False,
-        timeout=120,
+        timeout=480,
     ).stdout
     assert words(screen(shown)) == words(plain)
 

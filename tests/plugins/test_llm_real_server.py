@@ -155,10 +155,10 @@ def short_prompts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[N
 @pytest.mark.parametrize(
     ("first", "reasons"),
     [
-        ("briefs", r"no brief: It does not begin with a level-1 heading .*"),
+        ("briefs", r"no brief: .+"),
         # What the grammar does not keep the model from: a server finds fault with what its limit cuts off.
-        ("viability", r"garbage: HTTP 500: .*|no verdict: .*|[a-z]+-[a-z-]+: .*|no code: .*"),
-        ("code", r"no code: nothing in the answer looks like an environment; it begins ['\"].*"),
+        ("viability", r"garbage: HTTP 500: .+|no verdict: .+|[a-z]+-[a-z-]+: .+|no code: .+"),
+        ("code", r"no code: nothing in the answer looks like an environment; it begins ['\"].+"),
     ],
 )
 def test_garbage_ends_every_concept_with_its_reason(served: Served, tmp_path: Path, first: str, reasons: str) -> None:
@@ -181,13 +181,17 @@ def test_garbage_ends_every_concept_with_its_reason(served: Served, tmp_path: Pa
         said = [list(history.outcomes(concept).values()) for concept in history.concepts()]
     last = [next(one for one in outcomes if one.result != "passed") for outcomes in said]
     assert len(last) == 3
+    # One answer in some hundred is none: its first character is the last.
+    reasons += r"|empty: .+"
     assert [one.reason for one in last if not re.fullmatch(reasons, one.reason, re.DOTALL)] == []
     with contextlib.closing(Journal(corpus, write=False)) as journal:
         keys = sqlite3.connect(journal.path).execute("SELECT key FROM answers")
         kept = [journal.find(key, passing=True) for (key,) in keys]
     # All of it was answered: it is the answers that are no good.
     assert len(kept) >= 3
-    assert all(isinstance(one, Answer) or (isinstance(one, Failed) and one.kind == "garbage") for one in kept)
+    assert all(
+        isinstance(one, Answer) or (isinstance(one, Failed) and one.kind in ("garbage", "empty")) for one in kept
+    )
 
 
 def test_a_server_that_is_killed_and_started_again_answers_the_rest(served: Served, tmp_path: Path) -> None:

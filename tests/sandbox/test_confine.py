@@ -93,7 +93,7 @@ def test_a_process_alone_is_refused_on_x86() -> None:
 
 def run(program: str) -> str:
     ran = subprocess.run(
-        [sys.executable, "-c", textwrap.dedent(program)], capture_output=True, text=True, timeout=60, check=True
+        [sys.executable, "-c", textwrap.dedent(program)], capture_output=True, text=True, timeout=240, check=True
     )
     return ran.stdout.strip()
 

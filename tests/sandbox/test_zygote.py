@@ -333,7 +333,7 @@ def kill(nursery: Nursery, hash_seed: int) -> bool:
 
 
 def ends(process: int) -> bool:
-    deadline = time.monotonic() + 5
+    deadline = time.monotonic() + 60
     while Path(f"/proc/{process}").exists() and time.monotonic() < deadline:
         time.sleep(0.01)
     return not Path(f"/proc/{process}").exists()

@@ -105,10 +105,10 @@ def test_no_two_games_have_one_key() -> None:
 
 @pytest.mark.parametrize("name", HOSTILE)
 def test_hostile_sources(name: str) -> None:
-    started = time.monotonic()
+    started = time.process_time()
     for layer in (exact, structural, near):
         layer.key(HOSTILE[name])
-    assert time.monotonic() - started < 5
+    assert time.process_time() - started < 5
 
 
 @pytest.mark.parametrize("name", ["no text", "unfinished", "no words", "huge"])

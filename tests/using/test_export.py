@@ -61,14 +61,14 @@ def test_a_package_is_built_installed_and_played(corpus: Path, tmp_path: Path) -
         [*pip, "wheel", "--no-build-isolation", *offline, "--wheel-dir", str(wheels), str(folder)],
         [*pip, f"--python={fresh}/bin/python", "install", *offline, str(wheels / "my_games-0.1.0-py3-none-any.whl")],
     ):
-        done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+        done = subprocess.run(command, capture_output=True, text=True, timeout=480, check=False)
         assert done.returncode == 0, done.stderr
     # NumPy and Gymnasium of this interpreter; of what is installed as editable there, nothing is found this way.
     variables = {"PYTHONPATH": sysconfig.get_path("purelib"), "PATH": "/usr/bin:/bin"}
     actions = np.random.default_rng(0).integers(0, [5, 2, 2], (20, 3)).tolist()
     asked = json.dumps(["my_games:my_games/native-v0", 3, actions])
     run = [f"{fresh}/bin/python", "-c", PLAY, asked]
-    done = subprocess.run(run, capture_output=True, text=True, timeout=60, check=False, env=variables, cwd=tmp_path)
+    done = subprocess.run(run, capture_output=True, text=True, timeout=240, check=False, env=variables, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     env = envcraft.make(corpus, "native")
     digest = hashlib.sha256(env.reset(seed=3)[0].tobytes())

@@ -104,7 +104,7 @@ def test_the_module_registers_the_corpus_that_is_named(corpus: Path, tmp_path: P
     )
     run = [sys.executable, "-c", code]
     variables = {**os.environ, "ENVCRAFT_CORPUS": str(corpus)}
-    told = subprocess.run(run, env=variables, cwd=tmp_path, capture_output=True, text=True, timeout=60, check=True)
+    told = subprocess.run(run, env=variables, cwd=tmp_path, capture_output=True, text=True, timeout=240, check=True)
     assert told.stdout == f"Ant {envcraft.make(corpus, 'ant').reset(seed=3)[0].sum()}\n"
 
 

@@ -77,7 +77,7 @@ def test_what_was_killed_goes_on_to_the_same(whole: Path, tmp_path: Path) -> Non
     command = [sys.executable, "-m", "envcraft", "study", "generalisation", "--output", str(folder), *_OPTIONS, *fewer]
     null = subprocess.DEVNULL
     with subprocess.Popen([*command, "--workers", "2"], stdout=null, stderr=null) as process:
-        deadline = time.monotonic() + 120
+        deadline = time.monotonic() + 480
         while len(list((folder / "results").glob("*.json"))) < 3:
             assert process.poll() is None
             assert time.monotonic() < deadline

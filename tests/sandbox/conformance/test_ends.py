@@ -24,7 +24,7 @@ class TestDeadlines:
         deadline = limits.loading if phase == "import" else limits.call
         assert ran.end.how is How.TIMEOUT
         assert ran.end.phase == phase
-        assert deadline <= ran.end.seconds < deadline + 1
+        assert deadline <= ran.end.seconds < deadline + 10
 
     def test_a_hang_that_refuses_signals_ends_too(self, worker: Worker, environment: Environment, play: Any) -> None:
         source = environment(
