@@ -43,6 +43,12 @@ class Family(ABC):
     def generate(self, count: int, seed: int) -> Iterator[Generated]:
         """So many environments; the same for the same seed, and a smaller `count` gives the first of them."""
 
+    def kind(self, metadata: dict[str, Any]) -> str:
+        """In a few words, which of the kinds that reports tell apart an environment with such metadata is; "" where all
+        are one.
+        """
+        return ""
+
     def simulate(self, generated: Sequence[Generated]) -> Running:
         """A program that plays these environments, one after the other in this list, as their files would; frames,
         rewards, flags and infos are the same bit for bit. ``envcraft.make_vec(..., fast=True)`` asks for it.

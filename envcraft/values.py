@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import hashlib
 import math
 from typing import Any
 
 import numpy as np
+import xxhash
 
 from envcraft.errors import MalformedValue
 
@@ -25,7 +25,7 @@ class Layout:
 
     size: int
     parts: int
-    tag: bytes
+    tag: int
 
     def __init__(self, spec: Any, depth: int = 0) -> None:
         if not isinstance(spec, dict) or depth > _MAX_DEPTH:
@@ -63,7 +63,7 @@ class Layout:
         if self.size > MAX_BYTES:
             raise MalformedValue(f"a value of {self.size} bytes")
         identity = (self.kind, str(self.dtype), self.shape, self.name, [(name, item.tag) for name, item in self.items])
-        self.tag = hashlib.blake2b(repr(identity).encode(), digest_size=16).digest()
+        self.tag = xxhash.xxh3_64_intdigest(repr(identity).encode())
 
     def decode(self, data: bytes | memoryview) -> Any:
         """Build the value. Raises MalformedValue when the number of bytes is not :attr:`size`."""

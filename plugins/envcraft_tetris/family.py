@@ -5,17 +5,21 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Sequence
 from random import Random
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 
 from envcraft.errors import UsageError
 from envcraft.families import Family, Generated
 
+from .axes.controls import Controls
 from .variant import Variant
 
 if TYPE_CHECKING:
     from .fastlane.simulator import Simulator
+
+
+_DROPS = {"button": "a button drops pieces", "down": "down drops pieces", "none": "nothing drops pieces"}
 
 
 class TetrisFamily(Family):
@@ -33,6 +37,10 @@ class TetrisFamily(Family):
             known.add(variant.rules)
             source = variant.write(f"Tetris{number:04}")
             yield Generated(f"tetris_{seed}_{number:04}", source, {"axes": variant.axes()})
+
+    def kind(self, metadata: dict[str, Any]) -> str:
+        """What drops a piece at once: who leaves it alone plays longer."""
+        return _DROPS[Controls(**metadata["axes"]["controls"]).drop] if "axes" in metadata else ""
 
     def simulate(self, generated: Sequence[Generated]) -> Simulator:
         from .fastlane.simulator import Simulator

@@ -89,7 +89,8 @@ class Experiment:
         from envcraft_dqn.study.summary import summarise
 
         results = running.run(self.tasks, self._order, self.folder, plugin, workers, scheduler, tell)
-        return write(self.folder, self.protocol, self._player, results, summarise(self.protocol, results))
+        kinds = {one.name: one.kind for one in self.environments}
+        return write(self.folder, self.protocol, self._player, results, summarise(self.protocol, results, kinds))
 
     def _order(self, task: Task) -> Order:
         folder = str(self.folder.resolve())

@@ -35,11 +35,14 @@ class Place(msgspec.Struct, frozen=True):
 
 
 class Chosen(msgspec.Struct, frozen=True):
-    """An environment of a study: its name, the SHA-256 of its source, and its family, or ""."""
+    """An environment of a study: its name, the SHA-256 of its source, its family, and which kind of that family's it
+    is; "" for none.
+    """
 
     name: str
     source: str
     family: str
+    kind: str = ""
 
 
 def written(root: Path, count: int, seed: int) -> Path:
@@ -60,13 +63,19 @@ def chosen(corpus: Path, patterns: Sequence[str]) -> list[Chosen]:
         rows = store.db.execute(
             "SELECT min(name), source, origin FROM environments GROUP BY source, class ORDER BY 1"
         ).fetchall()
-    found = [Chosen(name, source, json.loads(origin).get("family", "")) for name, source, origin in rows]
+    found = [_chosen(name, source, json.loads(origin)) for name, source, origin in rows]
     if patterns:
         found = [one for one in found if any(fnmatchcase(one.name, pattern) for pattern in patterns)]
     if not found:
         words = f"no environment that {' or '.join(patterns)} fits" if patterns else "no environment"
         raise UsageError(f"{corpus} has {words}; `envcraft corpus list {corpus}` lists them")
     return found
+
+
+def _chosen(name: str, source: str, origin: dict[str, Any]) -> Chosen:
+    if not (family := origin.get("family", "")):
+        return Chosen(name, source, "")
+    return Chosen(name, source, family, family_named(family).kind(origin))
 
 
 def place_of(corpus: Path, environments: Sequence[Chosen]) -> Place:

@@ -12,7 +12,7 @@ from envcraft_dqn.settings import Settings
 from envcraft_dqn.study.folds import Split, sample, splits, subset
 
 #: Players that an agent is held against.
-RANDOM, PRIVILEGED, UNTRAINED = "random", "privileged", "untrained"
+RANDOM, PRIVILEGED, UNTRAINED, NOOP = "random", "privileged", "untrained", "noop"
 #: What training leads to: the agent, as it was after its demonstrations, and in environments that it was trained on.
 AGENT, PRETRAINED, FAMILIAR = "agent", "pretrained", "familiar"
 #: The same trained otherwise.
@@ -78,7 +78,7 @@ class Task(msgspec.Struct, frozen=True):
         condition: what it is for.
         split: which one.
         environments: their names.
-        player: of ``play``: random, privileged, untrained, or the file of an agent, below the study's folder.
+        player: of ``play``: random, noop, privileged, untrained, or the file of an agent, below the study's folder.
         seed: of the training, or of the episodes.
         demonstrations: of ``train``: whether there are any.
     """
@@ -105,7 +105,7 @@ def tasks(protocol: Protocol, names: Sequence[str]) -> list[Task]:
     for split, training in sorted(trainings, key=lambda pair: pair[1].condition != AGENT):
         found += [training, *_plays(protocol, split, training)]
     for split in parts:
-        players = (UNTRAINED, PRIVILEGED) if protocol.privileged_episodes else (UNTRAINED,)
+        players = [UNTRAINED, NOOP, *([PRIVILEGED] if protocol.privileged_episodes else [])]
         found += [_play(protocol, split, player, split.test, player) for player in players]
     return found
 

@@ -16,6 +16,7 @@ from envcraft_dqn.study.page import Page
 from envcraft_dqn.study.protocol import (
     AGENT,
     FAMILIAR,
+    NOOP,
     PRETRAINED,
     PRIVILEGED,
     SEED,
@@ -34,6 +35,7 @@ _WORDS = {
     PRETRAINED: "pretrained only",
     WITHOUT: "trained without demonstrations",
     UNTRAINED: "untrained network",
+    NOOP: "doing nothing",
     FAMILIAR: "the agent, in environments of its training",
     PRIVILEGED: "privileged player (the ceiling)",
 }
@@ -98,6 +100,9 @@ def _page(protocol: Protocol, player: str, summary: Summary, figures: list[tuple
         )
     for name, words in figures:
         page.figure(f"figures/{name}.png", words)
+    if summary.conditions[AGENT].kinds:
+        page.heading("By kind of environment")
+        page.table(["", "", "environments", "figure", "steps longer", "the agent's lead"], _kinds(summary))
     page.heading("By split")
     rows = [
         [f"split {number + 1}", f"{over.count}", _interval(over.value), _interval(over.steps, 2)]
@@ -145,6 +150,22 @@ def _row(condition: Condition) -> list[str]:
         f"{over.below}",
         lead,
     ]
+
+
+def _kinds(summary: Summary) -> list[list[str]]:
+    rows = []
+    for kind in summary.conditions[AGENT].kinds:
+        found = [(condition.name, condition.kinds[kind]) for condition in summary.conditions.values()
+                 if kind in condition.kinds]  # fmt: skip
+        for number, (name, (over, lead)) in enumerate(found):
+            told = [
+                f"{over.count}",
+                _interval(over.value),
+                _interval(over.steps),
+                "" if lead is None else _interval(lead),
+            ]
+            rows.append(["" if number else kind, _called(name), *told])
+    return rows
 
 
 def _called(name: str) -> str:

@@ -10,6 +10,7 @@ from envcraft_dqn.study.metric import Change, Interval, Pooled, Score, by_length
 from envcraft_dqn.study.protocol import (
     AGENT,
     FAMILIAR,
+    NOOP,
     PRETRAINED,
     PRIVILEGED,
     RANDOM,
@@ -30,6 +31,7 @@ class Condition(msgspec.Struct, frozen=True):
         changes: one an environment and split, in the order of names.
         over: all of them; `splits` has each split by itself.
         agent: the difference to the agent in the same environments, where both were tested.
+        kinds: `over` and `agent` for each kind of environment by itself, where there are several.
     """
 
     name: str
@@ -37,6 +39,7 @@ class Condition(msgspec.Struct, frozen=True):
     over: Pooled
     splits: dict[int, Pooled]
     agent: Interval | None = None
+    kinds: dict[str, tuple[Pooled, Interval | None]] = {}
 
 
 class Summary(msgspec.Struct, frozen=True):
@@ -58,8 +61,10 @@ class Summary(msgspec.Struct, frozen=True):
     processor_seconds: float
 
 
-def summarise(protocol: Protocol, results: Mapping[str, Result]) -> Summary:
-    """All that the report says. Every environment that was played in has a score of random play."""
+def summarise(protocol: Protocol, results: Mapping[str, Result], kinds: Mapping[str, str]) -> Summary:
+    """All that the report says; `kinds` are those of the environments, by name. Every environment that was played in
+    has a score of random play.
+    """
     random = _scores(results.values(), RANDOM)
     privileged = _scores(results.values(), PRIVILEGED)
     changes: dict[str, list[Change]] = {}
@@ -76,7 +81,7 @@ def summarise(protocol: Protocol, results: Mapping[str, Result]) -> Summary:
                 changes.setdefault(name, []).append(change)
     agent = changes.get(AGENT, [])
     conditions = {
-        name: _condition(name, sorted(changes[name], key=_key), agent, protocol.seed)
+        name: _condition(name, sorted(changes[name], key=_key), agent, kinds, protocol.seed)
         for name in sorted(changes, key=_rank)
     }
     known = {name: condition.over.value.mean for name, condition in conditions.items()}
@@ -102,12 +107,21 @@ def _change(
     return by_return(score, random[score.name], privileged[score.name], split)
 
 
-def _condition(name: str, changes: list[Change], agent: list[Change], seed: int) -> Condition:
+def _condition(name: str, changes: list[Change], agent: list[Change], kinds: Mapping[str, str], seed: int) -> Condition:
     numbers = sorted({change.split for change in changes})
     splits = {number: pooled([one for one in changes if one.split == number], seed) for number in numbers}
     # The environments of its training are tested in several splits, and held out in another one.
-    difference = None if name in (AGENT, FAMILIAR) else paired(agent, changes, seed)
-    return Condition(name, changes, pooled(changes, seed), splits, difference)
+    compared = name not in (AGENT, FAMILIAR)
+
+    def told(some: list[Change]) -> tuple[Pooled, Interval | None]:
+        return pooled(some, seed), paired(agent, some, seed) if compared else None
+
+    over, difference = told(changes)
+    apart: dict[str, tuple[Pooled, Interval | None]] = {}
+    if len(set(kinds.values())) > 1:
+        by_kind = {kind: [one for one in changes if kinds[one.name] == kind] for kind in sorted(set(kinds.values()))}
+        apart = {kind: told(some) for kind, some in by_kind.items() if some}
+    return Condition(name, changes, over, splits, difference, apart)
 
 
 def _key(change: Change) -> tuple[str, int]:
@@ -116,7 +130,7 @@ def _key(change: Change) -> tuple[str, int]:
 
 def _rank(name: str) -> tuple[int, int, str]:
     """The order in which conditions are told of: subsets by their size."""
-    order = (AGENT, PRETRAINED, WITHOUT, UNTRAINED, FAMILIAR, PRIVILEGED, SEED, SUBSET)
+    order = (AGENT, PRETRAINED, WITHOUT, UNTRAINED, NOOP, FAMILIAR, PRIVILEGED, SEED, SUBSET)
     kind = next(number for number, known in enumerate(order) if name.startswith(known))
     number = name.rpartition(" ")[2]
     return kind, -int(number) if number.isdigit() else 0, name

@@ -11,7 +11,7 @@ import msgspec
 from envcraft.errors import EnvCraftError
 from envcraft_dqn.study.metric import Score
 from envcraft_dqn.study.places import Chosen, Place
-from envcraft_dqn.study.protocol import PRIVILEGED, RANDOM, UNTRAINED, Protocol, Task, training_settings
+from envcraft_dqn.study.protocol import NOOP, PRIVILEGED, RANDOM, UNTRAINED, Protocol, Task, training_settings
 
 #: Seconds between two checkpoints of a training.
 _EVERY = 120.0
@@ -97,13 +97,13 @@ def _trained(told: Order) -> dict[str, Any]:
 
 
 def _played(told: Order) -> list[Score]:
-    from envcraft_dqn.evaluation import AgentPlayer, Player, RandomPlayer, evaluate
+    from envcraft_dqn.evaluation import AgentPlayer, Player, evaluate, player_named
     from envcraft_dqn.spaces import Surface
 
     protocol, task = told.protocol, told.task
     surface = Surface.of(told.place.open, task.environments[0])
-    if task.player == RANDOM:
-        player: Player = RandomPlayer(surface, task.seed)
+    if task.player in (RANDOM, NOOP):
+        player: Player = player_named(task.player, surface, task.seed)
     else:
         file = Path(told.folder, task.player)
         if task.player == UNTRAINED:
