@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from envcraft.trace import Ending, Trace, digest
 
-FORMAT = 1
+FORMAT = 2
 #: Bytes of a frame's digest that are kept.
 FRAME = 8
 

@@ -186,13 +186,15 @@ def _unlink(store: Store, file: str) -> None:
 
 
 def outcomes(store: Store) -> dict[str, list[Outcome]]:
-    """What came out of whole episodes, by player."""
+    """What came out of whole episodes, by player; of one that has changed since, in each environment the newest."""
     found: dict[str, list[Outcome]] = {}
     for player, *row in store.db.execute(
-        "SELECT player, episodes.steps, total, success FROM episodes JOIN demonstrations "
-        "ON demonstrations.id = episodes.demonstration WHERE ending != 'cut' AND total IS NOT NULL "
-        "AND EXISTS (SELECT 1 FROM environments AS e WHERE e.source = demonstrations.source "
-        "AND e.class = demonstrations.class) ORDER BY player"
+        "SELECT player, episodes.steps, total, success FROM episodes JOIN demonstrations AS d "
+        "ON d.id = episodes.demonstration WHERE ending != 'cut' AND total IS NOT NULL "
+        "AND EXISTS (SELECT 1 FROM environments AS e WHERE e.source = d.source AND e.class = d.class) "
+        "AND NOT EXISTS (SELECT 1 FROM demonstrations AS later WHERE later.id > d.id AND later.source = d.source "
+        "AND later.class = d.class AND later.contract_sha256 = d.contract_sha256 AND later.player = d.player "
+        "AND later.seed = d.seed) ORDER BY player"
     ):
         found.setdefault(player, []).append(Outcome(*row))
     return found

@@ -431,3 +431,17 @@ def test_the_report_shows_what_came_out_by_player(demos: Demos, corpus: Path, tm
     page = (tmp_path / "site" / "index.html").read_text("utf-8")
     assert '<section id="players">' in page
     assert page.count("<th>noop</th>") == 1
+
+
+def test_of_a_player_that_has_changed_the_newest_counts(demos: Demos, corpus: Path) -> None:
+    demos("--steps", "600", "--player", "noop")
+    [before] = recordings(corpus)
+    after = msgspec.structs.replace(before, player_digest="another", episodes=before.episodes[:1])
+    with Store(corpus, write=True) as store:
+        assert (
+            len(keeping.outcomes(store)["noop"])
+            == len([one for one in before.episodes if one.terminated or one.truncated])
+            > 1
+        )
+        keeping.keep(store, after)
+        assert [one.steps for one in keeping.outcomes(store)["noop"]] == [before.episodes[0].steps]

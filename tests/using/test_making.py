@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import xxhash
 import pytest
+import xxhash
 from envcraft_runtime.adapters import StepLimit
 
 import envcraft
