@@ -36,7 +36,11 @@ _RUN = 2_000
 #: So many parts are sent at a time at the most, and those of one more message: the kernel takes 1,024 (IOV_MAX).
 _MOST = 1_000
 _ONE_TOO_MANY = {"k": "other", "type": "a value of yet another shape, of too many"}
+#: Of a dictionary, list or set so many are told.
+_MOST_ENTRIES = 1_000
+_SIMPLE = frozenset({bool, str, type(None)})
 # Bound before any untrusted module can replace them.
+_isfinite = math.isfinite
 _monotonic = time.monotonic
 _dumps = json.dumps
 _loads = json.loads
@@ -247,12 +251,31 @@ def encode_info(info: Any) -> bytes:
     if not info:
         return b""
     try:
-        text = _dumps(jsonable(info)).encode()
+        text = _dumps(info if _is_json(info) else jsonable(info)).encode()
     except (ValueError, TypeError, RecursionError) as error:
         text = _dumps({"envcraft: not encodable": type_name(error)}).encode()
     if len(text) > MAX_INFO:
         text = _dumps({"envcraft: too large": len(text)}).encode()
     return text
+
+
+def _is_json(info: dict[Any, Any]) -> bool:
+    """Whether its JSON image is the info itself, as nearly always: then nobody has to make one."""
+    if type(info) is not dict or len(info) > _MOST_ENTRIES:
+        return False
+    for key, value in info.items():
+        kind = type(value)
+        if type(key) is not str:
+            return False
+        if kind is float:
+            if not _isfinite(value):
+                return False
+        elif kind is int:
+            if not -(2**63) <= value < 2**63:
+                return False
+        elif kind not in _SIMPLE:
+            return False
+    return True
 
 
 def jsonable(value: Any, depth: int = 0) -> Any:
@@ -275,11 +298,11 @@ def jsonable(value: Any, depth: int = 0) -> Any:
         digest = "" if value.dtype.hasobject else hashlib.sha256(value.tobytes()).hexdigest()[:16]
         return {"array": [str(value.dtype), list(value.shape), digest]}
     if isinstance(value, dict):
-        return {str(key): jsonable(item, depth + 1) for key, item in list(value.items())[:1000]}
+        return {str(key): jsonable(item, depth + 1) for key, item in list(value.items())[:_MOST_ENTRIES]}
     if isinstance(value, list | tuple):
-        return [jsonable(item, depth + 1) for item in value[:1000]]
+        return [jsonable(item, depth + 1) for item in value[:_MOST_ENTRIES]]
     if isinstance(value, set | frozenset):
-        return {"set": sorted(_dumps(jsonable(item, depth + 1)) for item in list(value)[:1000])}
+        return {"set": sorted(_dumps(jsonable(item, depth + 1)) for item in list(value)[:_MOST_ENTRIES])}
     return {"type": type_name(value)}
 
 

@@ -18,6 +18,7 @@ from .policy import Policy
 from .subject import Fault, Subject
 
 _perf_counter = time.perf_counter
+_STRINGS = {str}
 
 
 class Perturb:
@@ -83,6 +84,7 @@ def _episode(subject: Subject, job: dict[str, Any], conditions: dict[str, Any]) 
     perturb = Perturb(conditions.get("perturb"))
     policy = Policy(subject, job["policy"], env) if "policy" in job else None
 
+    reread, renders = bool(conditions.get("reread")), bool(conditions.get("render"))
     channel.phase("reset")
     perturb()
     keywords = {"seed": job["seed"], **({"options": job["options"]} if "options" in job else {})}
@@ -94,11 +96,11 @@ def _episode(subject: Subject, job: dict[str, Any], conditions: dict[str, Any]) 
     observation, info = result
     subject.call("reset", channel.step, Kind.RESET, observation, 0.0, False, False, _info(info), seconds)
     _note_info(channel, info)
-    _render(subject, env, conditions)
+    if renders:
+        _render(subject, env)
     channel.phase("step")
 
     actions: list[Any] = job["actions"]
-    reread = bool(conditions.get("reread"))
     asked = bool(job.get("asked"))
     for number in range(job["max_steps"] if policy or asked else len(actions)):
         if policy:
@@ -124,7 +126,8 @@ def _episode(subject: Subject, job: dict[str, Any], conditions: dict[str, Any]) 
         observation, reward, terminated, truncated, info = result
         subject.call("step", channel.step, Kind.STEP, observation, reward, terminated, truncated, _info(info), seconds)
         _note_info(channel, info)
-        _render(subject, env, conditions)
+        if renders:
+            _render(subject, env)
         if _true(terminated) or _true(truncated):
             _step_on(subject, env, actions, int(conditions.get("after_end", 0)))
             break
@@ -170,10 +173,9 @@ def _step_on(subject: Subject, env: Any, actions: list[Any], count: int) -> None
         )
 
 
-def _render(subject: Subject, env: Any, conditions: dict[str, Any]) -> None:
-    if conditions.get("render"):
-        frame = subject.call("render", env.render)
-        subject.call("render", subject.channel.value, Kind.RENDER, frame)
+def _render(subject: Subject, env: Any) -> None:
+    frame = subject.call("render", env.render)
+    subject.call("render", subject.channel.value, Kind.RENDER, frame)
 
 
 def _info(info: Any) -> dict[Any, Any]:
@@ -181,6 +183,8 @@ def _info(info: Any) -> dict[Any, Any]:
 
 
 def _note_info(channel: Any, info: Any) -> None:
+    if type(info) is dict and {*map(type, info)} <= _STRINGS:
+        return
     if not isinstance(info, dict):
         channel.send_json(Kind.FAULT, {"phase": "info", "note": True, "type": type_name(info), "line": None})
     elif any(not isinstance(key, str) for key in info):
