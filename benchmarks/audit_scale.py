@@ -38,7 +38,7 @@ SIZES = (100, 1_000, 10_000)
 RATIO, LIMIT_MIB = 1.5, 400
 
 
-class _Worker(Worker):
+class _IdleWorker(Worker):
     def __init__(self) -> None:
         self.about = {}
 
@@ -49,13 +49,15 @@ class _Worker(Worker):
         return [], []
 
     def run(self, job: dict[str, Any], recorder: Recorder, limits: Limits, player: Player | None = None) -> JobEnd:
-        raise AssertionError("no check asks for anything")
+        raise AssertionError("nothing is to be run")
 
     def close(self) -> None:
         pass
 
 
-class _Driver(Driver):
+class IdleDriver(Driver):
+    """Of a sandbox in which nothing is run."""
+
     name = "none"
     isolation = Isolation.PROCESS
     rank = 1
@@ -64,7 +66,7 @@ class _Driver(Driver):
         return Availability(True)
 
     def launch(self, *, hash_seed: int, limits: Limits) -> Worker:
-        return _Worker()
+        return _IdleWorker()
 
 
 class _Check(Check):
@@ -86,7 +88,7 @@ def audit(corpus: Path) -> None:
     standard error.
     """
     command = importlib.import_module("envcraft.commands.audit")
-    in_place = {"driver_named": lambda *_, **__: _Driver(), "select_checks": lambda *_: list(map(_Check, CHECKS))}
+    in_place = {"driver_named": lambda *_, **__: IdleDriver(), "select_checks": lambda *_: list(map(_Check, CHECKS))}
     vars(command).update(in_place)
     started = time.process_time()
     with contextlib.suppress(click.exceptions.Exit):

@@ -38,10 +38,35 @@ class Teller:
         """So much of the phase is `done`."""
 
 
-class Shown(Teller):
+class Counter(Teller):
+    """Keeps losses, and of episodes that have ended their returns and lengths: of each the last `most`, or all."""
+
+    def __init__(self, most: int | None = None) -> None:
+        self._losses: deque[float] = deque(maxlen=most)
+        self._returns: deque[float] = deque(maxlen=most)
+        self._lengths: deque[int] = deque(maxlen=most)
+        self.reset(0)
+
+    def updated(self, loss: float) -> None:
+        self._losses.append(loss)
+
+    def reset(self, lanes: int) -> None:
+        self._sums, self._counts = np.zeros(lanes), np.zeros(lanes, np.int64)
+
+    def stepped(self, lanes: NDArray[np.int64], rewards: NDArray[Any], over: NDArray[np.bool_]) -> None:
+        self._sums[lanes] += rewards[lanes]
+        self._counts[lanes] += 1
+        if over.any():
+            self._returns.extend(self._sums[over].tolist())
+            self._lengths.extend(self._counts[over].tolist())
+            self._sums[over], self._counts[over] = 0.0, 0
+
+
+class Shown(Counter):
     """Tells it on a terminal, and in event files in `folder`."""
 
     def __init__(self, folder: Path) -> None:
+        super().__init__(_LAST)
         from rich.console import Console
         from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
         from torch.utils.tensorboard import SummaryWriter
@@ -55,10 +80,6 @@ class Shown(Teller):
         )
         self._bar = Progress(*columns, console=Console(stderr=True))
         self._writer = SummaryWriter(str(folder))
-        self._losses: deque[float] = deque(maxlen=_LAST)
-        self._returns: deque[float] = deque(maxlen=_LAST)
-        self._lengths: deque[int] = deque(maxlen=_LAST)
-        self.reset(0)
 
     def __enter__(self) -> Shown:
         self._bar.start()
@@ -74,20 +95,6 @@ class Shown(Teller):
         self._phase = self._bar.add_task(phase, total=total, completed=done, told="", visible=total > 0)
         self._at: tuple[float, int, int] | None = None
         self._drawn = 0.0
-
-    def updated(self, loss: float) -> None:
-        self._losses.append(loss)
-
-    def reset(self, lanes: int) -> None:
-        self._sums, self._counts = np.zeros(lanes), np.zeros(lanes, np.int64)
-
-    def stepped(self, lanes: NDArray[np.int64], rewards: NDArray[Any], over: NDArray[np.bool_]) -> None:
-        self._sums[lanes] += rewards[lanes]
-        self._counts[lanes] += 1
-        if over.any():
-            self._returns.extend(self._sums[over].tolist())
-            self._lengths.extend(self._counts[over].tolist())
-            self._sums[over], self._counts[over] = 0.0, 0
 
     def progress(self, steps: int, updates: int, done: int, epsilon: float | None = None) -> None:
         now = time.monotonic()

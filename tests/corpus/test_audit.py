@@ -17,6 +17,7 @@ from typing import Any
 import msgspec
 import pytest
 
+from benchmarks.audit_scale import IdleDriver
 from envcraft.budget import BUDGETS
 from envcraft.check import Check, Rule
 from envcraft.commands.choices import select_checks
@@ -29,7 +30,7 @@ from envcraft.engine import Plan, stream
 from envcraft.errors import UsageError
 from envcraft.events import SubjectFinished
 from envcraft.pool import Pool
-from envcraft.sandbox import Availability, Driver, Isolation, JobEnd, Limits, Player, Recorder, Worker
+from envcraft.sandbox import Limits
 from envcraft.subject import Subject
 from envcraft.target import MAX_SOURCE, Target
 from envcraft.verdict import Finding
@@ -69,35 +70,6 @@ class Walk(gym.Env):
 """
 
 
-class StubWorker(Worker):
-    def __init__(self) -> None:
-        self.about = {}
-
-    def preload(self, modules: list[str]) -> list[str]:
-        return modules
-
-    def find(self, modules: list[str]) -> tuple[list[str], list[str]]:
-        return [], []
-
-    def run(self, job: dict[str, Any], recorder: Recorder, limits: Limits, player: Player | None = None) -> JobEnd:
-        raise AssertionError("nothing is run")
-
-    def close(self) -> None:
-        pass
-
-
-class StubDriver(Driver):
-    name = "stub"
-    isolation = Isolation.PROCESS
-    rank = 1
-
-    def probe(self) -> Availability:
-        return Availability(True)
-
-    def launch(self, *, hash_seed: int, limits: Limits) -> Worker:
-        return StubWorker()
-
-
 class Words(Check):
     """Finds what the source says it has, in place of running it."""
 
@@ -125,7 +97,7 @@ class Corpus:
 
     def audit(self, resume: bool = True, seed: int = 0, stop: int | None = None, **choice: Any) -> Audit:
         """Audit what is chosen; `judged` then has the paths that were. `stop` interrupts after so many."""
-        driver, checks, self.judged = StubDriver(), [Words()], []
+        driver, checks, self.judged = IdleDriver(), [Words()], []
         settings = self.store.settings(settings_of(ARCADE, checks, driver, BUDGETS["quick"], seed))
         audit = Audit(self.store, settings, Choice(**choice, seed=seed), "games", resume)
 
@@ -327,7 +299,7 @@ def test_the_version_of_the_rules_follows_the_rules() -> None:
     class Other(Words):
         rules = (Rule("EC101", "other", "A.", "Mend."),)
 
-    driver = StubDriver()
+    driver = IdleDriver()
     version = rules_version([Words()], driver)
     assert version == rules_version([Words()], driver)
     assert version != rules_version([Other()], driver)
@@ -336,7 +308,7 @@ def test_the_version_of_the_rules_follows_the_rules() -> None:
 
 def test_settings_say_whether_all_checks_ran() -> None:
     def settings(checks: list[Check]) -> Settings:
-        return settings_of(ARCADE, checks, StubDriver(), BUDGETS["quick"], 0)
+        return settings_of(ARCADE, checks, IdleDriver(), BUDGETS["quick"], 0)
 
     whole = settings(select_checks(None, None))
     assert (whole.checks, whole.offered) == ("", "")

@@ -20,6 +20,7 @@ import msgspec
 import numpy as np
 import pytest
 
+from benchmarks.audit_scale import IdleDriver
 from envcraft.contract import ARCADE
 from envcraft.corpus.report import data, media, swap
 from envcraft.corpus.report.command import promised_in
@@ -36,7 +37,7 @@ from envcraft.verdict import CheckReport, SubjectReport, Verdict, overall
 from .conftest import SETTINGS, Invoke, judged, source
 from .conftest import report as report_on
 from .reported import CHECKS, HOSTILE, SIZE
-from .test_audit import ENVIRONMENT, QUICK, StubDriver
+from .test_audit import ENVIRONMENT, QUICK
 
 
 @pytest.fixture(scope="module")
@@ -465,7 +466,7 @@ def test_pictures_are_played_under_the_contract_that_was_judged(store: Store, mo
     notes: list[str] = []
     for _ in range(2):
         for promised in promised_in(store, ARCADE, notes):
-            media.make(store, promised, ARCADE.name, StubDriver())
+            media.make(store, promised, ARCADE.name, IdleDriver())
     assert played == [("arcade", "ant"), ("arcade", "bee"), ("arcade", "dog"), ("gymnasium", "cat")]
     assert notes[0].startswith("No new pictures of 1 environment: there is no contract 'gone'")
 

@@ -7,9 +7,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from envcraft_dqn.telling import Teller
+from envcraft_dqn.telling import Counter
 
 #: Of each phase.
 POINTS = 100
@@ -17,39 +16,22 @@ POINTS = 100
 _EPISODES = 10
 
 
-class Curve(Teller):
+class Curve(Counter):
     """Writes points into `file`: means since the last one, over updates and over episodes that ended by themselves.
 
     A run that goes on from a checkpoint takes back the points that came after it.
     """
 
     def __init__(self, file: Path) -> None:
+        super().__init__()
         self._file = file
         self._points = read(file)
-        self._losses: list[float] = []
-        self._returns: list[float] = []
-        self._lengths: list[int] = []
         self.begin("", 0, 0)
-        self.reset(0)
 
     def begin(self, phase: str, done: int, total: int) -> None:
         self._phase, self._each = phase, max(total / POINTS, 1.0)
         self._next = (done // self._each + 1) * self._each
         self._points = [point for point in self._points if point["phase"] != phase or point["done"] <= done]
-
-    def updated(self, loss: float) -> None:
-        self._losses.append(loss)
-
-    def reset(self, lanes: int) -> None:
-        self._sums, self._counts = np.zeros(lanes), np.zeros(lanes, np.int64)
-
-    def stepped(self, lanes: NDArray[np.int64], rewards: NDArray[Any], over: NDArray[np.bool_]) -> None:
-        self._sums[lanes] += rewards[lanes]
-        self._counts[lanes] += 1
-        if over.any():
-            self._returns += self._sums[over].tolist()
-            self._lengths += self._counts[over].tolist()
-            self._sums[over], self._counts[over] = 0.0, 0
 
     def progress(self, steps: int, updates: int, done: int, epsilon: float | None = None) -> None:
         if done < self._next:
