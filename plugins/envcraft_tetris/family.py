@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 from collections.abc import Iterator, Sequence
 from random import Random
@@ -29,11 +30,13 @@ class TetrisFamily(Family):
     def generate(self, count: int, seed: int) -> Iterator[Generated]:
         rng = Random(seed)
         known: set[object] = set()
-        while len(known) < count:
+        # A number is that of a draw: a variant keeps it when one before it is found to be unfit.
+        for number in itertools.count():
+            if len(known) == count:
+                return
             variant = Variant.draw(rng)
-            if variant.rules in known:
+            if variant.rules in known or not variant.fair:
                 continue
-            number = len(known)
             known.add(variant.rules)
             source = variant.write(f"Tetris{number:04}")
             yield Generated(f"tetris_{seed}_{number:04}", source, {"axes": variant.axes()})

@@ -103,6 +103,11 @@ class Variant:
         )
 
     @property
+    def fair(self) -> bool:
+        """Whether it takes more than one action, held, to win: on slopes and ledges grains fill rows by themselves."""
+        return self.clearing.rule != "sand" or self.board.shape in ("rectangle", "pillar")
+
+    @property
     def rules(self) -> tuple[Any, ...]:
         """All but the look: two variants that differ in nothing else are one game."""
         return tuple(getattr(self, field.name) for field in dataclasses.fields(self) if field.name != "look")

@@ -109,6 +109,13 @@ class TestGenerated:
         assert list(TetrisFamily().generate(20, 0)) == hundred[:20]
         assert not {one.source for one in TetrisFamily().generate(20, 1)} & {one.source for one in hundred}
 
+    def test_a_number_is_that_of_a_draw_and_the_unfit_have_none(self, hundred: list[Generated]) -> None:
+        rng = Random(0)
+        drawn = [(number, Variant.draw(rng)) for number in range(101)]
+        assert [one.name for one in hundred] == [f"tetris_0_{number:04}" for number, one in drawn if one.fair]
+        [unfit] = [one for _, one in drawn if not one.fair]
+        assert (unfit.clearing.rule, unfit.board.shape) == ("sand", "stairs")
+
     def test_each_is_one_plain_readable_file(self, hundred: list[Generated]) -> None:
         for one in hundred[:40]:
             tree = ast.parse(one.source)

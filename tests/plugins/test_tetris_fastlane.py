@@ -27,6 +27,7 @@ from envcraft.commands.generate import generate
 from envcraft.corpus.store import Store
 from envcraft.errors import UsageError
 from envcraft.families import Family, Generated
+from envcraft.using.vector import VectorEnv
 
 COUNT = 6
 
@@ -88,6 +89,23 @@ def test_a_rule_that_is_told_otherwise_shows(generated: list[Generated], monkeyp
     differing = {index for index, variant in enumerate(changed) if variant.gravity.schedule == "pulse"}
     _, differences = fastlane_equal.play([generated[index] for index in sorted(differing)], 150, 0)
     assert len(differences) == len(differing)
+
+
+def test_one_action_held_does_not_win_where_grains_fall() -> None:
+    sand = [one for one in TetrisFamily().generate(500, 0) if variant_of(one).clearing.rule == "sand"]
+    assert len(sand) >= 10
+    held = np.array([[move, first, second] for move in range(5) for first in range(2) for second in range(2)])
+    episodes = 3
+    lanes = [one for one in sand for _ in range(len(held) * episodes)]
+    vector = VectorEnv([one.name for one in lanes], TetrisFamily().simulate(lanes), AutoresetMode.NEXT_STEP, False)
+    won, over = np.zeros((2, len(lanes)), np.bool_)
+    vector.reset(seed=1)
+    while not over.all():
+        *_, terminated, truncated, infos = vector.step(np.tile(np.repeat(held, episodes, 0), (len(sand), 1)))
+        won |= ~over & infos["is_success"]
+        over |= terminated | truncated
+    vector.close()
+    assert won.reshape(len(sand), len(held), episodes).mean(2).max() < 0.9
 
 
 @pytest.mark.parametrize("mode", list(AutoresetMode))
