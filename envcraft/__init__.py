@@ -1,7 +1,7 @@
 """EnvCraft: validation-first tools for generated Gymnasium environments.
 
-Importing the package costs nothing: :func:`make`, :func:`make_vec` and :func:`register` are imported when they are
-used.
+Importing the package costs nothing: :func:`make`, :func:`make_vec`, :func:`names` and :func:`register` are imported when
+they are used.
 """
 
 from __future__ import annotations
@@ -11,12 +11,18 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from envcraft.using.ids import register
     from envcraft.using.making import make
+    from envcraft.using.sources import names
     from envcraft.using.vector import make_vec
 
-__all__ = ["__version__", "make", "make_vec", "register"]
+__all__ = ["__version__", "make", "make_vec", "names", "register"]
 __version__ = "0.1.0"
 
-_LATE = {"make": "envcraft.using.making", "make_vec": "envcraft.using.vector", "register": "envcraft.using.ids"}
+_LATE = {
+    "make": "envcraft.using.making",
+    "make_vec": "envcraft.using.vector",
+    "names": "envcraft.using.sources",
+    "register": "envcraft.using.ids",
+}
 
 
 def __getattr__(name: str) -> Any:

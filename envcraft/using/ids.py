@@ -9,16 +9,14 @@ from __future__ import annotations
 
 import os
 import re
-from pathlib import Path
 from typing import Any
 
 import gymnasium
 from gymnasium.envs.registration import EnvSpec
 
-from envcraft.corpus.store import Store, find
 from envcraft.errors import UsageError
 from envcraft.using.making import make
-from envcraft.using.sources import VARIABLE, default_corpus
+from envcraft.using.sources import VARIABLE, default_corpus, names, needed_corpus
 
 NAMESPACE = "EnvCraft"
 _ENTRY = f"{__name__}:create"
@@ -47,21 +45,15 @@ def register(corpus: str | os.PathLike[str] | None = None, namespace: str = NAME
 
     Raises UsageError where there is no corpus, or another one is registered under the namespace.
     """
-    if corpus is None and (corpus := default_corpus()) is None:
-        raise UsageError(
-            f"no corpus is named: give its path, set {VARIABLE}, or set corpus in [tool.envcraft] of pyproject.toml"
-        )
     if not _NAMESPACE.fullmatch(namespace):
         raise UsageError(f"{namespace!r} is no namespace: letters, digits, _ and - make one")
-    root = str(find(Path(corpus)).resolve())
-    with Store(Path(root)) as store:
-        names = [name for (name,) in store.db.execute("SELECT name FROM environments ORDER BY name")]
-    specs = [_spec(identifier(name, namespace), root, name) for name in names]
+    root = str(needed_corpus(corpus))
+    specs = [_spec(identifier(name, namespace), root, name) for name in names(root)]
     for spec in specs:
         known = gymnasium.registry.get(spec.id)
         if known is not None and known.kwargs.get("target") != root:
             raise UsageError(
-                f"the id {spec.id} is taken by {known.kwargs.get('target', known.entry_point)}; register {corpus} with "
+                f"the id {spec.id} is taken by {known.kwargs.get('target', known.entry_point)}; register {root} with "
                 "another namespace"
             )
     # gymnasium.register() looks through all ids for each new one.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
 
@@ -81,6 +82,26 @@ def default_corpus() -> Path | None:
     if not isinstance(told, str):
         raise UsageError(f"{path}: corpus must be the path of a corpus, and is {told!r}")
     return path.parent / told
+
+
+def needed_corpus(corpus: str | os.PathLike[str] | None) -> Path:
+    """The root of `corpus`, or of the default one. Raises UsageError where there is none."""
+    if corpus is None and (corpus := default_corpus()) is None:
+        raise UsageError(
+            f"no corpus is named: give its path, set {VARIABLE}, or set corpus in [tool.envcraft] of pyproject.toml"
+        )
+    return find(Path(corpus)).resolve()
+
+
+def names(corpus: str | os.PathLike[str] | None = None, pattern: str = "*") -> list[str]:
+    """The names of a corpus's environments that fit a shell pattern, in order, whatever was judged of them.
+
+    Without `corpus` it is the one that ENVCRAFT_CORPUS names, or ``corpus`` in ``[tool.envcraft]``. The ``.py`` at the
+    end of a name may be left out of the pattern. Raises UsageError where there is no corpus.
+    """
+    with Store(needed_corpus(corpus)) as store:
+        found = [str(name) for (name,) in store.db.execute("SELECT name FROM environments ORDER BY name")]
+    return [one for one in found if fnmatchcase(one, pattern) or fnmatchcase(one.removesuffix(".py"), pattern)]
 
 
 def locate(target: str | os.PathLike[str], name: str | None = None, contract: str | None = None) -> Found:

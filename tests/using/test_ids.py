@@ -74,6 +74,20 @@ def test_registering_imports_nothing_and_making_one_does(corpus: Path) -> None:
     assert envcraft.register(corpus, "Games") == ids
 
 
+def test_names_by_a_pattern(corpus: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    every = envcraft.names(corpus)
+    assert {"ant.py", "deep/dog.py"} <= set(every) == {*every}
+    assert every == sorted(every)
+    assert envcraft.names(corpus, "a*t") == envcraft.names(corpus, "ant.py") == ["ant.py"]
+    assert envcraft.names(corpus, "none") == []
+    monkeypatch.setenv("ENVCRAFT_CORPUS", str(corpus))
+    assert envcraft.names() == every
+    monkeypatch.delenv("ENVCRAFT_CORPUS")
+    monkeypatch.chdir(corpus)
+    with pytest.raises(UsageError, match="no corpus is named"):
+        envcraft.names()
+
+
 def test_an_id_of_another_corpus_is_not_taken_over(corpus: Path, tmp_path: Path) -> None:
     envcraft.register(corpus)
     with Store.create(tmp_path / "other") as store:
