@@ -1,7 +1,7 @@
 """EnvCraft: validation-first tools for generated Gymnasium environments.
 
-Importing the package costs nothing: :func:`make`, :func:`make_vec`, :func:`names` and :func:`register` are imported when
-they are used.
+Importing the package costs nothing: :func:`make`, :func:`make_vec`, :func:`names` and :func:`register` are imported
+when they are used.
 """
 
 from __future__ import annotations
