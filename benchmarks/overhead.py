@@ -1,14 +1,14 @@
 """``python -m benchmarks.overhead``: the same rollouts in a plain loop and through each sandbox, side by side.
 
 Each game is played bare, in one process of its own, and through every driver that works here, by one worker and one job
-at a time, in turns: each round plays the same episodes in every way, and speeds are medians over the rounds. A rollout
+at a time, in turns: each round plays the same episode in every way, and what is held against bare is the median over
+the rounds of the ratios within one, so that a machine which is now faster and now slower is so for both. A rollout
 through a sandbox is the whole of it: the fork, loading the file, every frame carried to the host and judged there.
 
 Speed is steps per second of wall-clock time, without the start of the bare process or the worker, which is what
 ``benchmarks.cold`` measures. Processor time is all that was spent from start to end, the interpreter and the imports
 included: of the bare process; and for a sandbox of the worker, its jobs, what starts it (``bwrap``, the ``docker``
-client) and this process. The container engine's own is not counted. Rounds in which the machine was busy otherwise
-count with the median of all.
+client) and this process. The container engine's own is not counted.
 
 Exit status 1 when a limit does not hold.
 """
@@ -71,7 +71,7 @@ class Game:
 CHOSEN = (
     Game("trivial", "blink.py", 12, 1000),
     Game("numpy", "maze_walk.py", 9, 1000, cpu=1.25, speed=0.85),
-    Game("pygame", "asteroids.py", 5, 500, cpu=1.05),
+    Game("pygame", "asteroids.py", 11, 250, cpu=1.05),
 )
 
 
@@ -232,14 +232,19 @@ def measure(game: Game, drivers: Sequence[Driver]) -> dict[str, Measured]:
             total[name] = way.close()
     if len({tuple(episode.steps for episode in episodes) for episodes in played.values()}) > 1:
         raise RuntimeError(f"{game.file} was not played alike everywhere: {played}")
-    return {name: _summary(played[name], total[name]) for name in ways}
+    return {name: _summary(played[name], played["bare"], total[name]) for name in ways}
 
 
-def _summary(played: list[Played], total: float) -> Measured:
-    """What was spent outside the episodes counts as it is, an episode with the median of them all."""
+def _summary(played: list[Played], bare: list[Played], total: float) -> Measured:
+    """What was spent outside the episodes counts as it is; an episode as what one usually takes bare, times the median
+    of what it took beside the bare one of its round.
+    """
+    pairs = list(zip(played, bare, strict=True))
     steps = sum(episode.steps for episode in played)
-    speed = statistics.median(episode.steps / episode.seconds for episode in played)
-    cpu = statistics.median(episode.cpu / episode.steps for episode in played)
+    speed = statistics.median(episode.steps / episode.seconds for episode in bare)
+    speed *= statistics.median(beside.seconds / episode.seconds for episode, beside in pairs)
+    cpu = statistics.median(episode.cpu / episode.steps for episode in bare)
+    cpu *= statistics.median(episode.cpu / beside.cpu for episode, beside in pairs)
     return Measured(steps, speed, total - sum(episode.cpu for episode in played) + steps * cpu)
 
 
