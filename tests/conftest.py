@@ -29,7 +29,7 @@ _FIRST = (
     "sandbox/test_leftovers.py",
     "checks/test_fixtures.py",
     "e2e/test_examples.py",
-    "corpus/test_audit.py",
+    "corpus/test_audit_command.py",
     "plugins/generation/test_pipeline.py",
 )
 _SECTIONS = pytest.StashKey[dict[str, str]]()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 from click.testing import CliRunner, Result
@@ -17,6 +18,38 @@ from envcraft.verdict import CheckReport, Finding, Severity, SubjectReport, Verd
 
 SETTINGS = Settings("arcade", contract_digest(ARCADE), "0.1.0+rules", 0, "quick", "process", "python 3")
 Invoke = Callable[..., Result]
+#: Options of a short audit.
+QUICK = ("--sandbox", "process", "--budget", "quick", "--checks", "source,api", "--workers", "2")
+#: It crashes where CRASH is.
+ENVIRONMENT = """import gymnasium as gym
+import numpy as np
+from gymnasium import spaces
+
+
+class Walk(gym.Env):
+    metadata = {"render_modes": ["rgb_array"], "render_fps": 30}
+
+    def __init__(self, render_mode=None):
+        self.observation_space = spaces.Box(0, 255, (84, 84, 3), np.uint8)
+        self.action_space = spaces.MultiDiscrete([5, 2, 2])
+        self.render_mode = render_mode
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        self.x = 5
+        return self.render(), {}
+
+    def step(self, action):
+        self.x = max(self.x + {3: -1, 4: 1}.get(int(action[0]), 0), 0)
+        if self.x == CRASH:
+            raise RuntimeError("over the edge")
+        return self.render(), float(self.x > 9), self.x > 9, False, {}
+
+    def render(self):
+        frame = np.zeros((84, 84, 3), np.uint8)
+        frame[40:44, self.x * 6 : self.x * 6 + 6] = 255
+        return frame
+"""
 
 
 def source(name: str) -> bytes:
@@ -31,6 +64,17 @@ def report(name: str, *codes: str, verdict: Verdict | None = None, steps: int = 
     return SubjectReport(
         name, name.title(), sha256, verdict, "process", 0.25, steps, [CheckReport("api", verdict, 0.1, findings)]
     )
+
+
+def told(reports: list[dict[str, Any]]) -> Any:
+    """Reports without what a clock says."""
+
+    def without(value: Any) -> Any:
+        if isinstance(value, dict):
+            return {key: without(item) for key, item in value.items() if key != "seconds"}
+        return [without(item) for item in value] if isinstance(value, list) else value
+
+    return without(reports)
 
 
 def judged(store: Store, name: str, *codes: str, verdict: Verdict | None = None) -> None:

@@ -1,16 +1,11 @@
-"""Audits: what is judged and what is not, what is told of it, and that a killed one goes on as if nothing had been."""
+"""Audits of canned environments: what is judged and what is not, and what is told of it."""
 
 from __future__ import annotations
 
-import contextlib
 import hashlib
 import json
 import re
-import signal
-import subprocess
-import sys
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -23,51 +18,17 @@ from envcraft.check import Check, Rule
 from envcraft.commands.choices import select_checks
 from envcraft.contract import ARCADE
 from envcraft.corpus.audit import Audit, Choice, follow
-from envcraft.corpus.records import records_of
 from envcraft.corpus.settings import Settings, rules_version, settings_of
-from envcraft.corpus.store import CorpusBusy, Store
+from envcraft.corpus.store import Store
 from envcraft.engine import Plan, stream
-from envcraft.errors import UsageError
 from envcraft.events import SubjectFinished
 from envcraft.pool import Pool
 from envcraft.sandbox import Limits
 from envcraft.subject import Subject
-from envcraft.target import MAX_SOURCE, Target
+from envcraft.target import Target
 from envcraft.verdict import Finding
-from tests.killing import TIMES, Killed
 
-from .conftest import Invoke, judged, source
-
-QUICK = ("--sandbox", "process", "--budget", "quick", "--checks", "source,api", "--workers", "2")
-ENVIRONMENT = """import gymnasium as gym
-import numpy as np
-from gymnasium import spaces
-
-
-class Walk(gym.Env):
-    metadata = {"render_modes": ["rgb_array"], "render_fps": 30}
-
-    def __init__(self, render_mode=None):
-        self.observation_space = spaces.Box(0, 255, (84, 84, 3), np.uint8)
-        self.action_space = spaces.MultiDiscrete([5, 2, 2])
-        self.render_mode = render_mode
-
-    def reset(self, *, seed=None, options=None):
-        super().reset(seed=seed)
-        self.x = 5
-        return self.render(), {}
-
-    def step(self, action):
-        self.x = max(self.x + {3: -1, 4: 1}.get(int(action[0]), 0), 0)
-        if self.x == CRASH:
-            raise RuntimeError("over the edge")
-        return self.render(), float(self.x > 9), self.x > 9, False, {}
-
-    def render(self):
-        frame = np.zeros((84, 84, 3), np.uint8)
-        frame[40:44, self.x * 6 : self.x * 6 + 6] = 255
-        return frame
-"""
+from .conftest import ENVIRONMENT, Invoke, told
 
 
 class Words(Check):
@@ -120,17 +81,6 @@ def corpus(tmp_path: Path) -> Iterator[Corpus]:
     made = Corpus(tmp_path)
     yield made
     made.store.close()
-
-
-def told(reports: list[dict[str, Any]]) -> Any:
-    """Reports without what a clock says."""
-
-    def without(value: Any) -> Any:
-        if isinstance(value, dict):
-            return {key: without(item) for key, item in value.items() if key != "seconds"}
-        return [without(item) for item in value] if isinstance(value, list) else value
-
-    return without(reports)
 
 
 def test_only_what_changed_is_judged_again(corpus: Corpus) -> None:
@@ -319,259 +269,7 @@ def test_settings_say_whether_all_checks_ran() -> None:
     assert some.offered == whole.rules != some.rules
 
 
-@pytest.fixture
-def games(tmp_path: Path) -> Path:
-    """Four small environments, one of which crashes, and two of which are the same."""
-    folder = tmp_path / "games"
-    (folder / "more").mkdir(parents=True)
-    for name, crash in (("a.py", -1), ("b.py", 7), ("more/c.py", -2), ("more/d.py", -2)):
-        (folder / name).write_text(f"{ENVIRONMENT.replace('CRASH', str(crash))}")
-    return folder
-
-
-def test_a_folder_is_followed(games: Path, invoke: Invoke) -> None:
-    result = invoke("audit", "games", *QUICK, "--format", "json")
-    first = json.loads(result.stdout)
-    assert result.exit_code == 1, result.stderr
-    assert [(report["path"], report["verdict"]) for report in first["reports"]] == [
-        ("games/a.py", "pass"),
-        ("games/b.py", "fail"),
-        ("games/more/c.py", "pass"),
-        ("games/more/d.py", "pass"),
-    ]
-    assert first["audit"]["judged"] == 3
-    assert first["audit"]["codes"] == {"EC107": 1}
-    (games / "baseline.json").write_text(result.stdout)
-
-    (games / "b.py").write_text(ENVIRONMENT.replace("CRASH", "-3"))
-    (games / "more" / "c.py").write_text(ENVIRONMENT.replace("CRASH", "7 "))
-    (games / "more" / "d.py").unlink()
-    result = invoke("audit", "games", *QUICK, "--format", "json", "--baseline", "games/baseline.json")
-    second = json.loads(result.stdout)
-    difference = second["audit"]["baseline"]
-    assert second["audit"]["judged"] == 2
-    assert [(item["path"], item["code"]) for item in difference["new"]] == [("games/more/c.py", "EC107")]
-    assert [(item["path"], item["code"]) for item in difference["fixed"]] == [("games/b.py", "EC107")]
-    assert (difference["unchanged"], difference["unknown"]) == (0, 0)
-    assert told(second["reports"][:1]) == told(first["reports"][:1])
-
-    result = invoke("audit", "games", *QUICK, "--exit-zero", "--baseline", "games/baseline.json")
-    assert result.exit_code == 0
-    assert "3 environments: 2 passed, 1 failed\n0 judged now, 3 known" in result.stdout
-    assert "1 new, 1 fixed, 0 unchanged" in result.stdout
-    listed = invoke("corpus", "list", "games", "--verdict", "fail", "--format", "json")
-    assert [row["name"] for row in json.loads(listed.stdout)] == ["more/c.py"]
-
-
-def test_sources_of_a_corpus_in_the_folder_are_passed_over(games: Path, invoke: Invoke) -> None:
-    with Store.create(games / "more" / "kept") as store:
-        store.add("a.py", (games / "a.py").read_bytes())
-    (games / "verdicts").mkdir()
-    (games / "verdicts.py").write_text(ENVIRONMENT.replace("CRASH", "-4"))
-    options = ("--checks", "source", "--sandbox", "process", "--budget", "quick")
-    for judged_now in (4, 0):
-        result = invoke("audit", "games", "--store", "games/verdicts", *options)
-        assert result.exit_code == 0, result.output
-        assert f"5 environments: 5 passed\n{judged_now} judged now" in result.stdout
-    assert invoke("corpus", "init", "new").exit_code == 0
-    assert "1 environment added" in invoke("corpus", "add", "new", "games/more/kept/sources").stdout
-
-
-def test_a_finding_whose_check_did_not_run_is_not_fixed(games: Path, invoke: Invoke) -> None:
-    (games / "base.json").write_text(invoke("audit", "games", *QUICK, "--format", "json").stdout)
-    (games / "b.py").write_text(f"import nothing_of_this_name\n{ENVIRONMENT}")
-    result = invoke("audit", "games", *QUICK, "--format", "json", "--baseline", "games/base.json")
-    difference = json.loads(result.stdout)["audit"]["baseline"]
-    assert [item["code"] for item in difference["new"]] == ["EC002"]
-    assert (difference["fixed"], difference["unknown"]) == ([], 1)
-
-
-def test_a_corpus_is_made_filled_and_judged(games: Path, invoke: Invoke) -> None:
-    assert invoke("corpus", "init", "corpus").exit_code == 0
-    assert invoke("audit", "corpus", *QUICK).exit_code == 2
-    added = invoke("corpus", "add", "corpus", "games", "--metadata", '{"model": "a"}')
-    assert added.stdout == "3 environments added, 1 there already\n"
-    assert "games/more/d.py is the same as more/c.py, and left out" in added.stderr
-    assert invoke("corpus", "add", "corpus", "games").stdout == "0 environments added, 4 there already\n"
-    (games / "a.py").write_text(ENVIRONMENT.replace("CRASH", "-9"))
-    assert invoke("corpus", "add", "corpus", "games/a.py").exit_code == 2
-    assert invoke("corpus", "add", "corpus", "games/a.py", "--replace").exit_code == 0
-    assert invoke("audit", "corpus", *QUICK).exit_code == 1
-    assert invoke("corpus", "list", "corpus").stdout == "pass   a.py\nfail   b.py  EC107\npass   more/c.py\n"
-    assert invoke("corpus", "list", "corpus", "--code", "ec107").stdout == "fail   b.py  EC107\n"
-    assert invoke("corpus", "list", "corpus", "--name", "m*").stdout == "pass   more/c.py\n"
-    shown = invoke("corpus", "show", "corpus", "b.py")
-    assert "EC107 error" in shown.stdout
-    assert '"model": "a"' in shown.stdout
-    assert invoke("corpus", "show", "corpus", "b.py", "--source").stdout == (games / "b.py").read_text()
-    assert json.loads(invoke("corpus", "show", "corpus", "b.py", "--format", "json").stdout)["verdict"] == "fail"
-    assert invoke("corpus", "rm", "corpus", "b.py").exit_code == 0
-    assert invoke("corpus", "rm", "corpus", "b.py").exit_code == 2
-    assert invoke("audit", "corpus", *QUICK).exit_code == 0
-    assert invoke("corpus", "verify", "corpus").exit_code == 0
-
-
-def test_another_class_is_another_environment(invoke: Invoke, tmp_path: Path) -> None:
-    with Store.create(tmp_path / "corpus") as store:
-        judged(store, "ant")
-    (tmp_path / "ant").write_bytes(source("ant"))
-    refused = invoke("corpus", "add", "corpus", "ant", "--class", "Bee")
-    assert refused.exit_code == 2
-    assert "ant is another class of this source in corpus; --replace puts ant there" in refused.stderr
-    assert invoke("corpus", "list", "corpus").stdout == "pass   ant\n"
-    assert invoke("corpus", "add", "corpus", "ant").stdout == "0 environments added, 1 there already\n"
-    assert invoke("corpus", "add", "corpus", "ant", "--class", "Bee", "--replace").exit_code == 0
-    assert invoke("corpus", "list", "corpus").stdout == "none   ant\n"
-    with Store(tmp_path / "corpus") as store:
-        assert list(records_of(store)) == []
-
-
-def test_names_of_files_are_told_on_one_line(invoke: Invoke, tmp_path: Path) -> None:
-    with Store.create(tmp_path / "corpus") as store:
-        store.add("odd\nname.py", source("ant"))
-    for text in (source("bee"), b"#" * (MAX_SOURCE + 1)):
-        (tmp_path / "odd\nname.py").write_bytes(text)
-        refused = invoke("corpus", "add", "corpus", "odd\nname.py")
-        assert refused.exit_code == 2
-        assert len(refused.stderr.splitlines()) == 1
-
-
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (["audit", "nowhere"], "neither a corpus nor a folder"),
-        (["audit", "games/more", "--baseline", "none.json"], "cannot be read"),
-        (["audit", "games/more", "--baseline", "games/a.py"], "is no report"),
-        (["audit", "empty"], "holds no environment"),
-        (["audit", "corpus", "--store", "other"], "leave out --store"),
-        (["audit", "games", "--store", "corpus"], "need a store of their own"),
-        (["corpus", "list", "games"], "is no corpus"),
-        (["corpus", "show", "corpus", "x"], "has no environment x"),
-        (["corpus", "add", "corpus", "empty"], "holds no environment"),
-        (["corpus", "add", "corpus", "games/a.py", "--metadata", "[]"], "is no JSON object"),
-        (["corpus", "init", "games"], "is not empty"),
-    ],
-)
-def test_wrong_use_is_told_in_a_sentence(games: Path, invoke: Invoke, arguments: list[str], words: str) -> None:
-    (games.parent / "empty").mkdir()
-    invoke("corpus", "init", "corpus")
-    result = invoke(*arguments, *(("--sandbox", "process") if arguments[0] == "audit" else ()))
-    assert result.exit_code == 2, result.output
-    assert words in result.stderr
-    assert len(result.stderr.splitlines()) == 1
-
-
-def test_settings_of_validate_are_none_of_its_own(games: Path, invoke: Invoke) -> None:
-    settings = '[tool.envcraft]\nformat = "sarif"\nenvironments-only = true\nchecks = ["source"]\n'
-    (games.parent / "pyproject.toml").write_text(settings)
-    result = invoke("audit", "games", "--sandbox", "process", "--budget", "quick", "--changed")
-    assert result.exit_code == 0, result.output
-    assert "4 environments: 4 passed" in result.stdout
-    (games.parent / "pyproject.toml").write_text("[tool.envcraft]\nbaselin = 1\n")
-    assert "did you mean baseline?" in invoke("audit", "games").stderr
-
-
-def audited(folder: Path, *options: str) -> subprocess.Popen[str]:
-    command = [sys.executable, "-m", "envcraft", "audit", str(folder), *QUICK, *options]
-    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=folder.parent)
-
-
-def database(folder: Path) -> tuple[list[Any], list[Any]]:
-    """All rows that the clock has no part in: environments with their verdicts, and findings."""
-    with Store(folder) as store:
-        found = store.db.execute(
-            "SELECT name, e.source, e.class, s.digest, v.verdict, v.steps, v.report FROM environments e "
-            "LEFT JOIN verdicts v ON v.id = e.verdict LEFT JOIN settings s ON s.id = v.settings ORDER BY name"
-        )
-        rows: list[Any] = [[*row[:-1], told(json.loads(row[-1] or "null"))] for row in found]
-        findings = store.db.execute(
-            "SELECT v.source, number, rule_check, code, severity, line, message FROM findings f "
-            "JOIN verdicts v ON v.id = f.verdict ORDER BY 1, 2"
-        )
-        return rows, list(findings)
-
-
-def judged_in(folder: Path) -> int:
-    """How many environments have a verdict, in a store that may not be there yet, or be about to be written to."""
-    # While its tables are made, it is neither a corpus nor anybody else's to make one of.
-    with contextlib.suppress(UsageError, CorpusBusy):
-        return sum(row[4] is not None for row in database(folder)[0])
-    return 0
-
-
-def test_killed_at_any_moment_and_resumed_gives_the_same_rows(tmp_path: Path) -> None:
-    games = [tmp_path / "undisturbed" / "games", tmp_path / "killed" / "games"]
-    total = 24
-    for folder in games:
-        folder.mkdir(parents=True)
-        for number in range(total):
-            crash = 7 if number % 3 == 0 else -number
-            (folder / f"e{number}.py").write_text(f"{ENVIRONMENT.replace('CRASH', str(crash))}\n# {number}\n")
-    started = time.monotonic()
-    assert audited(games[0]).wait(400) == 1
-    each = (time.monotonic() - started) / total
-    wanted = database(games[0])
-    judged: list[int] = []
-    lock = games[1] / ".envcraft" / "lock"
-    killed = Killed(
-        lambda: audited(games[1]),
-        lambda pid: lock.is_file() and lock.read_text() == str(pid),
-        12 * each,
-        lambda: judged.append(judged_in(games[1])),
-    )
-    killed.run()
-    # What was judged stays judged.
-    assert judged == sorted(judged)
-    assert killed.moments.total() == TIMES
-    resumed = audited(games[1], "--format", "json")
-    out, error = resumed.communicate(timeout=400)
-    assert resumed.returncode == 1, error
-    assert json.loads(out)["audit"]["judged"] == total - judged[-1]
-    print("judged after each kill:", *judged, killed.moments)
-    assert database(games[1]) == wanted
-
-
-def test_ctrl_c_keeps_what_was_judged(games: Path) -> None:
-    process = audited(games, "--no-resume")
-    for _ in range(600):
-        if judged_in(games):
-            break
-        time.sleep(0.2)
-    process.send_signal(signal.SIGINT)
-    _, error = process.communicate(timeout=480)
-    if process.returncode != 1:
-        assert process.returncode == 130
-        assert "are kept; the same command judges all of them again, and without --no-resume only" in error
-    again = audited(games, "--format", "json")
-    out, error = again.communicate(timeout=480)
-    assert again.returncode == 1, error
-    assert json.loads(out)["audit"]["judged"] < 3
-
-
-def test_two_audits_at_once_are_one_too_many(games: Path) -> None:
-    process = audited(games)
-    lock = games / ".envcraft" / "lock"
-    for _ in range(600):
-        if lock.is_file() and lock.read_text():
-            break
-        time.sleep(0.02)
-    other = audited(games)
-    _, error = other.communicate(timeout=480)
-    assert other.returncode == 3
-    assert f"process {process.pid} is writing to the corpus" in error
-    assert process.wait(240) == 1
-
-
 def test_a_thousand_names_for_one_source_are_one_question(corpus: Corpus) -> None:
     corpus.write(**{f"e{number:04}": "x EC107" for number in range(1000)})
     audit = corpus.audit()
     assert (len(corpus.judged), audit.verdicts(), audit.codes()) == (1, {"fail": 1000}, {"EC107": 1000})
-
-
-def test_digests_of_sources_are_those_of_their_files(games: Path, invoke: Invoke) -> None:
-    invoke("audit", "games", *QUICK, "--checks", "source")
-    listed: list[dict[str, Any]] = json.loads(invoke("corpus", "list", "games", "--format", "json").stdout)
-    digest: Callable[[Path], str] = lambda file: hashlib.sha256(file.read_bytes()).hexdigest()  # noqa: E731
-    assert {row["name"]: row["source"] for row in listed} == {
-        str(file.relative_to(games)): digest(file) for file in games.rglob("*.py") if ".envcraft" not in file.parts
-    }

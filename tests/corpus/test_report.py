@@ -34,10 +34,9 @@ from envcraft.pool import Pool
 from envcraft.reports import one_line
 from envcraft.verdict import CheckReport, SubjectReport, Verdict, overall
 
-from .conftest import SETTINGS, Invoke, judged, source
+from .conftest import ENVIRONMENT, QUICK, SETTINGS, Invoke, judged, source
 from .conftest import report as report_on
 from .reported import CHECKS, HOSTILE, SIZE
-from .test_audit import ENVIRONMENT, QUICK
 
 
 @pytest.fixture(scope="module")
