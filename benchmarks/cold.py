@@ -187,7 +187,7 @@ def _print_start_up(console: Console, names: list[str], rounds: int) -> list[str
     measures: dict[str, Callable[[], float]] = {"imports": imports}
     if "docker" in names:
         measures["container"] = container
-    measures |= {name: lambda name=name: start_up(name) for name in names}  # type: ignore[misc]
+    measures |= {name: functools.partial(start_up, name) for name in names}
     taken = in_turns(measures, rounds)
     seconds = {name: statistics.median(found) for name, found in taken.items()}
     table = Table(title="start-up: from the command to the first step, in ms")
@@ -215,7 +215,7 @@ def _print_validation(console: Console, names: list[str], rounds: int) -> None:
         return seconds
 
     speeds = [bare_speed(GOOD, 20)]
-    taken = in_turns({name: lambda name=name: validated(name) for name in names}, rounds)  # type: ignore[misc]
+    taken = in_turns({name: functools.partial(validated, name) for name in names}, rounds)
     speeds.append(bare_speed(GOOD, 20))
     table = Table(title=f"envcraft validate {GOOD.name}")
     for column in ("", "seconds", "steps", "stepped bare, seconds", "of bare"):

@@ -17,37 +17,9 @@ from envcraft.corpus.store import Store
 from envcraft.errors import UsageError
 from envcraft.verdict import CheckReport, Finding, Repro, Severity, SubjectReport, Verdict
 
-from .conftest import SETTINGS, Invoke, judged, report, source
+from .conftest import ENVIRONMENT, QUICK, SETTINGS, Invoke, judged, report, source
 
 Lines = list[bytes]
-QUICK = ("--sandbox", "process", "--budget", "quick", "--checks", "source,api")
-ENVIRONMENT = """import gymnasium as gym
-import numpy as np
-from gymnasium import spaces
-
-
-class Walk(gym.Env):
-    metadata = {"render_modes": ["rgb_array"], "render_fps": 30}
-
-    def __init__(self, render_mode=None):
-        self.observation_space = spaces.Box(0, 255, (84, 84, 3), np.uint8)
-        self.action_space = spaces.MultiDiscrete([5, 2, 2])
-        self.render_mode = render_mode
-
-    def reset(self, *, seed=None, options=None):
-        super().reset(seed=seed)
-        self.x = 5
-        return self.render(), {}
-
-    def step(self, action):
-        self.x = max(self.x + {3: -1, 4: 1}.get(int(action[0]), 0), 0)
-        if self.x == CRASH:
-            raise RuntimeError("over the edge")
-        return self.render(), float(self.x > 9), self.x > 9, False, {}
-
-    def render(self):
-        return np.full((84, 84, 3), self.x, np.uint8)
-"""
 
 
 @pytest.fixture
