@@ -62,7 +62,12 @@ class Experiment:
 
         Raises UsageError where the environments cannot be used, EnvCraftError where they cannot be played.
         """
-        root = places.written(folder / "corpus", protocol.variants, protocol.seed) if corpus is None else corpus
+        if corpus is None:
+            # What does not go together is told before anything is written.
+            tasks(protocol, [str(number) for number in range(protocol.variants)])
+            root = places.written(folder / "corpus", protocol.variants, protocol.seed)
+        else:
+            root = corpus
         environments = places.chosen(root, patterns)
         if metric == "auto":
             metric = "length" if all(one.family == places.FAMILY for one in environments) else "return"

@@ -120,3 +120,10 @@ def test_wrong_use_is_told(whole: Path, more: tuple[str, ...], words: str) -> No
     result = study(whole, *more)
     assert result.exit_code == 2, result.output
     assert words in " ".join(result.output.split())
+
+
+def test_wrong_use_writes_nothing(tmp_path: Path) -> None:
+    result = study(tmp_path / "study", "--folds", "99")
+    assert result.exit_code == 2, result.output
+    assert "cannot be parted into 99 folds" in result.output
+    assert not (tmp_path / "study").exists()
