@@ -6,14 +6,13 @@ only that trace. Each search takes a budget in environment steps, so that it giv
 
 from __future__ import annotations
 
-import copy
-import hashlib
 import json
 import random
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from itertools import pairwise
+from operator import itemgetter
 from typing import Any
 
 import numpy as np
@@ -21,6 +20,7 @@ import numpy as np
 from envcraft_sandbox.wire import Kind
 
 from .channel import encode_value, jsonable
+from .snapshot import Snapshot
 from .state import State
 from .subject import Fault, Subject, attributes
 
@@ -56,13 +56,22 @@ class Path:
 
 @dataclass(slots=True)
 class Node:
-    """A state: a copy of the environment, or the way to replay to it where it cannot be copied."""
+    """An environment that is being stepped, and how it came to where it stands."""
 
     env: Any
     path: Path
     total: float
-    visits: int = 0
     ended: bool = False
+
+
+@dataclass(slots=True)
+class Kept:
+    """A state to branch from: a snapshot, or only the way to replay to it where there can be none."""
+
+    snapshot: Snapshot | None
+    path: Path
+    total: float
+    visits: int = 0
 
 
 @dataclass(slots=True)
@@ -107,21 +116,25 @@ class Tree:
         self.frame = observation
         node = Node(env, Path(None, None, 0), 0.0)
         try:
-            copy.deepcopy(env)
+            Snapshot(env).restore()
         except BaseException:
             self.out.copies = False
         return node
 
-    def branch(self, node: Node) -> Node:
-        """A state like `node` that can be stepped without changing it."""
-        if self.out.copies:
-            return Node(copy.deepcopy(node.env), node.path, node.total)
+    def keep(self, node: Node) -> Kept:
+        """The state that `node` is in, whatever becomes of it."""
+        return Kept(Snapshot(node.env) if self.out.copies else None, node.path, node.total)
+
+    def branch(self, kept: Kept) -> Node:
+        """A state like `kept` that can be stepped without changing it."""
+        if kept.snapshot is not None:
+            return Node(kept.snapshot.restore(), kept.path, kept.total)
         env = self.subject.construct(announce=False)
         self.subject.call("reset", env.reset, seed=self.seed)
-        for action in node.path.actions():
+        for action in kept.path.actions():
             self.subject.call("step", env.step, self.subject.action(action, env))
             self.out.steps += 1
-        return Node(env, node.path, node.total)
+        return Node(env, kept.path, kept.total)
 
     def step(self, node: Node, action: Any) -> bool:
         """Step `node` in place; False once its episode is over or broken."""
@@ -172,9 +185,9 @@ def explore(tree: Tree) -> None:
     key, chosen by how seldom they were left and how much they have earned. Stops at the budget, or at half of it once
     a win is known.
     """
-    root = tree.root()
-    archive: dict[bytes, Node] = {_cell(tree.frame): root}
-    seen: set[bytes] = {_digest(tree.frame)}
+    root = tree.keep(tree.root())
+    archive: dict[Any, Kept] = {_cell(tree.frame): root}
+    seen = {_digest(tree.frame)}
     while not tree.spent() and not (tree.out.win is not None and 2 * tree.out.steps >= tree.budget):
         start = _choose(tree.random, archive)
         start.visits += 1
@@ -195,26 +208,23 @@ def explore(tree: Tree) -> None:
     tree.out.states = len(seen)
 
 
-def _remember(tree: Tree, archive: dict[bytes, Node], cell: bytes, node: Node) -> None:
+def _remember(tree: Tree, archive: dict[Any, Kept], cell: Any, node: Node) -> None:
     known = archive.get(cell)
     if known is not None and node.total <= known.total:
         return
     if known is None and len(archive) >= 4096:
         return
-    if tree.out.copies:
-        kept = Node(copy.deepcopy(node.env), node.path, node.total)
-    else:
-        kept = Node(None, node.path, node.total)
+    kept = tree.keep(node)
     kept.visits = known.visits // 2 if known else 0
     archive[cell] = kept
 
 
-def _choose(rng: random.Random, archive: dict[bytes, Node]) -> Node:
-    nodes = list(archive.values())
-    sample = [nodes[rng.randrange(len(nodes))] for _ in range(min(8, len(nodes)))]
-    low = min(node.total for node in sample)
-    span = max(node.total for node in sample) - low
-    return max(sample, key=lambda node: (1 + (node.total - low) / span if span else 1) / (1 + node.visits) ** 0.5)
+def _choose(rng: random.Random, archive: dict[Any, Kept]) -> Kept:
+    states = list(archive.values())
+    sample = [states[rng.randrange(len(states))] for _ in range(min(8, len(states)))]
+    low = min(kept.total for kept in sample)
+    span = max(kept.total for kept in sample) - low
+    return max(sample, key=lambda kept: (1 + (kept.total - low) / span if span else 1) / (1 + kept.visits) ** 0.5)
 
 
 def horizon(tree: Tree) -> None:
@@ -227,14 +237,15 @@ def horizon(tree: Tree) -> None:
     budget is spent is played at random.
     """
     node = tree.root()
-    kept: list[Any] = []
+    rest: list[Any] = []
     while not node.ended and tree.out.win is None and not tree.spent():
-        plans = [kept + _held(tree, _AHEAD - len(kept)), *(_held(tree, _AHEAD) for _ in range(_PLANS - 1))]
-        kept = max(plans, key=lambda plan: _worth(tree, node, plan))
-        for action in kept[:_FOLLOW]:
+        here = tree.keep(node)
+        plans = [rest + _held(tree, _AHEAD - len(rest)), *(_held(tree, _AHEAD) for _ in range(_PLANS - 1))]
+        best = max(((_worth(tree, here, plan), plan) for plan in plans), key=itemgetter(0))[1]
+        for action in best[:_FOLLOW]:
             if not tree.step(node, action):
                 break
-        kept = kept[_FOLLOW:]
+        rest = best[_FOLLOW:]
     if tree.out.win is not None:
         tree.out.best, tree.out.best_return = tree.out.win, tree.out.win_return
         return
@@ -251,15 +262,15 @@ def _held(tree: Tree, length: int) -> list[Any]:
     return plan[:length]
 
 
-def _worth(tree: Tree, node: Node, plan: list[Any]) -> tuple[bool, bool, float, int]:
+def _worth(tree: Tree, start: Kept, plan: list[Any]) -> tuple[bool, bool, float, int]:
     """How good a plan is from a state on."""
     known = tree.out.win
-    child = tree.branch(node)
+    child = tree.branch(start)
     for action in plan:
         if not tree.step(child, action):
             break
     lasts = not child.ended or child.path.length >= tree.limit
-    return tree.out.win is not known, lasts, child.total - node.total, child.path.length
+    return tree.out.win is not known, lasts, child.total - start.total, child.path.length
 
 
 def exhaust(tree: Tree) -> None:
@@ -277,37 +288,37 @@ def exhaust(tree: Tree) -> None:
     opaque = False
     counters = _counters(tree, root)
 
-    def key(node: Node) -> bytes:
+    def key(node: Node) -> int:
         nonlocal opaque
         state = State(node.env)
         opaque |= state.opaque
         tree.out.stochastic |= state.generators != begun
         told = {name: value for name, value in state.values.items() if name not in counters}
-        return _digest(tree.frame) + hashlib.blake2b(json.dumps(told).encode(), digest_size=16).digest()
+        return hash((_digest(tree.frame), json.dumps(told)))
 
     root = tree.root()
     seen = {key(root)}
-    frontier = [root]
+    frontier = [tree.keep(root)]
     while frontier:
-        grown: list[Node] = []
-        for node in frontier:
+        grown: list[Kept] = []
+        for start in frontier:
             for action in tree.actions:
                 if tree.spent() or tree.out.win is not None or tree.out.stochastic:
                     tree.out.states = len(seen)
                     return
-                child = tree.branch(node)
+                child = tree.branch(start)
                 alive = tree.step(child, action)
                 state = key(child)
                 if alive and state not in seen:
                     seen.add(state)
-                    grown.append(child)
+                    grown.append(tree.keep(child))
         frontier = grown
     tree.out.states = len(seen)
     closed = tree.out.crash is None and not tree.out.stochastic and _closed(tree, seen, key)
     tree.out.exhausted = closed and not opaque
 
 
-def _closed(tree: Tree, seen: set[bytes], key: Callable[[Node], bytes]) -> bool:
+def _closed(tree: Tree, seen: set[int], key: Callable[[Node], int]) -> bool:
     """Whether whole episodes, one of the first action and some at random, meet no other states and no win."""
     for play in range(_EPISODES):
         node = tree.root()
@@ -322,8 +333,9 @@ def _closed(tree: Tree, seen: set[bytes], key: Callable[[Node], bytes]) -> bool:
 def _counters(tree: Tree, root: Node) -> set[str]:
     """Whole numbers that go up or down by one at every step, whatever is done: time, which tells no states apart."""
     found: set[str] | None = None
+    start = tree.keep(root)
     for action in tree.actions:
-        probe = tree.branch(root)
+        probe = tree.branch(start)
         readings = [attributes(probe.env)]
         while len(readings) < _READINGS and not probe.ended:
             tree.step(probe, action)
@@ -338,10 +350,11 @@ def greedy(tree: Tree) -> None:
     node = tree.root()
     for _ in range(5):
         best: tuple[float, Node] | None = None
+        start = tree.keep(node)
         for action in tree.actions:
-            child = tree.branch(node)
+            child = tree.branch(start)
             tree.step(child, action)
-            if child.path.length > node.path.length and (best is None or child.total > best[0]):
+            if child.path.length > start.path.length and (best is None or child.total > best[0]):
                 best = (child.total, child)
         if best is None:
             return
@@ -361,8 +374,9 @@ def sweep(tree: Tree) -> None:
     share = max(tree.budget // max(len(tree.path), 1), 1)
     position = 0
     for action in tree.path:
+        start = tree.keep(node)
         for _ in range(min(share, len(tree.actions))):
-            tree.step(tree.branch(node), tree.actions[position % len(tree.actions)])
+            tree.step(tree.branch(start), tree.actions[position % len(tree.actions)])
             position += 1
             if tree.out.crash is not None or tree.spent():
                 return
@@ -370,19 +384,21 @@ def sweep(tree: Tree) -> None:
             return
 
 
-def _cell(frame: Any) -> bytes:
-    """A coarse picture: every seventh pixel's brightness in eight levels; other observations by their exact bytes."""
+def _cell(frame: Any) -> Any:
+    """A coarse picture: the brightness of 14 by 14 blocks in eight levels; other observations as they are."""
     if isinstance(frame, np.ndarray) and frame.ndim == 3 and frame.dtype == np.uint8:
         rows, columns = max(frame.shape[0] // 14, 1), max(frame.shape[1] // 14, 1)
         height, width = frame.shape[0] // rows * rows, frame.shape[1] // columns * columns
-        blocks = frame[:height, :width].reshape(height // rows, rows, width // columns, -1)
-        return bytes((blocks.mean(axis=(1, 3)).astype(np.uint8) >> 5).tobytes())
+        bands = frame[:height, :width].reshape(height // rows, rows, -1).sum(axis=1, dtype=np.uint32)
+        blocks = bands.reshape(height // rows, width // columns, -1)
+        means = blocks.sum(axis=2) // (rows * blocks.shape[2])
+        return (means >> 5).astype(np.uint8).tobytes()
     return _digest(frame)
 
 
-def _digest(frame: Any) -> bytes:
-    data = np.ndarray.tobytes(frame) if isinstance(frame, np.ndarray) else encode_value(frame)[1]
-    return hashlib.blake2b(data, digest_size=16).digest()
+def _digest(frame: Any) -> int:
+    """Tells observations apart within a search; 64 bits, of some ten thousand."""
+    return hash(np.ndarray.tobytes(frame) if isinstance(frame, np.ndarray) else encode_value(frame)[1])
 
 
 def _counts(values: list[Any]) -> bool:

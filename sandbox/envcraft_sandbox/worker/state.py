@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import enum
+import functools
 import hashlib
 import random
 from types import BuiltinFunctionType, FunctionType, MethodType, ModuleType
@@ -16,6 +17,10 @@ from envcraft_runtime.classes import type_name
 _MOST, _DEEPEST = 20_000, 24
 _GENERATORS = (np.random.Generator, np.random.RandomState, random.Random)
 _CODE = (type, ModuleType, FunctionType, BuiltinFunctionType)
+#: What its text tells whole, and what holds nothing beside its items.
+_PLAIN = {type(None), bool, int, float, complex, str, bytes}
+_JSON = {type(None), bool, str}
+_PLAIN_LISTS = (list, tuple)
 
 
 class State:
@@ -54,12 +59,8 @@ class State:
         if self._left < 0 or depth > _DEEPEST:
             self.opaque = True
             return None
-        if value is None or isinstance(value, bool):
-            return value
-        if type(value) is str:
-            return value
-        if type(value) in (int, float, complex, bytes):
-            return ["", repr(value)]
+        if type(value) in _PLAIN:
+            return value if type(value) in _JSON else ["", repr(value)]
         if isinstance(value, _GENERATORS):
             self.generators.append(_generator(value))
             return None
@@ -87,10 +88,14 @@ class State:
         return ["code", id(value)]
 
     def _inside(self, value: Any, depth: int) -> Any:
+        if type(value) in _PLAIN_LISTS and _PLAIN.issuperset(map(type, value)):
+            self._left -= len(value)
+            self.opaque |= self._left < 0
+            return [type_name(value), repr(value)]
         if isinstance(value, gymnasium.Space):
             return [self._image(part, depth) for part in (value._np_random, getattr(value, "spaces", None))]
         if isinstance(value, np.ndarray | np.generic) and not value.dtype.hasobject:
-            return [str(value.dtype), list(value.shape), hashlib.blake2b(value.tobytes(), digest_size=16).hexdigest()]
+            return [value.dtype.str, list(value.shape), hash(value.tobytes())]
         if isinstance(value, dict):
             inside = [[self._image(key, depth), self._image(item, depth)] for key, item in value.items()]
             return [type_name(value), inside, self._attributes(value, depth)]
@@ -108,7 +113,8 @@ class State:
 
     def _attributes(self, value: Any, depth: int) -> dict[str, Any]:
         """Those in ``__dict__`` and ``__slots__``."""
-        names = [name for kind in type(value).__mro__ for name in _slots(kind)]
+        kind: type = type(value)
+        names = _slots(kind)
         found = {name: self._image(getattr(value, name), depth) for name in names if hasattr(value, name)}
         return found | {name: self._image(item, depth) for name, item in getattr(value, "__dict__", {}).items()}
 
@@ -129,11 +135,16 @@ def _plain(value: Any) -> bool:
     return value is None or isinstance(value, bool | int | float | str | bytes | np.generic | enum.Enum)
 
 
+@functools.cache
 def _slots(kind: type) -> list[str]:
-    told = vars(kind).get("__slots__", ())
-    names = [told] if isinstance(told, str) else list(told)
-    private = "_" + kind.__name__.lstrip("_")
-    return [private + name if name.startswith("__") and not name.endswith("__") else name for name in names]
+    """The attributes that a class and those it is made of keep outside ``__dict__``."""
+    names: list[str] = []
+    for part in kind.__mro__:
+        told = vars(part).get("__slots__", ())
+        private = "_" + part.__name__.lstrip("_")
+        for name in [told] if isinstance(told, str) else told:
+            names.append(private + name if name.startswith("__") and not name.endswith("__") else name)
+    return names
 
 
 def _generator(value: Any) -> str:
