@@ -284,21 +284,11 @@ def exhaust(tree: Tree) -> None:
     root = tree.root()
     if not tree.out.copies:
         return
-    begun = State(root.env).generators
-    opaque = False
-    counters = _counters(tree, root)
-
-    def key(node: Node) -> int:
-        nonlocal opaque
-        state = State(node.env)
-        opaque |= state.opaque
-        tree.out.stochastic |= state.generators != begun
-        told = {name: value for name, value in state.values.items() if name not in counters}
-        return hash((_digest(tree.frame), json.dumps(told)))
-
+    states = _States(tree, root)
     root = tree.root()
-    seen = {key(root)}
-    frontier = [tree.keep(root)]
+    start = tree.keep(root)
+    seen = {states.key(root, start)}
+    frontier = [start]
     while frontier:
         grown: list[Kept] = []
         for start in frontier:
@@ -308,22 +298,50 @@ def exhaust(tree: Tree) -> None:
                     return
                 child = tree.branch(start)
                 alive = tree.step(child, action)
-                state = key(child)
+                kept = tree.keep(child)
+                state = states.key(child, kept)
                 if alive and state not in seen:
                     seen.add(state)
-                    grown.append(tree.keep(child))
+                    grown.append(kept)
         frontier = grown
     tree.out.states = len(seen)
-    closed = tree.out.crash is None and not tree.out.stochastic and _closed(tree, seen, key)
-    tree.out.exhausted = closed and not opaque
+    closed = tree.out.crash is None and not tree.out.stochastic and _closed(tree, seen, states)
+    tree.out.exhausted = closed and not states.opaque
 
 
-def _closed(tree: Tree, seen: set[int], key: Callable[[Node], int]) -> bool:
+class _States:
+    """Tells the states of a search apart (see :func:`exhaust`); `opaque` once it has met what it cannot look into."""
+
+    def __init__(self, tree: Tree, root: Node) -> None:
+        self._tree = tree
+        self._begun = State(root.env).generators
+        self._counters = _counters(tree, root)
+        self._twins: dict[int, int] = {}
+        self.opaque = False
+
+    def key(self, node: Node, kept: Kept) -> int:
+        """The key of the state that `node` is in, and `kept` a snapshot of."""
+        # Most children of a state are the same one: it is looked into once.
+        known = kept.snapshot.key if kept.snapshot is not None else None
+        twin = hash((_digest(self._tree.frame), known))
+        if known is None or twin not in self._twins:
+            self._twins[twin] = self._key(node)
+        return self._twins[twin]
+
+    def _key(self, node: Node) -> int:
+        state = State(node.env)
+        self.opaque |= state.opaque
+        self._tree.out.stochastic |= state.generators != self._begun
+        told = {name: value for name, value in state.values.items() if name not in self._counters}
+        return hash((_digest(self._tree.frame), json.dumps(told)))
+
+
+def _closed(tree: Tree, seen: set[int], states: _States) -> bool:
     """Whether whole episodes, one of the first action and some at random, meet no other states and no win."""
     for play in range(_EPISODES):
         node = tree.root()
         while tree.step(node, tree.random.choice(tree.actions) if play else tree.actions[0]):
-            if _monotonic() > tree.until or key(node) not in seen:
+            if _monotonic() > tree.until or states.key(node, tree.keep(node)) not in seen:
                 return False
         if tree.out.crash is not None or tree.out.win is not None:
             return False

@@ -15,9 +15,9 @@ import io
 import pickle
 import sys
 import weakref
-from collections.abc import Callable
+from collections.abc import Callable, Hashable
 from types import BuiltinFunctionType, CodeType, FunctionType, ModuleType
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from gymnasium import spaces
@@ -31,6 +31,10 @@ class Snapshot:
     """The state that `env` is in now.
 
     Raises whatever the environment's own methods raise while it is copied, and ``TypeError`` where it cannot be.
+
+    Attributes:
+        key: equal only for equal states, though not for all of them: some are pickled in several ways; None where
+            nothing is known.
     """
 
     def __init__(self, env: Any) -> None:
@@ -49,9 +53,18 @@ class Snapshot:
             return copy.deepcopy(self._whole)
         return _Restoring(self._bytes, self._parts).load()
 
+    @property
+    def key(self) -> Hashable:
+        if self._whole is not None:
+            return None
+        return self._bytes, *(part.content() for part in self._parts)
 
-#: What gives a part, a new one at each call.
-_Part = Callable[[], Any]
+
+class _Part(NamedTuple):
+    """Something that is set aside: what gives a new one at each call, and what tells it from others."""
+
+    restore: Callable[[], Any]
+    content: Callable[[], Hashable]
 
 
 class _Taking(pickle.Pickler):
@@ -78,7 +91,7 @@ class _Restoring(pickle.Unpickler):
         return self._part if (module, name) == (__name__, _part.__name__) else super().find_class(module, name)
 
     def _part(self, number: int) -> Any:
-        return self._parts[number]()
+        return self._parts[number].restore()
 
 
 def _part(number: int) -> Any:
@@ -90,17 +103,17 @@ def _set_aside(held: Any) -> _Part | None:
     """The part that `held` becomes; None where it is pickled as it is."""
     kind = type(held)
     if isinstance(held, _SHARED) or (kind in _SPACES and held._np_random is None):
-        return lambda: held
+        return _Part(lambda: held, lambda: id(held))
     if isinstance(held, np.ndarray):
         if kind is not np.ndarray or held.dtype.hasobject:
             return None
         kept = held.copy("K")
-        return lambda: kept.copy("K")
+        return _Part(lambda: kept.copy("K"), lambda: (kept.dtype.str, kept.shape, kept.tobytes()))
     if kind is np.random.Generator and type(held.bit_generator.seed_seq) is np.random.SeedSequence:
         return _generator(held.bit_generator)
     if kind is getattr(sys.modules.get("pygame"), "Surface", None):
         picture = held.copy()
-        return lambda: picture.copy()
+        return _Part(picture.copy, lambda: (picture.get_size(), picture.get_buffer().raw))
     if hasattr(kind, "__deepcopy__"):
         raise TypeError(f"{kind.__name__} says itself how it is copied")
     return None
@@ -115,4 +128,4 @@ def _generator(source: Any) -> _Part:
         bits.state = state
         return np.random.Generator(bits)
 
-    return restored
+    return _Part(restored, lambda: (repr(state), seeds.n_children_spawned))
