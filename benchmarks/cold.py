@@ -51,7 +51,7 @@ import importlib.util, sys, time
 
 class Listen:
     def find_spec(self, name, path=None, target=None):
-        if name != "envcraft.trace":
+        if name != "envcraft.recording":
             return None
         sys.meta_path.remove(self)
         spec = importlib.util.find_spec(name)

@@ -7,10 +7,11 @@ from abc import ABC, abstractmethod
 from collections import deque
 from typing import Any, Generic, TypeVar
 
+from envcraft.recording import Recording
 from envcraft.rollout import Conditions, Rollout
 from envcraft.sandbox import JobEnd, Stop
 from envcraft.subject import Subject
-from envcraft.trace import Recording, Trace
+from envcraft.trace import Trace
 
 _STOP = object()
 _Shown = TypeVar("_Shown", bound=Recording)

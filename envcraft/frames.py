@@ -20,7 +20,8 @@ from envcraft.errors import EnvCraftError
 from envcraft.reports import Frame
 from envcraft.rollout import Conditions, Rollout
 from envcraft.subject import Subject
-from envcraft.trace import Trace, is_picture
+from envcraft.trace import Trace
+from envcraft.values import is_picture
 from envcraft.verdict import Finding, SubjectReport
 
 #: The last so many frames of an episode: what led to the moment.

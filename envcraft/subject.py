@@ -20,11 +20,12 @@ from envcraft.description import Description, Outcome
 from envcraft.errors import EnvCraftError, WorkerLost
 from envcraft.lanes import Lanes, Place, Task
 from envcraft.players import Players
+from envcraft.recording import Recording
 from envcraft.rollout import Action, Conditions, Rollout
 from envcraft.sandbox import Driver, How, Isolation, JobEnd, Limits, Player, Worker
 from envcraft.similarity.behavioural import STEPS, fingerprint
 from envcraft.target import Kind, PolicyFile, Target, imported
-from envcraft.trace import Recording, Trace
+from envcraft.trace import Trace
 
 #: What a search has found by this share of a job's time is all that it finds, so that slow steps cost no more.
 _SEARCH_SHARE = 0.2

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -134,3 +135,8 @@ def _items(value: Any) -> list[Any]:
     if not isinstance(value, list) or len(value) > _MAX_ITEMS:
         raise MalformedValue("items are no list, or too many")
     return value
+
+
+def is_picture(shape: Sequence[int], dtype: Any) -> bool:
+    """Whether values of this form are grey or RGB frames: ``(H, W)``, ``(H, W, 1)`` or ``(H, W, 3)``, uint8."""
+    return dtype == np.uint8 and (len(shape) == 2 or (len(shape) == 3 and shape[2] in (1, 3))) and 0 not in shape

@@ -8,10 +8,10 @@ import numpy as np
 
 from envcraft.asked import AskedEpisode
 from envcraft.frames import rgb
+from envcraft.recording import Recording
 from envcraft.reports import one_line
 from envcraft.rollout import Conditions
 from envcraft.sandbox import Step
-from envcraft.trace import Recording
 
 if TYPE_CHECKING:
     from envcraft.subject import Subject

@@ -14,11 +14,11 @@ from envcraft.asked import AskedEpisode
 from envcraft.budget import BUDGETS
 from envcraft.contract import Contract
 from envcraft.errors import EnvironmentFailed, UsageError
+from envcraft.recording import Recording
 from envcraft.rollout import Conditions
 from envcraft.sandbox import Driver, How, Step
 from envcraft.subject import Subject
 from envcraft.target import Target
-from envcraft.trace import Recording
 from envcraft.using.spaces import action_to_json, to_gymnasium
 
 #: More steps than an episode has: it ends when its environment ends it.

@@ -13,9 +13,10 @@ from typing import Any
 import pytest
 
 from envcraft.contract import ARCADE
+from envcraft.recording import Recording
 from envcraft.rollout import Rollout
 from envcraft.sandbox import JobEnd, Limits, Player, Worker
-from envcraft.trace import Recording, Trace
+from envcraft.trace import Trace
 
 LIMITS = Limits(
     call=1.0, loading=2.0, job=20.0, memory=512 * 1024**2, file=1024**2, output=4096, output_total=256 * 1024

@@ -17,8 +17,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from envcraft.contract import ARCADE
+from envcraft.recording import Recording
 from envcraft.rollout import Rollout
-from envcraft.trace import Recording, diverge
+from envcraft.trace import diverge
 
 FLOAT = {"k": "float"}
 FRAME = {"k": "array", "dtype": "|u1", "shape": [84, 84, 3]}

@@ -123,7 +123,7 @@ _HOST = """
 import importlib, signal, sys
 from envcraft.rollout import Rollout
 from envcraft.sandbox import Limits
-from envcraft.trace import Recording
+from envcraft.recording import Recording
 
 signal.signal(signal.SIGINT, signal.default_int_handler)
 limits = Limits(call=60.0)
