@@ -88,7 +88,9 @@ HELD: dict[str, Callable[[], Any]] = {
     "a function without a name": lambda: lambda: 3,
     "a module": lambda: np,
     "a class": lambda: Lock,
-    "a bound method": lambda: Lock(4).marks.append,
+    "a list's method": lambda: Lock(4).marks.append,
+    "a generator's method": lambda: np.random.default_rng(7).random,
+    "a method": lambda: Lock(4).__repr__,
 }
 
 
@@ -107,6 +109,8 @@ CHANGED: dict[str, tuple[Callable[[], Any], Callable[[Any], Any]]] = {
     "an array of objects": (lambda: np.array([[1]], dtype=object), lambda held: held.fill(3)),
     "generator": (lambda: np.random.default_rng(7), lambda held: held.random()),
     "what a generator spawns": (lambda: np.random.default_rng(7), lambda held: held.spawn(1)),
+    "a generator's method": (lambda: np.random.default_rng(7).random, lambda held: held()),
+    "a list's method": (lambda: [1].append, lambda held: held(3)),
     "a space that was drawn from": (lambda: drawn(spaces.Discrete(100)), lambda held: held.sample()),
     "a picture": (lambda: surface(9), lambda held: held.fill((1, 2, 3))),
     "slots": (lambda: Slotted(3), lambda held: setattr(held, "shown", 9)),

@@ -22,7 +22,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from gymnasium import spaces
 
-_CODE = (type, FunctionType, BuiltinFunctionType, ModuleType, CodeType, property)
+_CODE = (type, FunctionType, ModuleType, CodeType, property)
 _SHARED = (*_CODE, weakref.ref, enum.Enum, np.number, np.bool_)
 _SPACES = (spaces.Box, spaces.Discrete, spaces.MultiBinary, spaces.MultiDiscrete, spaces.Text)
 
@@ -102,7 +102,8 @@ def _part(number: int) -> Any:
 def _set_aside(held: Any) -> _Part | None:
     """The part that `held` becomes; None where it is pickled as it is."""
     kind = type(held)
-    if isinstance(held, _SHARED) or (kind in _SPACES and held._np_random is None):
+    of_nothing = kind is BuiltinFunctionType and isinstance(held.__self__, ModuleType | type(None))
+    if of_nothing or isinstance(held, _SHARED) or (kind in _SPACES and held._np_random is None):
         return _Part(lambda: held, lambda: id(held))
     if isinstance(held, np.ndarray):
         if kind is not np.ndarray or held.dtype.hasobject:
