@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import contextlib
+import io
 import json
 import os
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from typing import Any, TextIO
 
 import click
@@ -31,6 +32,7 @@ from .choices import (
     select_checks,
     where_options,
 )
+from .outputs import whole
 from .targets import resolve
 
 
@@ -96,7 +98,7 @@ def validate(
         pool = stack.enter_context(Pool(driver, Limits(), len(files)))
         # The first worker is starting: now is the time for all that takes time.
         selected = select_checks(checks, skip)
-        streams = [sys.stdout if path in (None, "-") else stack.enter_context(open_output(path)) for _, path in wanted]
+        streams = [sys.stdout if path in (None, "-") else stack.enter_context(_report_file(path)) for _, path in wanted]
         with uninterrupted():
             from envcraft.engine import Plan
             from envcraft.engine import validate as judge
@@ -181,6 +183,17 @@ def _files(
             click.echo(f"Error: {error}", err=True)
             unusable = True
     return list(files.values()), unusable
+
+
+@contextlib.contextmanager
+def _report_file(path: str) -> Iterator[TextIO]:
+    """Raises UsageError."""
+    with whole(path, "the report ") as data:
+        stream = io.TextIOWrapper(data, "utf-8")
+        try:
+            yield stream
+        finally:
+            stream.detach()
 
 
 def open_output(path: str) -> TextIO:

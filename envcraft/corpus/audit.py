@@ -14,7 +14,7 @@ from typing import Any
 
 import msgspec
 
-from envcraft.corpus.store import CorpusDamaged, Environment, Store, decode, now
+from envcraft.corpus.store import LEADS, CorpusDamaged, Environment, Store, decode, now
 from envcraft.errors import EnvCraftError, TargetLost
 from envcraft.events import Event, SubjectFinished
 from envcraft.target import LazyTargets, Target
@@ -88,8 +88,8 @@ class Audit:
             store.db.execute(
                 "UPDATE environments SET verdict = v.id FROM verdicts AS v WHERE v.source = environments.source "
                 "AND v.class = environments.class AND v.settings = ? "
-                "AND environments.name IN (SELECT name FROM chosen)",
-                (settings,),
+                f"AND environments.name IN (SELECT name FROM chosen) AND {LEADS}",
+                (settings, settings),
             )
             cursor = store.db.execute(
                 "INSERT INTO audits (settings, started, selected, known, complete) VALUES (?, ?, ?, ?, ?)",

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
 import os
 import sys
 from collections.abc import Iterator
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 import click
 import msgspec
 
+from envcraft.commands.outputs import whole
 from envcraft.commands.targets import environments_below
 from envcraft.corpus.history import told as told_of
 from envcraft.corpus.history import words as words_of
@@ -255,23 +255,11 @@ def records(corpus: Path, output: str) -> None:
     """
     from envcraft.corpus.records import End, chain, encode, records_of
 
-    with Store(corpus) as store, _written(output) as stream:
+    with Store(corpus) as store, click.open_file("-", "wb") if output == "-" else whole(output) as stream:
         for line in chain(records_of(store)):
             stream.write(encode(line))
     assert isinstance(line, End)
     click.echo(f"{plural(line.records, 'record')}; the digest of all is {line.digest}", err=True)
-
-
-@contextlib.contextmanager
-def _written(output: str) -> Iterator[IO[bytes]]:
-    """A file, or standard output for ``-``, whose content takes the place of the old one once it is whole. Raises
-    UsageError.
-    """
-    try:
-        with click.open_file(output, "wb", atomic=output != "-") as stream:
-            yield stream
-    except OSError as error:
-        raise UsageError(f"{output} cannot be written: {error.strerror}") from None
 
 
 COMMANDS = (init, add, list_, show, rm, verify, merge, records, dedup, diversity, split, report)

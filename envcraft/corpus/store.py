@@ -37,6 +37,13 @@ _ELSEWHERE = {
     sqlite3.SQLITE_FULL,
     sqlite3.SQLITE_CANTOPEN,
 }
+#: Of environments, that a verdict under some settings may be the last on them: it is of all checks, or there is none of
+#: all on what they are now.
+LEADS = """(
+    EXISTS (SELECT 1 FROM settings WHERE id = ? AND checks = '') OR NOT EXISTS (
+        SELECT 1 FROM verdicts AS whole JOIN settings ON settings.id = whole.settings AND settings.checks = ''
+        WHERE whole.id = environments.verdict
+        AND whole.source = environments.source AND whole.class = environments.class))"""
 _UNFINISHED = (f"{DATABASE}.new", f"{DATABASE}.new-journal")
 
 
@@ -282,14 +289,16 @@ class Store:
     def record(self, environment: Environment, settings: int, report: SubjectReport) -> bool:
         """Write a verdict down, in place of one that there was, for every environment with this source; give whether
         it was: what could not be judged takes no verdict's place.
+
+        It is the last verdict on these environments, unless it is of some checks alone and there is one of all.
         """
         report = msgspec.structs.replace(report, path=environment.name)
         with self.transaction():
             verdict = self.insert(environment.source, environment.env_class, settings, report)
             stands: str = self.db.execute("SELECT verdict FROM verdicts WHERE id = ?", (verdict,)).fetchone()[0]
             self.db.execute(
-                "UPDATE environments SET verdict = ? WHERE source = ? AND class = ?",
-                (verdict, environment.source, environment.env_class),
+                f"UPDATE environments SET verdict = ? WHERE source = ? AND class = ? AND {LEADS}",
+                (verdict, environment.source, environment.env_class, settings),
             )
         return bool(stands == report.verdict.value)
 

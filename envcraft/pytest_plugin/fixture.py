@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import inspect
+import itertools
 from collections.abc import Iterable
 from os import PathLike
 from typing import Any, NoReturn, TypedDict, Unpack
@@ -81,6 +83,8 @@ def cases(test: pytest.Item) -> list[Case]:
     marker = marked(test)
     target = marker.pop("target", None)
     if target is None:
+        if not _asks(test):
+            _wrong_marker(test, "names no target, and the test does not take the fixture envcraft: nothing is judged")
         return []
     try:
         chosen = settings(test.config, marker)
@@ -88,6 +92,15 @@ def cases(test: pytest.Item) -> list[Case]:
         return [Case(spec, chosen.for_one(), check.name) for check in select_checks(chosen.checks, chosen.skip)]
     except EnvCraftError as error:
         _wrong_marker(test, f"cannot be followed: {error}")
+
+
+def _asks(test: Any) -> bool:
+    """Whether a test, or a fixture of it, takes the fixture itself."""
+    definitions = itertools.chain.from_iterable(test._fixtureinfo.name2fixturedefs.values())
+    return any(
+        "envcraft" in names
+        for names in (inspect.signature(test.function).parameters, *(one.argnames for one in definitions))
+    )
 
 
 def marked(test: pytest.Item) -> dict[str, Any]:

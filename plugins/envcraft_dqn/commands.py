@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import sys
+import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar
@@ -116,6 +117,7 @@ def train(
         from envcraft_dqn.telling import Shown
     there = Where(corpus, names, open_vector, contract, sandbox, workers)
     source = None if demos is None else source_named(demos, there, settings, output)
+    _writable(output)
     click.echo(f"{len(names):,} environments; the run is kept in {output}", err=True)
     with Shown(output / "tensorboard") as teller:
         agent = run(settings, names, open_vector, output, source, teller, checkpoint_minutes * 60)
@@ -164,6 +166,8 @@ def evaluate(
         # Their own code runs beside the environment's: nowhere else than in a sandbox.
         sandbox = sandbox or "auto"
     names, open_vector = environments(target, select, contract, trust, sandbox, workers, fast)
+    if output is not None:
+        _writable(output.parent)
     with uninterrupted():
         _needed()
         from envcraft_dqn.evaluation import evaluate as play
@@ -186,12 +190,22 @@ def evaluate(
         "environments": done,
     }
     text = json.dumps(told, indent=1)
+    click.echo(text)
     if output is not None:
         try:
             output.write_text(f"{text}\n", "utf-8")
         except OSError as error:
             raise UsageError(f"{output} cannot be written: {error.strerror or error}") from None
-    click.echo(text)
+
+
+def _writable(folder: Path) -> None:
+    """Make a folder that is written to, before anything has taken time. Raises UsageError."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        raise UsageError(f"{folder} cannot be written to: {error.strerror or error}") from None
 
 
 def _needed() -> None:

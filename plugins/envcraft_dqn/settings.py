@@ -10,7 +10,7 @@ from envcraft.errors import UsageError
 SIZES = {
     "tiny": ((8, 16, 16, 32, 32), 64),
     # As many parameters as the DQN of stable-baselines3 has for these frames.
-    "small": ((16, 32, 64, 64, 64), 344),
+    "small": ((8, 16, 16, 32, 32), 720),
     "reference": ((32, 64, 128, 256, 256), 600),
 }
 HEADS = ("joint", "branching")

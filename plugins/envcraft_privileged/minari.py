@@ -141,7 +141,8 @@ def _word(name: str) -> str:
 def _datasets_in(folder: Path) -> Iterator[None]:
     """Have Minari keep data sets in a folder."""
     before = os.environ.get(_ROOT)
-    os.environ[_ROOT] = str(folder)
+    # Of a relative one Minari takes each of its parts twice.
+    os.environ[_ROOT] = str(folder.absolute())
     try:
         yield
     finally:

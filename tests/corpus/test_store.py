@@ -13,6 +13,7 @@ import msgspec
 import pytest
 
 from envcraft.corpus import schema
+from envcraft.corpus.audit import Audit, Choice
 from envcraft.corpus.settings import Settings
 from envcraft.corpus.store import CorpusBusy, CorpusDamaged, Environment, Store, decode
 from envcraft.errors import EnvCraftError, UsageError
@@ -60,6 +61,34 @@ def test_a_verdict_is_kept_for_each_way_to_judge(store: Store, change: dict[str,
     found = store.db.execute("SELECT count(*) FROM verdicts WHERE source = ?", environment[1:2]).fetchone()
     assert found == (2,)
     assert store.db.execute("SELECT count(*) FROM findings WHERE code = 'EC101'").fetchone() == (2,)
+
+
+def test_a_verdict_of_some_checks_takes_no_place_of_one_of_all(store: Store) -> None:
+    def last(name: str) -> object:
+        (found,) = store.db.execute(
+            "SELECT v.verdict, s.checks FROM environments AS e JOIN verdicts AS v ON v.id = e.verdict "
+            "JOIN settings AS s ON s.id = v.settings WHERE name = ?",
+            (name,),
+        )
+        return found
+
+    some = store.settings(msgspec.structs.replace(SETTINGS, rules="some", checks="source"))
+    for name in ("bee", "dog"):
+        environment = Environment(name, hashlib.sha256(source(name)).hexdigest(), "")
+        store.record(environment, some, report(name))
+    assert last("bee") == ("fail", "")
+    assert last("dog") == ("pass", "source")
+    # An audit that knows them all already makes them the last no more than one that judges them.
+    Audit(store, some, Choice())
+    assert last("bee") == ("fail", "")
+    store.record(environment, store.settings(SETTINGS), report("dog", "EC107"))
+    assert last("dog") == ("fail", "")
+    # What it has become since has no verdict of all checks.
+    store.add("bee", b"# another\n" + source("bee"))
+    store.record(
+        Environment("bee", hashlib.sha256(b"# another\n" + source("bee")).hexdigest(), ""), some, report("bee")
+    )
+    assert last("bee") == ("pass", "source")
 
 
 def test_removing_takes_the_source_and_the_verdicts_unless_another_has_them(store: Store) -> None:

@@ -8,7 +8,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -163,6 +163,30 @@ def test_wrong_use_is_one_sentence(invoke: Any, good: Path, arguments: tuple[str
     assert words in result.stderr
     assert "Traceback" not in result.output
     assert result.stdout == ""
+
+
+def test_an_interrupt_leaves_the_report_of_before(
+    invoke: Any, good: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    kept = tmp_path / "kept" / "report.json"
+    kept.parent.mkdir()
+    kept.write_text("the report of before")
+
+    def interrupted(*_: object) -> Iterator[object]:
+        yield from ()
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("envcraft.engine.validate", interrupted)
+    result = invoke("validate", good, "--sandbox", "process", "--format", "json", "--output", kept)
+    assert result.exit_code == 130, result.output
+    assert kept.read_text() == "the report of before"
+    assert [path.name for path in kept.parent.iterdir()] == ["report.json"]
+
+
+def test_a_report_may_go_to_what_is_no_file(invoke: Any, good: Path) -> None:
+    result = invoke("validate", good, "--sandbox", "process", "--checks", "source", "--output", os.devnull)
+    assert result.exit_code == 0, result.output
+    assert not Path(os.devnull).is_file()
 
 
 def test_no_engine_is_a_sentence_and_exit_3(invoke: Any, good: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -376,7 +376,9 @@ def test_minari_loads_what_is_exported_and_recovers_the_environment(
     demos: Demos, corpus: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     minari = pytest.importorskip("minari")
-    out = tmp_path / "minari"
+    monkeypatch.chdir(tmp_path)
+    # A relative one, as people type it.
+    out = Path("kept", "minari")
     export = ("export", str(corpus), "--to", "minari", "--output", str(out), "--all")
     demos("--steps", "90", "--player", "random")
     refused = CliRunner().invoke(cli, export)
@@ -384,7 +386,7 @@ def test_minari_loads_what_is_exported_and_recovers_the_environment(
     demos("--steps", "90", "--player", "random", "--cache")
     done = CliRunner().invoke(cli, export)
     assert done.exit_code == 0, done.output
-    monkeypatch.setenv("MINARI_DATASETS_PATH", str(out))
+    monkeypatch.setenv("MINARI_DATASETS_PATH", str(out.absolute()))
     monkeypatch.setenv("ENVCRAFT_CORPUS", str(corpus))
     name = "envcraft/tetris_0_0000/random-v0"
     assert list(minari.list_local_datasets()) == [name]

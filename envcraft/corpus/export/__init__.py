@@ -136,21 +136,23 @@ class Exporter(ABC):
 
 @contextlib.contextmanager
 def fresh_folder(output: Path) -> Iterator[Path]:
-    """A folder that gets the name `output` once it is whole. Raises UsageError where that is taken, EnvCraftError where
-    it cannot be written.
+    """A folder that gets the name `output` once it is whole. Raises UsageError where that is taken, or there can be no
+    such folder, EnvCraftError where it cannot be filled.
     """
     try:
         if output.exists() and (not output.is_dir() or any(output.iterdir())):
             raise UsageError(f"{output} exists and is not empty; name a folder that is new or empty")
         output.parent.mkdir(parents=True, exist_ok=True)
         made = Path(tempfile.mkdtemp(prefix=f".{output.name}-", dir=output.parent))
-        try:
-            yield made
-            made.chmod(0o755)
-            if output.is_dir():
-                output.rmdir()
-            os.replace(made, output)
-        finally:
-            shutil.rmtree(made, ignore_errors=True)
+    except OSError as error:
+        raise UsageError(f"{output} cannot be written: {error.strerror or error}") from None
+    try:
+        yield made
+        made.chmod(0o755)
+        if output.is_dir():
+            output.rmdir()
+        os.replace(made, output)
     except OSError as error:
         raise EnvCraftError(f"{output} cannot be written: {error.strerror or error}") from None
+    finally:
+        shutil.rmtree(made, ignore_errors=True)

@@ -53,6 +53,7 @@ def test_the_marker_makes_one_test_a_check(pytester: pytest.Pytester, walk: Path
     [
         ("'games/walk.py', cheks='api'", "*marker envcraft of test_it has no cheks; it takes target, contract, *"),
         ("'a', 'b'", "*marker envcraft of test_it takes one target*"),
+        ("checks='api'", "*marker envcraft of test_it names no target, and the test does not take the fixture *"),
         ("3", "*marker envcraft of test_it cannot be followed: 3 is no target: *"),
         ("'games/walk.py', checks='apu'", "*marker envcraft of test_it cannot be followed: there is no check 'apu'; *"),
     ],

@@ -99,6 +99,18 @@ def test_wrong_use_is_told(corpus: Path, tmp_path: Path, arguments: tuple[str, .
     assert words in result.output
 
 
+def test_what_cannot_be_written_is_told_before_anything_runs(corpus: Path, tmp_path: Path) -> None:
+    file = tmp_path / "file"
+    file.write_text("kept")
+    train = run("train", corpus, "--output", file / "run", *TRAIN)
+    evaluate = run("evaluate", corpus, "--player", "random", "--output", file / "told.json", "--trust")
+    for result in (train, evaluate):
+        assert result.exit_code == 2, result.output
+        assert f"{file}" in result.output
+        assert "cannot be written to" in result.output
+    assert file.read_text() == "kept"
+
+
 def test_help_imports_no_torch() -> None:
     code = (
         "import sys; from click.testing import CliRunner; from envcraft.cli import cli; "
