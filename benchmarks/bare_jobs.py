@@ -2,20 +2,17 @@
 
 An episode is an instance that is made, reset and stepped as the job asks: with the earlier episodes on the same
 instance, the second instance beside it and the calls of render() where the conditions have them. A search is that of
-the worker with nobody to tell; it copies states as a script would, by ``copy.deepcopy``, or with `snapshots` as the
-worker does.
+the worker, its copies of the state included, with nobody to tell.
 """
 
 from __future__ import annotations
 
 import contextlib
-import copy
 import random
 import socket
 import time
 from collections.abc import Callable, Iterator
 from typing import Any
-from unittest import mock
 
 import numpy as np
 from envcraft_sandbox.worker import search
@@ -70,27 +67,14 @@ def jobs_of(plan: Plan) -> list[dict[str, Any]]:
     return noting.jobs
 
 
-class _Plain:
-    """What stands in for a snapshot in a plain script."""
-
-    def __init__(self, env: Any) -> None:
-        self._env = copy.deepcopy(env)
-
-    def restore(self) -> Any:
-        return copy.deepcopy(self._env)
-
-    key = None
-
-
-def seconds(job: dict[str, Any], snapshots: bool = False) -> float:
+def seconds(job: dict[str, Any]) -> float:
     """Processor seconds of one job in this process; up to the exception where the environment raises one."""
     state = job.get("seed", 0) % 2**32
     random.seed(state)
     np.random.seed(state)
     subject = Subject(job, _Nobody())
     started = time.process_time()
-    copies = contextlib.nullcontext() if snapshots else mock.patch.object(search, "Snapshot", _Plain)
-    with contextlib.suppress(Exception, Fault), copies:
+    with contextlib.suppress(Exception, Fault):
         subject.load()
         if job["kind"] == "rollout":
             _episode(subject, job)

@@ -12,7 +12,6 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from itertools import pairwise
-from operator import itemgetter
 from typing import Any
 
 import numpy as np
@@ -20,7 +19,7 @@ import numpy as np
 from envcraft_sandbox.wire import Kind
 
 from .channel import encode_value, jsonable
-from .snapshot import Snapshot
+from .copies import Copies
 from .state import State
 from .subject import Fault, Subject, attributes
 
@@ -56,22 +55,13 @@ class Path:
 
 @dataclass(slots=True)
 class Node:
-    """An environment that is being stepped, and how it came to where it stands."""
+    """A state: a copy of the environment, or the way to replay to it where it cannot be copied."""
 
     env: Any
     path: Path
     total: float
-    ended: bool = False
-
-
-@dataclass(slots=True)
-class Kept:
-    """A state to branch from: a snapshot, or only the way to replay to it where there can be none."""
-
-    snapshot: Snapshot | None
-    path: Path
-    total: float
     visits: int = 0
+    ended: bool = False
 
 
 @dataclass(slots=True)
@@ -109,6 +99,7 @@ class Tree:
         self.random = _Random(job["seed"])
         self.limit: int = job["limit"]
         self.until = _monotonic() + job.get("seconds", float("inf"))
+        self.copies: Copies
 
     def root(self) -> Node:
         env = self.subject.construct(announce=False)
@@ -116,25 +107,22 @@ class Tree:
         self.frame = observation
         node = Node(env, Path(None, None, 0), 0.0)
         try:
-            Snapshot(env).restore()
+            self.copies = Copies(env)
+            self.copies.of(env)
         except BaseException:
             self.out.copies = False
         return node
 
-    def keep(self, node: Node) -> Kept:
-        """The state that `node` is in, whatever becomes of it."""
-        return Kept(Snapshot(node.env) if self.out.copies else None, node.path, node.total)
-
-    def branch(self, kept: Kept) -> Node:
-        """A state like `kept` that can be stepped without changing it."""
-        if kept.snapshot is not None:
-            return Node(kept.snapshot.restore(), kept.path, kept.total)
+    def branch(self, node: Node) -> Node:
+        """A state like `node` that can be stepped without changing it."""
+        if self.out.copies:
+            return Node(self.copies.of(node.env), node.path, node.total)
         env = self.subject.construct(announce=False)
         self.subject.call("reset", env.reset, seed=self.seed)
-        for action in kept.path.actions():
+        for action in node.path.actions():
             self.subject.call("step", env.step, self.subject.action(action, env))
             self.out.steps += 1
-        return Node(env, kept.path, kept.total)
+        return Node(env, node.path, node.total)
 
     def step(self, node: Node, action: Any) -> bool:
         """Step `node` in place; False once its episode is over or broken."""
@@ -185,8 +173,8 @@ def explore(tree: Tree) -> None:
     key, chosen by how seldom they were left and how much they have earned. Stops at the budget, or at half of it once
     a win is known.
     """
-    root = tree.keep(tree.root())
-    archive: dict[Any, Kept] = {_cell(tree.frame): root}
+    root = tree.root()
+    archive: dict[Any, Node] = {_cell(tree.frame): root}
     seen = {_digest(tree.frame)}
     while not tree.spent() and not (tree.out.win is not None and 2 * tree.out.steps >= tree.budget):
         start = _choose(tree.random, archive)
@@ -208,23 +196,26 @@ def explore(tree: Tree) -> None:
     tree.out.states = len(seen)
 
 
-def _remember(tree: Tree, archive: dict[Any, Kept], cell: Any, node: Node) -> None:
+def _remember(tree: Tree, archive: dict[Any, Node], cell: Any, node: Node) -> None:
     known = archive.get(cell)
     if known is not None and node.total <= known.total:
         return
     if known is None and len(archive) >= 4096:
         return
-    kept = tree.keep(node)
+    if tree.out.copies:
+        kept = Node(tree.copies.of(node.env), node.path, node.total)
+    else:
+        kept = Node(None, node.path, node.total)
     kept.visits = known.visits // 2 if known else 0
     archive[cell] = kept
 
 
-def _choose(rng: random.Random, archive: dict[Any, Kept]) -> Kept:
-    states = list(archive.values())
-    sample = [states[rng.randrange(len(states))] for _ in range(min(8, len(states)))]
-    low = min(kept.total for kept in sample)
-    span = max(kept.total for kept in sample) - low
-    return max(sample, key=lambda kept: (1 + (kept.total - low) / span if span else 1) / (1 + kept.visits) ** 0.5)
+def _choose(rng: random.Random, archive: dict[Any, Node]) -> Node:
+    nodes = list(archive.values())
+    sample = [nodes[rng.randrange(len(nodes))] for _ in range(min(8, len(nodes)))]
+    low = min(node.total for node in sample)
+    span = max(node.total for node in sample) - low
+    return max(sample, key=lambda node: (1 + (node.total - low) / span if span else 1) / (1 + node.visits) ** 0.5)
 
 
 def horizon(tree: Tree) -> None:
@@ -237,15 +228,14 @@ def horizon(tree: Tree) -> None:
     budget is spent is played at random.
     """
     node = tree.root()
-    rest: list[Any] = []
+    kept: list[Any] = []
     while not node.ended and tree.out.win is None and not tree.spent():
-        here = tree.keep(node)
-        plans = [rest + _held(tree, _AHEAD - len(rest)), *(_held(tree, _AHEAD) for _ in range(_PLANS - 1))]
-        best = max(((_worth(tree, here, plan), plan) for plan in plans), key=itemgetter(0))[1]
-        for action in best[:_FOLLOW]:
+        plans = [kept + _held(tree, _AHEAD - len(kept)), *(_held(tree, _AHEAD) for _ in range(_PLANS - 1))]
+        kept = max(plans, key=lambda plan: _worth(tree, node, plan))
+        for action in kept[:_FOLLOW]:
             if not tree.step(node, action):
                 break
-        rest = best[_FOLLOW:]
+        kept = kept[_FOLLOW:]
     if tree.out.win is not None:
         tree.out.best, tree.out.best_return = tree.out.win, tree.out.win_return
         return
@@ -262,15 +252,15 @@ def _held(tree: Tree, length: int) -> list[Any]:
     return plan[:length]
 
 
-def _worth(tree: Tree, start: Kept, plan: list[Any]) -> tuple[bool, bool, float, int]:
+def _worth(tree: Tree, node: Node, plan: list[Any]) -> tuple[bool, bool, float, int]:
     """How good a plan is from a state on."""
     known = tree.out.win
-    child = tree.branch(start)
+    child = tree.branch(node)
     for action in plan:
         if not tree.step(child, action):
             break
     lasts = not child.ended or child.path.length >= tree.limit
-    return tree.out.win is not known, lasts, child.total - start.total, child.path.length
+    return tree.out.win is not known, lasts, child.total - node.total, child.path.length
 
 
 def exhaust(tree: Tree) -> None:
@@ -284,64 +274,47 @@ def exhaust(tree: Tree) -> None:
     root = tree.root()
     if not tree.out.copies:
         return
-    states = _States(tree, root)
+    begun = State(root.env).generators
+    opaque = False
+    counters = _counters(tree, root)
+
+    def key(node: Node) -> int:
+        nonlocal opaque
+        state = State(node.env)
+        opaque |= state.opaque
+        tree.out.stochastic |= state.generators != begun
+        told = {name: value for name, value in state.values.items() if name not in counters}
+        return hash((_digest(tree.frame), json.dumps(told)))
+
     root = tree.root()
-    start = tree.keep(root)
-    seen = {states.key(root, start)}
-    frontier = [start]
+    copies = tree.copies
+    seen = {key(root)}
+    frontier = [root]
     while frontier:
-        grown: list[Kept] = []
-        for start in frontier:
+        grown: list[Node] = []
+        for node in frontier:
             for action in tree.actions:
                 if tree.spent() or tree.out.win is not None or tree.out.stochastic:
                     tree.out.states = len(seen)
                     return
-                child = tree.branch(start)
+                child = tree.branch(node)
                 alive = tree.step(child, action)
-                kept = tree.keep(child)
-                state = states.key(child, kept)
+                state = key(child)
                 if alive and state not in seen:
                     seen.add(state)
-                    grown.append(kept)
+                    grown.append(child)
         frontier = grown
     tree.out.states = len(seen)
-    closed = tree.out.crash is None and not tree.out.stochastic and _closed(tree, seen, states)
-    tree.out.exhausted = closed and not states.opaque
+    closed = tree.out.crash is None and not tree.out.stochastic and _closed(tree, seen, key)
+    tree.out.exhausted = closed and not opaque and copies.apart
 
 
-class _States:
-    """Tells the states of a search apart (see :func:`exhaust`); `opaque` once it has met what it cannot look into."""
-
-    def __init__(self, tree: Tree, root: Node) -> None:
-        self._tree = tree
-        self._begun = State(root.env).generators
-        self._counters = _counters(tree, root)
-        self._twins: dict[int, int] = {}
-        self.opaque = False
-
-    def key(self, node: Node, kept: Kept) -> int:
-        """The key of the state that `node` is in, and `kept` a snapshot of."""
-        # Most children of a state are the same one: it is looked into once.
-        known = kept.snapshot.key if kept.snapshot is not None else None
-        twin = hash((_digest(self._tree.frame), known))
-        if known is None or twin not in self._twins:
-            self._twins[twin] = self._key(node)
-        return self._twins[twin]
-
-    def _key(self, node: Node) -> int:
-        state = State(node.env)
-        self.opaque |= state.opaque
-        self._tree.out.stochastic |= state.generators != self._begun
-        told = {name: value for name, value in state.values.items() if name not in self._counters}
-        return hash((_digest(self._tree.frame), json.dumps(told)))
-
-
-def _closed(tree: Tree, seen: set[int], states: _States) -> bool:
+def _closed(tree: Tree, seen: set[int], key: Callable[[Node], int]) -> bool:
     """Whether whole episodes, one of the first action and some at random, meet no other states and no win."""
     for play in range(_EPISODES):
         node = tree.root()
         while tree.step(node, tree.random.choice(tree.actions) if play else tree.actions[0]):
-            if _monotonic() > tree.until or states.key(node, tree.keep(node)) not in seen:
+            if _monotonic() > tree.until or key(node) not in seen:
                 return False
         if tree.out.crash is not None or tree.out.win is not None:
             return False
@@ -351,9 +324,8 @@ def _closed(tree: Tree, seen: set[int], states: _States) -> bool:
 def _counters(tree: Tree, root: Node) -> set[str]:
     """Whole numbers that go up or down by one at every step, whatever is done: time, which tells no states apart."""
     found: set[str] | None = None
-    start = tree.keep(root)
     for action in tree.actions:
-        probe = tree.branch(start)
+        probe = tree.branch(root)
         readings = [attributes(probe.env)]
         while len(readings) < _READINGS and not probe.ended:
             tree.step(probe, action)
@@ -368,11 +340,10 @@ def greedy(tree: Tree) -> None:
     node = tree.root()
     for _ in range(5):
         best: tuple[float, Node] | None = None
-        start = tree.keep(node)
         for action in tree.actions:
-            child = tree.branch(start)
+            child = tree.branch(node)
             tree.step(child, action)
-            if child.path.length > start.path.length and (best is None or child.total > best[0]):
+            if child.path.length > node.path.length and (best is None or child.total > best[0]):
                 best = (child.total, child)
         if best is None:
             return
@@ -392,9 +363,8 @@ def sweep(tree: Tree) -> None:
     share = max(tree.budget // max(len(tree.path), 1), 1)
     position = 0
     for action in tree.path:
-        start = tree.keep(node)
         for _ in range(min(share, len(tree.actions))):
-            tree.step(tree.branch(start), tree.actions[position % len(tree.actions)])
+            tree.step(tree.branch(node), tree.actions[position % len(tree.actions)])
             position += 1
             if tree.out.crash is not None or tree.spent():
                 return
