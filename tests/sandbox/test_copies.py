@@ -68,7 +68,6 @@ def test_nothing_that_changes_is_shared(make: Callable[[], Any], change: Callabl
     change(env.value)
     assert told(env.value) == told(first)
     assert told(second) == before
-    assert copies.apart
 
 
 def test_what_belongs_together_stays_together() -> None:
@@ -90,30 +89,14 @@ def test_constants_are_still_the_same_objects() -> None:
     assert copied.code is len
 
 
-@pytest.mark.parametrize(
-    "change",
-    [
-        lambda space: setattr(space, "n", 7),
-        lambda space: setattr(space, "mark", 1),
-        lambda space: space.sample(),
-    ],
-    ids=["number", "attribute", "drawn"],
-)
-def test_it_is_noticed_when_what_is_shared_changes(change: Callable[[Any], Any]) -> None:
-    made: Any = Env(space=spaces.Discrete(3))
-    copies = Copies(made)
-    copied = copies.of(made)
-    assert copied.space is made.space
-    assert copies.apart
-    change(copied.space)
-    assert not copies.apart
+def test_spaces_are_shared_unless_copies_are_to_be_exact() -> None:
+    made: Any = Env(space=spaces.Box(0, 1, (2,)), drawn=drawn(spaces.Discrete(3)))
+    shared, exact = Copies(made).of(made), Copies(made, exact=True).of(made)
 
-
-def test_bounds_that_change_are_noticed() -> None:
-    made: Any = Env(space=spaces.Box(0, 1, (2,)))
-    copies = Copies(made)
-    copies.of(made).space.high[:] = 3
-    assert not copies.apart
+    assert shared.space is made.space
+    assert shared.drawn is not made.drawn
+    assert exact.space is not made.space
+    assert exact.space == made.space
 
 
 def test_what_cannot_be_copied_says_so() -> None:

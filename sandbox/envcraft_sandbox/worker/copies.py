@@ -1,8 +1,8 @@
 """Copies of an environment, as `copy.deepcopy` makes them and sooner.
 
-Most of what it takes goes into things that hardly a game changes: a random generator, which is made anew from the
-system's entropy before it gets its state, and the bounds of spaces. The former are copied by hand, and spaces that
-nothing was drawn from are shared.
+Most of what that takes goes into a random generator, which is made anew from the system's entropy before it gets its
+state, and into the bounds of spaces, which hardly a game changes. Generators are copied by hand, and spaces that
+nothing was drawn from are shared, but for copies that a proof rests on.
 """
 
 from __future__ import annotations
@@ -18,12 +18,11 @@ _BITS = (np.random.PCG64, np.random.PCG64DXSM, np.random.MT19937, np.random.Phil
 
 
 class Copies:
-    """Makes copies of `env`, of copies of it, and of what becomes of these."""
+    """Makes copies of `env`, of copies of it, and of what becomes of these; with `exact`, nothing is shared."""
 
-    def __init__(self, env: Any) -> None:
-        held = vars(env.unwrapped).values()
+    def __init__(self, env: Any, exact: bool = False) -> None:
+        held = () if exact else vars(env.unwrapped).values()
         self._shared = [space for space in held if type(space) in _SPACES and space._np_random is None]
-        self._before = [_told(space) for space in self._shared]
 
     def of(self, env: Any) -> Any:
         """A copy. Raises what the environment's own methods raise, and ``TypeError`` where it cannot be copied."""
@@ -32,16 +31,6 @@ class Copies:
             if type(held) is np.random.Generator:
                 memo |= _generator(held)
         return copy.deepcopy(env, memo)
-
-    @property
-    def apart(self) -> bool:
-        """Whether no copy has changed what all of them share."""
-        return [_told(space) for space in self._shared] == self._before
-
-
-def _told(space: Any) -> dict[str, Any]:
-    """All that a space consists of."""
-    return {name: value.tobytes() if type(value) is np.ndarray else repr(value) for name, value in vars(space).items()}
 
 
 def _generator(held: np.random.Generator) -> dict[int, Any]:

@@ -99,6 +99,8 @@ class Tree:
         self.random = _Random(job["seed"])
         self.limit: int = job["limit"]
         self.until = _monotonic() + job.get("seconds", float("inf"))
+        #: Of the search that proves something nothing is left to what games usually do.
+        self.exact: bool = job["search"] == "exhaust"
         self.copies: Copies
 
     def root(self) -> Node:
@@ -107,7 +109,7 @@ class Tree:
         self.frame = observation
         node = Node(env, Path(None, None, 0), 0.0)
         try:
-            self.copies = Copies(env)
+            self.copies = Copies(env, exact=self.exact)
             self.copies.of(env)
         except BaseException:
             self.out.copies = False
@@ -287,7 +289,6 @@ def exhaust(tree: Tree) -> None:
         return hash((_digest(tree.frame), json.dumps(told)))
 
     root = tree.root()
-    copies = tree.copies
     seen = {key(root)}
     frontier = [root]
     while frontier:
@@ -306,7 +307,7 @@ def exhaust(tree: Tree) -> None:
         frontier = grown
     tree.out.states = len(seen)
     closed = tree.out.crash is None and not tree.out.stochastic and _closed(tree, seen, key)
-    tree.out.exhausted = closed and not opaque and copies.apart
+    tree.out.exhausted = closed and not opaque
 
 
 def _closed(tree: Tree, seen: set[int], key: Callable[[Node], int]) -> bool:
