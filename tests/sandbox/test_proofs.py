@@ -15,6 +15,7 @@ from envcraft.target import Target
 
 #: A lock that a code opens; what is seen never changes.
 LOCK = """
+import random
 import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
@@ -49,6 +50,8 @@ LOCKS = {
     "constants that are compared by identity": {"WON": "self.held is KEY and action"},
     "no win at all": {"WON": "False"},
     "copies that begin anew": {"BASES": ", EzPickle", "INIT": "EzPickle.__init__(self)"},
+    "the generators that all code shares": {"WON": "np.random.random() < 1e-9"},
+    "the library's generator": {"WON": "random.random() < 1e-9"},
     "its own space as a place": {
         "INIT": "self.box = spaces.Discrete(99)",
         "ZERO": "self._put(0)",

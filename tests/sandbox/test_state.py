@@ -46,6 +46,26 @@ def surface(value: int) -> pygame.Surface:
     return made
 
 
+def faded(value: int) -> pygame.Surface:
+    made = surface(0)
+    made.set_alpha(value)
+    return made
+
+
+class Named(np.ndarray[Any, Any]):
+    name = ""
+
+
+class Dice(random.Random):
+    thrown = 0
+
+
+def counted() -> None: ...
+
+
+counted.calls = 1  # type: ignore[attr-defined]
+
+
 class Env:
     def __init__(self, **attributes: Any) -> None:
         vars(self).update(attributes)
@@ -76,6 +96,10 @@ MAKERS: dict[str, Callable[[int], Any]] = {
     "rectangle": lambda n: pygame.Rect(n, 0, 3, 3),
     "vector": lambda n: pygame.Vector2(n, 1),
     "picture": surface,
+    "how a picture is shown": lambda n: faded(n),
+    "a space's number": lambda n: gymnasium.spaces.Discrete(5 + n),
+    "a space's bounds": lambda n: gymnasium.spaces.Box(0, 1 + n, (2,)),
+    "a space in a space": lambda n: gymnasium.spaces.Dict(a=gymnasium.spaces.Discrete(5 + n)),
     "mode": lambda n: Mode(n),
     "bound method": lambda n: Lock(n).__repr__,
     "built-in method": lambda n: [1, n].pop,
@@ -123,8 +147,24 @@ class Stubborn:
 
 @pytest.mark.parametrize(
     "value",
-    [(lambda kept: lambda: kept)([1]), Stubborn(), {Lock: 1, "a": {Stubborn()}}, list(range(30_000))],
-    ids=["closure", "not to be copied", "objects in a set", "very much"],
+    [
+        (lambda kept: lambda: kept)([1]),
+        counted,
+        np.zeros(3).view(Named),
+        Dice(3),
+        Stubborn(),
+        {Lock: 1, "a": {Stubborn()}},
+        list(range(30_000)),
+    ],
+    ids=[
+        "closure",
+        "a function's attributes",
+        "an array's attributes",
+        "a generator's attributes",
+        "not to be copied",
+        "objects in a set",
+        "very much",
+    ],
 )
 def test_knows_what_it_does_not_see(value: Any) -> None:
     assert state(value).opaque

@@ -276,7 +276,7 @@ def exhaust(tree: Tree) -> None:
     root = tree.root()
     if not tree.out.copies:
         return
-    begun = State(root.env).generators
+    begun, begun_for_all = State(root.env).generators, _global_generators()
     opaque = False
     counters = _counters(tree, root)
 
@@ -307,7 +307,7 @@ def exhaust(tree: Tree) -> None:
         frontier = grown
     tree.out.states = len(seen)
     closed = tree.out.crash is None and not tree.out.stochastic and _closed(tree, seen, key)
-    tree.out.exhausted = closed and not opaque
+    tree.out.exhausted = closed and not opaque and _global_generators() == begun_for_all
 
 
 def _closed(tree: Tree, seen: set[int], key: Callable[[Node], int]) -> bool:
@@ -320,6 +320,12 @@ def _closed(tree: Tree, seen: set[int], key: Callable[[Node], int]) -> bool:
         if tree.out.crash is not None or tree.out.win is not None:
             return False
     return True
+
+
+def _global_generators() -> str:
+    """What the generators that all code shares would give next."""
+    _, key, *rest = np.random.get_state()
+    return repr((random.getstate(), key.tobytes(), rest))  # type: ignore[attr-defined]
 
 
 def _counters(tree: Tree, root: Node) -> set[str]:

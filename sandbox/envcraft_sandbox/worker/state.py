@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import enum
 import functools
-import hashlib
 import random
 from types import BuiltinFunctionType, FunctionType, MethodType, ModuleType
 from typing import Any
@@ -21,6 +20,8 @@ _CODE = (type, ModuleType, FunctionType, BuiltinFunctionType)
 _PLAIN = {type(None), bool, int, float, complex, str, bytes}
 _JSON = {type(None), bool, str}
 _PLAIN_LISTS = (list, tuple)
+#: What a space holds besides numbers, and the spaces in it.
+_OF_SPACES = {"_np_random", "spaces"}
 
 
 class State:
@@ -63,6 +64,8 @@ class State:
             return value if type(value) in _JSON else ["", repr(value)]
         if isinstance(value, _GENERATORS):
             self.generators.append(_generator(value))
+            # One of a class of its own may hold more than its numbers.
+            self.opaque |= type(value) not in _GENERATORS
             return None
         if isinstance(value, _CODE):
             return self._code(value, depth)
@@ -83,8 +86,9 @@ class State:
         bound = getattr(value, "__self__", None)
         if isinstance(value, BuiltinFunctionType) and not isinstance(bound, ModuleType | type(None)):
             return [value.__name__, self._image(bound, depth)]
-        # What a function has closed over may change.
+        # What a function has closed over may change, and so may its attributes.
         self.opaque |= bool(getattr(value, "__closure__", None))
+        self.opaque |= isinstance(value, FunctionType) and bool(vars(value))
         return ["code", id(value)]
 
     def _inside(self, value: Any, depth: int) -> Any:
@@ -93,8 +97,11 @@ class State:
             self.opaque |= self._left < 0
             return [type_name(value), repr(value)]
         if isinstance(value, gymnasium.Space):
-            return [self._image(part, depth) for part in (value._np_random, getattr(value, "spaces", None))]
+            # Not the bounds of pictures, which are long, and which no game changes.
+            told = {name: part for name, part in vars(value).items() if name in _OF_SPACES or _is_short(part)}
+            return [[name, self._image(part, depth)] for name, part in told.items()]
         if isinstance(value, np.ndarray | np.generic) and not value.dtype.hasobject:
+            self.opaque |= isinstance(value, np.ndarray) and type(value) is not np.ndarray
             return [value.dtype.str, list(value.shape), hash(value.tobytes())]
         if isinstance(value, dict):
             inside = [[self._image(key, depth), self._image(item, depth)] for key, item in value.items()]
@@ -121,12 +128,19 @@ class State:
     def _reduced(self, value: Any, depth: int) -> Any:
         """What the object itself would be copied by, or a picture's bytes."""
         if type_name(value).startswith("pygame.") and hasattr(value, "get_buffer"):
-            return hashlib.blake2b(value.get_buffer().raw, digest_size=16).hexdigest()
+            shown: list[Any] = []
+            if hasattr(value, "get_clip"):
+                shown = [value.get_alpha(), value.get_colorkey(), tuple(value.get_clip())]
+            return [hash(value.get_buffer().raw), repr(shown)]
         reduced = value.__reduce_ex__(2)
         parts = reduced[1:] if isinstance(reduced, tuple) else ()
         # After arguments and state come iterators, over items of a list and of a dict.
         listed = [*parts[:2], *(list(part) for part in parts[2:4] if part is not None)]
         return [self._image(part, depth) for part in listed]
+
+
+def _is_short(value: Any) -> bool:
+    return type(value) in _PLAIN or isinstance(value, np.generic) or (isinstance(value, np.ndarray) and value.size < 64)
 
 
 def _plain(value: Any) -> bool:
