@@ -56,8 +56,11 @@ class DaskExecutor(ExecutorPlugin):
 def _connected(scheduler: str) -> Client:
     """Raises UsageError on what is no address, EnvCraftError where no scheduler answers there."""
     from distributed import Client
+    from distributed.comm.addressing import resolve_address
 
     try:
+        # A client that has not come to an address waits for its own end, long after the command's.
+        resolve_address(scheduler)
         return Client(scheduler, timeout=_CONNECT_SECONDS, set_as_default=False)
     except ValueError as error:
         raise UsageError(
