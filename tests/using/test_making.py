@@ -98,17 +98,24 @@ class TestTrust:
         envcraft.make(corpus, "bee")
 
     def test_a_pass_of_some_checks_is_none(self, corpus: Path, tmp_path: Path) -> None:
-        (text,) = _texts(corpus, "failed.py")
+        new, failed, ant = _texts(corpus, "new.py", "failed.py", "ant.py")
         with Store(corpus, write=True) as store:
-            judged(store, "failed.py", text, "Failed", ARCADE, Verdict.PASS, "fewer rules", checks="source")
-            assert [one.name for one in Order(store, tmp_path).environments()].count("failed.py") == 0
-        with pytest.raises(Untrusted, match=r"failed\.py has passed only some of the checks under"):
+            judged(store, "new.py", new, "New", ARCADE, Verdict.PASS, "fewer rules", checks="source")
+            judged(store, "failed.py", failed, "Failed", ARCADE, Verdict.PASS, "fewer rules", checks="source")
+            names = [one.name for one in Order(store, tmp_path).environments()]
+            assert not {"new.py", "failed.py"} & set(names)
+        with pytest.raises(Untrusted, match=r"new\.py has passed only some of the checks under"):
+            envcraft.make(corpus, "new")
+        with pytest.raises(Untrusted, match=r"failed\.py has the verdict fail under"):
             envcraft.make(corpus, "failed")
         assert not (corpus.parent / "imported").exists()
         with Store(corpus, write=True) as store:
-            judged(store, "failed.py", text, "Failed", ARCADE, Verdict.PASS, "later rules")
-            assert [one.name for one in Order(store, tmp_path).environments()].count("failed.py") == 1
-        envcraft.make(corpus, "failed")
+            judged(store, "new.py", new, "New", ARCADE, Verdict.PASS, "later rules")
+            assert [one.name for one in Order(store, tmp_path).environments()].count("new.py") == 1
+            # Nor does it take back what all have found.
+            judged(store, "ant.py", ant, "Ant", ARCADE, Verdict.PASS, "fewer rules", checks="source")
+        envcraft.make(corpus, "new")
+        envcraft.make(corpus, "ant")
 
     def test_another_budget_takes_no_finding_back(self, corpus: Path, tmp_path: Path) -> None:
         (text,) = _texts(corpus, "ant.py")
