@@ -6,6 +6,7 @@ import contextlib
 import os
 import tempfile
 from collections.abc import Iterator
+from functools import partial
 from typing import BinaryIO
 
 from envcraft.errors import UsageError
@@ -19,27 +20,29 @@ def whole(path: str, what: str = "") -> Iterator[BinaryIO]:
     Raises UsageError where there can be no such file.
     """
     place = os.path.realpath(path)
-    new = None
+    with contextlib.ExitStack() as stack:
+        try:
+            if os.path.exists(place) and not os.path.isfile(place):
+                stream: BinaryIO = stack.enter_context(open(place, "wb"))
+            else:
+                mode = os.stat(place).st_mode & 0o777 if os.path.exists(place) else 0o666 & ~_umask()
+                descriptor, new = tempfile.mkstemp(prefix=f".{os.path.basename(place)}-", dir=os.path.dirname(place))
+                stack.push(partial(_settle, new, place))
+                stream = stack.enter_context(open(descriptor, "wb"))
+                os.fchmod(descriptor, mode)
+        except OSError as error:
+            raise UsageError(f"{what}{path} cannot be written: {error.strerror}") from None
+        yield stream
+
+
+def _settle(new: str, place: str, wrong: type[BaseException] | None, *_: object) -> None:
+    """Put a new file in its place, or where something went wrong, away."""
     try:
-        if os.path.exists(place) and not os.path.isfile(place):
-            stream: BinaryIO = open(place, "wb")  # noqa: SIM115 (closed below, like the other)
-        else:
-            mode = os.stat(place).st_mode & 0o777 if os.path.exists(place) else 0o666 & ~_umask()
-            descriptor, new = tempfile.mkstemp(prefix=f".{os.path.basename(place)}-", dir=os.path.dirname(place))
-            os.fchmod(descriptor, mode)
-            stream = open(descriptor, "wb")  # noqa: SIM115
-    except OSError as error:
-        raise UsageError(f"{what}{path} cannot be written: {error.strerror}") from None
-    try:
-        with stream:
-            yield stream
-        if new is not None:
+        if wrong is None:
             os.replace(new, place)
-    except BaseException:
-        if new is not None:
-            with contextlib.suppress(OSError):
-                os.unlink(new)
-        raise
+    finally:
+        with contextlib.suppress(FileNotFoundError):
+            os.unlink(new)
 
 
 def _umask() -> int:

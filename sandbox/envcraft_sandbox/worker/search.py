@@ -324,8 +324,9 @@ def _closed(tree: Tree, seen: set[int], key: Callable[[Node], int]) -> bool:
 
 def _global_generators() -> str:
     """What the generators that all code shares would give next."""
-    _, key, *rest = np.random.get_state()
-    return repr((random.getstate(), key.tobytes(), rest))  # type: ignore[attr-defined]
+    told: Any = np.random.get_state()
+    _, key, *rest = told
+    return repr((random.getstate(), key.tobytes(), rest))
 
 
 def _counters(tree: Tree, root: Node) -> set[str]:
