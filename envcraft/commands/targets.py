@@ -8,7 +8,10 @@ import stat
 from collections.abc import Iterator
 from pathlib import Path
 
+import click
+
 from envcraft.errors import UsageError
+from envcraft.reports import one_line, plural
 from envcraft.target import MAX_SOURCE, Kind, Target, kind_of, read_target
 
 #: What a file in a folder must have to be taken for an environment: a class, and Gymnasium by either name.
@@ -48,14 +51,26 @@ def resolve(path: str, env_class: str | None = None, environments_only: bool = F
 
 
 def environments_below(folder: str, env_class: str | None = None) -> Iterator[Target]:
-    """The environments in a folder, in the order of their paths; files that cannot be read are passed over."""
+    """The environments in a folder, in the order of their paths; at the end stderr has the number of other files."""
+    passed_over = []
     for file in _python_files(folder):
         try:
             target = read_target(file, env_class)
         except UsageError:
+            passed_over.append(file)
             continue
         if _is_environment(target):
             yield target
+        else:
+            passed_over.append(file)
+    if passed_over:
+        named = ", ".join(one_line(os.path.relpath(file, folder)) for file in passed_over[:3])
+        more = ", …" if len(passed_over) > 3 else ""
+        click.echo(
+            f"passed over in {one_line(folder)}, for want of a class, the word gymnasium or a way to read it: "
+            f"{plural(len(passed_over), '.py file')} ({named}{more})",
+            err=True,
+        )
 
 
 def _is_environment(target: Target) -> bool:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -90,6 +91,22 @@ def test_folder_without_environments(invoke: Any, tmp_path: Path) -> None:
     assert result.exit_code == 2
     assert "holds no environment" in result.stderr
     assert result.stdout == ""
+
+
+def test_other_files_of_a_folder_are_counted(invoke: Any, good: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "games"
+    folder.mkdir()
+    shutil.copy(good, folder)
+    result = invoke("validate", folder, *QUICK)
+    assert "passed over" not in result.stderr
+    (folder / "a.py").write_bytes(good.read_text().encode("utf-16"))
+    for name in "bcd":
+        (folder / f"{name}.py").write_text("print(1)\n")
+    result = invoke("validate", folder, *QUICK)
+    assert result.exit_code == 0
+    assert f"passed over in {folder}" in result.stderr
+    assert "4 .py files (a.py, b.py, c.py, …)" in result.stderr
+    assert len(json.loads(invoke("validate", folder, *QUICK, "--format", "json").stdout)["reports"]) == 1
 
 
 def test_folder_is_searched_for_environments(invoke: Any, good: Path, tmp_path: Path) -> None:
