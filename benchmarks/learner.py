@@ -110,15 +110,17 @@ def ours(path: Path, lanes: int, steps: int) -> float:
     settings = Settings(steps=steps, lanes=lanes, leg=steps // lanes, **kept)
 
     class Clock(Teller):
-        """Counts from the first update on, since a run ends with a leg."""
+        """Counts from the first update to the last, since a run is set up before and saved after them."""
 
-        begun, counted = 0.0, 0
+        begun, ended, waiting, counted = 0.0, 0.0, 0, 0
 
         def updated(self, loss: float) -> None:
-            self.begun = self.begun or time.process_time()
+            self.ended = time.process_time()
+            self.begun = self.begun or self.ended
+            self.counted, self.waiting = self.counted + self.waiting, 0
 
         def stepped(self, lanes: Any, rewards: Any, over: Any) -> None:
-            self.counted += len(lanes) if self.begun else 0
+            self.waiting += len(lanes) if self.begun else 0
 
     def open_vector(names: Sequence[str]) -> Any:
         return envcraft.make_vec([path] * len(names), trust=True, workers=0)
@@ -126,7 +128,7 @@ def ours(path: Path, lanes: int, steps: int) -> float:
     clock = Clock()
     with tempfile.TemporaryDirectory() as folder:
         own.train(settings, ["variant"], open_vector, Path(folder), teller=clock, every=1e9)
-        return clock.counted / (time.process_time() - clock.begun)
+        return clock.counted / (clock.ended - clock.begun)
 
 
 def theirs(path: Path, lanes: int, steps: int) -> float:

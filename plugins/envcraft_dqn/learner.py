@@ -78,8 +78,9 @@ class Learner:
         """Weighted Huber loss of double Q-learning (van Hasselt et al. 2016, arXiv:1509.06461), and the TD errors."""
         with self._casting():
             with torch.no_grad():
-                best = self.network(following).argmax(1, keepdim=True)
-                values = self.target(following).gather(1, best).squeeze(1)
+                pixels = self.network.pixels(following)
+                best = self.network.values(pixels).argmax(1, keepdim=True)
+                values = self.target.values(pixels).gather(1, best).squeeze(1)
             chosen = self.network(frames).gather(1, actions[:, None]).squeeze(1).float()
         wanted = returns + discounts * values.float()
         return (weights * functional.smooth_l1_loss(chosen, wanted, reduction="none")).mean(), wanted - chosen.detach()

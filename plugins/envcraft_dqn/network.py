@@ -52,8 +52,15 @@ class Network(nn.Module):
         self.advantage = nn.Linear(width, sum(choices) if head == "branching" else math.prod(choices))
 
     def forward(self, frames: Tensor) -> Tensor:
+        return self.values(self.pixels(frames))
+
+    def pixels(self, frames: Tensor) -> Tensor:
+        """Frames as the convolutions take them, [n, 3, height, width] from 0 to 1; the same for all networks."""
         # Height, width, channel in memory is torch's channels_last: no byte is moved.
-        pixels = frames.permute(0, 3, 1, 2).to(self.value.weight.dtype) / 255
+        return frames.permute(0, 3, 1, 2).to(self.value.weight.dtype).div_(255)
+
+    def values(self, pixels: Tensor) -> Tensor:
+        """Values of all joint actions from what :meth:`pixels` gives."""
         value, advantage = self.streams(self.backbone(pixels)).chunk(2, 1)
         advantages = self.advantage(advantage)
         if self.head == "branching":

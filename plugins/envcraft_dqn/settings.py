@@ -10,8 +10,8 @@ from envcraft.errors import UsageError
 SIZES = {
     "tiny": ((8, 16, 16, 32, 32), 64),
     # As many parameters as the DQN of stable-baselines3 has for these frames.
-    "small": ((8, 16, 16, 32, 32), 720),
-    "reference": ((32, 64, 128, 256, 256), 600),
+    "small": ((8, 8, 16, 32, 32), 720),
+    "reference": ((16, 32, 64, 128, 128), 1290),
 }
 HEADS = ("joint", "branching")
 REPLAYS = ("packed", "ram", "mapped", "device")
