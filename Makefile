@@ -50,6 +50,7 @@ bench: .venv/peers.stamp
 	$(BIN)/python -m benchmarks.demonstrations
 	$(BIN)/python -m benchmarks.replay
 	$(BIN)/python -m benchmarks.learner
+	$(BIN)/python -m benchmarks.learnability
 
 picture: .venv/core.stamp
 	$(BIN)/python -m benchmarks.picture

@@ -37,9 +37,9 @@ from benchmarks.bare import environment, play
 from benchmarks.overhead import working
 from envcraft import actions
 from envcraft.budget import BUDGETS
+from envcraft.commands.choices import default_checks
 from envcraft.contract import ARCADE
 from envcraft.engine import Plan
-from envcraft.plugins import plugins
 from envcraft.sandbox import Driver
 from envcraft.target import read_target
 
@@ -103,7 +103,7 @@ def _try_out(path: Path) -> None:
 
 def bare(folder: Path, driver: Driver) -> float:
     """Processor seconds of the jobs of an audit without a sandbox."""
-    checks = plugins().collect("envcraft_checks")
+    checks = default_checks()
     spent = 0.0
     for path in sorted(folder.iterdir()):
         plan = Plan([read_target(str(path))], ARCADE, driver, checks, BUDGETS["quick"])

@@ -12,7 +12,7 @@ import sys
 from pathlib import Path
 
 from envcraft.budget import BUDGETS
-from envcraft.commands.choices import all_checks, contract_named, driver_named, rules_of
+from envcraft.commands.choices import contract_named, default_checks, driver_named, rules_of
 from envcraft.commands.targets import resolve
 from envcraft.engine import Plan, validate
 from envcraft.errors import EnvCraftError
@@ -47,7 +47,7 @@ def main() -> int:
 
 def run() -> Report:
     """Validate all examples, with the console report on standard output."""
-    checks = all_checks()
+    checks = default_checks()
     workers = min(os.cpu_count() or 1, 4)
     reporter = ConsoleReporter(sys.stdout, rules_of(checks))
     with contextlib.closing(driver_named("auto")) as driver, Progress() as progress:

@@ -39,6 +39,7 @@ def failing(report: SubjectReport) -> frozenset[str]:
 
 def _judge_at(budget: str, fixtures: Sequence[Fixture], sandbox: str, narrow: bool) -> Judged:
     from envcraft.budget import BUDGETS
+    from envcraft.commands.choices import default_checks
     from envcraft.contract import ARCADE
     from envcraft.engine import Plan, stream
     from envcraft.events import SubjectFinished
@@ -48,7 +49,7 @@ def _judge_at(budget: str, fixtures: Sequence[Fixture], sandbox: str, narrow: bo
     from envcraft.target import read_policy, read_target
 
     registered = plugins()
-    every = registered.collect("envcraft_checks")
+    every = default_checks()
     driver = choose(registered.collect("envcraft_sandbox_drivers"), sandbox)
     for alike in _alike(fixtures, every, narrow):
         policy = alike[0].policy

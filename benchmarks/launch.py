@@ -29,7 +29,7 @@ from rich.table import Table
 from benchmarks.fixtures import fixtures
 from benchmarks.overhead import Bare, working
 from envcraft.budget import BUDGETS
-from envcraft.commands.choices import all_checks
+from envcraft.commands.choices import default_checks
 from envcraft.contract import ARCADE
 from envcraft.engine import Plan, open_subject, run_check
 from envcraft.pool import Pool
@@ -106,7 +106,7 @@ def compare_workers(driver: Driver, count: int) -> tuple[dict[str, Cost], bool]:
 def audited(driver: Driver, targets: Sequence[Target]) -> tuple[Cost, list[tuple[int, list[Rollout]]]]:
     """Judge them one after the other; what that costs, and for each the steps that it took and its episodes."""
     played = []
-    plan = Plan(targets, ARCADE, driver, all_checks(), BUDGETS["quick"], lanes=1)
+    plan = Plan(targets, ARCADE, driver, default_checks(), BUDGETS["quick"], lanes=1)
     with measured() as cost, Pool(driver, plan.limits, len(targets)) as pool:
         for target in targets:
             with pool.turn() as turn, open_subject(msgspec.structs.replace(plan, driver=turn), target) as subject:

@@ -11,7 +11,7 @@ from pathlib import Path
 from rich.console import Console
 
 from envcraft.budget import BUDGETS
-from envcraft.commands.choices import all_checks, contract_named, driver_named, rules_of
+from envcraft.commands.choices import contract_named, default_checks, driver_named, rules_of
 from envcraft.commands.targets import resolve
 from envcraft.engine import Plan, validate
 from envcraft.reports.console import ConsoleReporter
@@ -23,7 +23,7 @@ WIDTH = 100
 
 def main() -> None:
     os.chdir(ROOT / "examples")
-    checks = all_checks()
+    checks = default_checks()
     console = Console(
         file=io.StringIO(), record=True, width=WIDTH, force_terminal=True, highlight=False, markup=False, emoji=False
     )

@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from envcraft.budget import BUDGETS
-from envcraft.commands.choices import all_checks, contract_named, driver_named
+from envcraft.commands.choices import contract_named, default_checks, driver_named
 from envcraft.engine import Plan, validate
 from envcraft.events import Finished
 from envcraft.sandbox import Limits
@@ -74,7 +74,7 @@ def judge(name: str, kwargs: dict[str, Any]) -> SubjectReport:
     """The report of one environment."""
     target = Target(name, kind=kind_of(name) or Kind.ID, kwargs=kwargs)
     with contextlib.closing(driver_named("bubblewrap")) as driver:
-        plan = Plan([target], contract_named("gymnasium"), driver, all_checks(), BUDGETS["quick"], limits=_LIMITS)
+        plan = Plan([target], contract_named("gymnasium"), driver, default_checks(), BUDGETS["quick"], limits=_LIMITS)
         last = list(validate(plan, 1))[-1]
     assert isinstance(last, Finished)
     return last.report.reports[0]

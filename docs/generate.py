@@ -50,7 +50,7 @@ def table(checks: list[Check]) -> str:
     lines = ["| check | code | what is wrong |", "|---|---|---|"]
     for check in checks:
         for number, rule in enumerate(check.rules):
-            name = "" if number else f"[{check.name}](docs/rules/{check.name}.md)"
+            name = "" if number else f"[{check.name}](docs/rules/{check.name}.md){' (opt-in)' * check.opt_in}"
             note = " (warning)" if rule.severity == "warning" else ""
             lines.append(f"| {name} | {rule.code} | {rule.summary}{note} |")
     return "\n".join(lines) + "\n"

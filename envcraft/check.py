@@ -49,12 +49,14 @@ class Check(ABC):
         name: how ``--checks`` names it.
         rules: the codes that it can report.
         always: run even when not selected, since no verdict can be trusted without it, and after all others.
+        opt_in: run only when ``--checks`` names it, since it costs far more than the others.
         hash_seeds: PYTHONHASHSEED of each worker that it is sure to need besides the ordinary ones.
     """
 
     name: str
     rules: tuple[Rule, ...]
     always: bool = False
+    opt_in: bool = False
     hash_seeds: tuple[int, ...] = ()
 
     @abstractmethod

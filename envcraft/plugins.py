@@ -41,7 +41,7 @@ DEFAULT_PLUGINS: dict[str, tuple[str, ...]] = {
     "envcraft_checks.difficulty": ("envcraft_checks",),
     "envcraft_checks.sandbox": ("envcraft_checks",),
     "envcraft_dask.plugin": ("envcraft_executors",),
-    "envcraft_dqn.plugin": ("envcraft_commands",),
+    "envcraft_dqn.plugin": ("envcraft_checks", "envcraft_commands"),
     "envcraft_llm.plugin": ("envcraft_commands", "envcraft_exporters", "envcraft_generators", "envcraft_stages"),
     "envcraft_privileged.plugin": ("envcraft_commands", "envcraft_exporters", "envcraft_players"),
     "envcraft_tetris.plugin": ("envcraft_families", "envcraft_players"),

@@ -305,7 +305,7 @@ class Subject:
         """Wait for the end of such an episode; its trace is that of the same actions from a list, and is kept."""
         trace = self._result(begun)
         trace.rollout = msgspec.structs.replace(trace.rollout, actions=trace.actions, asked=False, max_steps=0)
-        self.steps += trace.steps
+        self.count(trace.steps)
         self._traces[trace.rollout.key()] = trace
         return trace
 
@@ -362,7 +362,7 @@ class Subject:
         if key not in self._searches:
             trace = self._ask(search)
             self._searches[key] = trace.result or {}
-            self._count(min(max(self._searches[key].get("steps", 0), 0), search.budget))
+            self.count(min(max(self._searches[key].get("steps", 0), 0), search.budget))
         return self._searches[key]
 
     @property
@@ -390,10 +390,11 @@ class Subject:
                 # A deadline that is kept the second time was missed by the machine, not by the program.
                 trace = slow
                 self._timeouts -= 1
-        self._count(trace.steps)
+        self.count(trace.steps)
         return trace
 
-    def _count(self, steps: int) -> None:
+    def count(self, steps: int) -> None:
+        """Take steps into account that were asked for."""
         self.steps += steps
         if self.stepped is not None:
             self.stepped(self.steps)

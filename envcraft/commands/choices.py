@@ -38,6 +38,11 @@ def all_checks() -> list[Check]:
     return sorted(offered("envcraft_checks"), key=lambda check: check.always)
 
 
+def default_checks() -> list[Check]:
+    """Those that run where none are named, in the same order."""
+    return [check for check in all_checks() if not check.opt_in]
+
+
 def rules_of(checks: Iterable[Check]) -> dict[str, Rule]:
     """All rules by code."""
     return {rule.code: rule for check in checks for rule in check.rules}
@@ -54,7 +59,8 @@ def select_checks(only: str | None, skip: str | None) -> list[Check]:
     kept = [
         check
         for check in checks
-        if check.name not in unwanted and (only is None or check.name in wanted or check.always or check.name == FIRST)
+        if check.name not in unwanted
+        and (check.name in wanted or check.always or check.name == FIRST or (only is None and not check.opt_in))
     ]
     if not [check for check in kept if not check.always]:
         raise UsageError("no check is left; leave out some of --skip, and `envcraft checks` lists them all")
@@ -152,7 +158,11 @@ def rule_options(command: _F) -> _F:
         click.option(
             "--contract", default="arcade", show_default=True, metavar="NAME", help="What the environments promise."
         ),
-        click.option("--checks", metavar="A,B", help="Run only these checks (and source, which the others rest on)."),
+        click.option(
+            "--checks",
+            metavar="A,B",
+            help="Run only these checks (and source, which the others rest on); opt-in ones run only so.",
+        ),
         click.option("--skip", metavar="A,B", help="Leave out these checks."),
         click.option("--budget", type=click.Choice(list(BUDGETS)), default="standard", show_default=True),
         click.option(

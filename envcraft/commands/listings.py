@@ -22,12 +22,13 @@ def checks(form: str) -> None:
     """List the checks and the codes that each can report."""
     found = all_checks()
     if form == "json":
-        _print_json([{"check": check.name, "rules": list(check.rules)} for check in found])
+        _print_json([{"check": check.name, "opt_in": check.opt_in, "rules": list(check.rules)} for check in found])
         return
     table = _table("check", "code", "severity", "rule")
     for check in found:
         for number, rule in enumerate(check.rules):
-            table.add_row("" if number else check.name, rule.code, rule.severity.value, rule.summary)
+            name = f"{check.name}{' (opt-in)' * check.opt_in}"
+            table.add_row("" if number else name, rule.code, rule.severity.value, rule.summary)
     _print(table)
 
 

@@ -43,8 +43,8 @@ class Settings(msgspec.Struct, frozen=True):
         budget: its name; its numbers are part of `rules`.
         driver: the sandbox driver's name.
         image: the digest of the image that workers run in, else the versions of the interpreter and the libraries.
-        checks: the names of those that ran, empty where all did that were offered, ``?`` where that is not known.
-        offered: what `rules` would be with all checks that were offered, where only some of them ran; else empty.
+        checks: the names of those that ran, empty where all did that run unasked, ``?`` where that is not known.
+        offered: what `rules` would be with all checks that run unasked, where only some of them ran; else empty.
 
     The last two are no part of what tells settings apart: `rules` has a digest of the checks that ran.
     """
@@ -76,9 +76,9 @@ class Settings(msgspec.Struct, frozen=True):
 
 def settings_of(contract: Contract, checks: Iterable[Check], driver: Driver, budget: Budget, seed: int) -> Settings:
     """The settings of a run. Raises SandboxUnavailable where the driver's image is missing."""
-    checks, offers = list(checks), offered("envcraft_checks")
+    checks, offers = list(checks), [check for check in offered("envcraft_checks") if not check.opt_in]
     names = {check.name for check in checks}
-    whole = names == {check.name for check in offers}
+    whole = names >= {check.name for check in offers}
     return Settings(
         contract.name,
         contract_digest(contract),

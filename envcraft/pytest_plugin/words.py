@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from itertools import chain
 
-from envcraft.commands.choices import all_checks, rules_of
+from envcraft.commands.choices import all_checks, default_checks, rules_of
 from envcraft.reports import one_line, plural, printable, repro_words
 from envcraft.verdict import CheckReport, Finding, Severity, Verdict
 
@@ -56,7 +56,7 @@ def command(judged: Judged) -> str:
     words = ["envcraft", "validate", f"./{path}" if path.startswith("-") else path]
     words += ["--class", judged.spec.env_class] if judged.spec.env_class else []
     ran = [report.check for report in judged.report.checks]
-    if set(ran) != {check.name for check in all_checks()}:
+    if set(ran) != {check.name for check in default_checks()}:
         words += ["--checks", ",".join(ran)]
     words += ["--contract", settings.contract, "--budget", settings.budget, "--seed", str(settings.seed)]
     words += ["--sandbox", settings.sandbox] if settings.sandbox != "auto" else []

@@ -19,6 +19,7 @@ from envcraft.rollout import Conditions
 from envcraft.sandbox import Driver, How, Step
 from envcraft.subject import Subject
 from envcraft.target import Target
+from envcraft.trace import Trace
 from envcraft.using.spaces import action_to_json, to_gymnasium
 
 #: More steps than an episode has: it ends when its environment ends it.
@@ -67,32 +68,31 @@ class _Episode(AskedEpisode[_Shown]):
         self._turns.put(None)
 
 
-class SandboxedEnv(gymnasium.Env[Any, Any]):
-    """An environment in a worker of its own. Every episode begins on a new instance in a new process.
+class SubjectEnv(gymnasium.Env[Any, Any]):
+    """A subject that is stepped in its worker, one episode at a time. Every episode begins on a new instance in a new
+    process, and takes a lane of the subject's while it lasts.
 
     Observations, rewards, flags and info are those of the environment under its contract's adapter; of info what JSON
     has. ``reset()`` without a seed draws one. What the code does to its process ends the episode with
     EnvironmentFailed, and the next reset begins another one.
+
+    Attributes:
+        failed: the trace of the episode that last failed.
     """
 
     metadata: dict[str, Any] = {"render_modes": ["rgb_array"]}
+    failed: Trace | None = None
 
-    def __init__(self, name: str, target: Target, contract: Contract, driver: Driver, render_mode: str | None) -> None:
-        """Start the worker and construct one instance there, to learn the spaces; `driver` is closed at the end.
+    def __init__(self, name: str, subject: Subject, render_mode: str | None = None) -> None:
+        """Construct one instance, to learn the spaces.
 
         Raises UsageError where spaces cannot be sent, EnvironmentFailed where the class cannot be constructed.
         """
-        self._name = name
+        self._name, self._subject = name, subject
         self._episode: _Episode | None = None
-        self._subject = Subject(target, contract, driver, BUDGETS["quick"])
-        self._driver = driver
         self.render_mode = render_mode
         self._conditions = Conditions(render=render_mode is not None)
-        try:
-            self._learn(contract)
-        except BaseException:
-            self.close()
-            raise
+        self._learn(subject.contract)
 
     def _learn(self, contract: Contract) -> None:
         loaded = self._subject.load()
@@ -143,15 +143,14 @@ class SandboxedEnv(gymnasium.Env[Any, Any]):
         return self._episode.shown.frame if self._episode is not None else None
 
     def close(self) -> None:
-        """End the episode and the worker. May be called twice."""
+        """End the episode. May be called twice."""
         self._stop()
-        self._subject.close()
-        self._driver.close()
 
     def _stop(self) -> None:
         if self._episode is not None:
             episode, self._episode = self._episode, None
             episode.close()
+            self._subject.count(episode.shown.trace.steps)
 
     def _wait(self, episode: _Episode) -> _Shown:
         """Wait for what a call gives. Raises EnvironmentFailed where that is not of the spaces."""
@@ -164,11 +163,32 @@ class SandboxedEnv(gymnasium.Env[Any, Any]):
     def _failure(self, episode: _Episode) -> EnvironmentFailed:
         """Why the job ended. Raises WorkerLost where it is the sandbox that failed."""
         end, trace = episode.end(), episode.shown.trace
+        self.failed = trace
         if trace.fault is not None:
             at = f"{trace.fault.phase} at step {trace.fault.step}" if trace.fault.step else trace.fault.phase
             return EnvironmentFailed(f"{self._name} failed in {at}: {trace.fault}")
         words = end.detail or end.how.value
         return EnvironmentFailed(f"{self._name} ended in the sandbox during {end.phase} ({end.how.value}: {words})")
+
+
+class SandboxedEnv(SubjectEnv):
+    """The same with a worker of its own, which ends with it."""
+
+    def __init__(self, name: str, target: Target, contract: Contract, driver: Driver, render_mode: str | None) -> None:
+        """As :class:`SubjectEnv`; `driver` is closed at the end."""
+        self._driver = driver
+        subject = Subject(target, contract, driver, BUDGETS["quick"])
+        try:
+            super().__init__(name, subject, render_mode)
+        except BaseException:
+            self.close()
+            raise
+
+    def close(self) -> None:
+        """End the episode and the worker. May be called twice."""
+        self._stop()
+        self._subject.close()
+        self._driver.close()
 
 
 def _info(shown: _Shown) -> dict[str, Any]:

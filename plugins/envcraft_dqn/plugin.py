@@ -1,4 +1,4 @@
-"""The commands ``train``, ``evaluate`` and ``study``."""
+"""The commands ``train``, ``evaluate`` and ``study``, and the check ``learnability``."""
 
 from __future__ import annotations
 
@@ -9,6 +9,8 @@ from envcraft.plugins import hookimpl
 if TYPE_CHECKING:
     import click
 
+    from envcraft.check import Check
+
 
 @hookimpl
 def envcraft_commands() -> list[click.Command]:
@@ -16,3 +18,10 @@ def envcraft_commands() -> list[click.Command]:
     from envcraft_dqn.study.commands import study
 
     return [evaluate, train, study]
+
+
+@hookimpl
+def envcraft_checks() -> list[Check]:
+    from envcraft_dqn.learnability import Learnability
+
+    return [Learnability()]

@@ -8,6 +8,7 @@ import pytest
 
 from benchmarks.judge import failing
 from envcraft.budget import BUDGETS
+from envcraft.commands.choices import default_checks
 from envcraft.contract import GYMNASIUM
 from envcraft.engine import Plan, validate
 from envcraft.events import SubjectFinished
@@ -165,7 +166,7 @@ def judged(text: str) -> SubjectReport:
         [Target("game.py", text.encode())],
         GYMNASIUM,
         choose(registered.collect("envcraft_sandbox_drivers"), "process"),
-        registered.collect("envcraft_checks"),
+        default_checks(),
         BUDGETS["quick"],
     )
     return next(event.report for event in validate(plan) if isinstance(event, SubjectFinished))

@@ -10,6 +10,7 @@ import pytest
 
 from benchmarks.judge import failing
 from envcraft.budget import BUDGETS
+from envcraft.commands.choices import default_checks
 from envcraft.contract import ARCADE
 from envcraft.engine import Plan, validate
 from envcraft.events import SubjectFinished
@@ -27,7 +28,7 @@ def judged(tmp_path: Path, source: str, limits: Limits = LIMITS) -> SubjectRepor
     path = tmp_path / "game.py"
     path.write_text(source)
     driver = choose(plugins().collect("envcraft_sandbox_drivers"), "process")
-    checks = plugins().collect("envcraft_checks")
+    checks = default_checks()
     plan = Plan([read_target(str(path))], ARCADE, driver, checks, BUDGETS["quick"], limits=limits)
     return next(event.report for event in validate(plan) if isinstance(event, SubjectFinished))
 

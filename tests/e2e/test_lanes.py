@@ -10,6 +10,7 @@ import pytest
 
 from benchmarks.judge import failing
 from envcraft.budget import BUDGETS
+from envcraft.commands.choices import default_checks
 from envcraft.contract import ARCADE
 from envcraft.engine import Plan, validate
 from envcraft.events import Finished
@@ -28,7 +29,7 @@ def judged(source: str, lanes: int) -> Report:
         [Target("game.py", source.encode())],
         ARCADE,
         choose(registered.collect("envcraft_sandbox_drivers"), "process"),
-        registered.collect("envcraft_checks"),
+        default_checks(),
         BUDGETS["quick"],
         limits=Limits(call=1.0, loading=10.0),
         lanes=lanes,

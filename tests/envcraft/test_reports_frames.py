@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from envcraft.budget import BUDGETS
-from envcraft.commands.choices import all_checks, contract_named, driver_named
+from envcraft.commands.choices import contract_named, default_checks, driver_named
 from envcraft.engine import Plan
 from envcraft.frames import MOST, Film, pixels, png
 from envcraft.sandbox import driver_for
@@ -62,7 +62,7 @@ def test_what_is_no_picture_has_no_pixels() -> None:
 def film(good: Path) -> Any:
     """Frames of the walk's reproductions, by action list and conditions."""
     target = read_target(str(good))
-    plan = Plan([target], contract_named("arcade"), driver_named("process"), all_checks(), BUDGETS["quick"])
+    plan = Plan([target], contract_named("arcade"), driver_named("process"), default_checks(), BUDGETS["quick"])
     report = SubjectReport(target.path, "Walk", target.sha256, Verdict.FAIL, "process", 0.0, 0, [])
     with Film(plan, findings=5) as frames:
 
@@ -101,7 +101,7 @@ def test_so_many_findings_and_no_more(film: Any) -> None:
 def test_an_environment_that_raises_shows_what_came_before(film: Any, good: Path) -> None:
     good.write_text(good.read_text().replace("self.steps += 1", "self.steps += 1\n        assert self.steps < 3"))
     target = read_target(str(good))
-    plan = Plan([target], contract_named("arcade"), driver_named("process"), all_checks(), BUDGETS["quick"])
+    plan = Plan([target], contract_named("arcade"), driver_named("process"), default_checks(), BUDGETS["quick"])
     report = SubjectReport(target.path, "Walk", target.sha256, Verdict.FAIL, "process", 0.0, 0, [])
     finding = Finding("EC107", Severity.ERROR, "", repro=Repro(0, [STAY] * 3))
     with Film(plan) as frames:
@@ -115,7 +115,7 @@ def test_an_environment_that_raises_shows_what_came_before(film: Any, good: Path
 def test_where_observations_are_no_pictures_render_is_shown() -> None:
     target = Target("CartPole-v1", kind=Kind.ID)
     driver = driver_named("process")
-    plan = Plan([target], contract_named("gymnasium"), driver_for(driver, [target]), all_checks(), BUDGETS["quick"])
+    plan = Plan([target], contract_named("gymnasium"), driver_for(driver, [target]), default_checks(), BUDGETS["quick"])
     report = SubjectReport(target.path, "", target.sha256, Verdict.FAIL, "process", 0.0, 0, [])
     with Film(plan) as frames:
         shown = frames(report, Finding("EC301", Severity.ERROR, "", repro=Repro(0, [1, 1, 0])))

@@ -20,6 +20,7 @@ from typing import Any
 from envcraft import pool
 from envcraft.budget import Budget
 from envcraft.check import Check
+from envcraft.commands.choices import default_checks
 from envcraft.contract import ARCADE
 from envcraft.engine import Plan, validate
 from envcraft.events import Finished, SubjectFinished
@@ -67,7 +68,7 @@ def run(driver_name: str, program: str | None, values: dict[str, str], nursery: 
     if nursery:
         pool._FEW = 0
     registered = plugins()
-    checks: list[Check] = registered.collect("envcraft_checks")
+    checks: list[Check] = default_checks()
     driver = choose(registered.collect("envcraft_sandbox_drivers"), driver_name)
     found: dict[str, Any] = {}
     try:
