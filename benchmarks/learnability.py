@@ -7,6 +7,7 @@ when none is. For a good one, any code is a *false alarm*. At the budget ``quick
 from __future__ import annotations
 
 import argparse
+import contextlib
 import sys
 from collections import Counter
 from collections.abc import Iterator, Sequence
@@ -23,26 +24,31 @@ from envcraft.contract import GYMNASIUM
 from envcraft.engine import Plan, stream
 from envcraft.events import SubjectFinished
 from envcraft.target import read_target
-from envcraft.verdict import SubjectReport
+from envcraft.verdict import SubjectReport, Verdict
 
 GAMES = sorted(ROOT.glob("tests/plugins/dqn/games/learnability/*/*.py"))
 #: Small frames, so that training is quick, and an action that does nothing.
 CONTRACT = msgspec.structs.replace(GYMNASIUM, noop=[0, 0])
 
 
-def judged(games: Sequence[Path], seed: int, sandbox: str = "auto") -> Iterator[tuple[Path, SubjectReport]]:
+def judged(
+    games: Sequence[Path], seed: int, sandbox: str = "auto", workers: int | None = None
+) -> Iterator[tuple[Path, SubjectReport]]:
     """Each game with the report on it, as they come."""
     targets = [read_target(str(game)) for game in games]
-    plan = Plan(targets, CONTRACT, driver_named(sandbox), select_checks("learnability", None), BUDGETS["quick"], seed)
-    for number, event in stream(plan):
-        if isinstance(event, SubjectFinished):
-            yield games[number - 1], event.report
+    with contextlib.closing(driver_named(sandbox)) as driver:
+        plan = Plan(targets, CONTRACT, driver, select_checks("learnability", None), BUDGETS["quick"], seed)
+        for number, event in stream(plan, workers):
+            if isinstance(event, SubjectFinished):
+                yield games[number - 1], event.report
 
 
 def outcome(game: Path, report: SubjectReport) -> str:
-    """As in the module's docstring; "" for a good game that is let pass."""
+    """As in the module's docstring, *wrong reason* also where it was not judged; "" for a good game that passes."""
     wanted = expected(game)
     found = {finding.code for check in report.checks for finding in check.findings}
+    if any(check.verdict in (Verdict.SKIP, Verdict.ERROR) for check in report.checks):
+        return "wrong reason"
     if not wanted:
         return "false alarm" if found else ""
     return "caught" if found == wanted else "wrong reason" if found else "missed"

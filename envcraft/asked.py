@@ -59,6 +59,11 @@ class AskedEpisode(ABC, Generic[_Shown]):
         """Wait for the end, and keep the trace. Raises WorkerLost."""
         return self._subject.finish(self._begun)
 
+    def leave(self) -> None:
+        """Close it, and count what it took; its trace is not kept."""
+        self.close()
+        self._subject.leave(self._begun)
+
     def close(self) -> None:
         """Stop it, wait for that, and let go of the pipe."""
         self.stop()

@@ -305,9 +305,15 @@ class Subject:
         """Wait for the end of such an episode; its trace is that of the same actions from a list, and is kept."""
         trace = self._result(begun)
         trace.rollout = msgspec.structs.replace(trace.rollout, actions=trace.actions, asked=False, max_steps=0)
-        self.count(trace.steps)
+        self._count(trace.steps)
         self._traces[trace.rollout.key()] = trace
         return trace
+
+    def leave(self, begun: Begun) -> None:
+        """Count the steps and the time of such an episode, once it is over, and keep no trace of it."""
+        self._count(begun.recording.trace.steps)
+        if begun.task.future.exception() is None:
+            self.seconds += begun.task.future.result().seconds
 
     # Searches in the worker: advice, to be confirmed by a rollout
 
@@ -362,7 +368,7 @@ class Subject:
         if key not in self._searches:
             trace = self._ask(search)
             self._searches[key] = trace.result or {}
-            self.count(min(max(self._searches[key].get("steps", 0), 0), search.budget))
+            self._count(min(max(self._searches[key].get("steps", 0), 0), search.budget))
         return self._searches[key]
 
     @property
@@ -390,11 +396,10 @@ class Subject:
                 # A deadline that is kept the second time was missed by the machine, not by the program.
                 trace = slow
                 self._timeouts -= 1
-        self.count(trace.steps)
+        self._count(trace.steps)
         return trace
 
-    def count(self, steps: int) -> None:
-        """Take steps into account that were asked for."""
+    def _count(self, steps: int) -> None:
         self.steps += steps
         if self.stepped is not None:
             self.stepped(self.steps)

@@ -43,8 +43,9 @@ class Settings(msgspec.Struct, frozen=True):
         budget: its name; its numbers are part of `rules`.
         driver: the sandbox driver's name.
         image: the digest of the image that workers run in, else the versions of the interpreter and the libraries.
-        checks: the names of those that ran, empty where all did that run unasked, ``?`` where that is not known.
-        offered: what `rules` would be with all checks that run unasked, where only some of them ran; else empty.
+        checks: the names of those that ran, empty where just those did that run unasked, ``?`` where that is not known.
+        offered: what `rules` would be with all checks that run unasked, where some of them ran and no others; else
+            empty.
 
     The last two are no part of what tells settings apart: `rules` has a digest of the checks that ran.
     """
@@ -77,8 +78,7 @@ class Settings(msgspec.Struct, frozen=True):
 def settings_of(contract: Contract, checks: Iterable[Check], driver: Driver, budget: Budget, seed: int) -> Settings:
     """The settings of a run. Raises SandboxUnavailable where the driver's image is missing."""
     checks, offers = list(checks), [check for check in offered("envcraft_checks") if not check.opt_in]
-    names = {check.name for check in checks}
-    whole = names >= {check.name for check in offers}
+    names, offered_names = {check.name for check in checks}, {check.name for check in offers}
     return Settings(
         contract.name,
         contract_digest(contract),
@@ -87,8 +87,8 @@ def settings_of(contract: Contract, checks: Iterable[Check], driver: Driver, bud
         budget.name,
         driver.name,
         driver.image() or _libraries(),
-        "" if whole else ",".join(sorted(names)),
-        "" if whole else rules_version(offers, driver),
+        "" if names == offered_names else ",".join(sorted(names)),
+        rules_version(offers, driver) if names < offered_names else "",
     )
 
 

@@ -149,21 +149,21 @@ class SubjectEnv(gymnasium.Env[Any, Any]):
     def _stop(self) -> None:
         if self._episode is not None:
             episode, self._episode = self._episode, None
-            episode.close()
-            self._subject.count(episode.shown.trace.steps)
+            episode.leave()
 
     def _wait(self, episode: _Episode) -> _Shown:
         """Wait for what a call gives. Raises EnvironmentFailed where that is not of the spaces."""
         episode.wait()
         wrong = [problem for problem in episode.shown.trace.problems if problem.kind == "type"]
         if wrong:
+            self.failed = episode.shown.trace
             raise EnvironmentFailed(f"{self._name}: at step {wrong[0].step} {wrong[0].words}")
         return episode.shown
 
     def _failure(self, episode: _Episode) -> EnvironmentFailed:
         """Why the job ended. Raises WorkerLost where it is the sandbox that failed."""
         end, trace = episode.end(), episode.shown.trace
-        self.failed = trace
+        self.failed, trace.end = trace, end
         if trace.fault is not None:
             at = f"{trace.fault.phase} at step {trace.fault.step}" if trace.fault.step else trace.fault.phase
             return EnvironmentFailed(f"{self._name} failed in {at}: {trace.fault}")

@@ -22,7 +22,7 @@ from safetensors import SafetensorError, safe_open
 from torch import Tensor
 
 from envcraft.errors import EnvCraftError, UsageError
-from envcraft_dqn.network import Network
+from envcraft_dqn.network import Network, weights_from
 from envcraft_dqn.replay import Replay
 from envcraft_dqn.settings import Settings
 from envcraft_dqn.spaces import Surface
@@ -143,7 +143,8 @@ def load_agent(path: Path) -> tuple[Network, Surface]:
         with safe_open(path, "pt") as file:
             told = json.loads((file.metadata() or {})["envcraft"])
             surface = msgspec.convert(told["surface"], Surface)
-            network = Network(surface.shape, surface.choices, told["size"], told["head"])
+            with weights_from(0):
+                network = Network(surface.shape, surface.choices, told["size"], told["head"])
             network.load_state_dict({name: file.get_tensor(name) for name in file.keys()})  # noqa: SIM118 (no dict)
     except (OSError, ValueError, KeyError, RuntimeError, SafetensorError) as error:
         raise UsageError(f"{path} is no agent that `envcraft train` wrote: {type(error).__name__}: {error}") from None

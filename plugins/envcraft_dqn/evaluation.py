@@ -42,10 +42,13 @@ class RandomPlayer:
 
 
 class NoopPlayer:
-    """The first choice of each part, which does nothing under the contract ``arcade``."""
+    """One joint action held: by default the first choice of each part, which under ``arcade`` does nothing."""
+
+    def __init__(self, joint: int = 0) -> None:
+        self._joint = joint
 
     def act(self, frames: Frames) -> NDArray[np.int64]:
-        return np.zeros(len(frames), np.int64)
+        return np.full(len(frames), self._joint, np.int64)
 
 
 class AgentPlayer:

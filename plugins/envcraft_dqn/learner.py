@@ -23,7 +23,7 @@ from envcraft.errors import UsageError
 from envcraft_dqn.checkpoint import Checkpoint, save_agent
 from envcraft_dqn.demonstrations import DemonstrationSource, seed_replay
 from envcraft_dqn.frames import Frames, make_store
-from envcraft_dqn.network import Network, keep_memory
+from envcraft_dqn.network import Network, keep_memory, weights_from
 from envcraft_dqn.replay import Batch, Replay
 from envcraft_dqn.settings import Settings
 from envcraft_dqn.spaces import OpenVector, Surface
@@ -41,9 +41,7 @@ class Learner:
         self.device = device_named(settings.device)
         if self.device.type == "cpu":
             keep_memory()
-        # Not the global generator's state: whoever uses this library has their own.
-        with torch.random.fork_rng(devices=[]):
-            torch.manual_seed(settings.seed)
+        with weights_from(settings.seed):
             made = [Network(surface.shape, surface.choices, settings.size, settings.head) for _ in range(2)]
         self.network, self.target = (one.placed(self.device) for one in made)
         self.target.load_state_dict(self.network.state_dict())

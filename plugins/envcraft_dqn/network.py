@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
 import math
-from collections.abc import Sequence
+import threading
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import torch
@@ -16,6 +18,8 @@ _STRIDES = (2, 2, 2, 2, 1)
 #: Of mallopt(3): how many pieces of memory are fetched from the system singly, and how much stays when it is free.
 _MMAP_MAX, _TRIM_THRESHOLD = -4, -1
 
+_MAKING = threading.Lock()
+
 
 def keep_memory() -> None:
     """Have this process keep memory that is freed, where its C library can. Else each update of a large network begins
@@ -25,6 +29,16 @@ def keep_memory() -> None:
     if mallopt is not None:
         mallopt(_MMAP_MAX, 0)
         mallopt(_TRIM_THRESHOLD, 2**31 - 1)
+
+
+@contextlib.contextmanager
+def weights_from(seed: int) -> Iterator[None]:
+    """Networks that are made in this block have the weights of `seed`. The global generator, which whoever uses this
+    library has for themselves, is as before; threads wait for one another.
+    """
+    with _MAKING, torch.random.fork_rng(devices=[]):
+        torch.manual_seed(seed)
+        yield
 
 
 class Network(nn.Module):
