@@ -32,7 +32,9 @@ from envcraft.verdict import SubjectReport, Verdict
 
 BAD = GAMES[0].parent
 #: One of each kind: ``python -m benchmarks.learnability`` judges all.
-SOME = [game for game in GAMES if game.stem in "better_idle coin jammed quits costly_buttons shown_lamp".split()]
+SOME = [
+    game for game in GAMES if game.stem in {"better_idle", "coin", "jammed", "quits", "costly_buttons", "shown_lamp"}
+]
 BROKEN = BAD / "jammed.py"
 LEARNABILITY = learnability.Learnability()
 Opened = Callable[[Path], Subject]
