@@ -61,7 +61,7 @@ def write(folder: Path, protocol: Protocol, player: str, results: Mapping[str, R
 def _page(protocol: Protocol, player: str, summary: Summary, figures: list[tuple[str, str]]) -> Page:
     page = Page("Generalisation to environments that were held out")
     agent = summary.conditions[AGENT].over
-    page.text(_verdict("After all of its training", agent))
+    page.text(" ".join(filter(None, (_verdict("After all of its training", agent), _without_learning(summary)))))
     if PRETRAINED in summary.conditions:
         page.text(_verdict("After pretraining on demonstrations alone", summary.conditions[PRETRAINED].over))
     page.heading("Beside the reference")
@@ -92,7 +92,10 @@ def _page(protocol: Protocol, player: str, summary: Summary, figures: list[tuple
         "or below."
     )
     if summary.gap is not None:
-        page.text(f"In environments of its training the agent's mean is {summary.gap:+.1f} above that of the others.")
+        side = "above" if summary.gap >= 0 else "below"
+        page.text(
+            f"In environments of its training the agent's mean is {abs(summary.gap):.1f} {side} that of the others."
+        )
     if summary.without_scale:
         page.text(
             "Left out, since the privileged player is not beyond doubt better than random play there: "
@@ -125,6 +128,17 @@ def _verdict(when: str, over: Pooled) -> str:
         f"{when}, in {over.count} environments that it had not seen, the mean figure is {over.value.mean:+.1f} with a "
         f"95% interval of {interval}, {words}."
     )
+
+
+def _without_learning(summary: Summary) -> str:
+    """How the agent stands against what has learnt nothing; "" where no such control was played."""
+    leads, doubted = [], []
+    for name, words in ((UNTRAINED, "an untrained network"), (NOOP, "doing nothing")):
+        if name in summary.conditions and (lead := summary.conditions[name].agent) is not None:
+            leads.append(f"over {words} {_interval(lead)}")
+            doubted += [words] if lead.low <= 0 else []
+    better = f"not beyond doubt better than {' or '.join(doubted)}" if doubted else "beyond doubt better"
+    return f"Held against what has learnt nothing, its lead is {' and '.join(leads)}: it is {better}." if leads else ""
 
 
 def _reference(protocol: Protocol, agent: Pooled) -> list[list[str]]:
