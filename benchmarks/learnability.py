@@ -71,7 +71,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for game, counts in found.items():
         right = counts["caught"] + counts[""]
         others = [str(counts[name]) for name in ("missed", "false alarm", "wrong reason")]
-        table.add_row(game.stem, ", ".join(expected(game)), str(right), *others)
+        table.add_row(game.stem, ", ".join(sorted(expected(game))), str(right), *others)
     Console(width=120, file=sys.stdout).print(table)
     return int(any(counts[name] for counts in found.values() for name in ("missed", "false alarm", "wrong reason")))
 
