@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import queue
 from typing import Any
@@ -178,11 +179,11 @@ class SandboxedEnv(SubjectEnv):
         """As :class:`SubjectEnv`; `driver` is closed at the end."""
         self._driver = driver
         subject = Subject(target, contract, driver, BUDGETS["quick"])
-        try:
+        with contextlib.ExitStack() as stack:
+            stack.callback(driver.close)
+            stack.callback(subject.close)
             super().__init__(name, subject, render_mode)
-        except BaseException:
-            self.close()
-            raise
+            stack.pop_all()
 
     def close(self) -> None:
         """End the episode and the worker. May be called twice."""
