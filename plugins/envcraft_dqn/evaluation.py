@@ -70,7 +70,8 @@ class AgentPlayer:
     def act(self, frames: Frames) -> NDArray[np.int64]:
         import torch
 
-        found: NDArray[np.int64] = self._network(torch.from_numpy(frames).to(self._device)).argmax(1).cpu().numpy()
+        pixels = self._network.pixels(torch.from_numpy(frames).to(self._device))
+        found: NDArray[np.int64] = self._network.best(pixels).cpu().numpy()
         if not self._epsilon:
             return found
         return np.where(self._rng.random(len(frames)) < self._epsilon, self._random.act(frames), found)

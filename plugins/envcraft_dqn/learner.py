@@ -54,7 +54,8 @@ class Learner:
     def act(self, frames: Frames) -> NDArray[np.int64]:
         """The joint action of the highest value for each of `frames` [n, *shape]."""
         with torch.no_grad(), self._casting():
-            found: NDArray[np.int64] = self.network(self._given(frames)).argmax(1).cpu().numpy()
+            pixels = self.network.pixels(self._given(frames))
+            found: NDArray[np.int64] = self.network.best(pixels).cpu().numpy()
         return found
 
     def update(self, batch: Batch) -> tuple[NDArray[np.float32], float]:
@@ -77,8 +78,8 @@ class Learner:
         with self._casting():
             with torch.no_grad():
                 pixels = self.network.pixels(following)
-                best = self.network.values(pixels).argmax(1, keepdim=True)
-                values = self.target.values(pixels).gather(1, best).squeeze(1)
+                best = self.network.best(pixels)
+                values = self.target.values(pixels).gather(1, best[:, None]).squeeze(1)
             chosen = self.network(frames).gather(1, actions[:, None]).squeeze(1).float()
         wanted = returns + discounts * values.float()
         return (weights * functional.smooth_l1_loss(chosen, wanted, reduction="none")).mean(), wanted - chosen.detach()

@@ -11,6 +11,7 @@ from typing import Any
 
 import torch
 from torch import Tensor, nn
+from torch.nn import functional
 
 from envcraft_dqn.settings import SIZES
 
@@ -54,14 +55,13 @@ class Network(nn.Module):
         super().__init__()
         self.choices, self.size, self.head = tuple(choices), size, head
         channels, width = SIZES[size]
-        layers: list[nn.Module] = []
+        self.convolutions = nn.ModuleList()
         height, breadth, depth = shape
         for channel, stride in zip(channels, _STRIDES, strict=True):
-            layers += [nn.Conv2d(depth, channel, 3, stride, 1), nn.ReLU(inplace=True)]
+            self.convolutions.append(nn.Conv2d(depth, channel, 3, stride, 1))
             height, breadth, depth = -(-height // stride), -(-breadth // stride), channel
-        self.backbone = nn.Sequential(*layers, nn.Flatten())
         # Both streams' first layers as one: a larger product of matrices in place of two.
-        self.streams = nn.Sequential(nn.Linear(height * breadth * depth, 2 * width), nn.ReLU(inplace=True))
+        self.streams = nn.Linear(height * breadth * depth, 2 * width)
         self.value = nn.Linear(width, 1)
         self.advantage = nn.Linear(width, sum(choices) if head == "branching" else math.prod(choices))
 
@@ -75,15 +75,32 @@ class Network(nn.Module):
 
     def values(self, pixels: Tensor) -> Tensor:
         """Values of all joint actions from what :meth:`pixels` gives."""
-        value, advantage = self.streams(self.backbone(pixels)).chunk(2, 1)
-        advantages = self.advantage(advantage)
-        if self.head == "branching":
-            advantages = self._joint(advantages)
+        value, advantage = self.streams(self._features(pixels)).relu_().chunk(2, 1)
+        advantages = self._joint(self.advantage(advantage))
         found: Tensor = self.value(value) + advantages - advantages.mean(1, keepdim=True)
         return found
 
+    def best(self, pixels: Tensor) -> Tensor:
+        """The joint actions of the highest value, [n]. A state's value is the same for all its actions, so it is not
+        computed: a quarter of the forward pass of ``small`` on a processor.
+        """
+        width = self.value.in_features
+        weight, bias = self.streams.weight[width:], self.streams.bias[width:]
+        return self._joint(self.advantage(functional.linear(self._features(pixels), weight, bias).relu_())).argmax(1)
+
+    def _features(self, pixels: Tensor) -> Tensor:
+        """What the convolutions give, [n, features]. Each is called as a function, since a module's call adds up to a
+        twentieth of the time of ``small`` on a processor.
+        """
+        layer: Any
+        for layer in self.convolutions:
+            pixels = functional.conv2d(pixels, layer.weight, layer.bias, layer.stride, layer.padding).relu_()
+        return pixels.flatten(1)
+
     def _joint(self, parts: Tensor) -> Tensor:
         """Sums of one number of each part, the last part's changing quickest: [n, sum] to [n, product]."""
+        if self.head == "joint":
+            return parts
         joint = parts.new_zeros((len(parts), 1))
         for part in torch.split(parts, list(self.choices), 1):
             joint = (joint[:, :, None] + part[:, None, :]).flatten(1)

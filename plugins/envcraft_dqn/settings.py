@@ -10,7 +10,7 @@ from envcraft.errors import UsageError
 SIZES = {
     "tiny": ((8, 16, 16, 32, 32), 64),
     # As many parameters as the DQN of stable-baselines3 has for these frames.
-    "small": ((8, 16, 16, 32, 32), 720),
+    "small": ((8, 8, 16, 16, 32), 723),
     "reference": ((16, 32, 64, 128, 128), 1290),
 }
 HEADS = ("joint", "branching")

@@ -48,6 +48,21 @@ def test_a_branching_head_adds_up_its_parts() -> None:
     assert SMALL.join(np.array([[1, 1, 1]])).tolist() == [7]
 
 
+@pytest.mark.parametrize("head", ["joint", "branching"])
+def test_the_best_action_is_that_of_the_highest_value(head: str) -> None:
+    import torch
+    from envcraft_dqn.network import Network, weights_from
+
+    with weights_from(3):
+        network = Network(SMALL.shape, SMALL.choices, "tiny", head)
+    # So large that actions differ: at first, biases outweigh what is seen.
+    pixels = 1_000 * torch.randn((64, 3, 16, 16), generator=torch.Generator().manual_seed(0))
+    with torch.no_grad():
+        values, best = network.values(pixels), network.best(pixels)
+    assert best.tolist() == values.argmax(1).tolist()
+    assert len(set(best.tolist())) > 1
+
+
 def batch(count: int = 8) -> Batch:
     rng = np.random.default_rng(0)
     frames = rng.integers(0, 256, (2 * count, *SMALL.shape), np.uint8)
