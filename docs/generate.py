@@ -1,11 +1,15 @@
-"""``make docs``: write the rule pages and the README's rule table from the checks; with ``--check`` only compare."""
+"""``make docs``: write the rule pages and the README's rule table from the checks, and the page on pytest from the
+plugin's docstring; with ``--check`` only compare.
+"""
 
 from __future__ import annotations
 
+import inspect
 import re
 import sys
 from pathlib import Path
 
+from envcraft import pytest_plugin
 from envcraft.check import Check
 from envcraft.plugins import plugins
 
@@ -16,6 +20,7 @@ _TABLE = re.compile(r"(?<=<!-- rules -->\n).*?(?=<!-- /rules -->)", re.DOTALL)
 def main() -> int:
     checks: list[Check] = plugins().collect("envcraft_checks")
     pages = {ROOT / "docs" / "rules" / f"{check.name}.md": page(check) for check in checks}
+    pages[ROOT / "docs" / "pytest.md"] = inspect.cleandoc(pytest_plugin.__doc__ or "") + "\n"
     readme = ROOT / "README.md"
     text = readme.read_text("utf-8")
     if not _TABLE.search(text):

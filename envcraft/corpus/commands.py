@@ -12,6 +12,8 @@ from typing import Any
 import click
 import msgspec
 
+from envcraft.cli import unknown
+from envcraft.commands.choices import all_checks
 from envcraft.commands.outputs import whole
 from envcraft.commands.targets import environments_below
 from envcraft.corpus.history import told as told_of
@@ -109,6 +111,8 @@ def list_(corpus: Path, verdict: str | None, code: str | None, name: str | None,
         values.append(name)
     query = f"{_LISTED} WHERE {' AND '.join(conditions)} ORDER BY name"
     with Store(corpus) as store:
+        if code is not None:
+            _known(store, code)
         rows = store.db.execute(query, values)
         if form == "json":
             _write_array(_row(row) for row in rows)
@@ -116,6 +120,14 @@ def list_(corpus: Path, verdict: str | None, code: str | None, name: str | None,
         for row in rows:
             told = _row(row)
             click.echo(f"{told['verdict'] or 'none':5}  {one_line(told['name'])}  {' '.join(told['codes'])}".rstrip())
+
+
+def _known(store: Store, code: str) -> None:
+    """Raises UsageError on a code that is no rule's, nor found in the corpus by a plugin that is not here now."""
+    rules = {rule.code for check in all_checks() for rule in check.rules}
+    found = {row[0] for row in store.db.execute("SELECT DISTINCT code FROM findings")}
+    if code.upper() not in rules | found:
+        raise UsageError(f"there is no rule {unknown(code, sorted(rules | found))}")
 
 
 @click.command()

@@ -1,66 +1,82 @@
-"""Environments judged by pytest, one test a check, each environment in one sandbox run.
+"""# In a test suite, with pytest
 
-**Files.** ``pytest --envcraft games/`` collects every environment below the folder, one test for each check::
+Environments judged by pytest, one test a check, each environment in one sandbox run. `pip install envcraft-rl` brings
+the plugin; without its options, its marker and its fixture it imports nothing of EnvCraft's and does nothing.
 
-    $ pytest --envcraft games/
-    games/snake.py::source PASSED
-    games/snake.py::determinism FAILED
+## Files
+`pytest --envcraft games/` collects every environment below the folder, one test for each check:
 
-All of pytest's own works on them: ``games/snake.py::determinism``, ``-k``, ``-x``, ``--lf``, ``--collect-only``,
-``-m envcraft``, ``--junit-xml``, xdist's ``-n``. A file is an environment when its source, which is parsed and never
-imported here, imports gymnasium and has an environment class. A test module (``conftest.py``, ``test_*.py``,
-``*_test.py`` and what ``python_files`` adds) stays pytest's, **and runs in this process**, as in any run of pytest:
-use ``envcraft validate`` on a folder in which nobody has read those. Nothing else imports an environment file,
-neither ``--doctest-modules`` nor the ``__init__.py`` of its folder; one that is named on the command line and holds
-neither an environment nor tests is judged, too, rather than imported.
+```console
+$ pytest --envcraft games/
+games/snake.py::source PASSED
+games/snake.py::determinism FAILED
+```
 
-**Outcomes.** A finding fails its check, and is printed with the usual fix, the reproduction, and the commands that
-show it again. A check that cannot say anything about an environment is skipped, with its reason. One that could not
-judge, or a sandbox that is not there, is an error with the next step, never a failure of the environment. Findings
-of severity warning are pytest warnings of the category :class:`EnvCraftWarning`, so that
-``-W error::envcraft.pytest_plugin.EnvCraftWarning`` makes them fail. What the checks ``source`` and ``sandbox`` find,
-without which no verdict can be trusted, shows in another test of the environment when they are not selected.
+All of pytest's own works on them: `games/snake.py::determinism`, `-k`, `-x`, `--lf`, `--collect-only`, `-m envcraft`,
+`--junit-xml`, xdist's `-n`. A file is an environment when its source, which is parsed and never imported here, imports
+gymnasium and has an environment class. A test module (`conftest.py`, `test_*.py`, `*_test.py` and what `python_files`
+adds) stays pytest's, **and runs in this process**, as in any run of pytest: use `envcraft validate` on a folder in
+which nobody has read those. Nothing else imports an environment file, neither `--doctest-modules` nor the `__init__.py`
+of its folder; one that is named on the command line and holds neither an environment nor tests is judged, too, rather
+than imported.
 
-**Classes.** The marker ``envcraft`` makes a test function into one test for each check of a target. Its body runs
-where the check passes::
+## Outcomes
+A finding fails its check, and is printed with the usual fix, the reproduction, and the commands that show it again. A
+check that cannot say anything about an environment is skipped, with its reason. One that could not judge, or a sandbox
+that is not there, is an error with the next step, never a failure of the environment. Findings of severity warning are
+pytest warnings of the category `EnvCraftWarning`, so that `-W error::envcraft.pytest_plugin.EnvCraftWarning` makes them
+fail. What the checks `source` and `sandbox` find, without which no verdict can be trusted, shows in another test of the
+environment when they are not selected.
 
-    @pytest.mark.envcraft(target=Snake, contract="gymnasium", checks="api, determinism")
-    def test_snake(): ...
+## Classes
+The marker `envcraft` makes a test function into one test for each check of a target. Its body runs where the check
+passes:
 
-gives ``test_snake[source]``, ``test_snake[api]``, … `target` is a class, whose file is read and judged, or whatever
-``envcraft validate`` takes, a path being relative to pytest's root folder. `checks`, `skip`, `contract`, `budget`,
-`seed` and `sandbox` may be given besides. On a test class (or as ``pytestmark``) the marker goes for those tests that
-take the fixture ``envcraft``, so that a class can have others.
+```python
+@pytest.mark.envcraft(target=Snake, contract="gymnasium", checks="api, determinism")
+def test_snake(): ...
+```
 
-**The fixture** ``envcraft`` judges from within a test; see :class:`envcraft.pytest_plugin.fixture.EnvCraft`::
+gives `test_snake[source]`, `test_snake[api]`, and so on. `target` is a class, whose file is read and judged, or
+whatever `envcraft validate` takes, a path being relative to pytest's root folder. `checks`, `skip`, `contract`,
+`budget`, `seed` and `sandbox` may be given besides. On a test class (or as `pytestmark`) the marker goes for those
+tests that take the fixture `envcraft`, so that a class can have others.
 
-    def test_every_level(envcraft):
-        envcraft.check("games/snake.py", checks=["api"])        # fails the test as the checks do
-        report = envcraft.judge(Snake, budget="quick")          # or gives the report, to be looked at
-        assert report.verdict == "pass" and report.steps > 1000
+## The fixture
+`envcraft` judges from within a test:
 
-Marker and fixture work without ``--envcraft``, which only asks for the files.
+```python
+def test_every_level(envcraft):
+    envcraft.check("games/snake.py", checks=["api"])        # fails the test as the checks do
+    report = envcraft.judge(Snake, budget="quick")          # or gives the report, to be looked at
+    assert report.verdict == "pass" and report.steps > 1000
+```
 
-**Settings**, from the strongest: the marker or the call, the command line (``--envcraft-contract`` and so on), pytest's
-own configuration, and ``[tool.envcraft]`` of ``pyproject.toml``::
+Marker and fixture work without `--envcraft`, which only asks for the files.
 
-    [tool.pytest.ini_options]
-    envcraft_contract = "arcade"
-    envcraft_budget = "quick"
-    envcraft_sandbox = "auto"
-    envcraft_seed = "0"
-    envcraft_checks = ["api", "determinism"]
-    envcraft_skip = []
+## Settings
+From the strongest: the marker or the call, the command line (`--envcraft-contract` and so on), pytest's own
+configuration, and `[tool.envcraft]` of `pyproject.toml`:
 
-**Reports.** Each test has the properties ``envcraft_subject``, ``_class``, ``_source_sha256``, ``_contract``,
-``_budget``, ``_seed``, ``_isolation``, ``_driver``, ``_steps`` (of the whole environment) and ``_codes`` (of its
-findings), which JUnit XML carries. The first test of an environment that runs judges it; the durations that pytest
-reports are nevertheless each check's own.
+```toml
+[tool.pytest.ini_options]
+envcraft_contract = "arcade"
+envcraft_budget = "quick"
+envcraft_sandbox = "auto"
+envcraft_seed = "0"
+envcraft_checks = ["api", "determinism"]
+envcraft_skip = []
+```
 
-**xdist.** The workers of ``-n`` share results, so that each environment is run once whatever ``--dist`` is; with
-``--dist loadfile`` no worker waits for another.
+## Reports
+Each test has properties whose names begin with `envcraft_`: `subject`, `class`, `source_sha256`, `contract`, `budget`,
+`seed`, `isolation`, `driver`, `steps` (of the whole environment) and `codes` (of its findings). JUnit XML carries them.
+The first test of an environment that runs judges it; the durations that pytest reports are nevertheless each check's
+own.
 
-Without the options, the marker and the fixture the plugin imports nothing of EnvCraft's and does nothing.
+## xdist
+The workers of `-n` share results, so that each environment is run once whatever `--dist` is; with `--dist loadfile` no
+worker waits for another.
 """
 
 from __future__ import annotations

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import time
 from collections import deque
+from functools import cached_property
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -69,7 +70,6 @@ class Shown(Counter):
         super().__init__(_LAST)
         from rich.console import Console
         from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-        from torch.utils.tensorboard import SummaryWriter
 
         columns = (
             TextColumn("{task.description}"),
@@ -79,7 +79,7 @@ class Shown(Counter):
             TextColumn("{task.fields[told]}"),
         )
         self._bar = Progress(*columns, console=Console(stderr=True))
-        self._writer = SummaryWriter(str(folder))
+        self._folder = folder
 
     def __enter__(self) -> Shown:
         self._bar.start()
@@ -87,8 +87,16 @@ class Shown(Counter):
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None) -> None:
         self._bar.stop()
-        with contextlib.suppress(OSError):
-            self._writer.close()
+        if "_writer" in vars(self):
+            with contextlib.suppress(OSError):
+                self._writer.close()
+
+    @cached_property
+    def _writer(self) -> Any:
+        """Made with the first point, so that a run that is refused leaves no empty curves."""
+        from torch.utils.tensorboard import SummaryWriter
+
+        return SummaryWriter(str(self._folder))
 
     def begin(self, phase: str, done: int, total: int) -> None:
         self._total = total

@@ -132,13 +132,18 @@ def _verdict(when: str, over: Pooled) -> str:
 
 def _without_learning(summary: Summary) -> str:
     """How the agent stands against what has learnt nothing; "" where no such control was played."""
-    leads, doubted = [], []
-    for name, words in ((UNTRAINED, "an untrained network"), (NOOP, "doing nothing")):
-        if name in summary.conditions and (lead := summary.conditions[name].agent) is not None:
-            leads.append(f"over {words} {_interval(lead)}")
-            doubted += [words] if lead.low <= 0 else []
-    better = f"not beyond doubt better than {' or '.join(doubted)}" if doubted else "beyond doubt better"
-    return f"Held against what has learnt nothing, its lead is {' and '.join(leads)}: it is {better}." if leads else ""
+    leads = [
+        f"over {words} {_interval(lead)}, {_side(lead)}"
+        for name, words in ((UNTRAINED, "an untrained network"), (NOOP, "doing nothing"))
+        if name in summary.conditions and (lead := summary.conditions[name].agent) is not None
+    ]
+    return f"Held against what has learnt nothing, its lead is {'; and '.join(leads)}." if leads else ""
+
+
+def _side(lead: Interval) -> str:
+    if lead.low > 0:
+        return "above zero: it does better"
+    return "below zero: it does worse" if lead.high < 0 else "on both sides of zero: this does not tell the two apart"
 
 
 def _reference(protocol: Protocol, agent: Pooled) -> list[list[str]]:

@@ -39,7 +39,7 @@ class SftExporter(Exporter):
                 root = order.store.root
                 raise UsageError(
                     f"{root} has no generated environments that were judged to the end: "
-                    f"`envcraft generate --concepts N --corpus {root}` makes some"
+                    "`envcraft generate --concepts N --corpus DIR` makes a corpus of such"
                 )
             numbers, splits = divided(groups(order.store), wanted)
             contents = Contents(order.name or order.title)

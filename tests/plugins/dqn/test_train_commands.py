@@ -55,6 +55,13 @@ def test_train_then_evaluate(corpus: Path, tmp_path: Path) -> None:
         assert one["return"]["low"] < one["return"]["mean"] < one["return"]["high"]
 
 
+def test_a_run_that_is_refused_leaves_no_curves(corpus: Path, tmp_path: Path) -> None:
+    refused = run("train", corpus, "--output", tmp_path / "run", *TRAIN, "--pretrain-updates", "20")
+    assert refused.exit_code == 2
+    assert "need demonstrations" in refused.output
+    assert not (tmp_path / "run" / "tensorboard").exists()
+
+
 def test_players_that_are_known_get_what_they_must(corpus: Path) -> None:
     where = (corpus, "--trust", "--workers", "0", "--select", "lamps*")
     means = {}
