@@ -168,7 +168,7 @@ class Difficulty(Check):
                     int(subject.explore(seed).get("states") or 0) for seed in range(subject.budget.explore[1])
                 )
                 return (
-                    f"no positive outcome in {len(subject.traces)} episodes and {explored} explored states, "
+                    f"no positive outcome in {len(subject.traces)} episodes and {explored:,} explored states, "
                     f"but not all states were reached ({why}): a larger --budget or a --policy may settle it"
                 )
         return _UNSOLVABLE

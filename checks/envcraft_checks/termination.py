@@ -26,6 +26,7 @@ import msgspec
 
 from envcraft.check import Check, Rule, Skip
 from envcraft.plugins import hookimpl
+from envcraft.reports import plural
 from envcraft.rollout import Conditions
 from envcraft.shrink import repro
 from envcraft.verdict import Finding, Severity
@@ -147,7 +148,8 @@ class Termination(Check):
         if alive:
             yield self.finding(
                 "EC505",
-                f"{alive[0]} steps after its end at step {trace.steps} the episode goes on: both flags are false again",
+                f"{plural(alive[0], 'step')} after its end at step {trace.steps} the episode goes on: both flags are "
+                "false again",
                 line=subject.line_of("step"),
                 repro=repro(rollout),
             )

@@ -237,6 +237,8 @@ def test_outliers() -> None:
         (21, True),
         (22, False),
     ]
+    seconds = msgspec.structs.replace(measure(*spread, 1000.0, 9.0), low=False)
+    assert [found.times > 1 for found in outliers(seconds)] == [True]
     assert not list(outliers(measure(*spread)))
     # Few, all but one the same, or far in spreads but hardly more than the others.
     assert not list(outliers(measure(*spread[:6], 1000.0)))

@@ -131,10 +131,13 @@ class Attempt(msgspec.Struct):
 
 
 class Measure(msgspec.Struct):
-    """A number that each judged environment has, where it is above 0. `numbers` are those of the environments."""
+    """A number that each judged environment has, where it is above 0. `numbers` are those of the environments; `low` is
+    whether one that is low is anything to look at.
+    """
 
     name: str
     unit: str
+    low: bool = True
     numbers: array[int] = msgspec.field(default_factory=lambda: array("l"))
     values: array[float] = msgspec.field(default_factory=lambda: array("d"))
 
@@ -179,7 +182,8 @@ class Survey:
         self.steps = 0
         self.seconds = 0.0
         self.measures = [
-            Measure("seconds", "s"),
+            # Little time is what an environment takes that cannot even be imported.
+            Measure("seconds", "s", low=False),
             Measure("steps", ""),
             Measure("steps per second", "/s"),
             Measure("lines of source", ""),
@@ -289,4 +293,6 @@ def outliers(measure: Measure) -> Iterator[Outlier]:
     for place in np.flatnonzero((_MAD * away / spread > FAR) & (away > log10(TIMES))):
         value = measure.values[place]
         score = _MAD * (log10(value) - middle) / spread
+        if score < 0 and not measure.low:
+            continue
         yield Outlier(measure.numbers[place], measure.name, value, value / 10**middle, score)
