@@ -69,8 +69,9 @@ envcraft_skip = []
 ```
 
 ## Reports
-Each test has properties whose names begin with `envcraft_`: `subject`, `class`, `source_sha256`, `contract`, `budget`,
-`seed`, `isolation`, `driver`, `steps` (of the whole environment) and `codes` (of its findings). JUnit XML carries them.
+Each test that stands for a check has, once it is judged, properties whose names begin with `envcraft_`: `subject`,
+`class`, `source_sha256`, `contract`, `budget`, `seed`, `isolation`, `driver`, `steps` (of the whole environment) and
+`codes` (of its findings). JUnit XML carries them.
 The first test of an environment that runs judges it; the durations that pytest reports are nevertheless each check's
 own.
 

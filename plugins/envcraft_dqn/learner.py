@@ -100,13 +100,19 @@ class Learner:
         return found
 
     def restore(self, tensors: dict[str, Tensor]) -> None:
-        """Take back what :meth:`state` gave."""
+        """Take back what :meth:`state` gave. Raises UsageError where that was of another network."""
         parts: dict[str, dict[str, Tensor]] = {"network": {}, "target": {}, "adam": {}}
         for name, value in tensors.items():
             part, _, rest = name.partition(".")
             parts[part][rest] = value
-        self.network.load_state_dict(parts["network"])
-        self.target.load_state_dict(parts["target"])
+        try:
+            self.network.load_state_dict(parts["network"])
+            self.target.load_state_dict(parts["target"])
+        except RuntimeError:
+            raise UsageError(
+                f"the checkpoint is of a network {self.settings.size!r} with other layers, as another version of "
+                "EnvCraft has them; train in another folder"
+            ) from None
         state: dict[int, dict[str, Tensor]] = {}
         for name, value in parts["adam"].items():
             number, _, field = name.partition(".")

@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import time
 from collections import deque
-from functools import cached_property
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -80,6 +79,7 @@ class Shown(Counter):
         )
         self._bar = Progress(*columns, console=Console(stderr=True))
         self._folder = folder
+        self._writer: Any = None
 
     def __enter__(self) -> Shown:
         self._bar.start()
@@ -87,19 +87,17 @@ class Shown(Counter):
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None) -> None:
         self._bar.stop()
-        if "_writer" in vars(self):
+        if self._writer is not None:
             with contextlib.suppress(OSError):
                 self._writer.close()
 
-    @cached_property
-    def _writer(self) -> Any:
-        """Made with the first point, so that a run that is refused leaves no empty curves."""
-        from torch.utils.tensorboard import SummaryWriter
-
-        return SummaryWriter(str(self._folder))
-
     def begin(self, phase: str, done: int, total: int) -> None:
         self._total = total
+        # Not before there is something to do: a run that is refused leaves no empty curves.
+        if total > done and self._writer is None:
+            from torch.utils.tensorboard import SummaryWriter
+
+            self._writer = SummaryWriter(str(self._folder))
         self._phase = self._bar.add_task(phase, total=total, completed=done, told="", visible=total > 0)
         self._at: tuple[float, int, int] | None = None
         self._drawn = 0.0

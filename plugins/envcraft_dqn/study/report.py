@@ -118,32 +118,29 @@ def _page(protocol: Protocol, player: str, summary: Summary, figures: list[tuple
 
 def _verdict(when: str, over: Pooled) -> str:
     interval = f"[{over.value.low:.1f}, {over.value.high:.1f}]"
-    if over.value.low > 0:
-        words = "above zero: it does better than chance"
-    elif over.value.high < 0:
-        words = "below zero: it does worse than chance"
-    else:
-        words = "on both sides of zero: this does not tell it from chance"
     return (
         f"{when}, in {over.count} environments that it had not seen, the mean figure is {over.value.mean:+.1f} with a "
-        f"95% interval of {interval}, {words}."
+        f"95% interval of {interval}, {_side(over.value, 'chance')}."
     )
 
 
 def _without_learning(summary: Summary) -> str:
     """How the agent stands against what has learnt nothing; "" where no such control was played."""
     leads = [
-        f"over {words} {_interval(lead)}, {_side(lead)}"
+        f"over {words} {_interval(lead)}, {_side(lead, 'that')}"
         for name, words in ((UNTRAINED, "an untrained network"), (NOOP, "doing nothing"))
         if name in summary.conditions and (lead := summary.conditions[name].agent) is not None
     ]
     return f"Held against what has learnt nothing, its lead is {'; and '.join(leads)}." if leads else ""
 
 
-def _side(lead: Interval) -> str:
+def _side(lead: Interval, other: str) -> str:
+    """Where the interval of a lead over another lies, and what that says."""
     if lead.low > 0:
-        return "above zero: it does better"
-    return "below zero: it does worse" if lead.high < 0 else "on both sides of zero: this does not tell the two apart"
+        return f"above zero: it does better than {other}"
+    if lead.high < 0:
+        return f"below zero: it does worse than {other}"
+    return f"on both sides of zero: this does not tell it from {other}"
 
 
 def _reference(protocol: Protocol, agent: Pooled) -> list[list[str]]:

@@ -111,6 +111,15 @@ def test_a_learner_that_is_put_back_goes_on_bit_by_bit() -> None:
     assert all((learner.state()[name] == value).all() for name, value in again.state().items())
 
 
+def test_what_another_network_left_is_refused() -> None:
+    from envcraft_dqn.learner import Learner
+
+    settings = [Settings(size="tiny", head=head, device="cpu") for head in ("branching", "joint")]
+    branching, joint = (Learner(one, SMALL) for one in settings)
+    with pytest.raises(UsageError, match="train in another folder"):
+        joint.restore(branching.state())
+
+
 def test_every_environment_has_its_turn_in_each_cycle() -> None:
     from envcraft_dqn.learner import schedule
 

@@ -64,6 +64,10 @@ def test_report_tells_what_came_out(whole: Path) -> None:
     assert f"{agent['mean']:+.2f} \\[{agent['low']:.2f}, {agent['high']:.2f}\\]" in report
     for words in ("68.7%", "+1.96", "+7.4 \\[4.97, 9.81\\]", "untrained network", "doing nothing", "the ceiling"):
         assert words in report
+    for name in ("untrained", "noop"):
+        lead = conditions[name]["agent"]
+        side = "above zero" if lead["low"] > 0 else "below zero" if lead["high"] < 0 else "on both sides of zero"
+        assert f"{lead['mean']:+.1f} \\[{lead['low']:.1f}, {lead['high']:.1f}\\], {side}: " in report
     page = (whole / "report.html").read_text()
     for name in ("agent", "pretrained", "conditions", "curves"):
         assert f"(figures/{name}.png)" in report
