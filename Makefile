@@ -7,7 +7,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet --no-compile --constraint constraints.txt
 # On all cores, which pip does not, and without their tests; some libraries have files that are no Python.
-LIBRARIES := $(BIN)/python -m compileall -qq -j 0 -x '/tests?/' $$($(BIN)/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))') || true
+LIBRARIES := $(BIN)/python -m compileall -qq -j 0 -x 'site-packages/.*/tests?/' $$($(BIN)/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))') || true
 # A worker writes nothing, and would compile its modules at each start.
 # The demo's files are answers of a model, and some are no Python.
 COMPILE := $(BIN)/python -m compileall -q -x envcraft_llm/demo/ envcraft checks sandbox plugins
