@@ -119,8 +119,14 @@ def train(
     source = None if demos is None else source_named(demos, there, settings, output)
     _writable(output)
     click.echo(f"{len(names):,} environments; the run is kept in {output}", err=True)
-    with Shown(output / "tensorboard") as teller:
-        agent = run(settings, names, open_vector, output, source, teller, checkpoint_minutes * 60)
+    try:
+        with Shown(output / "tensorboard") as teller:
+            agent = run(settings, names, open_vector, output, source, teller, checkpoint_minutes * 60)
+    except KeyboardInterrupt:
+        kept = (output / "checkpoint" / "state.json").is_file()
+        again = "goes on from the last checkpoint" if kept else "begins anew, since there was no checkpoint yet"
+        click.echo(f"the same command {again}", err=True)
+        raise
     click.echo(agent)
 
 

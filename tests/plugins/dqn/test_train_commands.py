@@ -62,6 +62,19 @@ def test_a_run_that_is_refused_leaves_no_curves(corpus: Path, tmp_path: Path) ->
     assert not (tmp_path / "run" / "tensorboard").exists()
 
 
+def test_an_interrupted_run_tells_where_it_goes_on(
+    corpus: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupt(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("envcraft_dqn.telling.Shown.progress", interrupt)
+    assert "begins anew" in run("train", corpus, "--output", tmp_path / "run", *TRAIN).output
+    # The replay's demonstrations are a checkpoint's worth.
+    again = run("train", corpus, "--output", tmp_path / "other", *TRAIN, *DEMOS)
+    assert "from the last checkpoint" in again.output
+
+
 def test_players_that_are_known_get_what_they_must(corpus: Path) -> None:
     where = (corpus, "--trust", "--workers", "0", "--select", "lamps*")
     means = {}
