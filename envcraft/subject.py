@@ -185,7 +185,8 @@ class Subject:
 
     def _describe(self) -> Loaded:
         recording = Recording(Rollout(0, []), None, None)
-        end = recording.trace.end = self._end(self._submit(Place(), self._job("describe"), recording))
+        job = self._job("describe", series=self._tidy, first=True)
+        end = recording.trace.end = self._end(self._submit(Place(), job, recording))
         return Loaded(recording.description, recording.trace, end)
 
     @property
@@ -235,7 +236,8 @@ class Subject:
         """Begin what is nearly sure to be asked for, in this order, and come back at once.
 
         With `again` it is :meth:`rerun` that will ask. What is never asked for counts nowhere. Jobs may follow one
-        another in one process unless `alone`, for those that are held against others bit by bit.
+        another in one process; nothing has run before in that of one that is `alone`, to be held against others bit by
+        bit.
         """
         if self._refusal:
             return
@@ -463,7 +465,7 @@ class Subject:
         kind: type[Recording] = Recording,
         alone: bool = False,
     ) -> Begun:
-        series = not (alone or every_step) and self._may_follow(request, again)
+        series = not every_step and self._may_share(request)
         if isinstance(request, Search):
             job = self._job("search", search=request.kind, seed=request.seed, actions=self.choices)
             job |= {"path": request.path, "max_steps": request.budget, "limit": self.length}
@@ -488,6 +490,8 @@ class Subject:
             job["asked"] = True
         if series:
             job["series"] = True
+            # Held against others bit by bit: nothing has run in its process before.
+            job["first"] = alone or (not again and request.key() in self._compared | self._probes)
         if conditions.fresh or conditions.hash_seed:
             own = conditions.fresh and again
             place = Place(conditions.hash_seed, apart=not own, own=own)
@@ -504,15 +508,13 @@ class Subject:
         )
         return self._submit(place, job, recording, player)
 
-    def _may_follow(self, request: Rollout | Search, again: bool) -> bool:
-        """Whether a job may run in a process with others, since nothing has gone wrong with any so far; not those that
-        are held against others bit by bit, nor those whose conditions outlast them, nor the search that is a proof.
+    def _may_share(self, request: Rollout | Search) -> bool:
+        """Whether a job may run in a process with others, since nothing has gone wrong with any so far; not those whose
+        conditions outlast them, nor the search that is a proof.
         """
         if isinstance(request, Search):
             return self._tidy and request.kind != "exhaust"
-        if not self._tidy or request.live or not request.conditions.passing:
-            return False
-        return again or request.key() not in self._compared | self._probes
+        return self._tidy and not request.live and request.conditions.passing
 
     @cached_property
     def _probes(self) -> set[bytes]:

@@ -185,7 +185,7 @@ class Determinism(Check):
         """How a repetition of the reset differs from the first, if one of some does: first in one process, which is
         quick, and only what differs there each in its own.
         """
-        first = subject.rollout(rollout, alone=True)
+        first = subject.rerun(rollout, alone=False)
         repeated = (subject.rerun(rollout, alone=False) for _ in range(_RESETS))
         differs = any(_diverge(first, trace) is not None for trace in repeated)
         return self._redraw(subject, rollout, _AGAIN) if differs else None

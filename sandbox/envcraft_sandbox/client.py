@@ -26,7 +26,7 @@ _SERVER_SECONDS = 60.0
 _GOODBYE_SECONDS = 1.0
 _LOADING = ("start", "import", "construct", "policy")
 #: Jobs of a series that one process runs.
-_SERIES = 16
+_SERIES = 64
 
 
 class Ended(NamedTuple):
@@ -81,7 +81,7 @@ class ForkServerWorker(Worker):
 
     def run(self, job: dict[str, Any], recorder: Recorder, limits: Limits, player: Player | None = None) -> JobEnd:
         process = self._take()
-        if process is not None and not job.get("series"):
+        if process is not None and (job.get("first") or not job.get("series")):
             self._dismiss(process)
             process = None
         if process is None:

@@ -45,7 +45,8 @@ class Game(Worker):
     def run(self, job: dict[str, Any], recorder: Recorder, limits: Limits, player: Player | None = None) -> JobEnd:
         self.served.append(job)
         time.sleep(random.random() * 0.002)
-        before, self.series = (self.series, self.series + 1) if job.get("series") else (0, 0)
+        before = self.series if job.get("series") and not job.get("first") else 0
+        self.series = before + 1 if job.get("series") else 0
         if self.ended.is_set() or 300 <= job.get("seed", 0) < 400:
             raise WorkerLost("the worker is gone")
         late = job.get("seed", 0) >= 500 and sum(other.get("seed") == job["seed"] for other in self.served) == 1
@@ -165,7 +166,9 @@ def test_what_is_compared_or_outlasts_its_episode_follows_nothing() -> None:
             subject.rollout(play(8, conditions=conditions))
         subject.rollout(subject.players.probes[0])
         seed = subject.episode_seed(0)
-    assert [job["seed"] for job in driver.served if job.get("series")] == [1, 3, 5, 5, 5, 6, seed, seed]
+    shared = [job for job in driver.served if job.get("series")]
+    assert [job["seed"] for job in shared if not job.get("first")] == [1, 3, 5, 5, 5, 6, seed, seed]
+    assert [job["seed"] for job in shared if job.get("first")] == [2, 4, 7]
 
 
 def test_a_foreseen_trace_has_the_name_that_it_is_asked_for_under() -> None:

@@ -86,6 +86,7 @@ def play(
     limits: Limits = LIMITS,
     player: Player | None = None,
     series: bool = False,
+    first: bool = False,
 ) -> Ran:
     """Run one job: by default a rollout of ten actions, with a `player` one of at most ten that it chooses."""
     listed = [] if player else [[number % 5, 0, 1] for number in range(10)]
@@ -100,6 +101,7 @@ def play(
         "asked": rollout.asked,
         "max_steps": rollout.max_steps,
         "series": series,
+        "first": first,
     }
     recording = Recording(rollout, ARCADE.observation, ARCADE.action)
     end = worker.run(job, recording, limits, player)

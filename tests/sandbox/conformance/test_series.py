@@ -38,7 +38,17 @@ def test_a_process_runs_one_after_the_other(follow: Any, worker: Worker, environ
 
 def test_a_process_runs_only_so_many(follow: Any, environment: Environment) -> None:
     source = environment(top=_PROCESS)
-    assert len({follow(source).facts for _ in range(40)}) > 1
+    assert len({follow(source).facts for _ in range(100)}) > 1
+
+
+def test_a_first_one_has_a_new_process_that_others_follow_in(
+    follow: Any, worker: Worker, environment: Environment, play: Any
+) -> None:
+    source = environment(top=_PROCESS)
+    before = follow(source)
+    first, after = play(worker, source, series=True, first=True), follow(source)
+    assert [one.end.before for one in (before, first, after)] == [0, 0, 1]
+    assert before.facts != first.facts == after.facts
 
 
 @pytest.mark.parametrize(
