@@ -212,6 +212,7 @@ class Recording:
             picture = layout.kind == "array" and is_picture(layout.shape, layout.dtype)
             trace.watched.append(frame_hash(value) if picture else value_hash(value))
         trace.micros += step.micros
+        trace.opaque |= layout.opaque
         trace.observations.append(self._digest(layout, step.data))
         self._keep_info(step.info)
         # Where render() is asked for, observations that are no pictures are not what is to be seen.

@@ -187,7 +187,8 @@ class Worker(ABC):
     def run(self, job: dict[str, Any], recorder: Recorder, limits: Limits, player: Player | None = None) -> JobEnd:
         """Run a job to its end, whatever that is; `player` chooses the actions of one that asks for them, which the
         recorder is told. Where ``job["series"]`` is true, its process may be that of the one before, if that was of a
-        series and left nothing behind; with ``job["first"]`` it has a new one, which others may follow in. Raises WorkerLost when the worker itself is gone.
+        series and left nothing behind; with ``job["first"]`` it is a new one, in which others may follow. Raises
+        WorkerLost when the worker itself is gone.
         """
 
     @abstractmethod

@@ -67,7 +67,8 @@ class Problem:
 class Trace:
     """One episode. Index 0 of `observations` and `infos` is the reset, of rewards and flags step 1.
 
-    Observations are digests; of an episode that is watched, `watched` has perceptual hashes of some. Infos are JSON as
+    Observations are digests, which say nothing where `opaque`: some value is of a type that only its package knows, and
+    no bytes of it came. Of an episode that is watched, `watched` has perceptual hashes of some. Infos are JSON as
     it came, the last one always; once an episode has given much of it the others are digests too.
     """
 
@@ -80,6 +81,7 @@ class Trace:
     truncated: list[bool] = field(default_factory=list)
     flag_types: list[tuple[str, str]] = field(default_factory=list)
     micros: int = 0
+    opaque: bool = False
     problems: list[Problem] = field(default_factory=list)
     info_notes: list[tuple[int, dict[str, Any]]] = field(default_factory=list)
     overwritten: list[int] = field(default_factory=list)

@@ -19,14 +19,15 @@ _KINDS = "biufcSU"
 
 class Layout:
     """The shape of one value. `size` is the number of its bytes, `parts` of the layouts in it, itself included; `tag`
-    tells layouts apart in digests.
+    tells layouts apart in digests. Of an `opaque` one, or of a part of it, nothing but the type is told.
     """
 
-    __slots__ = ("dtype", "items", "kind", "name", "parts", "shape", "size", "tag")
+    __slots__ = ("dtype", "items", "kind", "name", "opaque", "parts", "shape", "size", "tag")
 
     size: int
     parts: int
     tag: int
+    opaque: bool
 
     def __init__(self, spec: Any, depth: int = 0) -> None:
         if not isinstance(spec, dict) or depth > _MAX_DEPTH:
@@ -61,6 +62,7 @@ class Layout:
         else:
             raise MalformedValue(f"layout kind {self.kind[:40]!r}")
         self.parts = 1 + sum(item.parts for _, item in self.items)
+        self.opaque = self.kind == "other" or any(item.opaque for _, item in self.items)
         if self.size > MAX_BYTES:
             raise MalformedValue(f"a value of {self.size} bytes")
         identity = (self.kind, str(self.dtype), self.shape, self.name, [(name, item.tag) for name, item in self.items])

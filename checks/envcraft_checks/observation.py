@@ -56,6 +56,8 @@ class Observation(Check):
         traces = [trace for trace in subject.played() if len(trace.observations) > 1]
         if not traces:
             raise Skip("no episode came to a second observation")
+        if any(trace.opaque for trace in traces):
+            raise Skip("the observations are of a type, or hold one, that only its package can look into")
         longest = max(traces, key=lambda trace: trace.steps)
         subject.foresee(
             [self._watch(subject, subject.choices[0]), self._rendered(traces[0])][: 1 + subject.contract.render]

@@ -121,6 +121,14 @@ OWN = source("self.total += action", "Mood()", "f'mood {self.total}'").replace(
     "class Game",
     "class Mood(spaces.Space):\n    def contains(self, x):\n        return isinstance(x, str)\n\nclass Game",
 )
+#: Observations that nobody else can look into, alone and in a space that everybody knows.
+OBJECTS = OWN.replace("isinstance(x, str)", "isinstance(x, set)").replace("f'mood {self.total}'", "{self.total}")
+RECORDS = OWN.replace("isinstance(x, str)", "isinstance(x, np.ndarray)").replace(
+    "f'mood {self.total}'", "np.array([(1, self.total)], 'i4, f8')"
+)
+MIXED = OBJECTS.replace("= Mood()", "= spaces.Dict(at=spaces.Discrete(99999), mood=Mood())").replace(
+    "{self.total}", "{'at': 1, 'mood': {self.total}}"
+)
 #: Actions of more numbers than a message shows.
 WIDE = source("self.total += float(action['push'].sum())", action="spaces.Dict(push=spaces.Box(-1, 1, (10, 10)))")
 WRITES = WIDE.replace("self.total +=", "action['push'][3, 3] = 0; self.total +=")
@@ -135,6 +143,9 @@ GOOD = {
     "graphs": GRAPHS,
     "choices": CHOICES,
     "own": OWN,
+    "objects": OBJECTS,
+    "records": RECORDS,
+    "mixed": MIXED,
 }
 BAD = {
     "EC109 past the bound": ("EC109", ROUGH.replace("1e-6", "1e-3")),
@@ -142,6 +153,7 @@ BAD = {
     "EC109 no such node": ("EC109", GRAPHS.replace("[[0, 2]]", "[[0, 3]]")),
     "EC108 edges without links": ("EC108", GRAPHS.replace("np.array([[0, 2]], np.int32)", "None")),
     "EC109 no such choice": ("EC109", CHOICES.replace("(0, self.card)", "(2, self.card)")),
+    "EC108 array of objects": ("EC108", COSTS.replace(_STATE, _STATE + ".astype(object)")),
     "EC108 list for a sequence": ("EC108", CHOICES.replace("return ((0", "return [(0").replace("% 11))", "% 11)]")),
     "EC111 writes into the action": ("EC111", WRITES),
     "EC201 unseeded": ("EC201", SHORT.replace("self.np_random.integers", "np.random.default_rng().integers")),

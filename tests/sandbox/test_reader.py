@@ -214,9 +214,16 @@ class Kept(Channel):
         super().step(*values, **named)
 
 
-VALUES = [np.full((84, 84, 3), 7, np.uint8), np.zeros(3), np.full((84, 84, 3), 9, np.int16)]
+VALUES = [
+    np.full((84, 84, 3), 7, np.uint8),
+    np.zeros(3),
+    np.full((84, 84, 3), 9, np.int16),
+    np.array([None, "x"], dtype=object),
+    np.zeros(2, [("a", "i4"), ("b", "f8")]),
+    np.zeros(3, ">f8"),
+]
 EPISODE = st.lists(
-    st.tuples(st.sampled_from([0, 0, 0, 1, 2]), st.booleans(), st.sampled_from([0.0, 1, True]), st.booleans()),
+    st.tuples(st.sampled_from([0, 0, 0, 1, 2, 3, 4, 5]), st.booleans(), st.sampled_from([0.0, 1, True]), st.booleans()),
     max_size=40,
 )
 

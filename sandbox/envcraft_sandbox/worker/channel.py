@@ -7,6 +7,7 @@ import math
 import os
 import socket
 import time
+from json import encoder
 from typing import Any
 
 import numpy as np
@@ -45,6 +46,11 @@ _monotonic = time.monotonic
 _dumps = json.dumps
 _loads = json.loads
 _writev = os.writev
+_Array = np.ndarray
+_STEP, _FLOAT, _BOOL = Kind.STEP, Type.FLOAT, Type.BOOL
+#: What ``json.dumps`` makes anew for each value, where Python has it; for dictionaries of plain values.
+_make: Any = getattr(encoder, "c_make_encoder", None)
+_chunks: Any = _make and _make(None, repr, encoder.encode_basestring_ascii, None, ": ", ", ", False, False, True)
 
 
 class Channel:
@@ -61,8 +67,10 @@ class Channel:
         self._size = 0
         self._flushed = _monotonic()
         self._every_step = every_step
-        self._layouts: dict[Any, int] = {}
+        self._layouts: dict[str, int] = {}
         self._parts = 0
+        #: The type and shape of the last array, and its layout's number.
+        self._array: tuple[Any, Any, int] = (None, None, -1)
         #: The last long value that was sent, and its layout's number.
         self._last: tuple[int, bytes] = (-1, b"")
         self._info: bytes | None = None
@@ -76,7 +84,8 @@ class Channel:
         if self._run:
             self._end_run()
         self._waiting += parts
-        self._size += sum(map(len, parts))
+        for part in parts:
+            self._size += len(part)
         full = self._size >= _BATCH or len(self._waiting) >= _MOST
         if flush or full or self._every_step or _monotonic() - self._flushed > _FLUSH_SECONDS:
             self.flush()
@@ -139,9 +148,9 @@ class Channel:
         self, kind: Kind, observation: Any, reward: Any, terminated: Any, truncated: Any, info: Any, seconds: float
     ) -> None:
         layout, data = self.encode(observation)
-        reward_type, number = _number(reward)
-        ended_type, ended = _flag(terminated)
-        cut_type, cut = _flag(truncated)
+        reward_type, number = (_FLOAT, reward) if type(reward) is float else _number(reward)
+        ended_type, ended = (_BOOL, terminated) if type(terminated) is bool else _flag(terminated)
+        cut_type, cut = (_BOOL, truncated) if type(truncated) is bool else _flag(truncated)
         text = encode_info(info)
         micros = min(int(seconds * 1e6), 0xFFFFFFFF)
         flags = ended | cut << 1
@@ -152,7 +161,7 @@ class Channel:
         else:
             self._info = text
         head = STEP.pack(flags, ended_type, cut_type, reward_type, number, micros, layout, len(data), len(text))
-        if kind is not Kind.STEP or flags < SAME | SAME_INFO:
+        if kind is not _STEP or flags < SAME | SAME_INFO:
             self._put(HEADER.pack(kind, len(head) + len(data) + len(text)), head, data, text)
             return
         self._run.append(head)
@@ -169,21 +178,25 @@ class Channel:
 
     def encode(self, value: Any) -> tuple[int, bytes]:
         """Give the value's layout number, announcing a new layout first, and its bytes."""
-        if type(value) is np.ndarray:
-            key: Any = (value.dtype.str, value.shape)
-            number = self._layouts.get(key)
-            if number is not None:
+        if type(value) is _Array:
+            dtype, shape, number = self._array
+            if value.dtype is dtype and value.shape == shape:
                 return number, value.tobytes()
-            layout, data = encode_value(value)
-        else:
-            layout, data = encode_value(value)
-            key = _dumps(layout)
-            number = self._layouts.get(key)
-            if number is not None:
-                return number, data
+        layout, data = encode_value(value)
+        key = _dumps(layout)
+        number = self._layouts.get(key, -1)
+        if number < 0:
+            number, data = self._announce(layout, key, data)
+        elif type(value) is _Array and layout["k"] == "array":
+            # What cannot be described has no bytes, whatever its array has.
+            self._array = value.dtype, value.shape, number
+        return number, data
+
+    def _announce(self, layout: dict[str, Any], key: str, data: bytes) -> tuple[int, bytes]:
+        """Send a layout; give its number and the value's bytes, of which there are none where it is one too many."""
         parts = _parts(layout)
-        if len(self._layouts) >= MAX_LAYOUTS - 1 or self._parts + parts >= MAX_PARTS or len(_dumps(layout)) > MAX_JSON:
-            layout, data, key, parts = _ONE_TOO_MANY, b"", None, 1
+        if len(self._layouts) >= MAX_LAYOUTS - 1 or self._parts + parts >= MAX_PARTS or len(key) > MAX_JSON:
+            layout, data, key, parts = _ONE_TOO_MANY, b"", "", 1
             if key in self._layouts:
                 return self._layouts[key], data
         self._parts += parts
@@ -251,7 +264,10 @@ def encode_info(info: Any) -> bytes:
     if not info:
         return b""
     try:
-        text = _dumps(info if _is_json(info) else jsonable(info)).encode()
+        if _chunks is not None and _is_json(info):
+            text = "".join(_chunks(info, 0)).encode()
+        else:
+            text = _dumps(jsonable(info)).encode()
     except (ValueError, TypeError, RecursionError) as error:
         text = _dumps({"envcraft: not encodable": type_name(error)}).encode()
     if len(text) > MAX_INFO:
@@ -307,8 +323,6 @@ def jsonable(value: Any, depth: int = 0) -> Any:
 
 
 def _number(value: Any) -> tuple[Type, float]:
-    if type(value) is float:
-        return Type.FLOAT, value
     kind = _type(value)
     if kind <= Type.NUMPY_FLOAT:
         try:
@@ -319,8 +333,6 @@ def _number(value: Any) -> tuple[Type, float]:
 
 
 def _flag(value: Any) -> tuple[Type, int]:
-    if type(value) is bool:
-        return Type.BOOL, value
     kind = _type(value)
     return kind, int(bool(value)) if kind <= Type.STR else 0
 

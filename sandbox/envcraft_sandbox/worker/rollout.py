@@ -19,6 +19,7 @@ from .subject import Fault, Subject
 
 _perf_counter = time.perf_counter
 _STRINGS = {str}
+_TRUTHS = (bool, np.bool_, int, np.integer)
 
 
 class Perturb:
@@ -65,9 +66,10 @@ class Companion:
 def run(subject: Subject, job: dict[str, Any]) -> None:
     """Run the job's episode and stream it; twice under the condition ``again``."""
     conditions: dict[str, Any] = job.get("conditions", {})
-    state = _global_state()
+    again = bool(conditions.get("again"))
+    state = _global_state() if again else None
     _episode(subject, job, conditions)
-    if conditions.get("again"):
+    if state is not None:
         _restore(state)
         _episode(subject, job, conditions)
 
@@ -75,12 +77,14 @@ def run(subject: Subject, job: dict[str, Any]) -> None:
 def _episode(subject: Subject, job: dict[str, Any], conditions: dict[str, Any]) -> None:
     channel = subject.channel
     env = subject.construct()
-    state = _global_state()
-    companion = Companion(subject, conditions["companion"]) if "companion" in conditions else None
-    for earlier in conditions.get("before", ()):
-        _play_through(subject, env, earlier)
-    # Only the condition that was asked for may differ: the global generators start as without it.
-    _restore(state)
+    companion = None
+    if "companion" in conditions or "before" in conditions:
+        state = _global_state()
+        companion = Companion(subject, conditions["companion"]) if "companion" in conditions else None
+        for earlier in conditions.get("before", ()):
+            _play_through(subject, env, earlier)
+        # Only the condition that was asked for may differ: the global generators start as without it.
+        _restore(state)
     perturb = Perturb(conditions.get("perturb"))
     policy = Policy(subject, job["policy"], env) if "policy" in job else None
 
@@ -199,4 +203,4 @@ def _shape_of(result: Any) -> str:
 
 
 def _true(flag: Any) -> bool:
-    return isinstance(flag, bool | np.bool_ | int | np.integer) and bool(flag)
+    return isinstance(flag, _TRUTHS) and bool(flag)
