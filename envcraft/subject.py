@@ -157,11 +157,11 @@ class Subject:
 
     @property
     def fingerprint(self) -> str:
-        """What it did in the episode by which environments are told apart; "" unless a check asked for it and it came
-        through.
+        """What it did in the episode by which environments are told apart; "" unless a check asked for it, it came
+        through, and all of its observations could be looked into.
         """
         trace = next((trace for trace in self._traces.values() if trace.watched), None)
-        return fingerprint(trace) if trace is not None and trace.usable else ""
+        return fingerprint(trace) if trace is not None and trace.usable and not trace.opaque else ""
 
     # What the file defines
 
@@ -185,8 +185,7 @@ class Subject:
 
     def _describe(self) -> Loaded:
         recording = Recording(Rollout(0, []), None, None)
-        job = self._job("describe", series=self._tidy, first=True)
-        end = recording.trace.end = self._end(self._submit(Place(), job, recording))
+        end = recording.trace.end = self._end(self._submit(Place(), self._job("describe"), recording))
         return Loaded(recording.description, recording.trace, end)
 
     @property

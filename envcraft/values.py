@@ -62,7 +62,9 @@ class Layout:
         else:
             raise MalformedValue(f"layout kind {self.kind[:40]!r}")
         self.parts = 1 + sum(item.parts for _, item in self.items)
-        self.opaque = self.kind == "other" or any(item.opaque for _, item in self.items)
+        # All that there is to None is its type.
+        unknown = self.kind == "other" and self.name != "NoneType"
+        self.opaque = unknown or any(item.opaque for _, item in self.items)
         if self.size > MAX_BYTES:
             raise MalformedValue(f"a value of {self.size} bytes")
         identity = (self.kind, str(self.dtype), self.shape, self.name, [(name, item.tag) for name, item in self.items])
@@ -116,7 +118,7 @@ def _dtype(name: Any) -> np.dtype[Any]:
         dtype = np.dtype(str(name))
     except (TypeError, ValueError):
         raise MalformedValue(f"dtype {str(name)[:40]!r}") from None
-    if dtype.kind not in _KINDS or dtype.hasobject or dtype.fields or dtype.subdtype:
+    if dtype.kind not in _KINDS or dtype.hasobject or dtype.fields or dtype.subdtype or not dtype.itemsize:
         raise MalformedValue(f"dtype {dtype}")
     return dtype
 

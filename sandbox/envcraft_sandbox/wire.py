@@ -42,6 +42,9 @@ MAX_LONG_JSON = 4 * 1024 * 1024
 MAX_LAYOUTS = 4096
 MAX_PARTS = 100_000
 MAX_DEPTH = 8
+#: Of a dictionary, list or tuple, and of an array.
+MAX_ITEMS = 4096
+MAX_DIMENSIONS = 32
 
 
 #: Of a job, which holds the source, and of what the fork server says.

@@ -123,6 +123,12 @@ OWN = source("self.total += action", "Mood()", "f'mood {self.total}'").replace(
 )
 #: Observations that nobody else can look into, alone and in a space that everybody knows.
 OBJECTS = OWN.replace("isinstance(x, str)", "isinstance(x, set)").replace("f'mood {self.total}'", "{self.total}")
+DATES = OBJECTS.replace("isinstance(x, set)", "isinstance(x, np.datetime64)").replace(
+    "{self.total}", "np.datetime64(int(self.total), 's')"
+)
+CROWDS = OBJECTS.replace("isinstance(x, set)", "len(x) == 5000").replace(
+    "{self.total}", "{n: self.total for n in range(5000)}"
+)
 RECORDS = OWN.replace("isinstance(x, str)", "isinstance(x, np.ndarray)").replace(
     "f'mood {self.total}'", "np.array([(1, self.total)], 'i4, f8')"
 )
@@ -145,6 +151,8 @@ GOOD = {
     "own": OWN,
     "objects": OBJECTS,
     "records": RECORDS,
+    "dates": DATES,
+    "crowds": CROWDS,
     "mixed": MIXED,
 }
 BAD = {
@@ -163,6 +171,8 @@ BAD = {
     "EC301 NaN": ("EC301", COSTS.replace("-1e6", "-1e6 if self.total < 9 else np.float64('nan')")),
     "EC302 array": ("EC302", COSTS.replace("-1e6", "np.ones(1)")),
     "EC401 constant": ("EC401", COSTS.replace(_STATE, "np.zeros(3)")),
+    "EC401 constant graph": ("EC401", COSTS.replace(_FLOATS, "spaces.Graph(spaces.Box(-1, 1, (2,)), None)").replace(
+        _STATE, "spaces.GraphInstance(np.zeros((3, 2), np.float32), None, None)")),
     "EC403 unresponsive": ("EC403", COSTS.replace(_STATE, "np.array([self.steps, self.card, 0.0])").replace(
         "self.total > 30", "self.steps > 30")),
     "EC503 over at once": ("EC503", COSTS.replace("self.total > 30", "self.steps == 2")),

@@ -221,9 +221,22 @@ VALUES = [
     np.array([None, "x"], dtype=object),
     np.zeros(2, [("a", "i4"), ("b", "f8")]),
     np.zeros(3, ">f8"),
+    np.datetime64(7, "s"),
+    np.zeros(1, "i4, f8")[0],
+    np.str_(""),
+    np.bytes_(b""),
+    np.zeros(2, "U0"),
+    np.zeros((1,) * 40),
+    np.zeros((0, 10_000_000)),
+    {"one": np.zeros(5 * 1024**2, np.uint8), "two": np.zeros(5 * 1024**2, np.uint8)},
+    dict.fromkeys(range(5_000), 1),
+    [1, "x"] * 2_500,
+    list(range(5_000)),
 ]
 EPISODE = st.lists(
-    st.tuples(st.sampled_from([0, 0, 0, 1, 2, 3, 4, 5]), st.booleans(), st.sampled_from([0.0, 1, True]), st.booleans()),
+    st.tuples(
+        st.sampled_from([0, 0, 0, *range(len(VALUES))]), st.booleans(), st.sampled_from([0.0, 1, True]), st.booleans()
+    ),
     max_size=40,
 )
 

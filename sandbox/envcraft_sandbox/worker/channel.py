@@ -17,7 +17,9 @@ from envcraft_sandbox.wire import (
     HEADER,
     LONG,
     MAX_DEPTH,
+    MAX_DIMENSIONS,
     MAX_INFO,
+    MAX_ITEMS,
     MAX_JSON,
     MAX_LAYOUTS,
     MAX_OBSERVATION,
@@ -183,6 +185,8 @@ class Channel:
             if value.dtype is dtype and value.shape == shape:
                 return number, value.tobytes()
         layout, data = encode_value(value)
+        if len(data) > MAX_OBSERVATION:
+            layout, data = {"k": "other", "type": f"{type_name(value)} of {len(data)} bytes"}, b""
         key = _dumps(layout)
         number = self._layouts.get(key, -1)
         if number < 0:
@@ -215,15 +219,17 @@ def encode_value(value: Any, depth: int = 0) -> tuple[dict[str, Any], bytes]:
     if depth > MAX_DEPTH:
         return {"k": "other", "type": "nested too deeply"}, b""
     if isinstance(value, np.ndarray):
-        if value.dtype.hasobject or value.dtype.kind not in "biufcSU":
+        if not _is_plain(value.dtype):
             return {"k": "other", "type": f"ndarray of {value.dtype}"}, b""
-        if value.nbytes > MAX_OBSERVATION:
+        if value.ndim > MAX_DIMENSIONS or max(value.nbytes, *value.shape, 0) > MAX_OBSERVATION:
             return {"k": "other", "type": f"ndarray {value.shape} of {value.nbytes} bytes"}, b""
         return (
             {"k": "array", "dtype": value.dtype.str, "shape": list(value.shape)},
             np.ndarray.tobytes(value),
         )
-    if isinstance(value, np.generic):
+    if isinstance(value, np.generic) and not isinstance(value, str):
+        if not _is_plain(value.dtype):
+            return {"k": "other", "type": f"NumPy {value.dtype}"}, b""
         return {"k": "scalar", "dtype": value.dtype.str}, value.tobytes()
     if isinstance(value, bool):
         return {"k": "bool"}, bytes([value])
@@ -234,6 +240,10 @@ def encode_value(value: Any, depth: int = 0) -> tuple[dict[str, Any], bytes]:
     if isinstance(value, str) and len(value) <= MAX_INFO:
         data = value.encode("utf-8", "backslashreplace")
         return {"k": "str", "n": len(data)}, data
+    if isinstance(value, list) and (numbers := _numbers(value)) is not None:
+        return {"k": "numbers", "dtype": numbers.dtype.str, "shape": list(numbers.shape)}, numbers.tobytes()
+    if isinstance(value, dict | list | tuple) and len(value) > MAX_ITEMS:
+        return {"k": "other", "type": f"{type_name(value)} of {len(value)} items"}, b""
     if isinstance(value, dict):
         layouts, parts = [], []
         for key in value:
@@ -241,10 +251,8 @@ def encode_value(value: Any, depth: int = 0) -> tuple[dict[str, Any], bytes]:
             layouts.append([str(key), layout])
             parts.append(data)
         return {"k": "dict", "items": layouts}, b"".join(parts)
-    if isinstance(value, list) and (numbers := _numbers(value)) is not None:
-        return {"k": "numbers", "dtype": numbers.dtype.str, "shape": list(numbers.shape)}, numbers.tobytes()
     if isinstance(value, list | tuple):
-        pairs = [encode_value(item, depth + 1) for item in value[:MAX_LAYOUTS]]
+        pairs = [encode_value(item, depth + 1) for item in value]
         kind = "tuple" if isinstance(value, tuple) else "list"
         return {"k": kind, "items": [layout for layout, _ in pairs]}, b"".join(data for _, data in pairs)
     return {"k": "other", "type": type_name(value)}, b""
@@ -256,7 +264,13 @@ def _numbers(value: list[Any]) -> np.ndarray[Any, Any] | None:
         numbers = np.array(value)
     except (ValueError, TypeError, OverflowError):
         return None
-    return numbers if numbers.dtype.kind in "biuf" and 0 < numbers.nbytes <= MAX_OBSERVATION else None
+    fits = 0 < numbers.nbytes <= MAX_OBSERVATION and numbers.ndim <= MAX_DIMENSIONS
+    return numbers if fits and numbers.dtype.kind in "biuf" else None
+
+
+def _is_plain(dtype: np.dtype[Any]) -> bool:
+    """Whether values of a type are numbers or text, with bytes that say all of them."""
+    return dtype.kind in "biufcSU" and dtype.itemsize > 0
 
 
 def encode_info(info: Any) -> bytes:

@@ -132,6 +132,9 @@ def _run(job: dict[str, Any], channel: Channel, traces: Traces) -> bool:
     with contextlib.suppress(Exception):
         sys.stdout.flush()
         sys.stderr.flush()
-    goes_on = goes_on and traces.remove()
+    if goes_on:
+        # What comes of it is not the doing of the call before.
+        channel.phase("close")
+        goes_on = traces.remove()
     channel.send_json(Kind.END, {"goes_on": True} if goes_on else {}, flush=True)
     return goes_on
