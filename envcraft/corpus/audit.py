@@ -214,7 +214,7 @@ def _choose(store: Store, choice: Choice, settings: int) -> tuple[int, bool]:
         conditions.append(
             "(changed > (SELECT coalesce(max(id), 0) FROM audits WHERE ended IS NOT NULL AND complete) "
             "OR NOT EXISTS (SELECT 1 FROM verdicts AS v WHERE v.source = environments.source "
-            f"AND v.class = environments.class AND v.settings = {settings:d}))"
+            f"AND v.class = environments.class AND v.settings = {settings:d} AND v.verdict != 'error'))"
         )
     names = f"SELECT name FROM environments WHERE {' AND '.join(conditions)}"
     db.execute("DROP TABLE IF EXISTS chosen")

@@ -73,7 +73,7 @@ def add(
                 words = f"{target.path} is larger than {MAX_SOURCE:,} bytes: no environment is"
                 click.echo(f"Error: {one_line(words)}", err=True)
                 refused += 1
-            elif twins:
+            elif twins and (found is None or not replace):
                 click.echo(f"{one_line(target.path)} is the same as {one_line(twins[0])}, and left out", err=True)
                 known += 1
             elif found not in (None, (target.sha256, env_class)) and not replace:
@@ -82,7 +82,10 @@ def add(
                 click.echo(f"Error: {one_line(words)}", err=True)
                 refused += 1
             else:
-                fresh = _put(store, name, target, env_class, {"file": target.path, **told})
+                origin = {"file": target.path, **told}
+                fresh = _put(store, name, target, env_class, origin)
+                if not fresh and replace:
+                    store.describe(name, origin)
                 added, known = added + fresh, known + (not fresh)
         store.prune()
     click.echo(f"{plural(added, 'environment')} added, {known:,} there already")
@@ -108,7 +111,7 @@ def list_(corpus: Path, verdict: str | None, code: str | None, name: str | None,
         values.append(code.upper())
     if name is not None:
         conditions.append("name GLOB ?")
-        values.append(name)
+        values.append(plain(name))
     query = f"{_LISTED} WHERE {' AND '.join(conditions)} ORDER BY name"
     with Store(corpus) as store:
         if code is not None:
@@ -138,14 +141,14 @@ def _known(store: Store, code: str) -> None:
 def show(corpus: Path, name: str, source: bool, form: str) -> None:
     """Show one environment, every verdict on its source, and where it was generated, how it came about."""
     with Store(corpus) as store:
-        row = store.db.execute(f"{_LISTED} WHERE name = ?", (name,)).fetchone()
+        row = store.db.execute(f"{_LISTED} WHERE name = ?", (plain(name),)).fetchone()
         if row is None:
             raise UsageError(f"{corpus} has no environment {name}; `envcraft corpus list {corpus}` lists them")
         if source:
             sys.stdout.flush()
             sys.stdout.buffer.write(store.source(row[1]))
             return
-        (origin,) = store.db.execute("SELECT origin FROM environments WHERE name = ?", (name,)).fetchone()
+        (origin,) = store.db.execute("SELECT origin FROM environments WHERE name = ?", (row[0],)).fetchone()
         origin = json.loads(origin)
         history = told_of(store, str(origin.get("concept", "")))
         found = store.db.execute(
@@ -188,7 +191,7 @@ def rm(ctx: click.Context, corpus: Path, names: tuple[str, ...]) -> None:
         if store.follows_folder:
             raise UsageError(f"{corpus} follows a folder: remove files there, and `envcraft audit` finds out")
         for name in names:
-            if not store.remove(name):
+            if not store.remove(plain(name)):
                 click.echo(f"Error: {corpus} has no environment {name}", err=True)
                 unknown += 1
     click.echo(f"{plural(len(names) - unknown, 'environment')} removed")

@@ -34,6 +34,7 @@ _ELSEWHERE = {
     sqlite3.SQLITE_PERM,
     sqlite3.SQLITE_BUSY,
     sqlite3.SQLITE_READONLY,
+    sqlite3.SQLITE_IOERR,
     sqlite3.SQLITE_FULL,
     sqlite3.SQLITE_CANTOPEN,
 }
@@ -81,7 +82,14 @@ class Store:
         try:
             with _told(self.root):
                 self.db = _connect(self.root / DATABASE, write)
-                if schema.version(self.db, str(self.root)) < len(schema.MIGRATIONS):
+                found = schema.version(self.db, str(self.root))
+                if not found:
+                    # One gets its name when it is complete.
+                    raise CorpusDamaged(
+                        f"the corpus database {self.root / DATABASE} is empty, or no corpus's",
+                        f"`envcraft corpus verify {self.root}` tells more",
+                    )
+                if found < len(schema.MIGRATIONS):
                     if self._lock is None:
                         self._lock = _lock(self.root)
                         self.db.close()
@@ -206,6 +214,11 @@ class Store:
         return data
 
     # Environments
+
+    def describe(self, name: str, origin: dict[str, Any]) -> None:
+        """Say anew where an environment comes from."""
+        told = json.dumps(plain(origin), sort_keys=True)
+        self.db.execute("UPDATE environments SET origin = ? WHERE name = ?", (told, name))
 
     def add(self, name: str, data: bytes, env_class: str = "", origin: dict[str, Any] | None = None) -> bool:
         """Add an environment, or put another source in the place of its own; give whether anything is different.

@@ -28,9 +28,12 @@ def decode(data: bytes) -> Any:
 
 
 def _hook(value: Any) -> Any:
-    if isinstance(value, np.ndarray) and value.dtype.kind in _KINDS:
+    if isinstance(value, np.ndarray) and value.dtype.kind in _KINDS and value.dtype.itemsize:
         told = msgspec.msgpack.encode((value.dtype.str, list(value.shape), np.ndarray.tobytes(value)))
         return msgspec.msgpack.Ext(_ARRAY, told)
+    if isinstance(value, np.generic) and not value.dtype.itemsize:
+        # Empty text, which has no bytes of its dtype.
+        return value.item()
     if isinstance(value, np.generic) and value.dtype.kind in _KINDS:
         return msgspec.msgpack.Ext(_SCALAR, msgspec.msgpack.encode((value.dtype.str, [], value.tobytes())))
     return {"type": type_name(value)}

@@ -25,6 +25,8 @@ from envcraft.using.spaces import action_to_json, to_gymnasium
 
 #: More steps than an episode has: it ends when its environment ends it.
 _STEPS = 10**12
+#: What rewards and flags can be, in the words of a trace.
+_NUMBERS = ("bool", "numpy.bool", "int", "numpy integer", "float", "numpy floating")
 _MAX_SEED = 2**31 - 1
 
 
@@ -137,6 +139,7 @@ class SubjectEnv(gymnasium.Env[Any, Any]):
         trace = shown.trace
         if trace.steps == steps:
             raise self._failure(episode)
+        self._refuse(trace)
         return shown.observation, trace.rewards[-1], trace.terminated[-1], trace.truncated[-1], _info(shown)
 
     def render(self) -> Any:
@@ -160,6 +163,15 @@ class SubjectEnv(gymnasium.Env[Any, Any]):
             self.failed = episode.shown.trace
             raise EnvironmentFailed(f"{self._name}: at step {wrong[0].step} {wrong[0].words}")
         return episode.shown
+
+    def _refuse(self, trace: Trace) -> None:
+        """Raises EnvironmentFailed where the last reward or a flag is no number: a trace has another in its place."""
+        told = {"reward": trace.reward_types[-1], "terminated": trace.flag_types[-1][0]}
+        told["truncated"] = trace.flag_types[-1][1]
+        for name, kind in told.items():
+            if kind not in _NUMBERS:
+                self.failed = trace
+                raise EnvironmentFailed(f"{self._name}: at step {trace.steps} {name} is of type {kind}")
 
     def _failure(self, episode: _Episode) -> EnvironmentFailed:
         """Why the job ended. Raises WorkerLost where it is the sandbox that failed."""

@@ -17,7 +17,7 @@ from envcraft.corpus.trust import contract_of, last_verdicts
 from envcraft.errors import UsageError
 from envcraft.pyproject import settings
 from envcraft.target import read_target
-from envcraft.verdict import Verdict
+from envcraft.verdict import Verdict, plain
 
 #: The environment variable that names a corpus.
 VARIABLE = "ENVCRAFT_CORPUS"
@@ -136,7 +136,7 @@ def _row(store: Store, path: Path, name: str | None) -> tuple[str, str, str, str
         raise UsageError(f"{path} has {'several environments: name one' if rows else 'no environment'}{such}")
     for spelling in (name, f"{name}.py"):
         row: tuple[str, str, str, str] | None = store.db.execute(
-            "SELECT name, source, class, origin FROM environments WHERE name = ?", (spelling,)
+            "SELECT name, source, class, origin FROM environments WHERE name = ?", (plain(spelling),)
         ).fetchone()
         if row is not None:
             return row
@@ -153,7 +153,7 @@ def _in_file(path: Path, contract: str | None) -> Found:
         with Store(parent / BESIDE) as store:
             row = store.db.execute(
                 "SELECT class FROM environments WHERE source = ? ORDER BY name = ? DESC LIMIT 1",
-                (target.sha256, str(whole.relative_to(parent))),
+                (target.sha256, plain(str(whole.relative_to(parent)))),
             ).fetchone()
             env_class = row[0] if row else ""
             return _found(store, str(path), str(whole), target.source, target.sha256, env_class, contract, str(parent))

@@ -32,6 +32,8 @@ except ImportError:
 
 #: Spaces whose values are arrays of one size.
 _FIXED = ("Box", "Discrete", "MultiDiscrete", "MultiBinary")
+#: What a column of an info has for Python's own numbers.
+_PYTHON = {int: np.dtype(int), float: np.dtype(float), bool: np.dtype(bool)}
 
 
 class Running(Protocol):
@@ -72,7 +74,14 @@ class VectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
         names: of the environments, in order.
     """
 
-    def __init__(self, names: Sequence[str], running: Running, autoreset_mode: AutoresetMode, copy: bool) -> None:
+    def __init__(
+        self,
+        names: Sequence[str],
+        running: Running,
+        autoreset_mode: AutoresetMode,
+        copy: bool,
+        render_mode: str | None = "rgb_array",
+    ) -> None:
         """Take what runs them. Raises UsageError where their spaces differ or are of no fixed size, and closes it."""
         self.names = tuple(names)
         self.num_envs = len(self.names)
@@ -90,7 +99,7 @@ class VectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
         self.observation_space = batch_space(observation, self.num_envs)
         self.action_space = batch_space(action, self.num_envs)
         self.metadata = {"autoreset_mode": autoreset_mode, "render_modes": ["rgb_array"]}
-        self.render_mode = "rgb_array"
+        self.render_mode = render_mode
         self._begun = np.zeros(self.num_envs, np.bool_)
         self._ended = np.zeros(self.num_envs, np.bool_)
 
@@ -125,6 +134,8 @@ class VectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
             seeds = [None if one is None else int(one) for one in seed]
         if len(seeds) != self.num_envs:
             raise ValueError(f"{len(seeds)} seeds for {self.num_envs} environments")
+        if wrong := [seed for seed in seeds if seed is not None and seed < 0]:
+            raise ValueError(f"the seed {wrong[0]}: a seed is 0 or more")
         given = {key: value for key, value in (options or {}).items() if key != "reset_mask"} or None
         mask = self._mask(options["reset_mask"]) if options and "reset_mask" in options else np.True_
         self._arrays.resets[:] = mask
@@ -172,6 +183,9 @@ class VectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
             raise ResetNeeded("the vector is closed: make another one")
         try:
             return call(*args)
+        except UsageError:
+            # Of what cannot be asked, nobody has heard.
+            raise
         except BaseException:
             self.close()
             raise
@@ -194,12 +208,14 @@ class VectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
             if mask is None:
                 mask = vector_infos[f"_{key}"] = np.zeros(self.num_envs, np.bool_)
             mask[env_num] = True
-            if isinstance(value, dict) and key != "final_obs":
-                vector_infos[key] = self._add_info(vector_infos.get(key, {}), value, env_num)
-                continue
             column = vector_infos.get(key)
+            if isinstance(value, dict) and key != "final_obs" and (column is None or isinstance(column, dict)):
+                vector_infos[key] = self._add_info(column or {}, value, env_num)
+                continue
             if column is None:
                 column = vector_infos[key] = _column(key, value, self.num_envs)
+            elif isinstance(column, dict) or not _fits(column, value):
+                column = vector_infos[key] = _wider(column, mask, _column(key, value, self.num_envs))
             column[env_num] = value
         return vector_infos
 
@@ -218,12 +234,48 @@ class VectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
 
 def _column(key: str, value: Any, count: int) -> NDArray[Any]:
     """What holds the values of one key of info, by the first of them."""
-    if key != "final_obs":
+    if key != "final_obs" and not _is_long(value):
         if type(value) in (int, float, bool) or isinstance(value, np.number):
             return np.zeros(count, type(value))
         if isinstance(value, np.ndarray):
             return np.zeros((count, *value.shape), value.dtype)
     return np.full(count, None, object)
+
+
+def _fits(column: NDArray[Any], value: Any) -> bool:
+    """Whether a column can have a value as it is."""
+    if column.dtype == object:
+        return True
+    if type(value) in _PYTHON:
+        return column.ndim == 1 and column.dtype == _PYTHON[type(value)] and not _is_long(value)
+    numbers = isinstance(value, np.number | np.ndarray)
+    return numbers and column.dtype == value.dtype and column.shape[1:] == value.shape
+
+
+def _is_long(value: Any) -> bool:
+    return type(value) is int and not -(2**63) <= value < 2**63
+
+
+def _wider(column: NDArray[Any] | dict[str, Any], mask: NDArray[np.bool_], other: NDArray[Any]) -> NDArray[Any]:
+    """What has the values of a column where `mask` says that there are any, and takes those that `other` takes: games
+    side by side may mean different things by one key.
+    """
+    if (
+        not isinstance(column, dict)
+        and column.shape == other.shape
+        and {column.dtype.kind, other.dtype.kind} <= set("iuf")
+    ):
+        return column.astype(np.result_type(column, other))
+    wider = np.full(len(mask), None, object)
+    for index in np.flatnonzero(mask).tolist():
+        wider[index] = _apart(column, index) if isinstance(column, dict) else column[index]
+    return wider
+
+
+def _apart(infos: dict[str, Any], index: int) -> dict[str, Any]:
+    """What one environment has of batched infos."""
+    own = [key for key in infos if f"_{key}" in infos and infos[f"_{key}"][index]]
+    return {key: _apart(infos[key], index) if isinstance(infos[key], dict) else infos[key][index] for key in own}
 
 
 def _form(space: gymnasium.Space[Any]) -> tuple[tuple[int, ...], str]:
@@ -263,7 +315,8 @@ def make_vec(
         fast: let the family that wrote the environments play them, in this process, by a program of its own that does
             what their files do: frames, rewards, flags and infos are the same. None of the files' code runs, so
             that none has to be trusted; a file that is not as the family writes it is refused.
-        kwargs: for each constructor; plain data.
+        kwargs: for each constructor; plain data. With `sandbox`, ``render_mode="rgb_array"`` is what makes render()
+            give frames.
 
     Raises:
         Untrusted: as :func:`envcraft.make`; none is started then.
@@ -284,11 +337,15 @@ def make_vec(
     if sandbox is None and not trust:
         for one in found:
             one.ensure_trusted()
+    if workers is not None and workers < 0:
+        raise UsageError(f"workers={workers}: name how many processes there are to be, or 0 for none")
     members = [_member(index, found[index % len(found)], sandbox, runtime, kwargs) for index in range(count)]
     cores = len(os.sched_getaffinity(0))
     processes = min(cores if workers is None else workers, count)
     running: Running = Processes(members, processes) if processes else InProcess(members)
-    return VectorEnv([member.name for member in members], running, mode, copy)
+    # Of what a sandbox runs, frames come only where they are asked for: each takes as long as a step.
+    shown = "rgb_array" if sandbox is None else kwargs.get("render_mode")
+    return VectorEnv([member.name for member in members], running, mode, copy, shown)
 
 
 def _locate(name: str | os.PathLike[str], corpus: str | os.PathLike[str] | None, contract: str | None) -> Found:

@@ -204,6 +204,13 @@ def test_what_a_part_left_out_is_still_new(corpus: Corpus) -> None:
     assert corpus.audit(changed=True, seed=1).selected == 3
 
 
+def test_what_could_not_be_judged_is_not_judged_yet(corpus: Corpus) -> None:
+    corpus.write(a="a", b="b")
+    corpus.store.place(hashlib.sha256(b"b").hexdigest()).unlink()
+    assert corpus.audit().verdicts() == {"pass": 1, "error": 1}
+    assert corpus.audit(changed=True).verdicts() == {"error": 1}
+
+
 def test_what_failed_is_looked_at_again_once_it_is_mended(corpus: Corpus) -> None:
     corpus.write(a="EC101", b="b", c="EC107")
     corpus.audit()

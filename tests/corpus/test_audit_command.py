@@ -100,6 +100,8 @@ def test_a_corpus_is_made_filled_and_judged(games: Path, invoke: Invoke) -> None
     (games / "a.py").write_text(ENVIRONMENT.replace("CRASH", "-9"))
     assert invoke("corpus", "add", "corpus", "games/a.py").exit_code == 2
     assert invoke("corpus", "add", "corpus", "games/a.py", "--replace").exit_code == 0
+    assert invoke("corpus", "add", "corpus", "games/a.py", "--replace", "--metadata", '{"model": "b"}').exit_code == 0
+    assert json.loads(invoke("corpus", "show", "corpus", "a.py", "--format", "json").stdout)["origin"]["model"] == "b"
     assert invoke("audit", "corpus", *QUICK).exit_code == 1
     assert invoke("corpus", "list", "corpus").stdout == "pass   a.py\nfail   b.py  EC107\npass   more/c.py\n"
     assert invoke("corpus", "list", "corpus", "--code", "ec107").stdout == "fail   b.py  EC107\n"

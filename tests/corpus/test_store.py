@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import os
 import sqlite3
@@ -226,6 +227,24 @@ def test_what_is_no_database_is_told(store: Store) -> None:
     (store.root / "corpus.sqlite").write_bytes(b"no database at all" * 100)
     with pytest.raises(CorpusDamaged, match="not a database"):
         Store(store.root)
+
+
+@pytest.mark.parametrize("foreign", [False, True])
+def test_an_empty_database_is_no_empty_corpus(store: Store, foreign: bool) -> None:
+    store.close()
+    for file in store.root.glob("corpus.sqlite*"):
+        file.unlink()
+    database = store.root / "corpus.sqlite"
+    with contextlib.closing(sqlite3.connect(database)) as other:
+        other.execute("CREATE TABLE mine (id)" if foreign else "VACUUM")
+    before = database.read_bytes()
+    with pytest.raises(CorpusDamaged, match="is empty, or no corpus's"):
+        Store(store.root)
+    assert database.read_bytes() == before
+    with pytest.raises(CorpusDamaged, match="is empty, or no corpus's"):
+        Store(store.root, write=True)
+    with contextlib.closing(sqlite3.connect(database)) as other:
+        assert other.execute("SELECT count(*) FROM sqlite_master").fetchone() == (int(foreign),)
 
 
 def test_a_corpus_is_made_in_an_empty_folder_only(tmp_path: Path, store: Store) -> None:

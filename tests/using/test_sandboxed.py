@@ -113,6 +113,9 @@ class TestFailures:
             ("import os; os._exit(3)", "died"),
             ("return self.render()[:80], 0.0, False, False, {}", r"shape \(80, 84, 3\), not"),
             ("return 1, 2", "returned a tuple of 2"),
+            ("return self.render(), np.ones(1), False, False, {}", "at step 2 reward is of type numpy.ndarray"),
+            ("return self.render(), 0.0, 'no', False, {}", "at step 2 terminated is of type str"),
+            ("return self.render(), 0.0, False, None, {}", "at step 2 truncated is of type None"),
         ],
     )
     def test_a_failure_ends_the_episode_and_the_next_one_begins(self, opened: Opened, body: str, words: str) -> None:

@@ -127,6 +127,8 @@ class TestUse:
             vector.step(np.zeros((2, 3), np.int64))
         with pytest.raises(ValueError, match="3 seeds for 2"):
             vector.reset(seed=[1, 2, 3])
+        with pytest.raises(ValueError, match="the seed -1"):
+            vector.reset(seed=-1)
         vector.reset()
         with pytest.raises(ValueError, match=r"shape \(3,\), where \(2, 3\)"):
             vector.step(np.zeros(3, np.int64))
@@ -138,6 +140,12 @@ class TestUse:
             started(autoreset_mode="Never")
         with pytest.raises(UsageError, match="no environment eel"):
             started("eel")
+        with pytest.raises(UsageError, match="workers=-1"):
+            started(workers=-1)
+        beside = started("ant", workers=1)
+        with pytest.raises(UsageError, match="plain data"):
+            beside.reset(options={"level": np.zeros(2)})
+        beside.reset(seed=0)
 
     def test_where_names_are_looked_up(self, corpus: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.chdir(tmp_path)
@@ -324,6 +332,41 @@ class TestFailures:
         while Path(f"/proc/{pid}").exists() and Path(f"/proc/{pid}/stat").read_text().split()[2] != "Z":
             assert time.monotonic() < deadline
             time.sleep(0.05)
+
+
+def test_games_may_mean_different_things_by_one_key(tmp_path: Path) -> None:
+    told = [
+        "{'v': 3, 'n': 1, 'd': {'x': 1}, 'a': np.zeros(2), 's': np.str_('')}",
+        "{'v': None, 'n': 0.5, 'd': 3, 'a': np.zeros(3), 's': 'far'}",
+        "{'v': 'far', 'n': 2**70, 'd': {'x': 'y'}, 's': 2}",
+        "{'d': True}",
+    ]
+    for number, info in enumerate(told):
+        body = f"return self.render(), 0.0, False, False, {info}"
+        (tmp_path / f"g{number}.py").write_text(game(f"G{number}", body=body))
+    files = [tmp_path / f"g{number}.py" for number in range(len(told))]
+    for workers in (0, 2):
+        vector = envcraft.make_vec(files, trust=True, contract="arcade-native", workers=workers)
+        vector.reset(seed=0)
+        infos = vector.step(np.zeros((4, 3), np.int64))[4]
+        vector.close()
+        assert infos["v"].tolist() == [3, None, "far", None]
+        assert infos["_v"].tolist() == [True, True, True, False]
+        assert infos["n"].tolist() == [1, 0.5, str(2**70) if workers else 2**70, None]
+        assert infos["d"].tolist() == [{"x": 1}, 3, {"x": "y"}, True]
+        assert [None if one is None else one.shape for one in infos["a"]] == [(2,), (3,), None, None]
+        assert infos["s"].tolist() == ["", "far", 2, None]
+
+
+def test_whole_numbers_and_others_share_a_column(tmp_path: Path) -> None:
+    for number, value in enumerate(("3", "0.5")):
+        body = f"return self.render(), 0.0, False, False, {{'v': {value}}}"
+        (tmp_path / f"g{number}.py").write_text(game(f"G{number}", body=body))
+    vector = envcraft.make_vec([tmp_path / "g0.py", tmp_path / "g1.py"], trust=True, workers=0)
+    vector.reset(seed=0)
+    column = vector.step(np.zeros((2, 3), np.int64))[4]["v"]
+    assert column.dtype == np.float64
+    assert column.tolist() == [3.0, 0.5]
 
 
 class TestInfos:

@@ -149,9 +149,12 @@ def fresh_folder(output: Path) -> Iterator[Path]:
     try:
         yield made
         made.chmod(0o755)
-        if output.is_dir():
-            output.rmdir()
-        os.replace(made, output)
+        if not output.is_dir():
+            os.replace(made, output)
+            return
+        # Perhaps a link, or the folder that somebody stands in.
+        for entry in list(made.iterdir()):
+            os.replace(entry, output / entry.name)
     except OSError as error:
         raise EnvCraftError(f"{output} cannot be written: {error.strerror or error}") from None
     finally:
