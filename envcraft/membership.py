@@ -20,15 +20,16 @@ def problem(space: Space, value: Any, path: str = "", exact: bool = True) -> Pro
     Types, shapes and keys give ``type``; a NaN or a number outside the bounds gives ``range``, with its index.
 
     A contract's space is `exact`. Otherwise this asks what ``space.contains`` does: a dtype that casts safely is as
-    good, and so is a list in place of a tuple; and numbers may be off by rounding.
+    good, and so is a list in place of a tuple, or a list or number in place of an array; and numbers may be off by
+    rounding.
     """
     kind = space["type"]
     if kind == "Box":
         return _box(space, value, path, exact)
     if kind == "Discrete":
-        return _discrete(space, value, path)
+        return _discrete(space, value, path, exact)
     if kind in ("MultiDiscrete", "MultiBinary"):
-        return _integers(space, value, path)
+        return _integers(space, value, path, exact)
     if kind == "Text":
         return _text(space, value, path)
     if kind == "Dict":
@@ -113,6 +114,8 @@ def _box(space: Space, value: Any, path: str, exact: bool) -> Problem | None:
     shape, dtype = tuple(space["shape"]), np.dtype(space["dtype"])
     if isinstance(value, np.generic) and shape == ():
         value = np.asarray(value)
+    if not exact and isinstance(value, bool | int | float | list | tuple):
+        value = _array(value, dtype)
     if not isinstance(value, np.ndarray):
         return _wrong(path, f"is {_named(value)}, not an array")
     if value.shape != shape:
@@ -128,24 +131,43 @@ def _box(space: Space, value: Any, path: str, exact: bool) -> Problem | None:
     return _first_outside((value >= low) & (value <= high), value, space, path)
 
 
-def _discrete(space: Space, value: Any, path: str) -> Problem | None:
+def _array(value: Any, dtype: np.dtype[Any] | None = None) -> Any:
+    """As ``contains`` reads numbers and lists; what is no array of numbers as it is."""
+    try:
+        with np.errstate(all="ignore"):
+            made = np.asarray(value, dtype)
+    except (ValueError, TypeError, OverflowError):
+        return value
+    return made if made.dtype.kind in "biuf" else value
+
+
+def _discrete(space: Space, value: Any, path: str, exact: bool) -> Problem | None:
     if isinstance(value, np.ndarray) and value.ndim == 0:
         value = value[()]
-    if isinstance(value, bool) or not isinstance(value, int | np.integer):
+    if (exact and isinstance(value, bool)) or not isinstance(value, int | np.integer):
         return _wrong(path, f"is {_named(value)}, not an integer")
     if not space["start"] <= value < space["start"] + space["n"]:
         return _outside(path, f"is {value}, outside {describe(space)}")
     return None
 
 
-def _integers(space: Space, value: Any, path: str) -> Problem | None:
+def _integers(space: Space, value: Any, path: str, exact: bool) -> Problem | None:
     several = space["type"] == "MultiDiscrete"
     shape = np.shape(space["nvec"]) if several else tuple(space["shape"])
-    if not isinstance(value, np.ndarray) or value.shape != shape or value.dtype.kind not in "iub":
+    if not exact and isinstance(value, list | tuple):
+        value = _array(value)
+    if (
+        not isinstance(value, np.ndarray)
+        or value.shape != shape
+        or value.dtype.kind not in ("iub" if exact else "iubf")
+    ):
         return _wrong(path, f"is {_named(value)}, not an integer array of shape {shape}")
     start = np.asarray(space.get("start", 0)) if several else 0
     top = start + (np.asarray(space["nvec"]) if several else 2)
-    return _first_outside((value >= start) & (value < top), value, space, path)
+    inside = (value >= start) & (value < top)
+    if not several and value.dtype.kind == "f":
+        inside &= value == np.rint(value)
+    return _first_outside(inside, value, space, path)
 
 
 def _text(space: Space, value: Any, path: str) -> Problem | None:

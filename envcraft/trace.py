@@ -246,7 +246,14 @@ def info_digest(info: bytes) -> bytes:
 
 
 def _same_info(one: bytes, two: bytes) -> bool:
-    return one == two or info_digest(one) == two or one == info_digest(two)
+    if one == two or info_digest(one) == two or one == info_digest(two):
+        return True
+    # Equal dictionaries may have their keys in different orders.
+    try:
+        first, second = (json.dumps(json.loads(info or b"{}"), sort_keys=True) for info in (one, two))
+    except (ValueError, RecursionError):
+        return False
+    return first == second
 
 
 def _first_difference(one: dict[str, Any], two: dict[str, Any]) -> tuple[Any, Any]:

@@ -2,8 +2,9 @@
 
 ## What it does
 Holds every value of every episode against the contract: both spaces, what `reset` takes and returns, the five parts of
-`step`, type, dtype, shape and range of each observation, `info`, `render()`, `close()` twice, a second reset. Looks
-whether a returned observation changes later, and whether `step` writes into the action.
+`step`, type, dtype, shape and range of each observation, `info`, `render()`, `close()` twice, a second reset, and one
+with `seed=None` and `options=None`, as wrappers call it. Looks whether a returned observation changes by the next step,
+and whether `step` writes into the action.
 
 Exceptions are searched for: random play, held buttons, every action at every step in rotation, rare actions on
 copies of the states of the longest episode, and an exploration that returns to states seldom left.
@@ -41,7 +42,12 @@ if TYPE_CHECKING:
 _INSPECT = Conditions(reread=True, options=True)
 _RENDER = Conditions(render=True)
 _INSPECTED = 200
-_CALLS = {"reset": "EC104", "earlier reset": "EC104", "step": "EC107", "render": "EC112", "close": "EC113"}
+_CALLS = {
+    "reset": "EC104", "earlier reset": "EC104", "plain reset": "EC104", "step": "EC107", "render": "EC112",
+    "close": "EC113",
+}  # fmt: skip
+#: Phases that are calls of a method with another name, or with arguments that matter.
+_NAMES = {"earlier reset": "reset()", "plain reset": "reset(seed=None, options=None)"}
 
 #: What graphics libraries say where there is no screen: nothing about the environment.
 _NO_SCREEN = re.compile(r"OpenGL|\bGL context|gladLoad|\bdisplay\b|\bEGL\b|OSMesa|GLFW", re.IGNORECASE)
@@ -203,7 +209,7 @@ class Api(Check):
             yield self.finding("EC114", f"info {what} ({_at(step)}, under {who})", step=step)
 
     def _judge_fault(self, subject: Subject, trace: Trace, fault: Fault) -> Finding | None:
-        line = fault.line or subject.line_of(fault.phase)
+        line = fault.line or subject.line_of(fault.phase.rpartition(" ")[2])
         if fault.malformed:
             code = "EC105" if fault.phase == "reset" else "EC106"
             words = f"{fault.phase}() returned {fault.malformed} ({_at(fault.step)})"
@@ -213,7 +219,7 @@ class Api(Check):
         if fault.phase == "render" and _NO_SCREEN.search(f"{fault.type} {fault.message}"):
             return None
         code = _CALLS[fault.phase]
-        where = f"step {fault.step}" if fault.phase == "step" else f"{fault.phase.removeprefix('earlier ')}()"
+        where = f"step {fault.step}" if fault.phase == "step" else _NAMES.get(fault.phase, f"{fault.phase}()")
         words = f"{where} raises {fault} (under {trace.rollout.player})"
         raised: dict[str, Any] = {"type": fault.type, "traceback": fault.traceback, **trace.printed}
         return self.finding(code, words, line=line, step=fault.step, **raised)

@@ -3,7 +3,7 @@
 ## What it does
 Looks at every reward of every episode: a real number (Python's or NumPy's; no array, no string, no None, no bool),
 finite, and inside the contract's range for one step. Rewards that grow in size as the episode lasts, whatever the
-agent does, are growth without bound.
+agent does, and to at least 1, are growth without bound.
 
 ## Why is this bad?
 One NaN turns every weight of a network into NaN. A rare reward of a million swamps everything else that an agent
@@ -37,6 +37,8 @@ _NUMBERS = ("int", "float", "numpy integer", "numpy floating")
 _LONG = 80
 _PARTS = 8
 _GROWTH = 4.0
+#: A reward of this size is one that most games pay, however it came about.
+_USUAL = 1.0
 
 
 class Reward(Check):
@@ -120,8 +122,8 @@ class Reward(Check):
 def growth(rewards: list[float]) -> float | None:
     """How many times larger rewards are in an episode's last eighth than in its first, when each tops the one before.
 
-    None where they do not grow all the time, or less than fourfold. The size of an eighth is its median size, so that
-    single prizes do not count.
+    None where they do not grow all the time, less than fourfold, or to no more than is usual. The size of an eighth is
+    its median size, so that single prizes do not count.
     """
     part = len(rewards) // _PARTS
     sizes = []
@@ -131,7 +133,7 @@ def growth(rewards: list[float]) -> float | None:
     if any(later <= earlier for earlier, later in pairwise(sizes)):
         return None
     ratio = sizes[-1] / sizes[0] if sizes[0] else math.inf
-    return ratio if ratio >= _GROWTH else None
+    return ratio if ratio >= _GROWTH and sizes[-1] >= _USUAL else None
 
 
 @hookimpl

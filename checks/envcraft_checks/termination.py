@@ -124,8 +124,10 @@ class Termination(Check):
             # Where a contract knows no length, a short game is one as long as what is played decides how long.
             length = trace.steps if subject.contract.limit is None else 0
             by_seed.setdefault(trace.rollout.seed, set()).add((trace.total, length))
-        # A game of one decision ends at once by itself, and its return tells choices apart; a time limit is no game.
-        if any(len(totals) > 1 for totals in by_seed.values()) and not any(trace.truncated[-1] for trace in ended):
+        # A game of one decision ends at once by itself, and its return tells choices apart; a limit far from the
+        # contract's is no game.
+        cut = subject.contract.limit is not None and any(trace.truncated[-1] for trace in ended)
+        if any(len(totals) > 1 for totals in by_seed.values()) and not cut:
             return
         longest = max(ended, key=lambda trace: trace.steps)
         yield self.finding(

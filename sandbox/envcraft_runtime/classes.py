@@ -15,8 +15,8 @@ import gymnasium
 def concrete_classes(module: ModuleType) -> list[str]:
     """Name the environment classes that the module defines and that can be instantiated.
 
-    Left out are abstract bases (abstract methods, or ``step``/``reset`` that are missing or only raise), wrappers, and
-    private classes (``_Base``) while there is a public one.
+    Left out are abstract bases (abstract methods, or ``step``/``reset`` that are missing or only raise; where another
+    class is made of one, any method that only raises), wrappers, and private classes while there is a public one.
     """
     found = [
         name
@@ -29,6 +29,9 @@ def concrete_classes(module: ModuleType) -> list[str]:
         and not inspect.isabstract(value)
         and all(_implemented(value, method) for method in ("reset", "step"))
     ]
+    kinds = [getattr(module, name) for name in found]
+    bases = {kind.__name__ for kind in kinds if _is_open(kind) and any(kind in other.__mro__[1:] for other in kinds)}
+    found = [name for name in found if name not in bases]
     return [name for name in found if not name.startswith("_")] or found
 
 
@@ -56,16 +59,34 @@ def _implemented(kind: type, method: str) -> bool:
     function = getattr(kind, method, None)
     if function is None or function is getattr(gymnasium.Env, method):
         return False
+    body = _body(function)
+    return body is None or not all(map(_refuses, body))
+
+
+def _is_open(kind: type) -> bool:
+    """Whether a class leaves a method to those that are made of it."""
+    own = {name for part in kind.__mro__ if part.__module__ == kind.__module__ for name in vars(part)}
+    for method in (getattr(kind, name, None) for name in own):
+        if getattr(method, "__isabstractmethod__", False) or ((body := _body(method)) and all(map(_refuses, body))):
+            return True
+    return False
+
+
+def _refuses(node: ast.stmt) -> bool:
+    return isinstance(node, ast.Raise) and "NotImplementedError" in ast.dump(node)
+
+
+def _body(function: Any) -> list[ast.stmt] | None:
+    """The statements of a function, but for ``pass`` and its docstring; None where they are not known."""
     code = getattr(function, "__code__", None)
     definition = definitions(code.co_filename).get(code.co_firstlineno) if isinstance(code, CodeType) else None
     if not isinstance(definition, ast.FunctionDef):
-        return True
-    body = [
+        return None
+    return [
         node
         for node in definition.body
         if not (isinstance(node, ast.Pass) or (isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)))
     ]
-    return not all(isinstance(node, ast.Raise) and "NotImplementedError" in ast.dump(node) for node in body)
 
 
 @functools.cache

@@ -116,6 +116,23 @@ CHOICES = source(
     action="spaces.OneOf((spaces.Sequence(spaces.Box(-np.inf, 5, (2,)), stack=True),"
     " spaces.Dict(words=spaces.Text(9))))",
 )
+#: Lists and numbers where arrays are meant, which `contains` reads as such.
+LISTS = source(
+    "self.total += action",
+    "spaces.Dict(bits=spaces.MultiBinary(2), floats=spaces.MultiBinary(2), many=spaces.MultiDiscrete([99999, 11]),"
+    " flag=spaces.Discrete(2), at=spaces.Box(0, np.inf, (2,)), one=spaces.Box(-9, 1e6, ()))",
+    "{'bits': [1, self.steps % 2], 'floats': np.array([1.0, 0.0]), 'many': (int(self.total), self.card),"
+    " 'flag': self.card > 5, 'at': [float(self.total), 1], 'one': float(self.total)}",
+)
+#: A context is shown, something is chosen, and that is all.
+CONTEXT = source("terminated, reward = True, float(action == self.card % 3)", observe="np.array([0.0, self.card, 1.0])")
+#: Five rounds, then time is up.
+ROUNDS = source("""
+    reward, truncated = float((action + self.card) % 3 - 1), self.steps == 5
+    self.card = int(self.np_random.integers(1, 11))
+""")
+#: Equal dictionaries whose keys come in an order that is nobody's.
+UNORDERED = source("self.total += action\ninfo = {'found': dict.fromkeys({'ant', 'bee', 'cat', 'dog'}, self.steps)}")
 #: A kind of space that only the package knows.
 OWN = source("self.total += action", "Mood()", "f'mood {self.total}'").replace(
     "class Game",
@@ -149,6 +166,10 @@ GOOD = {
     "graphs": GRAPHS,
     "choices": CHOICES,
     "own": OWN,
+    "lists": LISTS,
+    "context": CONTEXT,
+    "rounds": ROUNDS,
+    "unordered": UNORDERED,
     "objects": OBJECTS,
     "records": RECORDS,
     "dates": DATES,
@@ -157,6 +178,11 @@ GOOD = {
 }
 BAD = {
     "EC109 past the bound": ("EC109", ROUGH.replace("1e-6", "1e-3")),
+    "EC104 needs a seed": ("EC104", source("self.total += action", reset="self.total = float(seed % 2)")),
+    "EC104 needs options": ("EC104", source("self.total += action", reset="self.total = float('x' in options)")),
+    "EC108 ragged list": ("EC108", LISTS.replace("[float(self.total), 1]", "[float(self.total)]")),
+    "EC109 half a bit": ("EC109", LISTS.replace("[1.0, 0.0]", "[1.0, 0.5]")),
+    "EC203 unordered list": ("EC203", UNORDERED.replace("dict.fromkeys({", "list({").replace("}, self.steps)", "})")),
     "EC108 no safe cast": ("EC108", ROUGH.replace("np.float32(1 + 1e-6)], np.float32)", "np.float32(1)], np.float64)")),
     "EC109 no such node": ("EC109", GRAPHS.replace("[[0, 2]]", "[[0, 3]]")),
     "EC108 edges without links": ("EC108", GRAPHS.replace("np.array([[0, 2]], np.int32)", "None")),

@@ -64,6 +64,7 @@ def test_growth_is_told_from_prizes_and_plateaus() -> None:
     assert growth([0.01 * step for step in range(200)]) is not None
     assert growth([-0.01 * step for step in range(200)]) is not None
     assert growth([1.0] * 200) is None
+    assert growth([-0.002 * step for step in range(400)]) is None
     assert growth([float(step == 190) * 50 for step in range(200)]) is None
     assert growth([min(step, 100) * 0.01 for step in range(200)]) is None
     assert growth([1.0 + 0.001 * step for step in range(200)]) is None

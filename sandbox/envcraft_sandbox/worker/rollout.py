@@ -135,6 +135,10 @@ def _episode(subject: Subject, job: dict[str, Any], conditions: dict[str, Any]) 
         if _true(terminated) or _true(truncated):
             _step_on(subject, env, actions, int(conditions.get("after_end", 0)))
             break
+    if "options" in job:
+        # As wrappers call it, and any loop after its first episode.
+        channel.phase("plain reset")
+        subject.call("plain reset", env.reset, seed=None, options=None)
     channel.phase("close")
     for _ in range(2):
         subject.call("close", env.close)
