@@ -327,11 +327,11 @@ class Subject:
         return [self._exploration(number) for number in range(self.budget.explore[1])]
 
     def explored(self) -> list[Trace]:
-        """The wins, or else the best episodes, that exploration found, stepped: some things only show there."""
+        """The shortest wins and the best episodes that exploration found, stepped: some things only show there."""
         self.foresee(self.explorations())
         told = [self.explore(number) for number in range(self.budget.explore[1])]
-        chosen = [outcome.get("win") or outcome.get("best") for outcome in told]
-        return self.rollouts([self.script(number, path, "exploration") for number, path in enumerate(chosen) if path])
+        found = ((number, path) for number, one in enumerate(told) for path in (one.get("win"), one.get("best")))
+        return self.rollouts([self.script(number, path, "exploration") for number, path in found if path])
 
     def horizon(self, number: int = 0) -> Outcome:
         """Play the episode of a seed by rolling horizon, to its end or a win: ``best`` has the actions."""

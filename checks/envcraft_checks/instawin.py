@@ -3,7 +3,8 @@
 ## What it does
 Plays at random until it is settled whether random play consistently wins (more than 80% of episodes): by
 `is_success` where info gives it; else by a positive return at a terminated end that no other play clearly beats. And
-looks whether every policy earns the very same positive return, so that reward is paid regardless of play.
+looks whether every policy earns the very same positive return, so that reward is paid regardless of play; where info
+tells of success, only if some episode had it.
 
 ## Why is this bad?
 Where random play wins there is nothing to learn, and a score on it says nothing about an agent.
@@ -83,6 +84,10 @@ class InstaWin(Check):
         by_seed: dict[int, list[Trace]] = {}
         for trace in [*traces, *(trace for trace in subject.explored() if trace.ended)]:
             by_seed.setdefault(trace.rollout.seed, []).append(trace)
+        found = [trace for same in by_seed.values() for trace in same]
+        if any(trace.told is not None for trace in found) and not any(trace.told for trace in found):
+            # What nobody has seen may be paid otherwise.
+            return
         widest = max(by_seed.values(), key=len)
         policies = {trace.rollout.player for trace in widest}
         earned = widest[0].total

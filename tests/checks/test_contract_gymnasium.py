@@ -131,6 +131,12 @@ ROUNDS = source("""
     reward, truncated = float((action + self.card) % 3 - 1), self.steps == 5
     self.card = int(self.np_random.integers(1, 11))
 """)
+#: A little for each step, and for the one long sequence of actions that wins nobody knows what.
+BONUS = source("""
+    self.total = self.total + 1 if action == (self.card + int(self.total)) % 3 else 0.0
+    won = self.total >= 25
+    reward, terminated, truncated, info = 1.0 + won, won, self.steps >= 60 and not won, {"is_success": won}
+""")
 #: Equal dictionaries whose keys come in an order that is nobody's.
 UNORDERED = source("self.total += action\ninfo = {'found': dict.fromkeys({'ant', 'bee', 'cat', 'dog'}, self.steps)}")
 #: A kind of space that only the package knows.
@@ -169,6 +175,7 @@ GOOD = {
     "lists": LISTS,
     "context": CONTEXT,
     "rounds": ROUNDS,
+    "bonus": BONUS,
     "unordered": UNORDERED,
     "objects": OBJECTS,
     "records": RECORDS,

@@ -83,8 +83,17 @@ def test_noise_is_told_from_motion_and_flicker() -> None:
     dot = [np.zeros((24, 24, 3), np.uint8) for _ in range(64)]
     for number, frame in enumerate(dot):
         frame[number % 24, rng.integers(24)] = 255
-    for good in (flicker, dot):
+    wide = rng.integers(0, 256, (24, 24 + 5 * 64, 3), dtype=np.uint8)
+    fast = [wide[:, 5 * number : 5 * number + 24] for number in range(64)]
+    for good in (flicker, dot, fast):
         measured = noise(good)
         assert measured is not None
         assert not measured[0]
     assert noise(scrolling[:5]) is None
+
+    for block in (2, 6, 12):
+        cells = (24 // block, 24 // block, 3)
+        coarse = [rng.integers(0, 256, cells, np.uint8).repeat(block, 0).repeat(block, 1) for _ in range(64)]
+        measured = noise(coarse)
+        assert measured is not None
+        assert measured[0]
