@@ -11,6 +11,9 @@ from typing import Any
 
 import gymnasium
 
+# Bound before any untrusted module can replace them.
+_all, _any = all, any
+
 
 def concrete_classes(module: ModuleType) -> list[str]:
     """Name the environment classes that the module defines and that can be instantiated.
@@ -27,10 +30,10 @@ def concrete_classes(module: ModuleType) -> list[str]:
         and issubclass(value, gymnasium.Env)
         and not issubclass(value, gymnasium.Wrapper)
         and not inspect.isabstract(value)
-        and all(_implemented(value, method) for method in ("reset", "step"))
+        and _all(_implemented(value, method) for method in ("reset", "step"))
     ]
     kinds = [getattr(module, name) for name in found]
-    bases = {kind.__name__ for kind in kinds if _is_open(kind) and any(kind in other.__mro__[1:] for other in kinds)}
+    bases = {kind.__name__ for kind in kinds if _is_open(kind) and _any(kind in other.__mro__[1:] for other in kinds)}
     found = [name for name in found if name not in bases]
     return [name for name in found if not name.startswith("_")] or found
 
@@ -60,14 +63,14 @@ def _implemented(kind: type, method: str) -> bool:
     if function is None or function is getattr(gymnasium.Env, method):
         return False
     body = _body(function)
-    return body is None or not all(map(_refuses, body))
+    return body is None or not _all(map(_refuses, body))
 
 
 def _is_open(kind: type) -> bool:
     """Whether a class leaves a method to those that are made of it."""
     own = {name for part in kind.__mro__ if part.__module__ == kind.__module__ for name in vars(part)}
     for method in (getattr(kind, name, None) for name in own):
-        if getattr(method, "__isabstractmethod__", False) or ((body := _body(method)) and all(map(_refuses, body))):
+        if getattr(method, "__isabstractmethod__", False) or ((body := _body(method)) and _all(map(_refuses, body))):
             return True
     return False
 

@@ -249,6 +249,9 @@ def test_interrupted_it_ends_cleanly_and_goes_on(finished: Finished, tmp_path: P
 
 def _begun(corpus: Path) -> bool:
     """Whether something is being judged."""
+    if not (corpus / "corpus.sqlite").exists():
+        # Or looking would make one.
+        return False
     try:
         return any(row[1] == "code" for row in contents(corpus)["outcomes"])
     except sqlite3.Error:
