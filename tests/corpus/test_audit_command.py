@@ -90,6 +90,18 @@ def test_a_finding_whose_check_did_not_run_is_not_fixed(games: Path, invoke: Inv
     assert (difference["fixed"], difference["unknown"]) == ([], 1)
 
 
+def test_a_file_replaces_its_own_name_also_where_another_has_its_text(games: Path, invoke: Invoke) -> None:
+    invoke("corpus", "init", "corpus")
+    invoke("corpus", "add", "corpus", "games")
+    (games / "a.py").write_bytes((games / "b.py").read_bytes())
+    assert "is the same as b.py, and left out" in invoke("corpus", "add", "corpus", "games/a.py").stderr
+    assert invoke("corpus", "add", "corpus", "games/a.py", "--replace").stdout.startswith("1 environment added")
+    shown = [
+        json.loads(invoke("corpus", "show", "corpus", name, "--format", "json").stdout) for name in ("a.py", "b.py")
+    ]
+    assert shown[0]["source"] == shown[1]["source"]
+
+
 def test_a_corpus_is_made_filled_and_judged(games: Path, invoke: Invoke) -> None:
     assert invoke("corpus", "init", "corpus").exit_code == 0
     assert invoke("audit", "corpus", *QUICK).exit_code == 2
