@@ -62,7 +62,7 @@ def steps_per_second(vector: Any, actions: NDArray[np.int64]) -> float:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Print the table; give 1 where another one is faster."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.vector", description=__doc__)
-    parser.add_argument("--rounds", type=int, default=15)
+    parser.add_argument("--rounds", type=int, default=60)
     parser.add_argument("--steps", type=int, default=60, help="steps of each in a round")
     parser.add_argument("--games", nargs="+", type=Path, default=[ROOT / game for game in GAMES])
     options = parser.parse_args(arguments)

@@ -1,4 +1,4 @@
-"""The host's end of a vector's worker processes: starting them, one byte a step, and what it means when one is gone."""
+"""The host's end of a vector's worker processes: starting them, telling them what to do, what it means if one is gone."""
 
 from __future__ import annotations
 
@@ -27,7 +27,6 @@ from envcraft.using.vector_worker import (
     RENDER,
     RESET,
     START,
-    STEP,
     WEIGH,
     Attach,
     Failure,
@@ -63,11 +62,12 @@ class Processes:
         self.groups = workers
         self._shares = [sorted(self._names)] * workers
         self._memory = os.memfd_create("envcraft-vector", os.MFD_CLOEXEC | os.MFD_ALLOW_SEALING)
+        self._turns = [os.eventfd(0, os.EFD_CLOEXEC | os.EFD_NONBLOCK) for _ in range(2)]
         self._arrays: Arrays | None = None
         self._workers: list[_Worker] = []
         try:
             for _ in range(workers):
-                self._workers.append(_Worker(self._memory))
+                self._workers.append(_Worker([self._memory, *self._turns]))
             path = [os.path.abspath(entry) for entry in sys.path]
             found = shares(members, workers, self._weights(worth_weighing(members, workers), path))
             self._shares = [[member.index for member in share] for share in found]
@@ -102,10 +102,16 @@ class Processes:
             payloads = [_plain(Reset([seeds[index] for index in share], options)) for share in self._shares]
         except (TypeError, OverflowError) as error:
             raise UsageError(f"options for reset() must be plain data: {error}") from None
-        return self._infos([RESET + frame(payload) for payload in payloads])
+        return self._told(self._all([RESET + frame(payload) for payload in payloads]))
 
     def step(self) -> list[Info]:
-        return self._infos([STEP] * len(self._workers))
+        with self._closing():
+            turn, last = self._turns
+            with contextlib.suppress(BlockingIOError):
+                os.eventfd_read(last)
+            self._turns = [last, turn]
+            os.eventfd_write(turn, 1)
+            return self._told([self._receive(number) for number in range(len(self._workers))])
 
     def render(self) -> list[Any]:
         return self._in_order(self._all([RENDER] * len(self._workers)))
@@ -118,12 +124,13 @@ class Processes:
             worker.join()
         self._workers.clear()
         if self._memory >= 0:
-            os.close(self._memory)
+            for descriptor in (self._memory, *self._turns):
+                os.close(descriptor)
             self._memory = -1
 
-    def _infos(self, messages: Sequence[bytes]) -> list[Info]:
+    def _told(self, answers: Sequence[Any]) -> list[Info]:
         """In the order of the environments, that of an episode's end before that of the next one's beginning."""
-        told = [(index, final, info) for answer in self._all(messages) for index, final, info in answer]
+        told = [(index, final, info) for answer in answers for index, final, info in answer]
         return sorted(told, key=itemgetter(0))
 
     def _in_order(self, told: Sequence[Sequence[Any]]) -> list[Any]:
@@ -132,13 +139,19 @@ class Processes:
         return [value for _, value in sorted(values, key=itemgetter(0))]
 
     def _all(self, messages: Sequence[bytes]) -> list[Any]:
-        """Send each worker its message, and give what each answers. An answer that is waited for and does not come,
-        as on Ctrl-C, would be taken for that of the next call: then, too, everything is closed.
-        """
-        try:
+        """Send each worker its message, and give what each answers."""
+        with self._closing():
             for worker, message in zip(self._workers, messages, strict=True):
                 worker.send(message)
             return [self._receive(number) for number in range(len(self._workers))]
+
+    @contextlib.contextmanager
+    def _closing(self) -> Iterator[None]:
+        """An answer that is waited for and does not come, as on Ctrl-C, would be taken for that of the next call: after
+        any error everything is closed.
+        """
+        try:
+            yield
         except BaseException:
             self.close()
             raise
@@ -222,16 +235,16 @@ def failed(name: str, index: int, phase: str, error: str, traceback: str) -> Env
 class _Worker:
     """One process and the two pipes to it."""
 
-    def __init__(self, memory: int) -> None:
+    def __init__(self, shared: Sequence[int]) -> None:
         theirs, self._commands = os.pipe()
         self._answers, answers = os.pipe()
         # This process may be able to import what another one would not find.
         path = os.pathsep.join(os.path.abspath(entry) for entry in sys.path)
         try:
             self._process = subprocess.Popen(  # noqa: S603 (our own program, from a list of words)
-                [sys.executable, "-m", "envcraft.using.vector_worker", str(theirs), str(answers), str(memory)],
+                [sys.executable, "-m", "envcraft.using.vector_worker", *map(str, (theirs, answers, *shared))],
                 stdin=subprocess.DEVNULL,
-                pass_fds=[theirs, answers, memory],
+                pass_fds=[theirs, answers, *shared],
                 env={**_VARIABLES, **os.environ, "PYTHONPATH": path, "PYTHONSAFEPATH": "1"},
             )
         except BaseException:

@@ -1,7 +1,7 @@
 """``envcraft.make_vec``: many different environments side by side, as a Gymnasium ``VectorEnv``.
 
 A few worker processes have several whole environments each and write observations, rewards and flags straight into
-memory that is shared; a step takes one byte to each process and one back. Only infos travel, as plain data.
+memory that is shared; a step takes one event for all and one byte back from each. Only infos travel, as plain data.
 """
 
 from __future__ import annotations

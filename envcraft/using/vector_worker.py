@@ -1,12 +1,17 @@
-"""One process of a vector: ``python -m envcraft.using.vector_worker COMMANDS ANSWERS MEMORY``, which are descriptors.
+"""One process of a vector: ``python -m envcraft.using.vector_worker COMMANDS ANSWERS MEMORY EVEN ODD``, descriptors.
 
 A command is one byte, some with a payload; the answer is one byte, with a payload where there is more to say than the
 shared arrays hold. Payloads are msgpack after their length, and nothing is unpickled. The process ends when nobody
 holds the other end of COMMANDS.
+
+That all are to step is said to all of them at once, by an event that they share: were each told by itself, the first
+that is woken would take the core from who has yet to tell the others. Two events, EVEN and ODD, take turns, so that
+one is taken back while nobody waits for it.
 """
 
 from __future__ import annotations
 
+import itertools
 import mmap
 import os
 import select
@@ -15,6 +20,7 @@ import struct
 import sys
 import time
 import traceback
+from collections.abc import Sequence
 from typing import Any, Literal
 
 import msgspec
@@ -26,7 +32,7 @@ from envcraft.using.slices import take_short_turns
 from envcraft.using.weighing import weigh
 
 LENGTH = struct.Struct("<I")
-#: Commands: those with a payload are WEIGH, START, ATTACH and RESET.
+#: Commands: those with a payload are WEIGH, START, ATTACH and RESET. STEP comes by an event, and not as a byte.
 WEIGH, START, ATTACH, RESET, STEP, RENDER, CLOSE = b"w", b"i", b"a", b"r", b"s", b"f", b"c"
 #: Answers: done; done, and there is more to say; an environment failed.
 DONE, MORE, FAILED = b".", b"+", b"!"
@@ -94,10 +100,10 @@ def write(descriptor: int, data: bytes) -> None:
         view = view[os.write(descriptor, view) :]
 
 
-def serve(commands: int, answers: int, memory: int) -> None:
+def serve(commands: int, answers: int, memory: int, turns: Sequence[int]) -> None:
     """Do what is asked until CLOSE, or until the other end is gone."""
     group: Group | None = None
-    listening = _Listening(commands)
+    listening = _Listening(commands, turns)
     try:
         while (command := listening.next()) != CLOSE:
             try:
@@ -131,28 +137,42 @@ class _Listening:
     for milliseconds, which sleeping does not: then there is no looking for a while.
     """
 
-    def __init__(self, descriptor: int) -> None:
-        self._descriptor = descriptor
+    def __init__(self, commands: int, turns: Sequence[int]) -> None:
+        self._commands = commands
         self._rest = 0
-        self._poll = select.poll()
-        self._poll.register(descriptor, select.POLLIN)
+        self._polls = itertools.cycle([_poll(commands, turn) for turn in turns])
+        self._poll = next(self._polls)
 
     def next(self) -> bytes:
         """The next command. Raises EOFError."""
+        ready: list[tuple[int, int]] = []
         if self._rest:
             self._rest -= 1
         else:
-            self._look()
-        return read(self._descriptor, 1)
+            ready = self._look()
+        ready = ready or self._poll.poll()
+        if any(descriptor == self._commands for descriptor, _ in ready):
+            return read(self._commands, 1)
+        self._poll = next(self._polls)
+        return STEP
 
-    def _look(self) -> None:
+    def _look(self) -> list[tuple[int, int]]:
         now = time.perf_counter()
         deadline = now + _LOOK_SECONDS
-        while now < deadline and not self._poll.poll(0):
+        ready: list[tuple[int, int]] = []
+        while now < deadline and not (ready := self._poll.poll(0)):
             os.sched_yield()
             now, before = time.perf_counter(), now
             if now - before > _KEPT_SECONDS:
                 self._rest = _REST
+        return ready
+
+
+def _poll(*descriptors: int) -> select.poll:
+    poll = select.poll()
+    for descriptor in descriptors:
+        poll.register(descriptor, select.POLLIN)
+    return poll
 
 
 def _answer(command: bytes, commands: int, memory: int, group: Group) -> bytes:
@@ -193,8 +213,8 @@ def main() -> None:
     # Ctrl-C goes to the whole terminal: the vector closes its workers.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     take_short_turns()
-    commands, answers, memory = map(int, sys.argv[1:])
-    serve(commands, answers, memory)
+    commands, answers, memory, *turns = map(int, sys.argv[1:])
+    serve(commands, answers, memory, turns)
     sys.stdout.flush()
     sys.stderr.flush()
     # Threads that an environment has left must not keep the process.

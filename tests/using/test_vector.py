@@ -182,8 +182,8 @@ class TestUse:
         vector.close()
         vector.close()
         assert not [pid for pid in running if Path(f"/proc/{pid}").exists()]
-        # Two pipes a process, and the memory.
-        assert descriptors - len(os.listdir("/proc/self/fd")) == 5
+        # Two pipes a process, the memory, and two events.
+        assert descriptors - len(os.listdir("/proc/self/fd")) == 7
         with pytest.raises(ResetNeeded, match="closed"):
             vector.reset()
 
