@@ -1,4 +1,4 @@
-"""The host's end of a vector's worker processes: starting them, telling them what to do, what it means if one is gone."""
+"""The host's end of a vector's worker processes: starting and telling them, and what it means if one is gone."""
 
 from __future__ import annotations
 
