@@ -222,8 +222,10 @@ class Divergence:
         return f"{self.field} differs at {at}{values}"
 
 
-def diverge(first: Trace, second: Trace) -> Divergence | None:
-    """Compare two traces bit by bit as far as both go; a trace that stops early differs there."""
+def diverge(first: Trace, second: Trace, info: bool = True) -> Divergence | None:
+    """Compare two traces bit by bit as far as both go, without `info` all but that; a trace that stops early differs
+    there.
+    """
     for step in range(max(len(first.observations), len(second.observations))):
         if step >= len(first.observations) or step >= len(second.observations):
             ends = [_ending_words(trace) for trace in (first, second)]
@@ -235,7 +237,7 @@ def diverge(first: Trace, second: Trace) -> Divergence | None:
                 one, two = getattr(first, name)[step - 1], getattr(second, name)[step - 1]
                 if one != two and not (one != one and two != two):
                     return Divergence(step, name.removesuffix("s"), one, two)
-        if not _same_info(first.infos[step], second.infos[step]):
+        if info and not _same_info(first.infos[step], second.infos[step]):
             return Divergence(step, "info", *_first_difference(first.info(step), second.info(step)))
     return None
 

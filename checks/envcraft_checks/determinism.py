@@ -8,7 +8,8 @@ instance, a second instance stepped alongside, `render()` in between. When that 
 alone, and the finding names the condition, the first step and the field.
 
 Different seeds must give different traces; one fixed level for every seed is a legitimate design and only a warning. An
-info value that follows nothing but the clock is telemetry, and only a warning.
+info value that follows nothing but the clock, or counts the episodes, is telemetry, and only a warning; all but info is
+then compared once more, so that telemetry hides nothing.
 
 ## Why is this bad?
 An experiment that cannot be repeated cannot be debugged, compared or replayed from a seed. Agents that share a
@@ -42,6 +43,8 @@ if TYPE_CHECKING:
 
 _SHIFTED = ClockShift(offset=12_345_678.912_3, rate=7.3)
 _LOGICAL = ClockShift(offset=0.0, rate=0.0)
+#: What a difference in nothing but info is, by what it would be elsewhere.
+_TELEMETRY = {"EC205": "EC210", "EC206": "EC211"}
 _OTHER_HASHES = 20_241
 _OTHER_STATE = 1_000_003
 _BEFORE_STEPS = 200
@@ -109,6 +112,13 @@ class Determinism(Check):
             "Fine for telemetry; agents must not read it.",
             Severity.WARNING,
         ),
+        Rule(
+            "EC211",
+            "episodes-in-info",
+            "info follows the episodes before it.",
+            "Fine for a count of episodes; agents must not read it.",
+            Severity.WARNING,
+        ),
     )
 
     def judge(self, subject: Subject) -> Iterator[Finding]:
@@ -127,7 +137,7 @@ class Determinism(Check):
                 if finding.code not in told:
                     told.add(finding.code)
                     yield finding
-            if told - {"EC210"}:
+            if told.difference(_TELEMETRY.values()):
                 # What differs on one seed costs every further one all conditions again.
                 return
         if len(reset) < seeds:
@@ -139,61 +149,73 @@ class Determinism(Check):
             return next(self._judge_seeds(subject), None)
         conditions = Conditions.from_json(finding.repro.conditions)
         rollout = Rollout(finding.repro.seed, finding.repro.actions)
+        info = finding.evidence.get("field") == "info"
         for _ in range(_AGAIN):
             if conditions.again:
                 trace = subject.rerun(rollout.under(conditions))
-                found = _diverge(trace.earlier, trace) if trace.earlier else None
+                found = _diverge(trace.earlier, trace, info) if trace.earlier else None
             else:
-                found = _diverge(subject.rerun(rollout), subject.rerun(rollout.under(conditions)))
+                found = _diverge(subject.rerun(rollout), subject.rerun(rollout.under(conditions)), info)
             if found is not None:
                 return self._found(subject, finding.code, rollout, conditions, found)
         return None
 
     def _probe(self, subject: Subject, rollout: Rollout) -> Iterator[Finding]:
-        base = subject.rollout(rollout, alone=True)
-        if (found := _diverge(base, subject.rerun(rollout)) or self._reset_again(subject, rollout.cut(0))) is not None:
-            yield self._attribute_repeat(subject, rollout, found)
+        """What is found with info, and all but that where info had telemetry and nothing else was found."""
+        for info in (True, False):
+            codes = set()
+            for finding in self._compare(subject, rollout, info):
+                codes.add(finding.code)
+                yield finding
+            if not codes or codes.difference(_TELEMETRY.values()):
+                return
+
+    def _compare(self, subject: Subject, rollout: Rollout, info: bool) -> Iterator[Finding]:
+        base, repeated = subject.rollout(rollout, alone=True), subject.rerun(rollout)
+        found = _diverge(base, repeated, info) or self._reset_again(subject, rollout.cut(0), info)
+        if found is not None:
+            yield self._attribute_repeat(subject, rollout, found, info)
             return
         together = self._together(subject, rollout)
         everything = subject.rollout(rollout.under(together), alone=True)
-        found = _diverge(base, everything)
+        found = _diverge(base, everything, info)
         if found is None and not _interrupted(everything):
             return
         if found is not None:
-            repeated = self._redraw(subject, rollout.cut(found.step), _AGAIN)
-            if repeated is not None:
-                yield self._attribute_repeat(subject, rollout, repeated)
+            again = self._redraw(subject, rollout.cut(found.step), _AGAIN, info)
+            if again is not None:
+                yield self._attribute_repeat(subject, rollout, again, info)
                 return
         reported = False
         for heap in range(1, 4):
             fresh = Conditions(fresh=True, heap=heap)
-            if (again := _diverge(base, subject.rerun(rollout.under(fresh)))) is not None:
+            if (again := _diverge(base, subject.rerun(rollout.under(fresh)), info)) is not None:
                 yield self._found(subject, "EC202", rollout, fresh, again)
                 return
         alone = self._alone(subject, rollout)
         subject.foresee((rollout.under(conditions) for _, conditions, _ in alone), alone=True)
         for code, conditions, _ in alone:
-            if (again := _diverge(base, subject.rollout(rollout.under(conditions), alone=True))) is not None:
+            if (again := _diverge(base, subject.rollout(rollout.under(conditions), alone=True), info)) is not None:
                 reported = True
-                if code == "EC205" and again.field == "info":
-                    code = "EC210"
+                if again.field == "info":
+                    code = _TELEMETRY.get(code, code)
                 yield self._found(subject, code, rollout, conditions, again)
         if found is not None and not reported:
             yield self._found(subject, "EC206", rollout, together, found)
 
-    def _reset_again(self, subject: Subject, rollout: Rollout) -> Divergence | None:
+    def _reset_again(self, subject: Subject, rollout: Rollout, info: bool) -> Divergence | None:
         """How a repetition of the reset differs from the first, if one of some does: first in one process, which is
         quick, and only what differs there each in its own.
         """
         first = subject.rerun(rollout, alone=False)
         repeated = (subject.rerun(rollout, alone=False) for _ in range(_RESETS))
-        differs = any(_diverge(first, trace) is not None for trace in repeated)
-        return self._redraw(subject, rollout, _AGAIN) if differs else None
+        differs = any(_diverge(first, trace, info) is not None for trace in repeated)
+        return self._redraw(subject, rollout, _AGAIN, info) if differs else None
 
-    def _redraw(self, subject: Subject, rollout: Rollout, times: int) -> Divergence | None:
+    def _redraw(self, subject: Subject, rollout: Rollout, times: int, info: bool) -> Divergence | None:
         """How a repetition differs from the first run, if one of so many does."""
         first = subject.rollout(rollout, alone=True)
-        repeated = (_diverge(first, subject.rerun(rollout)) for _ in range(times))
+        repeated = (_diverge(first, subject.rerun(rollout), info) for _ in range(times))
         return next((found for found in repeated if found is not None), None)
 
     def _together(self, subject: Subject, rollout: Rollout) -> Conditions:
@@ -224,22 +246,22 @@ class Determinism(Check):
             *rendered,
         ]
 
-    def _attribute_repeat(self, subject: Subject, rollout: Rollout, found: Divergence) -> Finding:
+    def _attribute_repeat(self, subject: Subject, rollout: Rollout, found: Divergence, info: bool) -> Finding:
         """The plain repetition differs: is it the clock, the process, or the run itself?"""
         short = rollout.cut(found.step)
         logical = short.under(Conditions(clock=_LOGICAL))
         first = subject.rerun(logical)
-        if all(_diverge(first, subject.rerun(logical)) is None for _ in range(_AGAIN)):
+        if all(_diverge(first, subject.rerun(logical), info) is None for _ in range(_AGAIN)):
             # Addresses change from run to run only now and then, so they may all have been the same by chance.
             moved = (short.under(Conditions(clock=_LOGICAL, heap=heap)) for heap in range(1, 4))
-            if any(_diverge(first, subject.rerun(other)) is not None for other in moved):
+            if any(_diverge(first, subject.rerun(other), info) is not None for other in moved):
                 return self._found(subject, "EC202", rollout, Conditions(fresh=True, heap=1), found)
-            code = "EC210" if found.field == "info" else "EC205"
+            code = _TELEMETRY["EC205"] if found.field == "info" else "EC205"
             return self._found(subject, code, rollout, Conditions(clock=_SHIFTED), found)
         again = Conditions(again=True)
         for _ in range(_AGAIN):
             twice = subject.rerun(short.under(again))
-            within = _diverge(twice.earlier, twice) if twice.earlier is not None else found
+            within = _diverge(twice.earlier, twice, info) if twice.earlier is not None else found
             if within is not None:
                 break
         else:
@@ -259,6 +281,7 @@ class Determinism(Check):
             "EC207": "with a second instance stepped alongside",
             "EC208": "with render() called in between",
             "EC210": "under another clock",
+            "EC211": "after other episodes on the same instance",
         }[code]
         line = subject.line_of("step" if divergence.step else "reset")
         return self.finding(
@@ -277,7 +300,8 @@ class Determinism(Check):
         plays = [subject.players.random(number).cut(length) for number in range(3)]
         same = [msgspec.structs.replace(play, actions=plays[0].actions) for play in plays]
         traces = subject.rollouts(same)
-        if not any(trace.opaque for trace in traces) and all(_alike(traces[0], trace) for trace in traces[1:]):
+        alike = all(_diverge(traces[0], trace, info=False) is None for trace in traces[1:])
+        if alike and not any(trace.opaque for trace in traces):
             seeds = [rollout.seed for rollout in same]
             yield self.finding(
                 "EC209",
@@ -288,15 +312,10 @@ class Determinism(Check):
             )
 
 
-def _alike(first: Trace, second: Trace) -> bool:
-    found = _diverge(first, second)
-    return found is None or found.field == "info"
-
-
-def _diverge(first: Trace, second: Trace) -> Divergence | None:
+def _diverge(first: Trace, second: Trace, info: bool) -> Divergence | None:
     from envcraft.trace import diverge
 
-    return None if _interrupted(first) or _interrupted(second) else diverge(first, second)
+    return None if _interrupted(first) or _interrupted(second) else diverge(first, second, info)
 
 
 def _interrupted(trace: Trace) -> bool:

@@ -64,7 +64,7 @@ class _Playing(Check):
         if wrong is None and trace.rollout.live:
             # What a policy played counts as what its actions give without it.
             plain = subject.rollout(Rollout(trace.rollout.seed, trace.actions, player="the player's actions"))
-            if (found := diverge(trace, plain)) is not None:
+            if (found := diverge(trace, plain, info=False)) is not None:
                 words = f"without the policy its actions give another trace: {found}"
                 wrong = self.finding("EC804", words, repro=repro(plain.rollout.cut(found.step)), step=found.step)
             trace = plain
