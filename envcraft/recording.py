@@ -69,11 +69,14 @@ class Recording:
         self._parts = 0
         self._infos = 0
         self._frames = 0
+        self._phase = ""
+        #: How many observations have come again.
+        self._reread = 0
         #: The last value and its layout, with their digest.
         self._digested: tuple[memoryview, Layout, bytes] | None = None
 
     def phase(self, name: str) -> None:
-        pass
+        self._phase = name
 
     def loaded(self, description: dict[str, Any]) -> None:
         self.description = describe(description)
@@ -153,10 +156,11 @@ class Recording:
             self._note_render(Problem(step, "differs", f"render() returned {shape} unlike the observation"))
 
     def reread(self, layout: int, data: memoryview) -> None:
-        if not self.trace.observations:
-            raise MalformedValue("an observation again before the reset")
-        if self._digest(self._layout(layout), data) != self.trace.observations[-1]:
-            self.trace.overwritten.append(self.trace.steps + 1)
+        at, self._reread = self._reread, self._reread + 1
+        if at >= len(self.trace.observations):
+            raise MalformedValue("an observation again that there has not been")
+        if self._digest(self._layout(layout), data) != self.trace.observations[at]:
+            self.trace.overwritten.append((at, None if self._phase == "plain reset" else self.trace.steps))
 
     def acted(self, action: Any) -> None:
         if not isinstance(action, dict):

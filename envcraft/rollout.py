@@ -43,9 +43,11 @@ class Conditions(msgspec.Struct, frozen=True, omit_defaults=True):
         before: episodes played before, on the same instance.
         companion: a second instance, stepped in turn with the first through these actions.
         render: call ``render()`` after each reset and step, and send the frame.
-        reread: after each step send the previous observation and the action again, as they are then.
+        reread: some steps after an observation, and at the episode's end, send it again as it is then; after each step
+            the action.
         after_end: steps to take past the episode's end.
-        options: pass ``options={}`` to reset.
+        options: pass ``options={}`` to reset, and reset once more after the episode, as wrappers do.
+        closed: make another instance before, and close it at once.
     """
 
     fresh: bool = False
@@ -61,6 +63,7 @@ class Conditions(msgspec.Struct, frozen=True, omit_defaults=True):
     reread: bool = False
     after_end: int = 0
     options: bool = False
+    closed: bool = False
 
     @property
     def passing(self) -> bool:

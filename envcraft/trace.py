@@ -84,7 +84,7 @@ class Trace:
     opaque: bool = False
     problems: list[Problem] = field(default_factory=list)
     info_notes: list[tuple[int, dict[str, Any]]] = field(default_factory=list)
-    overwritten: list[int] = field(default_factory=list)
+    overwritten: list[tuple[int, int | None]] = field(default_factory=list)
     acted: list[tuple[int, Any]] = field(default_factory=list)
     render_problems: list[Problem] = field(default_factory=list)
     renders: int = 0

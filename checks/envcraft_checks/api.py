@@ -2,9 +2,10 @@
 
 ## What it does
 Holds every value of every episode against the contract: both spaces, what `reset` takes and returns, the five parts of
-`step`, type, dtype, shape and range of each observation, `info`, `render()`, `close()` twice, a second reset, and one
-with `seed=None` and `options=None`, as wrappers call it. Looks whether a returned observation changes by the next step,
-and whether `step` writes into the action.
+`step`, type, dtype, shape and range of each observation, `info`, `render()`, `close()` twice and before any reset, an
+instance that is made after another one was closed, a second reset, and one with `seed=None` and `options=None`, as
+wrappers call it. Looks whether a returned observation changes in the next four steps or by the next reset, and whether
+`step` writes into the action.
 
 Exceptions are searched for: random play, held buttons, every action at every step in rotation, rare actions on
 copies of the states of the longest episode, and an exploration that returns to states seldom left.
@@ -29,6 +30,8 @@ import re
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
+import msgspec
+
 from envcraft.check import Check, Rule
 from envcraft.plugins import hookimpl
 from envcraft.rollout import Conditions, Rollout
@@ -39,15 +42,19 @@ if TYPE_CHECKING:
     from envcraft.subject import Subject
     from envcraft.trace import Fault, Trace
 
-_INSPECT = Conditions(reread=True, options=True)
+_INSPECT = Conditions(reread=True, options=True, closed=True)
 _RENDER = Conditions(render=True)
 _INSPECTED = 200
 _CALLS = {
     "reset": "EC104", "earlier reset": "EC104", "plain reset": "EC104", "step": "EC107", "render": "EC112",
-    "close": "EC113",
+    "close": "EC113", "early close": "EC113",
 }  # fmt: skip
 #: Phases that are calls of a method with another name, or with arguments that matter.
-_NAMES = {"earlier reset": "reset()", "plain reset": "reset(seed=None, options=None)"}
+_NAMES = {
+    "earlier reset": "reset()",
+    "plain reset": "reset(seed=None, options=None)",
+    "early close": "close() before reset()",
+}
 
 #: What graphics libraries say where there is no screen: nothing about the environment.
 _NO_SCREEN = re.compile(r"OpenGL|\bGL context|gladLoad|\bdisplay\b|\bEGL\b|OSMesa|GLFW", re.IGNORECASE)
@@ -93,7 +100,12 @@ class Api(Check):
         ),
         Rule("EC111", "action-modified", "step() writes into the action array.", "Work on a copy of the action."),
         Rule("EC112", "render", "render() raises or gives no frame.", "Return the frame for render_mode rgb_array."),
-        Rule("EC113", "close-raises", "close() raises, the first or the second time.", "Let close() do nothing twice."),
+        Rule(
+            "EC113",
+            "close-raises",
+            "close() raises: before a reset, the first or the second time.",
+            "Let close() free what is this instance's and is there, and do nothing twice.",
+        ),
         Rule("EC114", "info", "info is no dict with str keys.", "Return a dict, empty if need be."),
     )
 
@@ -151,7 +163,7 @@ class Api(Check):
         told = subject.load().description
         base = first.cut(_INSPECTED)
         options = "options" in told.get("reset", ("options",))
-        rollouts = [first, base.under(_INSPECT if options else Conditions(reread=True))]
+        rollouts = [first, base.under(_INSPECT if options else msgspec.structs.replace(_INSPECT, options=False))]
         if subject.renders:
             rollouts.append(base.under(_RENDER))
         rollouts.append(base.cut(5).under(Conditions(before=[Episode(base.seed, base.actions)])))
@@ -193,9 +205,10 @@ class Api(Check):
                 continue
             yield self.finding(code, f"{problem.words} ({_at(problem.step)}, under {who})", step=problem.step)
         if trace.overwritten:
-            step = trace.overwritten[0]
-            words = f"the observation of {_at(step - 1)} had changed after step {step}"
-            yield self.finding("EC110", words, line=subject.line_of("step"), step=step)
+            at, by = trace.overwritten[0]
+            words = f"the observation of {_at(at)} had changed after {'the next reset' if by is None else f'step {by}'}"
+            # What is said of a step that came later may show at once, in an episode that ends there.
+            yield self.finding("EC110", words, line=subject.line_of("reset" if by is None else "step"), step=at + 1)
         if trace.acted:
             step, now = trace.acted[0]
             words = f"step {step} changed its action to {str(now)[:200]}"
@@ -210,28 +223,35 @@ class Api(Check):
 
     def _judge_fault(self, subject: Subject, trace: Trace, fault: Fault) -> Finding | None:
         line = fault.line or subject.line_of(fault.phase.rpartition(" ")[2])
+        after = trace.rollout.conditions.closed and fault.phase != "early close"
+        closed = ", after another instance was closed" if after else ""
         if fault.malformed:
             code = "EC105" if fault.phase == "reset" else "EC106"
             words = f"{fault.phase}() returned {fault.malformed} ({_at(fault.step)})"
             return self.finding(code, words, line=line, step=fault.step)
+        if closed and fault.phase == "construct":
+            return self.finding("EC113", f"no instance can be made{closed}: {fault}", line=line)
         if fault.phase not in _CALLS:
             return None
         if fault.phase == "render" and _NO_SCREEN.search(f"{fault.type} {fault.message}"):
             return None
         code = _CALLS[fault.phase]
         where = f"step {fault.step}" if fault.phase == "step" else _NAMES.get(fault.phase, f"{fault.phase}()")
-        words = f"{where} raises {fault} (under {trace.rollout.player})"
+        words = f"{where} raises {fault} (under {trace.rollout.player}{closed})"
         raised: dict[str, Any] = {"type": fault.type, "traceback": fault.traceback, **trace.printed}
         return self.finding(code, words, line=line, step=fault.step, **raised)
 
     def _smallest(self, subject: Subject, trace: Trace, finding: Finding) -> Finding:
         """The finding with a reproduction that is as short and as idle as a few tries make it."""
-        import msgspec
 
         def shows(rollout: Rollout) -> bool:
             return any(found.code == finding.code for found in self.find(subject, subject.rollout(rollout)))
 
-        small = shrink(trace.rollout, finding.evidence.get("step", trace.steps), shows, subject.contract.noop)
+        rollout = trace.rollout
+        apart = rollout.under(msgspec.structs.replace(rollout.conditions, closed=False))
+        if rollout.conditions.closed and shows(apart):
+            rollout = apart
+        small = shrink(rollout, finding.evidence.get("step", trace.steps), shows, subject.contract.noop)
         # It may show at another step than the first time.
         again = (found for found in self.find(subject, subject.rollout(small)) if found.code == finding.code)
         return msgspec.structs.replace(next(again, finding), repro=repro(small))

@@ -29,6 +29,7 @@ _CONDITIONS = {
     "companion": "beside another instance",
     "again": "played twice",
     "clock": "another clock",
+    "closed": "after another instance was closed",
     "fresh": "fresh worker",
     "render": "with render() in between",
 }

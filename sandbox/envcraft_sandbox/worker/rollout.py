@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import random
 import time
+from collections import deque
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,8 @@ from .policy import Policy
 from .subject import Fault, Subject
 
 _perf_counter = time.perf_counter
+#: So many steps after an observation it is looked at again: a few buffers may take turns.
+_LAG = 4
 _STRINGS = {str}
 _TRUTHS = (bool, np.bool_, int, np.integer)
 
@@ -76,6 +79,10 @@ def run(subject: Subject, job: dict[str, Any]) -> None:
 
 def _episode(subject: Subject, job: dict[str, Any], conditions: dict[str, Any]) -> None:
     channel = subject.channel
+    if conditions.get("closed"):
+        other = subject.construct(announce=False)
+        channel.phase("early close")
+        subject.call("early close", other.close)
     env = subject.construct()
     companion = None
     if "companion" in conditions or "before" in conditions:
@@ -102,6 +109,7 @@ def _episode(subject: Subject, job: dict[str, Any], conditions: dict[str, Any]) 
     _note_info(channel, info)
     if renders:
         _render(subject, env)
+    returned = deque([observation])
     channel.phase("step")
 
     actions: list[Any] = job["actions"]
@@ -126,19 +134,25 @@ def _episode(subject: Subject, job: dict[str, Any], conditions: dict[str, Any]) 
             raise Fault({"phase": "step", "malformed": _shape_of(result), "line": None})
         if reread:
             channel.send_json(Kind.ACTED, {"before": before, "now": jsonable(action)})
-            channel.value(Kind.REREAD, observation)
         observation, reward, terminated, truncated, info = result
         subject.call("step", channel.step, Kind.STEP, observation, reward, terminated, truncated, _info(info), seconds)
         _note_info(channel, info)
+        if reread:
+            returned.append(observation)
+            _reread(subject, returned, _LAG)
         if renders:
             _render(subject, env)
         if _true(terminated) or _true(truncated):
             _step_on(subject, env, actions, int(conditions.get("after_end", 0)))
             break
+    if reread:
+        _reread(subject, returned, 1)
     if "options" in job:
         # As wrappers call it, and any loop after its first episode.
         channel.phase("plain reset")
         subject.call("plain reset", env.reset, seed=None, options=None)
+        if reread:
+            _reread(subject, returned, 0)
     channel.phase("close")
     for _ in range(2):
         subject.call("close", env.close)
@@ -184,6 +198,12 @@ def _step_on(subject: Subject, env: Any, actions: list[Any], count: int) -> None
 def _render(subject: Subject, env: Any) -> None:
     frame = subject.call("render", env.render)
     subject.call("render", subject.channel.value, Kind.RENDER, frame)
+
+
+def _reread(subject: Subject, returned: deque[Any], kept: int) -> None:
+    """Send observations again, the earliest first, until no more than `kept` are left."""
+    while len(returned) > kept:
+        subject.call("step", subject.channel.value, Kind.REREAD, returned.popleft())
 
 
 def _info(info: Any) -> dict[Any, Any]:
