@@ -92,14 +92,15 @@ def _episode(subject: Subject, job: dict[str, Any]) -> None:
         for earlier in conditions.get("before", ()):
             _play(subject, env, earlier["seed"], earlier["actions"])
         beside = _companion(subject, conditions["companion"]) if "companion" in conditions else None
-        _play(subject, env, job["seed"], job["actions"], beside, env.render if conditions.get("render") else None)
+        seed = None if conditions.get("unseeded") else job["seed"]
+        _play(subject, env, seed, job["actions"], beside, env.render if conditions.get("render") else None)
         env.close()
 
 
 def _play(
     subject: Subject,
     env: Any,
-    seed: int,
+    seed: int | None,
     actions: list[Any],
     beside: Iterator[None] | None = None,
     render: Callable[[], Any] | None = None,

@@ -11,9 +11,11 @@ from envcraft import actions, spaces
 from envcraft.budget import Budget
 from envcraft.check import Skip
 from envcraft.contract import Contract
-from envcraft.rollout import Action, Rollout
+from envcraft.rollout import Action, Episode, Rollout
 
 _Draw = Callable[[spaces.Space, int, int], list[Action]]
+#: Steps of an earlier episode at random, and how many resets without a step come before.
+_EARLIER_STEPS, _EARLIER_RESETS = 200, 20
 
 
 class Players:
@@ -94,6 +96,21 @@ class Players:
         if self.contract.noop is not None:
             found += [self.noop(number) for number in range(1, 3)]
         return found
+
+    def earlier(self, rollout: Rollout, found: Rollout | None) -> list[Episode]:
+        """Episodes to play before one on the same instance: two at random, before the first episode seed's twice what a
+        search has `found`, one of doing nothing to the end and many resets, and last that very episode.
+        """
+        seed = rollout.seed + 7_919
+        draws: tuple[_Draw, ...] = (actions.random_actions, actions.sticky_actions)
+        episodes = [Episode(seed + at, draw(self.space, seed + at, _EARLIER_STEPS)) for at, draw in enumerate(draws)]
+        if rollout.seed == self.episode_seed(0):
+            if found is not None:
+                episodes += [Episode(found.seed, found.actions)] * 2
+            if self.contract.noop is not None:
+                episodes.append(Episode(seed, actions.held_action(self.contract.noop, self.length)))
+            episodes += [Episode(seed + number, []) for number in range(_EARLIER_RESETS)]
+        return [*episodes, Episode(rollout.seed, rollout.actions)]
 
     def _drawn(self, draw: _Draw, number: int, length: int, player: str) -> Rollout:
         """An episode of actions that are drawn; the same object each time, whose key is made once."""

@@ -16,9 +16,9 @@ Action = Any
 
 
 class Episode(msgspec.Struct, frozen=True, omit_defaults=True):
-    """An episode that is played but not recorded."""
+    """An episode that is played but not recorded; with None for its seed it goes on from the one before."""
 
-    seed: int
+    seed: int | None
     actions: list[Action]
 
 
@@ -48,6 +48,7 @@ class Conditions(msgspec.Struct, frozen=True, omit_defaults=True):
         after_end: steps to take past the episode's end.
         options: pass ``options={}`` to reset, and reset once more after the episode, as wrappers do.
         closed: make another instance before, and close it at once.
+        unseeded: reset without a seed, as loops do for every episode but the first.
     """
 
     fresh: bool = False
@@ -64,6 +65,7 @@ class Conditions(msgspec.Struct, frozen=True, omit_defaults=True):
     after_end: int = 0
     options: bool = False
     closed: bool = False
+    unseeded: bool = False
 
     @property
     def passing(self) -> bool:

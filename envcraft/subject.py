@@ -118,6 +118,8 @@ class Subject:
         self._lanes = Lanes(self._launch, lanes)
         self._ahead: dict[tuple[bytes, bool], Begun] = {}
         self._compared: set[bytes] = set()
+        #: Those before which others may have run in their process.
+        self._followed: set[bytes] = set()
         self._prepared: weakref.WeakSet[Worker] = weakref.WeakSet()
         self._traces: dict[bytes, Trace] = {}
         self._searches: dict[bytes, Outcome] = {}
@@ -245,6 +247,8 @@ class Subject:
             if alone:
                 self._compared.add(key[0])
             known = not again and (key[0] in self._traces or key[0] in self._searches)
+            if alone and key[0] in self._followed:
+                known = False
             if not known and key not in self._ahead:
                 self._ahead[key] = self._begin(request, again, alone=again)
 
@@ -261,6 +265,9 @@ class Subject:
         key = rollout.key()
         if alone:
             self._compared.add(key)
+            if key in self._followed:
+                self._followed.remove(key)
+                self._traces.pop(key, None)
         if key not in self._traces:
             self._traces[key] = self._record(rollout)
         return self._traces[key]
@@ -332,6 +339,12 @@ class Subject:
         told = [self.explore(number) for number in range(self.budget.explore[1])]
         found = ((number, path) for number, one in enumerate(told) for path in (one.get("win"), one.get("best")))
         return self.rollouts([self.script(number, path, "exploration") for number, path in found if path])
+
+    def found(self) -> Rollout | None:
+        """The best that exploration found, a win before all others: what nobody meets by chance lies on its way."""
+        usable = [trace for trace in self.explored() if trace.usable and trace.steps]
+        best = max(usable, key=lambda trace: (trace.positive, trace.total), default=None)
+        return best.rollout if best is not None else None
 
     def horizon(self, number: int = 0) -> Outcome:
         """Play the episode of a seed by rolling horizon, to its end or a win: ``best`` has the actions."""
@@ -491,6 +504,8 @@ class Subject:
             job["series"] = True
             # Held against others bit by bit: nothing has run in its process before.
             job["first"] = alone or (not again and request.key() in self._compared | self._probes)
+            if not again and not job["first"]:
+                self._followed.add(request.key())
         if conditions.fresh or conditions.hash_seed:
             own = conditions.fresh and again
             place = Place(conditions.hash_seed, apart=not own, own=own)

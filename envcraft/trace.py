@@ -223,8 +223,8 @@ class Divergence:
 
 
 def diverge(first: Trace, second: Trace, info: bool = True) -> Divergence | None:
-    """Compare two traces bit by bit as far as both go, without `info` all but that; a trace that stops early differs
-    there.
+    """Compare two traces bit by bit as far as both go; a trace that stops early differs there. Without `info` it is all
+    but that, and whether it tells of success in the end.
     """
     for step in range(max(len(first.observations), len(second.observations))):
         if step >= len(first.observations) or step >= len(second.observations):
@@ -239,6 +239,8 @@ def diverge(first: Trace, second: Trace, info: bool = True) -> Divergence | None
                     return Divergence(step, name.removesuffix("s"), one, two)
         if info and not _same_info(first.infos[step], second.infos[step]):
             return Divergence(step, "info", *_first_difference(first.info(step), second.info(step)))
+    if first.told != second.told:
+        return Divergence(first.steps, "success", first.told, second.told)
     return None
 
 

@@ -46,14 +46,15 @@ _INSPECT = Conditions(reread=True, options=True, closed=True)
 _RENDER = Conditions(render=True)
 _INSPECTED = 200
 _CALLS = {
-    "reset": "EC104", "earlier reset": "EC104", "plain reset": "EC104", "step": "EC107", "render": "EC112",
-    "close": "EC113", "early close": "EC113",
+    "reset": "EC104", "earlier reset": "EC104", "plain reset": "EC104", "step": "EC107", "before": "EC107",
+    "render": "EC112", "close": "EC113", "early close": "EC113",
 }  # fmt: skip
 #: Phases that are calls of a method with another name, or with arguments that matter.
 _NAMES = {
     "earlier reset": "reset()",
     "plain reset": "reset(seed=None, options=None)",
     "early close": "close() before reset()",
+    "before": "step() in an earlier episode on the same instance",
 }
 
 #: What graphics libraries say where there is no screen: nothing about the environment.
@@ -156,23 +157,25 @@ class Api(Check):
 
     def _traces(self, subject: Subject) -> Iterator[Trace]:
         """What every kind of play gives, the cheapest first, so that a plain defect is found at once."""
-        from envcraft.rollout import Episode
-
         players = subject.players
         first = players.random(0)
         told = subject.load().description
         base = first.cut(_INSPECTED)
-        options = "options" in told.get("reset", ("options",))
-        rollouts = [first, base.under(_INSPECT if options else msgspec.structs.replace(_INSPECT, options=False))]
+        inspect = msgspec.structs.replace(_INSPECT, options="options" in told.get("reset", ("options",)))
+        rollouts = [first, base.under(inspect)]
         if subject.renders:
             rollouts.append(base.under(_RENDER))
-        rollouts.append(base.cut(5).under(Conditions(before=[Episode(base.seed, base.actions)])))
         subject.foresee(rollouts)
         # The longest jobs are not left to the end, where they would run alone.
         subject.foresee(subject.explorations())
         rollouts += [*players.all, *players.rotations]
         subject.foresee(rollouts)
         yield from map(subject.rollout, rollouts)
+        found = subject.found()
+        later = [base.cut(5).under(Conditions(before=players.earlier(base, found)))]
+        if found is not None:
+            later += [found.under(conditions) for conditions in ([_RENDER] if subject.renders else []) + [inspect]]
+        yield from subject.rollouts(later)
 
     def _search_crash(self, subject: Subject) -> Trace | None:
         """A trace that ends in an exception, found by search and confirmed by a rollout."""
@@ -222,7 +225,7 @@ class Api(Check):
             yield self.finding("EC114", f"info {what} ({_at(step)}, under {who})", step=step)
 
     def _judge_fault(self, subject: Subject, trace: Trace, fault: Fault) -> Finding | None:
-        line = fault.line or subject.line_of(fault.phase.rpartition(" ")[2])
+        line = fault.line or subject.line_of("step" if fault.phase == "before" else fault.phase.rpartition(" ")[2])
         after = trace.rollout.conditions.closed and fault.phase != "early close"
         closed = ", after another instance was closed" if after else ""
         if fault.malformed:

@@ -3,11 +3,15 @@
 ## What it does
 Plays the same seed and actions again and compares whole traces bit by bit: frames, rewards, flags and info. First
 once more in another process, and once with everything else different at the same time: a fresh worker with another
-PYTHONHASHSEED, perturbed global random generators, a shifted and faster clock, other episodes before on the same
-instance, a second instance stepped alongside, `render()` in between. When that differs, each condition is tried
-alone, and the finding names the condition, the first step and the field.
+PYTHONHASHSEED, perturbed global random generators, a shifted and faster clock, empty options, other episodes before on
+the same instance, a second instance stepped alongside, `render()` in between. When that differs, each condition is
+tried alone, and the finding names the condition, the first step and the field. What is played is random, and the best
+that a search has found: a win, a key that is picked up. Among the episodes before are the very same one, that best one,
+one in which nothing is done until the end, and many resets.
 
-Different seeds must give different traces; one fixed level for every seed is a legitimate design and only a warning. An
+Different seeds must give different traces; one fixed level for every seed is a legitimate design and only a warning.
+Training seeds the first reset and no other: what follows from it must come out the same again, and must not be one
+level for ever where seeds give many. An
 info value that follows nothing but the clock, or counts the episodes, is telemetry, and only a warning; all but info is
 then compared once more, so that telemetry hides nothing.
 
@@ -47,11 +51,13 @@ _LOGICAL = ClockShift(offset=0.0, rate=0.0)
 _TELEMETRY = {"EC205": "EC210", "EC206": "EC211"}
 _OTHER_HASHES = 20_241
 _OTHER_STATE = 1_000_003
-_BEFORE_STEPS = 200
+_BESIDE_STEPS = 200
 #: A number drawn from a few comes out the same by chance: so often it is drawn again before that means anything.
 _AGAIN = 7
 #: So often the reset alone is repeated: it may draw only once, where steps draw many times.
 _RESETS = 4
+#: Steps of the episodes without a seed, how often the first is run again, and how many must be alike to be found so.
+_UNSEEDED_STEPS, _UNSEEDED_AGAIN, _UNSEEDED = 10, 2, 8
 
 
 class Determinism(Check):
@@ -119,6 +125,26 @@ class Determinism(Check):
             "Fine for a count of episodes; agents must not read it.",
             Severity.WARNING,
         ),
+        Rule(
+            "EC212",
+            "unseeded-alike",
+            "Without a seed each reset gives the same episode, though seeds give different ones.",
+            "Take no seed of your own when reset() gets none: super().reset(seed=seed), then self.np_random.",
+            Severity.WARNING,
+        ),
+        Rule(
+            "EC213",
+            "unseeded-differs",
+            "Episodes that follow a seeded one without a seed come out otherwise when run again.",
+            "Keep the generator when reset() gets no seed: super().reset(seed=seed), then self.np_random.",
+            Severity.WARNING,
+        ),
+        Rule(
+            "EC214",
+            "empty-options",
+            "The trace depends on whether reset() gets empty options or none.",
+            "Let options={} be as options=None: `options = options or {}`.",
+        ),
     )
 
     def judge(self, subject: Subject) -> Iterator[Finding]:
@@ -128,6 +154,8 @@ class Determinism(Check):
         plays = subject.rollouts(subject.players.probes)
         reset = list(itertools.takewhile(lambda play: play.observations, plays))
         probes = [play.rollout.cut(min(length, max(play.steps, 1))) for play in reset]
+        if len(reset) == seeds and (found := subject.found()) is not None:
+            probes.append(found)
         for rollout in probes:
             subject.foresee([rollout, rollout.under(self._together(subject, rollout))], alone=True)
             subject.foresee([rollout], again=True)
@@ -142,11 +170,16 @@ class Determinism(Check):
                 return
         if len(reset) < seeds:
             raise Skip("reset() gives no observation")
-        yield from self._judge_seeds(subject)
+        fixed = list(self._judge_seeds(subject))
+        yield from fixed
+        yield from self._judge_unseeded(subject, bool(fixed))
 
     def confirm(self, subject: Subject, finding: Finding) -> Finding | None:
         if finding.code == "EC209":
             return next(self._judge_seeds(subject), None)
+        if finding.code in ("EC212", "EC213"):
+            told = self._judge_unseeded(subject, fixed=False)
+            return next((again for again in told if again.code == finding.code), None)
         conditions = Conditions.from_json(finding.repro.conditions)
         rollout = Rollout(finding.repro.seed, finding.repro.actions)
         info = finding.evidence.get("field") == "info"
@@ -199,9 +232,21 @@ class Determinism(Check):
                 reported = True
                 if again.field == "info":
                     code = _TELEMETRY.get(code, code)
+                if conditions.before:
+                    conditions, again = self._fewer(subject, rollout, base, conditions, again, info)
                 yield self._found(subject, code, rollout, conditions, again)
         if found is not None and not reported:
             yield self._found(subject, "EC206", rollout, together, found)
+
+    def _fewer(
+        self, subject: Subject, rollout: Rollout, base: Trace, conditions: Conditions, found: Divergence, info: bool
+    ) -> tuple[Conditions, Divergence]:
+        """One of the episodes before, where one is enough, and how the trace differs then."""
+        for episode in conditions.before:
+            one = Conditions(before=[episode])
+            if (again := _diverge(base, subject.rollout(rollout.under(one), alone=True), info)) is not None:
+                return one, again
+        return conditions, found
 
     def _reset_again(self, subject: Subject, rollout: Rollout, info: bool) -> Divergence | None:
         """How a repetition of the reset differs from the first, if one of some does: first in one process, which is
@@ -230,20 +275,20 @@ class Determinism(Check):
         """Each condition alone: the code that it would give, the condition, and its field."""
         from envcraft import actions
 
-        def episode(number: int, sticky: bool = False) -> Episode:
-            make = actions.sticky_actions if sticky else actions.random_actions
-            seed = rollout.seed + 7_919 + number
-            return Episode(seed, make(subject.action_space, seed, _BEFORE_STEPS))
-
+        seed = rollout.seed + 8_009
+        beside = Episode(seed, actions.random_actions(subject.action_space, seed, _BESIDE_STEPS))
+        before = subject.players.earlier(rollout, subject.found())
         rendered = [("EC208", Conditions(render=True), "render")] if subject.renders else []
-        before = [episode(0), episode(1, sticky=True), episode(2)]
+        taken = "options" in subject.load().description.get("reset", ("options",))
+        optional = [("EC214", Conditions(options=True), "options")] if taken else []
         return [
             ("EC203", Conditions(hash_seed=_OTHER_HASHES), "hash_seed"),
             ("EC204", Conditions(global_seed=_OTHER_STATE, perturb=_OTHER_STATE), "perturb"),
             ("EC205", Conditions(clock=_SHIFTED), "clock"),
             ("EC206", Conditions(before=before), "before"),
-            ("EC207", Conditions(companion=episode(3)), "companion"),
+            ("EC207", Conditions(companion=beside), "companion"),
             *rendered,
+            *optional,
         ]
 
     def _attribute_repeat(self, subject: Subject, rollout: Rollout, found: Divergence, info: bool) -> Finding:
@@ -281,6 +326,7 @@ class Determinism(Check):
             "EC207": "with a second instance stepped alongside",
             "EC208": "with render() called in between",
             "EC210": "under another clock",
+            "EC214": "with empty options",
             "EC211": "after other episodes on the same instance",
         }[code]
         line = subject.line_of("step" if divergence.step else "reset")
@@ -310,6 +356,38 @@ class Determinism(Check):
                 repro=repro(same[0].cut(20)),
                 seeds=seeds,
             )
+
+    def _judge_unseeded(self, subject: Subject, fixed: bool) -> Iterator[Finding]:
+        """Episodes without a seed after a seeded one, `fixed` where seeds give one and the same."""
+        plain = subject.players.random(0).cut(_UNSEEDED_STEPS)
+
+        def after(count: int) -> Rollout:
+            before = [Episode(plain.seed, plain.actions), *[Episode(None, [])] * count]
+            return plain.under(Conditions(before=before, unseeded=True))
+
+        first = subject.rollout(after(0))
+        if first.opaque or not first.usable:
+            return
+        for _ in range(_UNSEEDED_AGAIN):
+            if (found := _diverge(first, subject.rerun(after(0)), info=False)) is not None:
+                words = (
+                    f"after reset(seed={plain.seed}) and an episode, reset() gives another one when run again: {found}"
+                )
+                small = repro(after(0).cut(found.step))
+                yield self.finding("EC213", words, line=subject.line_of("reset"), repro=small, step=found.step)
+                return
+        later = (subject.rollout(after(count)) for count in range(1, _UNSEEDED + 1))
+        if fixed or not all(_diverge(first, trace, info=False) is None for trace in later):
+            return
+        seeded = [
+            msgspec.structs.replace(plain, seed=subject.players.random(number).seed) for number in range(_UNSEEDED)
+        ]
+        traces = subject.rollouts(seeded)
+        different = sum(_diverge(traces[0], trace, info=False) is not None for trace in traces)
+        if 2 * different > _UNSEEDED:
+            words = f"after reset(seed={plain.seed}) {_UNSEEDED + 1} resets without a seed all give the same episode, "
+            words += f"and {_UNSEEDED} seeds {different + 1} different ones"
+            yield self.finding("EC212", words, line=subject.line_of("reset"), repro=repro(after(1)))
 
 
 def _diverge(first: Trace, second: Trace, info: bool) -> Divergence | None:

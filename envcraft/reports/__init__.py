@@ -32,6 +32,7 @@ _CONDITIONS = {
     "closed": "after another instance was closed",
     "fresh": "fresh worker",
     "render": "with render() in between",
+    "unseeded": "reset without a seed",
 }
 
 

@@ -98,7 +98,8 @@ def _episode(subject: Subject, job: dict[str, Any], conditions: dict[str, Any]) 
     reread, renders = bool(conditions.get("reread")), bool(conditions.get("render"))
     channel.phase("reset")
     perturb()
-    keywords = {"seed": job["seed"], **({"options": job["options"]} if "options" in job else {})}
+    seed = None if conditions.get("unseeded") else job["seed"]
+    keywords = {"seed": seed, **({"options": job["options"]} if "options" in job else {})}
     started = _perf_counter()
     result = subject.call("reset", env.reset, **keywords)
     seconds = _perf_counter() - started
