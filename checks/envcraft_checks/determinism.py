@@ -362,7 +362,7 @@ class Determinism(Check):
         plain = subject.players.random(0).cut(_UNSEEDED_STEPS)
 
         def after(count: int) -> Rollout:
-            before = [Episode(plain.seed, plain.actions), *[Episode(None, [])] * count]
+            before = [Episode(plain.seed, plain.actions), *[Episode(None, plain.actions)] * count]
             return plain.under(Conditions(before=before, unseeded=True))
 
         first = subject.rollout(after(0))
