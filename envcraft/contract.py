@@ -73,7 +73,8 @@ ARCADE = Contract(
     reward_range=(-100.0, 100.0),
     noop=[0, 0, 0],
     render=True,
-    libraries=("numpy", "gymnasium", "pygame", "scipy"),
+    # Gymnasium itself needs typing_extensions.
+    libraries=("numpy", "gymnasium", "pygame", "scipy", "typing_extensions"),
 )
 
 ARCADE_NATIVE = msgspec.structs.replace(
