@@ -5,9 +5,13 @@ Parses the file on the host, looks up each import, then loads it in the worker a
 unless the file is Python text that imports cleanly and holds exactly one concrete `gymnasium.Env` whose constructor
 needs nothing.
 
-Imports under `try: ... except ImportError`, `if TYPE_CHECKING:` and `if __name__ == "__main__":` are optional. Abstract
-bases, wrappers, private classes (`_Base`) and helper classes do not count as environments; `--class` picks one of
-several.
+Imports under `try: ... except ImportError`, `with suppress(ImportError):`, `if find_spec(...)`, `if TYPE_CHECKING:` and
+`if __name__ == "__main__":` are optional. What stands in for a module (the handler of such a `try`) is required only
+where that module is missing or not allowed, and of `if sys.version_info ...` the branch that runs. An import inside a
+function counts like any other, unless only such a `__main__` block calls the function, or nobody.
+
+Abstract bases, wrappers, private classes (`_Base`) and helper classes do not count as environments; `--class` picks
+one of several.
 
 Of an installed package's class or a registered id only what keeps it from being made is judged: an import that
 raises, a class that is missing or no `gymnasium.Env`, a constructor that raises or lacks arguments.
@@ -29,7 +33,9 @@ class Snake(gym.Env):
 from __future__ import annotations
 
 import ast
-from collections.abc import Iterator
+import operator
+import re
+from collections.abc import Collection, Iterator
 from typing import TYPE_CHECKING
 
 from envcraft.check import Check, Rule
@@ -46,6 +52,9 @@ if TYPE_CHECKING:
 
 _OLD_NAMES = {"gym": "gymnasium", "pygame_ce": "pygame", "np": "numpy"}
 _SLOW_IMPORT = 3.0
+#: Methods that Gymnasium's own code calls.
+_CALLED = {"reset", "step", "render", "close", "seed", "action", "observation", "reward"}
+_ORDERS = {ast.Lt: operator.lt, ast.LtE: operator.le, ast.Gt: operator.gt, ast.GtE: operator.ge}
 
 
 class Source(Check):
@@ -122,13 +131,19 @@ class Source(Check):
         return None
 
     def _unknown_imports(self, subject: Subject) -> Iterator[Finding]:
-        wanted = required_imports(parse(subject.text))
-        missing, known = subject.find_modules(sorted(wanted))
+        tree = parse(subject.text)
+        names = {name for node in ast.walk(tree) for name in _modules(node)}
+        missing, known = subject.find_modules(sorted(names))
         allowed = subject.contract.libraries
+        unknown = {
+            name for name in names if name in missing or not (allowed is None or name in allowed or is_standard(name))
+        }
+        python = tuple(int(part) for part in re.findall(r"\d+", str(subject.about.get("python", "")))[:3])
+        wanted = required_imports(tree, unknown, python)
         for name, line in sorted(wanted.items(), key=lambda item: item[1]):
             if name in missing and allowed is not None and name in allowed:
                 raise WorkerLost(f"{name} is not installed where the worker runs; install it, then judge again")
-            if name in missing or not (allowed is None or name in allowed or is_standard(name)):
+            if name in unknown:
                 near = _nearest(name, [*(allowed or ()), *known])
                 hint = f"; did you mean {near}?" if near else ""
                 yield self.finding(
@@ -214,30 +229,76 @@ class Source(Check):
         return self.finding("EC005", f"no concrete subclass of gymnasium.Env with reset and step{hint}")
 
 
-def required_imports(tree: ast.AST) -> dict[str, int]:
-    """The top-level modules that the code cannot do without, each with the line of its first import."""
+def required_imports(tree: ast.AST, unknown: Collection[str] = (), python: tuple[int, ...] = ()) -> dict[str, int]:
+    """The top-level modules that the code cannot do without, each with the line of its first import.
+
+    `unknown` are those that cannot be imported; `python` is the version that runs the code, if it is known.
+    """
     found: dict[str, int] = {}
-    pending: list[ast.AST] = [tree]
+    flags = _flags(tree) | {"find_spec"}
+    mentioned: set[str] = set()
+    uncalled: dict[str, list[tuple[ast.AST, bool]]] = {}
+    pending: list[tuple[ast.AST, bool]] = [(tree, True)]
     while pending:
-        node = pending.pop()
-        if isinstance(node, ast.Try) and any(_catches_import_error(handler) for handler in node.handlers):
-            pending += [*node.handlers, *node.orelse, *node.finalbody]
-        elif isinstance(node, ast.If) and _is_optional(node.test):
-            pending += node.orelse
+        node, required = pending.pop()
+        optional: list[ast.AST] = []
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef) and not _is_called(node, mentioned):
+            uncalled.setdefault(node.name, []).append((node, required))
+            parts: list[ast.AST] = [node.args]
+        elif isinstance(node, ast.Try) and any(_catches(handler.type) for handler in node.handlers):
+            lacking = any(name in unknown for part in node.body for one in ast.walk(part) for name in _modules(one))
+            parts = [*(node.handlers if lacking else node.orelse), *node.finalbody]
+            optional = [*node.body, *(node.orelse if lacking else node.handlers)]
+        elif isinstance(node, ast.With) and any(_suppresses(item.context_expr) for item in node.items):
+            parts, optional = [*node.items], [*node.body]
+        elif isinstance(node, ast.If) and _names(node.test) & {"TYPE_CHECKING", "__name__"}:
+            parts = [*node.orelse]
+        elif isinstance(node, ast.If) and "version_info" in _names(node.test):
+            runs = _holds(node.test, python)
+            parts = [] if runs is None else [*(node.body if runs else node.orelse)]
+            optional = [*node.body, *node.orelse] if runs is None else []
+        elif isinstance(node, ast.If) and _names(node.test) & flags:
+            parts, optional = [node.test], [*node.body, *node.orelse]
         else:
-            names: list[str] = []
-            if isinstance(node, ast.Import):
-                names = [alias.name for alias in node.names]
-            elif isinstance(node, ast.ImportFrom) and not node.level:
-                names = [node.module or ""]
-            elif isinstance(node, ast.ImportFrom):
-                names = ["." * node.level + (node.module or "")]
-            for name in names:
-                top = name if name.startswith(".") else name.partition(".")[0]
+            parts = [*ast.iter_child_nodes(node)]
+            for name in _modules(node) if required else []:
                 line: int = getattr(node, "lineno", 1)
-                found[top] = min(found.get(top, line), line)
-            pending += ast.iter_child_nodes(node)
+                found[name] = min(found.get(name, line), line)
+        if isinstance(node, ast.Name | ast.Attribute):
+            name = node.id if isinstance(node, ast.Name) else node.attr
+            mentioned.add(name)
+            pending += uncalled.pop(name, [])
+        pending += [(part, required) for part in parts] + [(part, False) for part in optional]
     return found
+
+
+def _modules(node: ast.AST) -> list[str]:
+    """The top-level modules that a statement imports; a relative import's name as it is written."""
+    if isinstance(node, ast.Import):
+        return [alias.name.partition(".")[0] for alias in node.names]
+    if isinstance(node, ast.ImportFrom):
+        module = node.module or ""
+        return ["." * node.level + module if node.level else module.partition(".")[0]]
+    return []
+
+
+def _is_called(function: ast.FunctionDef | ast.AsyncFunctionDef, mentioned: set[str]) -> bool:
+    """Whether a function may run: something that does mentions it, a decorator knows it, or Gymnasium does."""
+    name = function.name
+    return name in mentioned | _CALLED or name.startswith("__") or bool(function.decorator_list)
+
+
+def _flags(tree: ast.AST) -> set[str]:
+    """The names that tell whether a library is there: what find_spec() said, or set where an import may fail."""
+    told: list[ast.Assign] = []
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Assign) and "find_spec" in _names(node.value):
+            told.append(node)
+        elif isinstance(node, ast.Try) and any(_catches(handler.type) for handler in node.handlers):
+            blocks = [node.body, node.orelse, *(handler.body for handler in node.handlers)]
+            lines = (line for block in blocks for line in block)
+            told += [line for line in lines if isinstance(line, ast.Assign) and isinstance(line.value, ast.Constant)]
+    return {target.id for assigned in told for target in assigned.targets if isinstance(target, ast.Name)}
 
 
 def _absent(fault: Fault, name: str) -> bool:
@@ -262,17 +323,33 @@ def is_standard(name: str) -> bool:
     return name in sys.stdlib_module_names
 
 
-def _catches_import_error(handler: ast.ExceptHandler) -> bool:
-    if handler.type is None:
+def _catches(caught: ast.expr | None) -> bool:
+    """Whether what a handler catches may be an ImportError."""
+    if caught is None:
         return True
-    names = {node.id for node in ast.walk(handler.type) if isinstance(node, ast.Name)}
-    return bool(names & {"ImportError", "ModuleNotFoundError", "Exception", "BaseException"})
+    return bool(_names(caught) & {"ImportError", "ModuleNotFoundError", "Exception", "BaseException"})
 
 
-def _is_optional(test: ast.expr) -> bool:
-    names = {node.id for node in ast.walk(test) if isinstance(node, ast.Name)}
-    names |= {node.attr for node in ast.walk(test) if isinstance(node, ast.Attribute)}
-    return bool(names & {"TYPE_CHECKING", "__name__"})
+def _suppresses(context: ast.expr) -> bool:
+    if not isinstance(context, ast.Call) or "suppress" not in _names(context.func):
+        return False
+    return any(map(_catches, context.args))
+
+
+def _holds(test: ast.expr, python: tuple[int, ...]) -> bool | None:
+    """Whether a comparison of sys.version_info holds; None where that is not known."""
+    if not python or not isinstance(test, ast.Compare) or not isinstance(test.left, ast.Name | ast.Attribute):
+        return None
+    order = _ORDERS.get(type(test.ops[0]))
+    try:
+        return None if order is None or test.ops[1:] else order(python, ast.literal_eval(test.comparators[0]))
+    except (ValueError, TypeError):
+        return None
+
+
+def _names(expression: ast.expr) -> set[str]:
+    names = {node.id for node in ast.walk(expression) if isinstance(node, ast.Name)}
+    return names | {node.attr for node in ast.walk(expression) if isinstance(node, ast.Attribute)}
 
 
 def _nearest(name: str, known: list[str]) -> str | None:

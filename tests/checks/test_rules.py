@@ -56,8 +56,61 @@ if __name__ == "__main__":
     import matplotlib
 def method():
     import late
+method()
+with contextlib.suppress(ImportError):
+    import numba
+HAS_JAX = importlib.util.find_spec("jax") is not None
+if HAS_JAX:
+    import jax
 """
-    assert required_imports(ast.parse(source)) == {"numpy": 2, "gymnasium": 3, "fallback": 7, "late": 13}
+    wanted = {"numpy": 2, "gymnasium": 3, "late": 13}
+    assert required_imports(ast.parse(source)) == wanted
+    assert required_imports(ast.parse(source), {"cv2"}) == {**wanted, "fallback": 7}
+
+
+@pytest.mark.parametrize(
+    ("test", "wanted"),
+    [
+        ("sys.version_info >= (3, 12)", {"new"}),
+        ("sys.version_info < (3, 12, 5)", {"old"}),
+        ("version_info < (3, 13)", {"new"}),
+        ("sys.version_info[:2] >= (3, 12)", set()),
+        ("sys.version_info >= (3, 12) and FAST", set()),
+        ("sys.platform == 'win32'", {"new", "old"}),
+    ],
+)
+def test_of_versions_the_one_that_runs_is_required(test: str, wanted: set[str]) -> None:
+    tree = ast.parse(f"if {test}:\n    import new\nelse:\n    import old")
+    assert set(required_imports(tree, python=(3, 12, 5))) == wanted
+
+
+def test_imports_of_functions_that_nothing_calls_are_not_required() -> None:
+    source = """
+class Game:
+    def step(self, action):
+        return self._draw()
+    def _draw(self):
+        import drawn
+    def show(self):
+        import shown
+        self.show()
+    @property
+    def picture(self):
+        import pictured
+def outer():
+    return inner()
+def inner():
+    import played
+def attempt():
+    import attempted
+try:
+    attempt()
+except Exception:
+    pass
+if __name__ == "__main__":
+    outer()
+"""
+    assert set(required_imports(ast.parse(source))) == {"drawn", "pictured", "attempted"}
 
 
 def test_growth_is_told_from_prizes_and_plateaus() -> None:
