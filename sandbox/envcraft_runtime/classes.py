@@ -39,7 +39,9 @@ def concrete_classes(module: ModuleType) -> list[str]:
 
 
 def rendering(creator: Any, given: dict[str, Any]) -> dict[str, Any]:
-    """``render_mode="rgb_array"`` where the constructor takes that, and says that it can, and was given no other."""
+    """``render_mode="rgb_array"`` where the constructor takes that, was given no other, and its class does not say that
+    it offers none such.
+    """
     if given.get("render_mode") is not None:
         return {}
     try:
@@ -47,10 +49,12 @@ def rendering(creator: Any, given: dict[str, Any]) -> dict[str, Any]:
     except (ValueError, TypeError):
         return {}
     metadata = getattr(creator, "metadata", None)
-    modes = metadata.get("render_modes") if isinstance(metadata, dict) else None
+    # What every environment inherits has no modes, and says nothing.
+    inherited = metadata is gymnasium.Env.metadata
+    modes = metadata.get("render_modes") if isinstance(metadata, dict) and not inherited else None
     takes = "render_mode" in parameters
     passes = inspect.Parameter.VAR_KEYWORD in [parameter.kind for parameter in parameters.values()]
-    offers = "rgb_array" in modes if isinstance(modes, list | tuple | set) and modes else takes
+    offers = "rgb_array" in modes if isinstance(modes, list | tuple | set) else takes
     return {"render_mode": "rgb_array"} if (takes or (passes and modes)) and offers else {}
 
 

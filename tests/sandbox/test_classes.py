@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterator
+from typing import Any
 
+import gymnasium
 import pytest
-from envcraft_runtime.classes import concrete_classes
+from envcraft_runtime.classes import concrete_classes, rendering
 from envcraft_sandbox.worker.targets import execute
 
 BASE = """
@@ -58,3 +60,23 @@ def test_what_is_made_of_an_open_base_may_be_open_itself() -> None:
 
 def test_nothing_is_made_of_the_only_class_that_refuses_to_draw() -> None:
     assert found((BASE % RAISES).partition("class Game")[0]) == ["Grid"]
+
+
+@pytest.mark.parametrize(
+    ("metadata", "asked"),
+    [
+        (None, True),
+        ({"render_fps": 30}, True),
+        ({"render_modes": ["human", "rgb_array"]}, True),
+        ({"render_modes": ["ansi"]}, False),
+        ({"render_modes": []}, False),
+    ],
+)
+def test_frames_are_asked_for_unless_the_class_says_that_there_are_none(metadata: Any, asked: bool) -> None:
+    class Game(gymnasium.Env[Any, Any]):
+        def __init__(self, render_mode: str | None = None) -> None:
+            self.render_mode = render_mode
+
+    if metadata is not None:
+        Game.metadata = metadata
+    assert rendering(Game, {}) == ({"render_mode": "rgb_array"} if asked else {})
