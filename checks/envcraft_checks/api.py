@@ -38,6 +38,8 @@ from envcraft.rollout import Conditions, Rollout
 from envcraft.shrink import repro, shrink
 from envcraft.verdict import Finding
 
+from .source import ask_for_dependency
+
 if TYPE_CHECKING:
     from envcraft.subject import Subject
     from envcraft.trace import Fault, Trace
@@ -225,6 +227,7 @@ class Api(Check):
             yield self.finding("EC114", f"info {what} ({_at(step)}, under {who})", step=step)
 
     def _judge_fault(self, subject: Subject, trace: Trace, fault: Fault) -> Finding | None:
+        ask_for_dependency(subject, fault)
         line = fault.line or subject.line_of("step" if fault.phase == "before" else fault.phase.rpartition(" ")[2])
         after = trace.rollout.conditions.closed and fault.phase != "early close"
         closed = ", after another instance was closed" if after else ""

@@ -14,7 +14,8 @@ Abstract bases, wrappers, private classes (`_Base`) and helper classes do not co
 one of several.
 
 Of an installed package's class or a registered id only what keeps it from being made is judged: an import that
-raises, a class that is missing or no `gymnasium.Env`, a constructor that raises or lacks arguments.
+raises, a class that is missing or no `gymnasium.Env`, a constructor that raises or lacks arguments. Where it says that
+an optional dependency of its own is not installed, here or later, it could not be judged.
 
 ## Why is this bad?
 What cannot be loaded cannot be trained on. A library that the next machine lacks, or code that runs for minutes at
@@ -175,6 +176,8 @@ class Source(Check):
     def _judge_installed(self, subject: Subject, loaded: Loaded) -> Iterator[Finding]:
         """Of an installed package only what keeps an environment from being made: how it is written is its own."""
         fault, told, name = loaded.trace.fault, loaded.description, subject.target.path
+        if fault is not None:
+            ask_for_dependency(subject, fault)
         if loaded.end.how is not How.DONE:
             yield self._broken(loaded)
         elif fault is not None and _absent(fault, name):
@@ -308,6 +311,14 @@ def _absent(fault: Fault, name: str) -> bool:
         parents = [module.rsplit(".", number)[0] for number in range(module.count(".") + 1)]
         return any(fault.message == f"No module named {parent!r}" for parent in parents)
     return fault.type.endswith("NoSuchEnvironment") and fault.message.startswith("no installed package")
+
+
+def ask_for_dependency(subject: Subject, fault: Fault) -> None:
+    """Raise WorkerLost where an installed package says that a library which it can do without elsewhere is missing."""
+    from envcraft.target import Kind
+
+    if subject.target.kind is not Kind.SOURCE and fault.type == "gymnasium.error.DependencyNotInstalled":
+        raise WorkerLost(f"{fault.message.rstrip('. ')}{_put_there(subject)}")
 
 
 def _put_there(subject: Subject) -> str:

@@ -186,6 +186,7 @@ GOOD = {
 BAD = {
     "EC109 past the bound": ("EC109", ROUGH.replace("1e-6", "1e-3")),
     "EC104 needs a seed": ("EC104", source("self.total += action", reset="self.total = float(seed % 2)")),
+    "EC104 needs a library": ("EC104", source("self.total += action", reset="raise gym.error.DependencyNotInstalled")),
     "EC104 needs options": ("EC104", source("self.total += action", reset="self.total = float('x' in options)")),
     "EC108 ragged list": ("EC108", LISTS.replace("[float(self.total), 1]", "[float(self.total)]")),
     "EC109 half a bit": ("EC109", LISTS.replace("[1.0, 0.0]", "[1.0, 0.5]")),

@@ -60,6 +60,7 @@ class Door:
     def opens(self, at):
         return at >= self.at
 """
+_LACKING = "raise gymnasium.error.DependencyNotInstalled('bullets is not installed.')"
 _REGISTER = """
 import gymnasium
 def register():
@@ -93,6 +94,7 @@ def package(folder: Path, defect: str = "pass") -> Path:
     (root / "__init__.py").write_text(_REGISTER)
     (root / "doors.py").write_text(_DOORS)
     (root / "corridor.py").write_text(_CORRIDOR.format(defect=defect))
+    (root / "lacking.py").write_text(f"import gymnasium\n{_LACKING}\n")
     (root / "broken.py").write_text("import corridors\nraise RuntimeError('out of order')\n")
     return folder
 
@@ -168,6 +170,13 @@ def test_finding_names_the_line_and_is_replayed_until_the_file_changes(sandbox: 
     assert envcraft(sandbox, tmp_path, "replay", str(path), "--anyway").returncode == 0
 
 
+def test_a_dependency_that_is_missed_in_play_is_no_defect(tmp_path: Path) -> None:
+    package(tmp_path, defect=_LACKING.replace("gymnasium", "gym"))
+    report = judged("process", tmp_path, "corridors.corridor:Corridor", "--checks", "api,instawin", status=3)
+    assert not findings(report)
+    assert "bullets is not installed; install the package beside EnvCraft" in report["reason"]
+
+
 def test_arguments_and_wrappers(tmp_path: Path) -> None:
     """What the constructor is given and what is wrapped around shows in play, and in a replay of the report."""
     wrap = ("--wrap", "corridors.corridor:shorter")
@@ -188,6 +197,7 @@ def test_arguments_and_wrappers(tmp_path: Path) -> None:
         ("corridors.corridor:NeedsSize", 1, "NeedsSize() needs size"),
         ("corridors.corridor:NoEnvironment", 1, "which does not derive from gymnasium.Env"),
         ("corridors.broken:Corridor", 1, "importing raises RuntimeError: out of order"),
+        ("corridors.lacking:Corridor", 3, "bullets is not installed; install the package beside EnvCraft, then judge"),
         ("nowhere.to.be:Found", 3, "No module named 'nowhere'; install the package beside EnvCraft"),
         ("Corridors/Longer-v0", 3, "no installed package registers Corridors/Longer-v0"),
     ],
