@@ -8,6 +8,7 @@ one value twice.
 from __future__ import annotations
 
 import hashlib
+import itertools
 import json
 import struct
 from collections.abc import Iterable
@@ -23,6 +24,10 @@ from envcraft.rollout import Rollout
 from envcraft.sandbox import How, JobEnd
 
 _MAX_OUTPUT = 2000
+#: Characters of a value in a message, and keys on the way to it.
+_SHOWN = 80
+_DEPTH = 20
+_ABSENT = "(absent)"
 
 
 class Ending(StrEnum):
@@ -218,7 +223,8 @@ class Divergence:
 
     def __str__(self) -> str:
         at = "the reset" if self.step == 0 else f"step {self.step}"
-        values = "" if self.first is None else f" ({_short(self.first)}, then {_short(self.second)})"
+        first, second = _short(self.first, self.second)
+        values = "" if self.first is None else f" ({first}, then {second})"
         return f"{self.field} differs at {at}{values}"
 
 
@@ -238,7 +244,9 @@ def diverge(first: Trace, second: Trace, info: bool = True) -> Divergence | None
                 if one != two and not (one != one and two != two):
                     return Divergence(step, name.removesuffix("s"), one, two)
         if info and not _same_info(first.infos[step], second.infos[step]):
-            return Divergence(step, "info", *_first_difference(first.info(step), second.info(step)))
+            kept = not any(trace.infos[step].startswith(b"#") for trace in (first, second))
+            values = _first_difference(first.info(step), second.info(step)) if kept else ()
+            return Divergence(step, "info", *values)
     if first.told != second.told:
         return Divergence(first.steps, "success", first.told, second.told)
     return None
@@ -254,23 +262,52 @@ def _same_info(one: bytes, two: bytes) -> bool:
         return True
     # Equal dictionaries may have their keys in different orders.
     try:
-        first, second = (json.dumps(json.loads(info or b"{}"), sort_keys=True) for info in (one, two))
+        return _same_json(json.loads(one or b"{}"), json.loads(two or b"{}"))
     except (ValueError, RecursionError):
         return False
-    return first == second
 
 
-def _first_difference(one: dict[str, Any], two: dict[str, Any]) -> tuple[Any, Any]:
-    for key in sorted({*one, *two}):
-        if one.get(key) != two.get(key):
-            return {key: one.get(key)}, {key: two.get(key)}
-    return None, None
+def _first_difference(one: Any, two: Any) -> tuple[Any, Any]:
+    """Both values at the first place where they differ, each under the path of keys that leads there."""
+    path: list[str] = []
+    while len(path) < _DEPTH and (parts := _parts(one, two)):
+        differing = (part for part in parts if not _same_json(part[1], part[2]))
+        name, one, two = next(differing, ("", None, None))
+        path.append(name)
+    return ({".".join(path): one}, {".".join(path): two}) if path and path[-1] else (None, None)
+
+
+def _parts(one: Any, two: Any) -> list[tuple[str, Any, Any]]:
+    """What two dictionaries or two lists have, side by side; nothing for other values."""
+    if isinstance(one, dict) and isinstance(two, dict):
+        return [(key or "''", one.get(key, _ABSENT), two.get(key, _ABSENT)) for key in sorted({*one, *two})]
+    if isinstance(one, list) and isinstance(two, list):
+        pairs = itertools.zip_longest(one, two, fillvalue=_ABSENT)
+        return [(str(number), *pair) for number, pair in enumerate(pairs)]
+    return []
+
+
+def _same_json(one: Any, two: Any) -> bool:
+    try:
+        return json.dumps(one, sort_keys=True) == json.dumps(two, sort_keys=True)
+    except RecursionError:
+        return False
 
 
 def _ending_words(trace: Trace) -> str:
-    return str(trace.fault) if trace.fault else f"{trace.ending} after {trace.steps} steps"
+    return f"{trace.fault or trace.ending} after {trace.steps} steps"
 
 
-def _short(value: Any) -> str:
-    text = str(value)
-    return text if len(text) <= 80 else text[:77] + "..."
+def _short(one: Any, two: Any) -> tuple[str, str]:
+    """Two values as short texts, which differ where the values do."""
+    texts = str(one), str(two)
+    if max(map(len, texts)) <= _SHOWN:
+        return texts
+    same = next((at for at, pair in enumerate(zip(*texts, strict=False)) if len(set(pair)) > 1), min(map(len, texts)))
+    start = max(same - _SHOWN // 4, 0) if same > _SHOWN // 2 else 0
+    return _excerpt(texts[0], start), _excerpt(texts[1], start)
+
+
+def _excerpt(text: str, start: int) -> str:
+    end = start + _SHOWN
+    return ("..." if start else "") + text[start:end] + ("..." if len(text) > end else "")
