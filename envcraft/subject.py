@@ -303,6 +303,19 @@ class Subject:
         """The privileged policy on the episode seed `number`."""
         return self.rollout(self.players.policy(number))
 
+    def privileged(self) -> list[Trace]:
+        """What the privileged policy, if there is one, does on the first seeds, stepped again without it."""
+        if self.policy is None:
+            return []
+        acted = self.rollouts([self.players.policy(number) for number in range(3)])
+        return [self.without_policy(trace) for trace in acted if trace.usable]
+
+    def without_policy(self, trace: Trace) -> Trace:
+        """The privileged policy's actions without it: what it wrote to the environment, if anything, is missing."""
+        return self.rollout(
+            Rollout(trace.rollout.seed, trace.actions, player="the policy's actions without it"), alone=True
+        )
+
     # Episodes whose actions are chosen while they are played
 
     def begin(self, rollout: Rollout, player: Player, kind: type[Recording] = Recording) -> Begun:

@@ -32,10 +32,11 @@ import msgspec
 
 from envcraft.check import Check, Rule, Skip
 from envcraft.plugins import hookimpl
-from envcraft.rollout import Rollout
 from envcraft.shrink import repro
 from envcraft.stats import Proportion, settle
 from envcraft.verdict import Finding, Repro, Severity
+
+from .instawin import BY_SIGN
 
 if TYPE_CHECKING:
     from envcraft.subject import Subject
@@ -119,12 +120,12 @@ class Difficulty(Check):
             if trace.choosing and trace.end is not None:
                 words = f"the policy does not choose move {trace.steps + 1} ({trace.end.how}: {trace.end.detail})"
                 return self.finding("EC805", words, repro=Repro(trace.rollout.seed, trace.actions), **trace.printed)
-            plain = Rollout(trace.rollout.seed, trace.actions, player="the policy's actions without it")
-            if (found := _diverge(trace, subject.rollout(plain, alone=True))) is not None:
+            plain = subject.without_policy(trace)
+            if (found := _diverge(trace, plain)) is not None:
                 return self.finding(
                     "EC804",
                     f"without the policy its actions give another trace: {found}",
-                    repro=repro(plain.cut(found.step)),
+                    repro=repro(plain.rollout.cut(found.step)),
                     step=found.step,
                     field=found.field,
                 )
@@ -205,7 +206,7 @@ class Difficulty(Check):
             if verdict is True and not self._beaten(subject, trace):
                 return self.finding(
                     "EC802",
-                    f"holding {action} wins {rate}",
+                    f"holding {action} wins {rate}{BY_SIGN if trace.told is None else ''}",
                     line=subject.line_of("step"),
                     repro=repro(trace.rollout.cut(trace.steps)),
                     rate=rate.evidence(),
@@ -216,7 +217,7 @@ class Difficulty(Check):
         """Whether other play clearly earns more, where a positive return is all that winning means."""
         if trace.told is not None:
             return False
-        best = max(other.total for other in [*subject.played(), *subject.explored()])
+        best = max(other.total for other in [*subject.played(), *subject.explored(), *subject.privileged()])
         return best > 1.25 * trace.total
 
     def _judge_greedy(self, subject: Subject) -> Finding | None:

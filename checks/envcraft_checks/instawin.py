@@ -4,7 +4,9 @@
 Plays at random until it is settled whether random play consistently wins (more than 80% of episodes): by
 `is_success` where info gives it; else by a positive return at a terminated end that no other play clearly beats. And
 looks whether every policy earns the very same positive return, so that reward is paid regardless of play; where info
-tells of success, only if some episode had it.
+tells of success, only if some episode had it. Play that comes to no end counts there where it earns clearly more.
+
+With `--policy FILE` the privileged policy is other play, too: its actions are stepped again without it.
 
 ## Why is this bad?
 Where random play wins there is nothing to learn, and a score on it says nothing about an agent.
@@ -32,6 +34,7 @@ if TYPE_CHECKING:
     from envcraft.trace import Trace
 
 _CLEARLY = 1.25
+BY_SIGN = ": each ends with a positive return; info tells no success"
 
 
 class InstaWin(Check):
@@ -64,22 +67,22 @@ class InstaWin(Check):
         if verdict is not True:
             return
         wins = [trace for trace in map(subject.random, range(rate.n)) if trace.success]
-        if not all(trace.told is not None for trace in wins):
+        by_sign = not all(trace.told is not None for trace in wins)
+        if by_sign:
             usual = sum(trace.total for trace in wins) / len(wins)
-            best = max(trace.total for trace in [*subject.played(), *subject.explored()])
+            best = max(trace.total for trace in [*subject.played(), *subject.explored(), *subject.privileged()])
             if best > max(_CLEARLY * usual, usual + 1e-9):
                 return
         shortest = min(wins, key=lambda trace: trace.steps)
         yield self.finding(
             "EC601",
-            f"random play wins {rate}, in {shortest.steps} steps at the least",
+            f"random play wins {rate}, in {shortest.steps} steps at the least{BY_SIGN if by_sign else ''}",
             line=subject.line_of("step"),
             repro=repro(shortest.rollout.cut(shortest.steps)),
             rate=rate.evidence(),
         )
 
     def _judge_paid(self, subject: Subject) -> Iterator[Finding]:
-        # Play that comes to no end, where a goal is all that ends an episode, is not paid as play that does.
         traces = [trace for trace in subject.played() if trace.usable]
         by_seed: dict[int, list[Trace]] = {}
         for trace in [*traces, *(trace for trace in subject.explored() if trace.ended)]:
@@ -92,6 +95,9 @@ class InstaWin(Check):
         policies = {trace.rollout.player for trace in widest}
         earned = widest[0].total
         if earned <= 0 or len(policies) < 4 or any(not _same_returns(same) for same in by_seed.values()):
+            return
+        others = [trace for trace in [*subject.explored(), *subject.privileged()] if trace.rollout.seed in by_seed]
+        if any(_paid_otherwise(trace, by_seed[trace.rollout.seed]) for trace in others):
             return
         yield self.finding(
             "EC602",
@@ -111,6 +117,14 @@ def wins_told(subject: Subject) -> bool:
 
 def _same_returns(traces: list[Trace]) -> bool:
     return len({round(trace.total, 6) for trace in traces}) == 1
+
+
+def _paid_otherwise(trace: Trace, same: list[Trace]) -> bool:
+    """Whether a trace earns another return than those of its seed, which earn the same."""
+    if trace.ended:
+        return not _same_returns([trace, *same])
+    # Play that comes to no end, where a goal is all that ends an episode, is not paid as play that does.
+    return trace.usable and trace.total > max(_CLEARLY * same[0].total, same[0].total + 1e-9)
 
 
 @hookimpl
