@@ -6,6 +6,10 @@ at the limit must be `truncated`, not `terminated`; flags must be booleans (Pyth
 episode may end before play is possible. What an environment does when it is stepped past its end is undefined: that
 the flags go back to false there is only a warning.
 
+A limit of the game's own, sooner than the contract's, may be a rule of the game, such as a torch that burns out. It is
+taken for a limit that is reported as termination where all episodes that end before it are truncated, and only those
+that come to it are terminated: then the flags are swapped.
+
 ## Why is this bad?
 An episode that never ends fills a replay memory with one situation and hangs evaluations. A time limit that is
 reported as termination teaches the agent that the future after it is worth nothing.
@@ -74,6 +78,7 @@ class Termination(Check):
         limit = subject.contract.limit
         if limit is not None:
             yield from self._judge_limit(subject, usable, limit)
+            yield from self._judge_own_limit(subject, usable, limit)
         yield from self._judge_short(subject, usable)
         yield from self._judge_after(subject, usable)
 
@@ -113,6 +118,27 @@ class Termination(Check):
                 line=subject.line_of("step"),
                 repro=repro(mistaken[0].rollout),
                 episodes=len(mistaken),
+            )
+
+    def _judge_own_limit(self, subject: Subject, traces: list[Trace], limit: int) -> Iterator[Finding]:
+        """A limit of the game's own, by which the longest episodes are terminated where all others are truncated."""
+        longest = max(trace.steps for trace in traces)
+        last = [trace for trace in traces if trace.steps == longest]
+        short = [trace for trace in traces if trace.steps < longest]
+        mistaken = all(trace.ended and not trace.truncated[-1] and not trace.told for trace in last)
+        if longest >= limit or not mistaken or len({trace.rollout.seed for trace in last}) < 2:
+            return
+        short += [trace for trace in subject.explored() if trace.ended and trace.steps < longest]
+        cut = all(trace.truncated[-1] and not trace.terminated[-1] for trace in short)
+        if cut and len({trace.steps for trace in short}) >= 2:
+            yield self.finding(
+                "EC502",
+                f"all {len(last)} episodes that last to step {longest} are terminated there, and all {len(short)} that "
+                "end sooner are truncated",
+                line=subject.line_of("step"),
+                repro=repro(last[0].rollout.cut(longest)),
+                episodes=len(last),
+                sooner=len(short),
             )
 
     def _judge_short(self, subject: Subject, traces: list[Trace]) -> Iterator[Finding]:
