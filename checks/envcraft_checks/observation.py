@@ -6,6 +6,11 @@ the same seed under different actions must give different pictures sooner or lat
 observation where the contract says so. A picture that stands still until the agent acts is fine, and so is one that
 changes rarely.
 
+A picture that freezes is one that changes for the last time at the very same step in episodes of several seeds and
+players, half of each of which follows that step. Whatever else is played must not change it later, neither holding a
+button, nor trying all in turn, nor exploration. A game that gets stuck does so sooner or later, and one that waits for
+the right action is moved by somebody.
+
 Noise is judged on the pixels that vary: each minus its mean over time, correlated with itself one to four steps
 later while one action is held. Where more than half of the picture changes at each step, no lag correlates, and no
 picture is the one before moved by some pixels, it is noise.
@@ -42,12 +47,20 @@ _RENDERED = 200
 #: Of independent noise the best shift matches to 0.05, where it comes in large blocks to 0.35 at the most; of a picture
 #: that scrolls by a quarter of itself to 0.65, and 1 is one that comes round again.
 _MATCHES = 0.5
+#: A picture stands still for so many steps before it is said to have frozen; where it stopped changing after this share
+#: of the others' time, the last actions before may have done nothing.
+_STILL, _NEARLY = 30, 0.9
 
 
 class Observation(Check):
     name = "observation"
     rules = (
-        Rule("EC401", "constant", "The observation never changes.", "Draw the frame after the state has changed."),
+        Rule(
+            "EC401",
+            "constant",
+            "The observation never changes, or no more from some step on.",
+            "Draw the frame after the state has changed.",
+        ),
         Rule(
             "EC402", "noise", "The observation is independent noise.", "Draw the state of the game, not random pixels."
         ),
@@ -80,6 +93,8 @@ class Observation(Check):
             yield noise
         elif (unmoved := self._find_unresponsive(subject, seen)) is not None:
             yield unmoved
+        elif (frozen := self._find_frozen(subject, seen)) is not None:
+            yield frozen
         yield from self._find_unlike_render(subject, traces[0])
         if len(seen) < len(traces):
             raise Skip(
@@ -141,6 +156,32 @@ class Observation(Check):
             compared=compared,
         )
 
+    def _find_frozen(self, subject: Subject, traces: list[Trace]) -> Finding | None:
+        if not _pictures(subject.observation_space) or not traces:
+            return None
+        last = max(map(_last_change, traces))
+        long = [trace for trace in traces if trace.usable and trace.steps >= max(2 * last, last + _STILL)]
+        # An idle player may well have seen the end of all motion before.
+        busy = [trace for trace in long if len({str(action) for action in trace.actions[last : trace.steps]}) > 1]
+        frozen = [trace for trace in busy if _last_change(trace) == last]
+        if len(frozen) < 4 or 2 * len(frozen) < len(busy) or len({trace.rollout.seed for trace in frozen}) < 2:
+            return None
+        if any(_last_change(trace) < _NEARLY * last for trace in busy):
+            return None
+        others = [*subject.rollouts(subject.players.rotations), *subject.explored()]
+        if any(trace.opaque or _last_change(trace) > last for trace in others):
+            return None
+        longest = max(frozen, key=lambda trace: trace.steps)
+        return self.finding(
+            "EC401",
+            f"the picture freezes: after step {last} it changes in none of {len(traces) + len(others)} episodes, up to "
+            f"step {longest.steps}",
+            line=subject.line_of("step"),
+            repro=repro(longest.rollout.cut(longest.steps)),
+            step=last,
+            episodes=len(frozen),
+        )
+
     def _find_unlike_render(self, subject: Subject, play: Trace) -> Iterator[Finding]:
         if not subject.contract.render:
             return
@@ -160,6 +201,16 @@ class Observation(Check):
                 repro=repro(rollout.cut(step)),
                 step=step,
             )
+
+
+def _last_change(trace: Trace) -> int:
+    """The step that changed the observation for the last time; 0 where none did."""
+    changes = (step for step in range(len(trace.observations) - 1, 0, -1) if _changed(trace, step))
+    return next(changes, 0)
+
+
+def _changed(trace: Trace, step: int) -> bool:
+    return trace.observations[step] != trace.observations[step - 1]
 
 
 def _paid_apart(one: Trace, two: Trace) -> bool:
