@@ -3,7 +3,7 @@
 ## What it does
 Looks at every reward of every episode: a real number (Python's or NumPy's; no array, no string, no None, no bool),
 finite, and inside the contract's range for one step. Rewards that grow in size as the episode lasts, whatever the
-agent does, and to at least 1, are growth without bound.
+agent does, and to at least 1, are growth without bound, be it from the start or from later on.
 
 ## Why is this bad?
 One NaN turns every weight of a network into NaN. A rare reward of a million swamps everything else that an agent
@@ -103,8 +103,10 @@ class Reward(Check):
 
     def _judge_growth(self, subject: Subject, traces: list[Trace]) -> Iterator[Finding]:
         long = [trace for trace in traces if trace.usable and trace.steps >= _LONG]
-        grown = [ratio for trace in long if (ratio := growth(trace.rewards)) is not None]
-        if len(long) >= 3 and len(grown) == len(long):
+        grown = {id(trace): ratio for trace in long if (ratio := growth(trace.rewards)) is not None}
+        if len(grown) < len(long):
+            long = _late(long)
+        if len(long) >= 3 and all(id(trace) in grown for trace in long):
             longest = max(long, key=lambda trace: trace.steps)
             sizes = [abs(reward) for reward in longest.rewards]
             yield self.finding(
@@ -115,25 +117,43 @@ class Reward(Check):
                 line=subject.line_of("step"),
                 repro=repro(longest.rollout.cut(longest.steps)),
                 episodes=len(long),
-                growth=min(grown),
+                growth=min(grown[id(trace)] for trace in long),
             )
+
+
+def _late(traces: list[Trace]) -> list[Trace]:
+    """The episodes of at least half the longest's steps, for growth that begins too late to show in the others: none
+    where these say otherwise, or where none but those who hold one action live so long.
+    """
+    half = max(trace.steps for trace in traces) / 2
+    long = [trace for trace in traces if trace.steps >= half]
+    varied = {trace.rollout.seed for trace in long if len({str(action) for action in trace.actions}) > 1}
+    return long if len(varied) > 1 and not any(_falls(trace.rewards) for trace in traces) else []
 
 
 def growth(rewards: list[float]) -> float | None:
     """How many times larger rewards are in an episode's last eighth than in its first, when each tops the one before.
 
-    None where they do not grow all the time, less than fourfold, or to no more than is usual. The size of an eighth is
-    its median size, so that single prizes do not count.
+    None where they do not grow all the time, less than fourfold, or to no more than is usual. It may begin within the
+    first half, before which nothing is paid: then the first eighth is that in which it begins.
     """
-    part = len(rewards) // _PARTS
-    sizes = []
-    for number in range(_PARTS):
-        window = sorted(abs(reward) for reward in rewards[number * part : (number + 1) * part])
-        sizes.append(window[len(window) // 2])
-    if any(later <= earlier for earlier, later in pairwise(sizes)):
+    sizes = _sizes(rewards)
+    paid = sizes[next((number for number, size in enumerate(sizes) if size), _PARTS) :]
+    if len(paid) < _PARTS // 2 or any(later <= earlier for earlier, later in pairwise(paid)):
         return None
-    ratio = sizes[-1] / sizes[0] if sizes[0] else math.inf
-    return ratio if ratio >= _GROWTH and sizes[-1] >= _USUAL else None
+    ratio = paid[-1] / paid[0]
+    return ratio if ratio >= _GROWTH and paid[-1] >= _USUAL else None
+
+
+def _falls(rewards: list[float]) -> bool:
+    return any(later < earlier for earlier, later in pairwise(_sizes(rewards)))
+
+
+def _sizes(rewards: list[float]) -> list[float]:
+    """The median size of each eighth of an episode's rewards, so that single prizes do not count."""
+    part = len(rewards) // _PARTS
+    parts = (sorted(map(abs, rewards[number * part : (number + 1) * part])) for number in range(_PARTS))
+    return [window[len(window) // 2] for window in parts]
 
 
 @hookimpl

@@ -121,6 +121,10 @@ def test_growth_is_told_from_prizes_and_plateaus() -> None:
     assert growth([float(step == 190) * 50 for step in range(200)]) is None
     assert growth([min(step, 100) * 0.01 for step in range(200)]) is None
     assert growth([1.0 + 0.001 * step for step in range(200)]) is None
+    assert growth([max(0.0, 0.05 * (step - 80)) for step in range(200)]) is not None
+    assert growth([max(0.0, 1.0 * (step - 150)) for step in range(200)]) is None
+    assert growth([2.0 * (step >= 100) for step in range(200)]) is None
+    assert growth([0.0] * 200) is None
 
 
 def test_noise_is_told_from_motion_and_flicker() -> None:
