@@ -5,9 +5,13 @@ Looks at every reward of every episode: a real number (Python's or NumPy's; no a
 finite, and inside the contract's range for one step. Rewards that grow in size as the episode lasts, whatever the
 agent does, and to at least 1, are growth without bound, be it from the start or from later on.
 
+Where an episode is won and `info["is_success"]` says so, its return is held against that of doing nothing on the same
+seed. If no win that was found pays anything, neither in its last step nor all in all, nor more than doing nothing, that
+is a warning. Costs of time are fine: who wins pays less than who idles to the end.
+
 ## Why is this bad?
 One NaN turns every weight of a network into NaN. A rare reward of a million swamps everything else that an agent
-could learn, and a reward that grows with time teaches it to wait.
+could learn, and a reward that grows with time teaches it to wait. A win that pays nothing is nothing to learn for.
 
 ## Example
 ```python
@@ -23,11 +27,13 @@ from collections.abc import Iterator
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
+import msgspec
+
 from envcraft.check import Check, Rule, Skip
 from envcraft.plugins import hookimpl
 from envcraft.rollout import Conditions, Rollout
 from envcraft.shrink import repro
-from envcraft.verdict import Finding
+from envcraft.verdict import Finding, Severity
 
 if TYPE_CHECKING:
     from envcraft.subject import Subject
@@ -55,6 +61,13 @@ class Reward(Check):
             "Rewards grow in size as the episode lasts, whatever the agent does.",
             "Do not multiply a reward by time.",
         ),
+        Rule(
+            "EC305",
+            "win-unpaid",
+            "Winning pays nothing.",
+            "Pay for the success that info reports.",
+            Severity.WARNING,
+        ),
     )
 
     def judge(self, subject: Subject) -> Iterator[Finding]:
@@ -69,9 +82,10 @@ class Reward(Check):
                     yield finding
         if "EC303" not in seen and "EC301" not in seen:
             yield from self._judge_growth(subject, traces)
+        yield from self._judge_wins(subject, traces)
 
     def confirm(self, subject: Subject, finding: Finding) -> Finding | None:
-        if finding.code == "EC304":
+        if finding.code in ("EC304", "EC305"):
             return super().confirm(subject, finding)
         conditions = Conditions.from_json(finding.repro.conditions)
         trace = subject.rollout(Rollout(finding.repro.seed, finding.repro.actions, conditions))
@@ -119,6 +133,31 @@ class Reward(Check):
                 episodes=len(long),
                 growth=min(grown[id(trace)] for trace in long),
             )
+
+    def _judge_wins(self, subject: Subject, traces: list[Trace]) -> Iterator[Finding]:
+        won = list({trace.rollout.key(): trace for trace in traces if trace.ended and trace.told}.values())
+        if not won or subject.contract.noop is None:
+            return
+        if any(not trace.total <= 0 or not trace.rewards[-1] <= 0 for trace in won):
+            return
+        idle = subject.players.noop()
+        seeds = list(dict.fromkeys(trace.rollout.seed for trace in won))
+        idlers = subject.rollouts([msgspec.structs.replace(idle, seed=seed) for seed in seeds])
+        idled = dict(zip(seeds, idlers, strict=True))
+        # Where idling wins, too, it is losing that is paid for.
+        if any(not trace.usable or trace.told for trace in idlers):
+            return
+        if any(trace.total > idled[trace.rollout.seed].total for trace in won):
+            return
+        shown = min(won, key=lambda trace: trace.steps)
+        yield self.finding(
+            "EC305",
+            f"winning pays {shown.total:g} in {shown.steps} steps (under {shown.rollout.player}), and doing nothing "
+            f"{idled[shown.rollout.seed].total:g}, with the same seed; so it is in each of {len(won)} episodes won",
+            line=subject.line_of("step"),
+            repro=repro(shown.rollout.cut(shown.steps)),
+            won=len(won),
+        )
 
 
 def _late(traces: list[Trace]) -> list[Trace]:
