@@ -16,7 +16,7 @@ class Budget(msgspec.Struct, frozen=True):
         probes: seeds on which determinism is probed, and the steps of each probe.
         explore: steps of a search for crashes and wins, and the seeds that are searched.
         exhaust: steps of a search through all reachable states.
-        sweep: steps spent on trying rare actions along the longest episode.
+        sweep: steps spent on trying rare actions along the longest episode and the best one.
         looks: numbers of episodes after which a statistical verdict is looked at.
         steps: the length of an episode under a contract without a limit.
         patience: how many times the limits' total time all jobs of one subject may take together.

@@ -375,9 +375,13 @@ class Subject:
         """What :meth:`greedy` asks for."""
         return Search("greedy", self.episode_seed(number), 10_000)
 
-    def sweep(self, path: list[Action], seed: int) -> Outcome:
-        """Try actions on copies of the states along a path."""
-        return self._search(Search("sweep", seed, self.budget.sweep, path))
+    def sweep(self, path: list[Action], seed: int, budget: int) -> Outcome:
+        """Try actions on copies of the states along a path, in so many steps at the most."""
+        return self._search(Search("sweep", seed, budget, path))
+
+    def sweep_last(self, path: list[Action], seed: int, budget: int) -> Outcome:
+        """Try every action on copies of the states at the end of a path, in so many steps at the most."""
+        return self._search(Search("sweep_last", seed, budget, path))
 
     def script(self, number: int, chosen: Sequence[Action], player: str) -> Rollout:
         """An action list that a search found, to be stepped for real."""

@@ -8,7 +8,8 @@ wrappers call it. Looks whether a returned observation changes in the next four 
 `step` writes into the action.
 
 Exceptions are searched for: random play, held buttons, every action at every step in rotation, rare actions on
-copies of the states of the longest episode, and an exploration that returns to states seldom left.
+copies of the states of the longest episode and of the last ones on the way to a win, and an exploration that returns
+to states seldom left.
 
 ## Why is this bad?
 Agents batch, store and replay what an environment returns. One frame of another shape at the end of an episode, or a
@@ -41,6 +42,7 @@ from envcraft.verdict import Finding
 from .source import ask_for_dependency
 
 if TYPE_CHECKING:
+    from envcraft.description import Outcome
     from envcraft.subject import Subject
     from envcraft.trace import Fault, Trace
 
@@ -186,15 +188,28 @@ class Api(Check):
                 trace = subject.scripted(number, actions, "exploration")
                 if trace.fault is not None:
                     return trace
+        left = subject.budget.sweep
+        if not left:
+            return None
+        explored = [trace for trace in subject.explored() if trace.usable]
+        if explored:
+            # Some states are only met on the way to a win.
+            best = max(explored, key=lambda trace: (trace.positive, trace.total))
+            told = subject.sweep_last(best.actions, best.rollout.seed, left // 2)
+            if (crash := self._rare(subject, best, told)) is not None:
+                return crash
+            left -= min(max(told.get("steps", 0), 0), left // 2)
         longest = max(
             (trace for trace in subject.played() if trace.usable), key=lambda trace: trace.steps, default=None
         )
         reached = min((trace.steps for trace in subject.rollouts(subject.players.rotations)), default=0)
         # Where each rotation lives as long, every action has been tried at every step already.
-        if not subject.budget.sweep or longest is None or reached >= longest.steps:
+        if longest is None or reached >= longest.steps:
             return None
-        found = subject.sweep(longest.actions, longest.rollout.seed).get("crash")
-        trace = subject.rollout(Rollout(longest.rollout.seed, list(found or []), player="a rare action"))
+        return self._rare(subject, longest, subject.sweep(longest.actions, longest.rollout.seed, left))
+
+    def _rare(self, subject: Subject, path: Trace, told: Outcome) -> Trace | None:
+        trace = subject.rollout(Rollout(path.rollout.seed, list(told.get("crash") or []), player="a rare action"))
         return trace if trace.fault is not None else None
 
     def find(self, subject: Subject, trace: Trace) -> Iterator[Finding]:

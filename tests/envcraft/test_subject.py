@@ -205,7 +205,7 @@ def test_patience_is_counted_in_the_order_of_asking(lanes: int) -> None:
 def test_hung_searches_use_up_patience_too() -> None:
     with subject_of(Arcade(), 2) as subject:
         for seed in (100, 101, 102):
-            subject.sweep([ACTION], seed)
+            subject.sweep([ACTION], seed, 100)
         with pytest.raises(Skip, match="hung"):
             subject.rollout(play(0))
 

@@ -367,11 +367,23 @@ def sweep(tree: Tree) -> None:
 
     The budget is spread over the path, so that every step of it is tried with some action.
     """
+    _try_along(tree, max(tree.budget // max(len(tree.path), 1) - 1, 1))
+
+
+def sweep_last(tree: Tree) -> None:
+    """Follow a path and, on copies of its last states, as many as the budget allows, try every action: what crashes
+    where few come.
+    """
+    states = max(tree.budget - len(tree.path), 0) // len(tree.actions)
+    _try_along(tree, len(tree.actions), first=max(len(tree.path) - states, 0))
+
+
+def _try_along(tree: Tree, share: int, first: int = 0) -> None:
+    """Follow the path and try so many actions, one after another, in each state from the `first` on."""
     node = tree.root()
-    share = max(tree.budget // max(len(tree.path), 1), 1)
     position = 0
-    for action in tree.path:
-        for _ in range(min(share, len(tree.actions))):
+    for number, action in enumerate(tree.path):
+        for _ in range(min(share, len(tree.actions)) if number >= first else 0):
             tree.step(tree.branch(node), tree.actions[position % len(tree.actions)])
             position += 1
             if tree.out.crash is not None or tree.spent():
@@ -409,5 +421,6 @@ _SEARCHES: dict[str, Callable[[Tree], None]] = {
     "exhaust": exhaust,
     "greedy": greedy,
     "sweep": sweep,
+    "sweep_last": sweep_last,
     "horizon": horizon,
 }
