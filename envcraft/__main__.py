@@ -10,6 +10,15 @@ from types import FrameType
 
 def main() -> None:
     """Run the command line."""
+    try:
+        _run()
+    except KeyboardInterrupt:
+        # Where it comes before the command line is there to say so.
+        sys.stderr.write("interrupted\n")
+        sys.exit(130)
+
+
+def _run() -> None:
     from envcraft.cli import cli
 
     for stream in (sys.stdout, sys.stderr):

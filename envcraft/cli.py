@@ -6,6 +6,7 @@ Importing this module, and loading the plugins, must import neither NumPy nor Gy
 from __future__ import annotations
 
 import contextlib
+import os
 import signal
 import sys
 import threading
@@ -21,6 +22,8 @@ from envcraft.plugins import plugins
 from envcraft.pyproject import settings
 
 INTERRUPTED = 130
+#: 128 and SIGPIPE: what a shell gives for a program that writes to a pipe that nobody reads any more.
+CLOSED = 141
 
 
 class PluginGroup(click.Group):
@@ -40,15 +43,26 @@ class PluginGroup(click.Group):
             ctx.fail(f"there is no command {unknown(args[0], self.list_commands(ctx))}")
         return super().resolve_command(ctx, args)
 
+    def make_context(self, *args: Any, **extra: Any) -> click.Context:
+        # --help imports plugins and writes in here.
+        with _ended():
+            return super().make_context(*args, **extra)
+
     def invoke(self, ctx: click.Context) -> Any:
+        with _ended():
+            try:
+                return self._invoke(ctx)
+            finally:
+                # At the interpreter's end a closed pipe would be no exception any more.
+                if sys.stdout is not None:
+                    sys.stdout.flush()
+
+    def _invoke(self, ctx: click.Context) -> Any:
         try:
             return super().invoke(ctx)
         except EnvCraftError as error:
             click.echo(f"Error: {' '.join(str(error).split())}", err=True)
             ctx.exit(error.exit_code)
-        except KeyboardInterrupt:
-            click.echo("interrupted", err=True)
-            ctx.exit(INTERRUPTED)
         except (click.ClickException, click.exceptions.Exit, click.Abort, BrokenPipeError):
             raise
         except Exception as error:
@@ -194,6 +208,34 @@ def unknown(name: str, known: Iterable[str]) -> str:
     if near:
         return f"{name!r}; did you mean {next(other for other in known if other.lower() == near[0])}?"
     return f"{name!r}; there are {', '.join(known)}" if known else repr(name)
+
+
+@contextlib.contextmanager
+def _ended() -> Iterator[None]:
+    """Give Ctrl-C and closed pipes statuses of their own: Click's and Rich's is 1, which would count an environment as
+    bad.
+    """
+    try:
+        yield
+    except KeyboardInterrupt:
+        click.echo("interrupted", err=True)
+        raise click.exceptions.Exit(INTERRUPTED) from None
+    except BrokenPipeError:
+        _hang_up()
+        raise click.exceptions.Exit(CLOSED) from None
+    except SystemExit as end:
+        if isinstance(end.__context__, BrokenPipeError):
+            raise click.exceptions.Exit(CLOSED) from None
+        raise
+
+
+def _hang_up() -> None:
+    """Have what is still to be written to closed pipes go nowhere, so that the interpreter's end does not complain."""
+    for stream in (sys.stdout, sys.stderr):
+        try:
+            stream.flush()
+        except BrokenPipeError:
+            os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
 _warned: set[str] = set()

@@ -417,6 +417,33 @@ def test_ctrl_c_is_exit_130(invoke: Any, monkeypatch: pytest.MonkeyPatch) -> Non
     assert result.stderr == "interrupted\n"
 
 
+def test_ctrl_c_is_exit_130_before_any_command_runs(invoke: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupted(hook: str) -> list[Any]:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("envcraft.cli.offered", interrupted)
+    result = invoke("--help")
+    assert (result.exit_code, result.stderr) == (130, "interrupted\n")
+    code = (
+        "import sys\n"
+        "class Finder:\n    def find_spec(self, *_):\n        raise KeyboardInterrupt\n"
+        "from envcraft.__main__ import main\nsys.meta_path.insert(0, Finder())\nmain()"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=240)
+    assert (done.returncode, done.stderr) == (130, "interrupted\n")
+
+
+@pytest.mark.parametrize("arguments", [("checks", "--format", "json"), ("checks",), ("--version",)])
+def test_a_closed_pipe_is_no_bad_environment(arguments: tuple[str, ...]) -> None:
+    """Whoever writes to it: Click, Rich, or the interpreter at the end."""
+    reading, writing = os.pipe()
+    os.close(reading)
+    command = [sys.executable, "-m", "envcraft", *arguments]
+    done = subprocess.run(command, stdout=writing, stderr=subprocess.PIPE, text=True, timeout=240)
+    os.close(writing)
+    assert (done.returncode, done.stderr) == (141, "")
+
+
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 @pytest.mark.parametrize("workers", [1, 2])
 def test_ending_it_leaves_no_process(tmp_path: Path, number: signal.Signals, workers: int) -> None:
