@@ -20,7 +20,7 @@ from envcraft.corpus.history import told as told_of
 from envcraft.corpus.history import words as words_of
 from envcraft.corpus.likeness_commands import dedup, diversity, split
 from envcraft.corpus.report.command import report
-from envcraft.corpus.store import DATABASE, SOURCES, CorpusDamaged, Store, decode, find
+from envcraft.corpus.store import DATABASE, SOURCES, CorpusDamaged, Store, decode, find, is_corpus
 from envcraft.errors import EnvCraftError, ExitCode, UsageError
 from envcraft.reports import one_line, plural, printable
 from envcraft.target import MAX_SOURCE, Target, read_target
@@ -62,6 +62,10 @@ def add(
     A source that the corpus has already is named and left out.
     """
     told = _metadata(metadata)
+    for path in paths:
+        # Its sources have digests for names, and what is known of them is not in them.
+        if is_corpus(Path(path)):
+            raise UsageError(f"{path} is a corpus; `envcraft corpus merge {corpus} {path}` takes its environments over")
     added, known, refused = 0, 0, 0
     with Store(corpus, write=True) as store:
         if store.follows_folder:
@@ -141,7 +145,8 @@ def _known(store: Store, code: str) -> None:
 def show(corpus: Path, name: str, source: bool, form: str) -> None:
     """Show one environment, every verdict on its source, and where it was generated, how it came about."""
     with Store(corpus) as store:
-        row = store.db.execute(f"{_LISTED} WHERE name = ?", (plain(name),)).fetchone()
+        spelt = (plain(name), plain(f"{name}.py"))
+        row = store.db.execute(f"{_LISTED} WHERE name IN (?, ?) ORDER BY name = ? DESC", (*spelt, spelt[0])).fetchone()
         if row is None:
             raise UsageError(f"{corpus} has no environment {name}; `envcraft corpus list {corpus}` lists them")
         if source:
@@ -166,8 +171,9 @@ def show(corpus: Path, name: str, source: bool, form: str) -> None:
             told["history"] = history
         click.echo(msgspec.json.format(msgspec.json.encode(plain(told)), indent=2))
         return
+    judged = next((decode(text).env_class for *_, text in reversed(found)), None) or "-"
     for key in ("name", "source", "class", "added", "origin"):
-        value = json.dumps(told[key]) if key == "origin" else told[key]
+        value = json.dumps(told[key]) if key == "origin" else told[key] or judged
         click.echo(f"{key:7}  {one_line(value)}".rstrip())
     for *settings, text in found:
         report = decode(text)

@@ -114,6 +114,7 @@ def test_a_corpus_is_made_filled_and_judged(games: Path, invoke: Invoke) -> None
     assert invoke("corpus", "add", "corpus", "games/a.py", "--replace").exit_code == 0
     assert invoke("corpus", "add", "corpus", "games/a.py", "--replace", "--metadata", '{"model": "b"}').exit_code == 0
     assert json.loads(invoke("corpus", "show", "corpus", "a.py", "--format", "json").stdout)["origin"]["model"] == "b"
+    assert "class    -\n" in invoke("corpus", "show", "corpus", "a.py").stdout
     assert invoke("audit", "corpus", *QUICK).exit_code == 1
     assert invoke("corpus", "list", "corpus").stdout == "pass   a.py\nfail   b.py  EC107\npass   more/c.py\n"
     assert invoke("corpus", "list", "corpus", "--code", "ec107").stdout == "fail   b.py  EC107\n"
@@ -123,6 +124,8 @@ def test_a_corpus_is_made_filled_and_judged(games: Path, invoke: Invoke) -> None
     assert invoke("corpus", "list", "corpus", "--code", "EC203").stdout == ""
     assert invoke("corpus", "list", "corpus", "--name", "m*").stdout == "pass   more/c.py\n"
     shown = invoke("corpus", "show", "corpus", "b.py")
+    assert invoke("corpus", "show", "corpus", "b").stdout == shown.stdout
+    assert "class    Walk\n" in shown.stdout
     assert "EC107 error" in shown.stdout
     assert '"model": "a"' in shown.stdout
     assert invoke("corpus", "show", "corpus", "b.py", "--source").stdout == (games / "b.py").read_text()
@@ -170,6 +173,7 @@ def test_names_of_files_are_told_on_one_line(invoke: Invoke, tmp_path: Path) -> 
         (["corpus", "list", "games"], "is no corpus"),
         (["corpus", "show", "corpus", "x"], "has no environment x"),
         (["corpus", "add", "corpus", "empty"], "holds no environment"),
+        (["corpus", "add", "corpus", "games", "kept"], "kept is a corpus; `envcraft corpus merge corpus kept` takes"),
         (["corpus", "add", "corpus", "games/a.py", "--metadata", "[]"], "is no JSON object"),
         (["corpus", "init", "games"], "is not empty"),
     ],
@@ -177,6 +181,7 @@ def test_names_of_files_are_told_on_one_line(invoke: Invoke, tmp_path: Path) -> 
 def test_wrong_use_is_told_in_a_sentence(games: Path, invoke: Invoke, arguments: list[str], words: str) -> None:
     (games.parent / "empty").mkdir()
     invoke("corpus", "init", "corpus")
+    invoke("corpus", "init", "kept")
     result = invoke(*arguments, *(("--sandbox", "process") if arguments[0] == "audit" else ()))
     assert result.exit_code == 2, result.output
     assert words in result.stderr
