@@ -42,6 +42,7 @@ class Found(msgspec.Struct, frozen=True):
         verdict: the last one on exactly this source under exactly this contract; None where there is none.
         doubt: in words, why that is no pass that counts; empty where it is.
         folder: what to audit, so that there is one.
+        entry: its name in the corpus that has the verdict.
         origin: where a corpus says that it comes from.
     """
 
@@ -54,6 +55,7 @@ class Found(msgspec.Struct, frozen=True):
     verdict: Verdict | None
     doubt: str
     folder: str
+    entry: str = ""
     origin: dict[str, Any] = {}
 
     def ensure_trusted(self) -> None:
@@ -62,10 +64,12 @@ class Found(msgspec.Struct, frozen=True):
             return
         contract = self.contract.name
         option = "" if contract == _DEFAULT else f" --contract {contract}"
+        step = f"`envcraft audit {self.folder}{option}` judges it"
+        if self.verdict is Verdict.FAIL:
+            step = f"`envcraft corpus show {self.folder} {self.entry}` says why"
         raise Untrusted(
             f"{self.name} {self.doubt} under the contract {contract}, and only what has passed runs in your own "
-            f"process: `envcraft audit {self.folder}{option}` judges it, sandbox='auto' runs it in a sandbox, and "
-            "trust=True runs it here all the same"
+            f"process: {step}, sandbox='auto' runs it in a sandbox, and trust=True runs it here all the same"
         )
 
 
@@ -121,7 +125,7 @@ def locate(target: str | os.PathLike[str], name: str | None = None, contract: st
         source = store.source(sha256)
         folder = root.parent if root.name == BESIDE else root
         found = _found(store, name, str(store.place(sha256)), source, sha256, env_class, contract, str(folder))
-        return msgspec.structs.replace(found, origin=json.loads(origin))
+        return msgspec.structs.replace(found, entry=name, origin=json.loads(origin))
 
 
 def _row(store: Store, path: Path, name: str | None) -> tuple[str, str, str, str]:
@@ -152,11 +156,12 @@ def _in_file(path: Path, contract: str | None) -> Found:
             continue
         with Store(parent / BESIDE) as store:
             row = store.db.execute(
-                "SELECT class FROM environments WHERE source = ? ORDER BY name = ? DESC LIMIT 1",
+                "SELECT name, class FROM environments WHERE source = ? ORDER BY name = ? DESC LIMIT 1",
                 (target.sha256, plain(str(whole.relative_to(parent)))),
             ).fetchone()
-            env_class = row[0] if row else ""
-            return _found(store, str(path), str(whole), target.source, target.sha256, env_class, contract, str(parent))
+            entry, env_class = row or ("", "")
+            found = _found(store, str(path), str(whole), target.source, target.sha256, env_class, contract, str(parent))
+            return msgspec.structs.replace(found, entry=entry)
     promised = contract_named(contract or _DEFAULT)
     return Found(str(path), str(whole), target.source, target.sha256, None, promised, None, _NONE, str(whole.parent))
 

@@ -22,7 +22,7 @@ from envcraft.errors import UsageError
 from envcraft.using.fast import simulator
 from envcraft.using.group import Arrays, Info, Layout, Member
 from envcraft.using.processes import InProcess, Processes
-from envcraft.using.sources import Found, default_corpus, locate
+from envcraft.using.sources import VARIABLE, Found, default_corpus, locate
 from envcraft.using.spaces import to_gymnasium
 
 try:
@@ -351,6 +351,8 @@ def make_vec(
 def _locate(name: str | os.PathLike[str], corpus: str | os.PathLike[str] | None, contract: str | None) -> Found:
     """In the corpus that was given; else a file that is there, or in the corpus that is named elsewhere."""
     place = corpus if corpus is not None or Path(name).is_file() else default_corpus()
+    if place is None and not Path(name).exists():
+        raise UsageError(f"{name} is no file, and no corpus is named that has it: give corpus=, or set {VARIABLE}")
     return locate(name, None, contract) if place is None else locate(place, os.fspath(name), contract)
 
 

@@ -122,6 +122,13 @@ def test_the_module_registers_the_corpus_that_is_named(corpus: Path, tmp_path: P
     assert told.stdout == f"Ant {envcraft.make(corpus, 'ant').reset(seed=3)[0].sum()}\n"
 
 
+def test_the_module_says_where_no_corpus_is_named(tmp_path: Path) -> None:
+    run = [sys.executable, "-c", "import gymnasium\ngymnasium.make('envcraft.envs:EnvCraft/ant-v0')"]
+    variables = {name: value for name, value in os.environ.items() if name != "ENVCRAFT_CORPUS"}
+    told = subprocess.run(run, env=variables, cwd=tmp_path, capture_output=True, text=True, timeout=240)
+    assert "no corpus is named. Set ENVCRAFT_CORPUS" in told.stderr
+
+
 def test_where_the_corpus_is_named(corpus: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("ENVCRAFT_CORPUS", raising=False)
     monkeypatch.chdir(tmp_path)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import importlib._bootstrap_external as bootstrap
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -61,7 +62,8 @@ class TestTrust:
 
     @pytest.mark.parametrize("name", ["failed", "new"])
     def test_what_has_not_passed_is_not_even_imported(self, corpus: Path, name: str) -> None:
-        with pytest.raises(Untrusted, match=rf"`envcraft audit {corpus}` judges it.*sandbox='auto'.*trust=True"):
+        step = {"failed": f"corpus show {corpus} failed.py` says why", "new": f"audit {corpus}` judges it"}[name]
+        with pytest.raises(Untrusted, match=f"`envcraft {re.escape(step)}.*sandbox='auto'.*trust=True"):
             envcraft.make(corpus, name)
         with pytest.raises(Untrusted):
             envcraft.make_vec(["ant", name], corpus=corpus)
@@ -168,6 +170,10 @@ class TestTrust:
         envcraft.make(file)
         file.write_text(game("Game", "self.steps >= 8"))
         with pytest.raises(Untrusted, match=f"`envcraft audit {tmp_path}`"):
+            envcraft.make(file)
+        with Store(tmp_path / ".envcraft", write=True) as store:
+            judged(store, "deep/game.py", file.read_text(), "Game", ARCADE, Verdict.FAIL)
+        with pytest.raises(Untrusted, match=f"`envcraft corpus show {tmp_path} deep/game.py` says why"):
             envcraft.make(file)
 
 
