@@ -66,10 +66,14 @@ def stage_table(found: Sequence[Row]) -> list[str]:
             f"| {row.stage} | {row.entered:,} | {row.passed:,} | {row.rejected:,} | {row.failed:,} | {rate} | {why} |"
         )
     first = next((row for row in found if row.entered), None)
-    if first is not None and first.stage != found[-1].stage:
-        whole = Proportion(found[-1].passed, first.entered, _Z)
+    if first is None or first.stage == found[-1].stage:
+        return lines
+    # What is under way has neither passed nor failed. Where nothing has come to the end yet, no rate means anything.
+    settled = found[-1].passed + sum(row.rejected + row.failed for row in found)
+    if found[-1].entered or settled == first.entered:
+        whole = Proportion(found[-1].passed, settled, _Z)
         rate = f"{whole.estimate:.1%} ({whole.low:.1%} to {whole.high:.1%})"
-        lines.append(f"| all | {first.entered:,} | {found[-1].passed:,} | | | {rate} | |")
+        lines.append(f"| all | {settled:,} | {found[-1].passed:,} | | | {rate} | |")
     return lines
 
 

@@ -11,6 +11,7 @@ import click
 
 from envcraft.cli import uninterrupted
 from envcraft.progress import left_words
+from envcraft.reports import one_line
 from envcraft.stages import Result
 from envcraft_llm.endpoint.accounts import Accounts
 
@@ -46,6 +47,7 @@ class View:
         self._began = self._told = clock()
         self._console = console or _terminal()
         self._live: Live | None = None
+        self._warned = False
 
     def __enter__(self) -> View:
         if self._console is not None:
@@ -63,7 +65,12 @@ class View:
                 self._live.stop()
 
     def tell(self) -> None:
-        """To be called whenever something has changed; draws no more often than anybody can read."""
+        """To be called whenever something has changed; draws no more often than anybody can read. The first thing that
+        could not be judged is told at once, since it may be so for all that follow.
+        """
+        if self._tally.unjudged and not self._warned:
+            self._warned = True
+            click.echo(one_line(self._tally.unjudged[0]), err=True)
         now = self._clock()
         if now - self._told < (_LINE_EVERY if self._live is None else 1 / _REFRESHES):
             return

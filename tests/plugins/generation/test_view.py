@@ -72,6 +72,26 @@ def test_elsewhere_a_line_is_written_now_and_then(capsys: pytest.CaptureFixture[
     assert lines[0].startswith("code 7/8, validated 3/6, 8 of 20 settled, 480 validated/h, about 45 s left")
 
 
+def test_what_could_not_be_judged_is_told_at_once_and_one_time(capsys: pytest.CaptureFixture[str]) -> None:
+    so_far = tally()
+    with View(ROWS, so_far, None, None, Clock()) as view:
+        view.tell()
+        assert capsys.readouterr().err == ""
+        for reason in ("pygame is not installed", "nor is this"):
+            so_far.unjudged.append(reason)
+            view.tell()
+    assert capsys.readouterr().err == "pygame is not installed\n"
+
+
+def test_the_row_of_all_leaves_out_what_is_under_way() -> None:
+    """Three of ten are under way, one of them between the stages."""
+    ended = [Row("a", 10, 9, 1, 0, Counter()), Row("b", 7, 6, 0, 1, Counter()), Row("c", 5, 5, 0, 0, Counter())]
+    assert stage_table(ended)[-1].startswith("| all | 7 | 5 | | | 71.4%")
+    assert stage_table([*ended[:2], Row("c", 0, 0, 0, 0, Counter())])[-1].startswith("| c |")
+    rejected = [Row("a", 2, 1, 1, 0, Counter()), Row("b", 1, 0, 1, 0, Counter()), Row("c", 0, 0, 0, 0, Counter())]
+    assert stage_table(rejected)[-1].startswith("| all | 2 | 0 | | | 0.0%")
+
+
 def test_the_table_of_stages() -> None:
     rows = [
         Row("a", 10, 9, 1, 0, Counter({"x": 1})),
