@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
+from envcraft.reports import plural
 from envcraft.stages import Attempt
 from envcraft.target import parse
 
@@ -136,16 +137,16 @@ def gutted(brief: str, first: Attempt, before: Attempt, repair: Attempt) -> str:
 def _shorter(old: str, new: str, words: str, share: float) -> str:
     lines, left = (sum(bool(line.strip()) for line in text.splitlines()) for text in (old, new))
     if lines >= _FEW_STATEMENTS and left < share * lines:
-        return f"size: {left} lines are left of the {lines} of {words}"
+        return f"size: {_left(left, 'line')} of the {lines} of {words}"
     return ""
 
 
 def _less(brief: str, old: Shape, new: Shape, words: str, share: float) -> Iterable[str]:
     """What of the source is gone."""
     if old.statements >= _FEW_STATEMENTS and new.statements < share * old.statements:
-        yield f"size: {new.statements} statements are left of the {old.statements} of {words}"
+        yield f"size: {_left(new.statements, 'statement')} of the {old.statements} of {words}"
     if old.paid >= 2 and new.paid < share * old.paid:
-        yield f"rewards: {new.paid} statements are left of the {old.paid} by which {words} pays"
+        yield f"rewards: {_left(new.paid, 'statement')} of the {old.paid} by which {words} pays"
     if old.wins and not new.wins:
         yield f"winning: nothing sets that the game is won any more, as {words} does"
     if old.losses and not new.losses:
@@ -158,7 +159,11 @@ def _less(brief: str, old: Shape, new: Shape, words: str, share: float) -> Itera
     asked = {float(number) for number in _NUMBER.findall(brief)} - {0.0, 1.0, 2.0, 84.0, 255.0}
     had, has = asked & old.numbers, asked & new.numbers
     if len(had) >= _FEW_NUMBERS and len(has) < share * len(had):
-        yield f"parameters: {len(has)} numbers of the brief are left of the {len(had)} in {words}"
+        yield f"parameters: of the brief {_left(len(has), 'number')} of the {len(had)} in {words}"
+
+
+def _left(number: int, noun: str) -> str:
+    return f"{plural(number, noun)} {'is' if number == 1 else 'are'} left"
 
 
 def _does_less(old: Attempt, new: Attempt, words: str) -> str:

@@ -125,7 +125,8 @@ def test_a_game_is_not_taken_apart_in_small_steps() -> None:
 def test_what_did_not_parse_is_measured_by_its_lines() -> None:
     broken = GAME.replace("def step(self", "def step(self:")
     assert caught(GAME, first=broken) == ""
-    assert caught(ONE_LINE, first=broken).startswith("size")
+    assert caught(ONE_LINE, first=broken).startswith("size: 3 lines are left of the ")
+    assert caught("pass", first=broken).startswith("size: 1 line is left of the ")
 
 
 def test_shapes() -> None:
