@@ -7,7 +7,7 @@ the plugin; without its options, its marker and its fixture it imports nothing o
 `pytest --envcraft games/` collects every environment below the folder, one test for each check:
 
 ```console
-$ pytest --envcraft games/
+$ pytest --envcraft games/ -v
 games/snake.py::source PASSED
 games/snake.py::determinism FAILED
 ```
