@@ -26,6 +26,7 @@ from .options import (
     named,
     offered_stages,
     opened,
+    playable,
     running,
     stage_named,
 )
@@ -95,6 +96,8 @@ def pipeline(
     with contextlib.ExitStack() as stack:
         driver = driver_for_generated(sandbox, require_isolation, runtime)
         stack.callback(driver.close)
+        if is_demo(chosen):
+            playable(chosen, driver)
         with uninterrupted():
             from envcraft.corpus.history import History
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 from collections.abc import Collection, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -39,6 +40,17 @@ def demo_folder(chosen: ModelChoice) -> Path:
 
     _, _, folder = chosen.model.partition(":")
     return Path(folder) if folder else FOLDER
+
+
+def playable(chosen: ModelChoice, driver: Driver) -> None:
+    """Look whether the games of the demo that ships find their library where they are judged: an image has it. Raises
+    UsageError.
+    """
+    from envcraft_llm.demo_model import FOLDER
+
+    there = driver.isolation is Isolation.CONTAINER or importlib.util.find_spec("pygame") is not None
+    if not there and demo_folder(chosen) == FOLDER:
+        raise UsageError("the demo's games need pygame; install it with `pip install 'envcraft-rl[play]'`")
 
 
 def opened(chosen: ModelChoice, journal: Path | None, offline: bool = False) -> tuple[Model, Accounts | None]:

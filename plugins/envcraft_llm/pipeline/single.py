@@ -10,12 +10,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
+import msgspec
 
 from envcraft.budget import BUDGETS
 from envcraft.cli import Sharing, uninterrupted
 from envcraft.commands.choices import where_options
 from envcraft.errors import ExitCode, UsageError
-from envcraft.reports import one_line
+from envcraft.reports import one_line, plural
 from envcraft_llm.endpoint import ModelChoice, model_options
 
 from .options import driver_for_generated, is_demo, judges, named, opened
@@ -86,7 +87,7 @@ def repair(ctx: click.Context, /, file: Path, output: Path | None, **options: An
 def privileged(ctx: click.Context, /, file: Path, output: Path | None, **options: Any) -> None:
     """Have a model write a policy that reads the state of a game, and see whether it wins.
 
-    The policy is written to --output, or to standard output; `envcraft validate FILE --policy POLICY` plays it.
+    A policy that wins is written to --output, or to standard output; `envcraft validate FILE --policy POLICY` plays it.
 
     \b
     Exit status: 0 the policy wins, or the checker's own search does    1 neither does, or the game is trivial
@@ -98,8 +99,11 @@ def privileged(ctx: click.Context, /, file: Path, output: Path | None, **options
     case, outcome = _alone(Privileged(), file, judged=True, **options)
     for policy in case.policies:
         _tell(f"policy {policy.number}", f"wins {policy.wins} of {policy.episodes}", [policy.fault])
+    if outcome.result == "passed" and outcome.facts["policy"] is None:
+        words = "no policy wins, the checker's own search does, and nothing is written"
+        outcome = msgspec.structs.replace(outcome, reason=words)
     best = max(case.policies, key=lambda policy: policy.wins, default=None)
-    _finish(ctx, outcome, best.source if best is not None else "", output)
+    _finish(ctx, outcome, best.source if best is not None and best.wins else "", output)
 
 
 def _alone(
@@ -182,7 +186,8 @@ def _findings(report: Any) -> Iterator[str]:
 
 
 def _tell(what: str, words: str, lines: list[str]) -> None:
-    click.echo(f"{what}: {one_line(words) or ('no finding' if not lines else '')}", err=True)
+    counted = plural(len(lines), "finding") if lines else "no finding"
+    click.echo(f"{what}: {one_line(words) or counted}", err=True)
     for line in lines:
         if line:
             click.echo(f"  {one_line(line)}", err=True)
@@ -200,11 +205,11 @@ def _writable(output: Path | None) -> None:
 
 
 def _finish(ctx: click.Context, outcome: Outcome, source: str, output: Path | None) -> None:
-    """Write what came of it, and end with the status that says so. Raises UsageError."""
+    """Write what came of it, if anything, and end with the status that says so. Raises UsageError."""
     click.echo(f"{outcome.result}  {one_line(outcome.reason)}".rstrip(), err=True)
     if output is None:
         click.echo(source, nl=False)
-    else:
+    elif source:
         try:
             output.write_text(source, "utf-8")
         except OSError as error:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import json
 import re
 import signal
@@ -30,7 +31,7 @@ from envcraft.corpus.verify import verify
 from envcraft.errors import EnvCraftError
 from tests.killing import TIMES, Killed
 
-from .content import CONCEPTS, GAME, POLICY, UNSEEDED, elaboration, small, verdict, write
+from .content import CONCEPTS, GAME, IDLE, POLICY, UNSEEDED, elaboration, small, verdict, write
 
 Generate = Callable[..., Result]
 #: What a corpus holds that is not the clock's.
@@ -411,7 +412,7 @@ def test_a_repair_of_one_file(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -
     result = CliRunner().invoke(cli, given)
     assert result.exit_code == 0, result.output
     assert result.stdout == GAME
-    assert "EC204" in result.stderr
+    assert re.search(r"attempt 0: 1 finding\n  EC204", result.stderr)
     assert "EC204" in model.asked[0].messages[1].content
     assert file.read_text() == UNSEEDED
 
@@ -428,6 +429,19 @@ def test_a_policy_for_one_file(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) 
     assert "policy 0: wins 6 of 6" in result.stderr
     assert result.stdout == ""
     assert GAME.strip() in model.asked[0].messages[1].content
+
+
+def test_where_only_the_search_wins_no_policy_is_written(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    file, output = tmp_path / "game.py", tmp_path / "policy.py"
+    file.write_text(GAME)
+    model = _Model(f"```python\n{IDLE}```")
+    monkeypatch.setattr("envcraft_llm.pipeline.single.opened", lambda *_: (model, None))
+    given = ["privileged", str(file), "--base-url", "http://none", "--sandbox", "process", "--budget", "quick"]
+    for more in ((), ("--output", str(output))):
+        result = CliRunner().invoke(cli, [*given, *more])
+        assert (result.exit_code, result.stdout) == (0, ""), result.output
+        assert "passed  no policy wins, the checker's own search does" in result.stderr
+    assert not output.exists()
 
 
 @pytest.mark.parametrize("command", ["repair", "privileged"])
@@ -474,6 +488,15 @@ def test_a_model_that_is_called_like_the_demo(
     monkeypatch.chdir(tmp_path)
     Path("folder").mkdir()
     assert options.is_demo(ModelChoice(model=model, base_url=base_url)) is demo
+
+
+def test_the_demo_that_ships_needs_pygame(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    found = importlib.util.find_spec
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None if name == "pygame" else found(name))
+    given = ["generate", "--model", "demo", "--corpus", str(tmp_path / "corpus"), "--sandbox", "process"]
+    result = CliRunner().invoke(cli, given)
+    assert (result.exit_code, "`pip install 'envcraft-rl[play]'`" in result.stderr) == (2, True)
+    assert not [*tmp_path.iterdir()]
 
 
 def test_a_demo_of_other_concepts_is_refused(tmp_path: Path, generate: Generate) -> None:
