@@ -11,7 +11,7 @@ import click
 from click.core import ParameterSource
 
 from envcraft.cli import Sharing, offered
-from envcraft.errors import EnvCraftError, UsageError
+from envcraft.errors import UsageError
 
 from .choices import family_named
 
@@ -90,19 +90,23 @@ def generate(
     writer = family_named(family)
     if (corpus is None) == (output is None):
         raise UsageError("say where to: either --corpus DIR or --output DIR")
-    found = list(writer.generate(count, seed))
-    if corpus is not None:
-        fresh = _into_corpus(corpus, found, {"family": family, "seed": seed})
-        then = f"envcraft audit {corpus}"
-    else:
-        assert output is not None
-        fresh = _into_folder(output, found)
-        then = f"envcraft validate {output}"
+    try:
+        found = list(writer.generate(count, seed))
+        if corpus is not None:
+            fresh = _into_corpus(corpus, found, {"family": family, "seed": seed})
+            then = f"envcraft audit {corpus}"
+        else:
+            assert output is not None
+            fresh = _into_folder(output, found)
+            then = f"envcraft validate {output}"
+    except KeyboardInterrupt:
+        click.echo("nothing was written", err=True)
+        raise
     click.echo(f"{fresh:,} written, {len(found) - fresh:,} there already; `{then}` judges them")
 
 
 def _into_corpus(place: Path, found: list[Generated], origin: dict[str, object]) -> int:
-    """Add environments with their metadata; give how many were new. Raises UsageError, EnvCraftError."""
+    """Add environments with their metadata, all or none; give how many were new. Raises UsageError."""
     from envcraft.corpus.store import Store, is_corpus
 
     with Store(place, write=True) if is_corpus(place) else Store.create(place) as store:
@@ -120,11 +124,12 @@ def _into_corpus(place: Path, found: list[Generated], origin: dict[str, object])
                     store.add(f"{one.name}.py", one.source.encode(), origin={**origin, **one.metadata}) for one in found
                 )
         except OSError as error:
-            raise EnvCraftError(f"{place} cannot be written: {error.strerror or error}") from None
+            raise UsageError(f"{place} cannot be written: {error.strerror or error}") from None
 
 
 def _into_folder(folder: Path, found: list[Generated]) -> int:
-    """Write files; give how many were new. Raises UsageError, EnvCraftError."""
+    """Write files, all or none; give how many were new. Raises UsageError."""
+    begun: list[Path] = []
     try:
         folder.mkdir(parents=True, exist_ok=True)
         missing = [one for one in found if not (folder / f"{one.name}.py").exists()]
@@ -133,9 +138,15 @@ def _into_folder(folder: Path, found: list[Generated]) -> int:
             if one.name not in wanted and (folder / f"{one.name}.py").read_bytes() != one.source.encode():
                 raise _taken(f"{one.name}.py", folder)
         for one in missing:
-            (folder / f"{one.name}.py").write_bytes(one.source.encode())
-    except OSError as error:
-        raise EnvCraftError(f"{error.filename or folder} cannot be written: {error.strerror or error}") from None
+            begun.append(folder / f"{one.name}.py")
+            begun[-1].write_bytes(one.source.encode())
+    except BaseException as error:
+        # A file that is cut short would be another source to the next run.
+        for path in begun:
+            path.unlink(missing_ok=True)
+        if isinstance(error, OSError):
+            raise UsageError(f"{error.filename or folder} cannot be written: {error.strerror or error}") from None
+        raise
     return len(missing)
 
 

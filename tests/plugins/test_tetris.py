@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import dataclasses
+import errno
 import json
 import sys
 import types
@@ -36,8 +37,10 @@ from envcraft_tetris.axes import (
 from envcraft_tetris.family import TetrisFamily
 from envcraft_tetris.variant import Variant
 
+from envcraft.cli import cli
 from envcraft.commands.generate import generate
 from envcraft.corpus.store import Store
+from envcraft.errors import UsageError
 from envcraft.families import Generated
 from envcraft.similarity import behavioural, structural
 from envcraft.similarity.perceptual import frame_hash
@@ -427,6 +430,32 @@ class TestCommand:
         result = CliRunner().invoke(generate, arguments)
         assert "tetris_0_0001.py is another source" in str(result.exception)
         assert not (tmp_path / "tetris_0_0002.py").exists()
+
+    @pytest.mark.parametrize("option", ["--corpus", "--output"])
+    def test_where_nothing_can_be_written_is_wrong_use(self, tmp_path: Path, option: str) -> None:
+        (tmp_path / "file").write_text("")
+        arguments = ["--family", "tetris", option, str(tmp_path / "file" / "games")]
+        error = CliRunner().invoke(generate, arguments).exception
+        assert isinstance(error, UsageError)
+        assert "Not a directory" in str(error)
+
+    @pytest.mark.parametrize("ending", [KeyboardInterrupt(), OSError(errno.ENOSPC, "No space left on device")])
+    def test_what_ends_it_leaves_no_file(
+        self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ending: BaseException
+    ) -> None:
+        write = Path.write_bytes
+
+        def written(path: Path, data: bytes) -> int:
+            if path.name == "tetris_0_0001.py":
+                write(path, data[:100])
+                raise ending
+            return write(path, data)
+
+        monkeypatch.setattr(Path, "write_bytes", written)
+        result = CliRunner().invoke(cli, ["generate", "--family", "tetris", "--count", "3", "--output", str(tmp_path)])
+        told = {130: "nothing was written\ninterrupted\n", 2: f"Error: {tmp_path} cannot be written: No space left"}
+        assert result.stderr.startswith(told[result.exit_code])
+        assert not [*tmp_path.iterdir()]
 
     @pytest.mark.parametrize(
         ("arguments", "words"),
