@@ -30,6 +30,10 @@ class ExecutorPlugin(ABC):
 
     name: str
 
+    def ensure(self) -> None:
+        """Look whether what it needs is installed, before anything is read. Raises UsageError, with what to install."""
+        return
+
     @abstractmethod
     def open(self, workers: int | None, scheduler: str | None) -> AbstractContextManager[Opened]:
         """Open what `scheduler` leads to, the value of ``--scheduler``; without it, `workers` processes of this machine
@@ -42,6 +46,5 @@ class ExecutorPlugin(ABC):
         Leaving the context ends what was opened here; after an exception, KeyboardInterrupt included, without waiting
         for tasks that are running.
 
-        Raises UsageError where `scheduler` cannot be used, or a library is missing, with what to install; EnvCraftError
-        where nothing could be opened.
+        Raises UsageError where `scheduler` cannot be used, EnvCraftError where nothing could be opened.
         """

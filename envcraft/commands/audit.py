@@ -110,6 +110,8 @@ def audit(
     engine = executor_named(executor)
     if engine is None and scheduler is not None:
         raise UsageError(f"--scheduler {scheduler} goes with an executor that has one, such as --executor dask")
+    if engine is not None:
+        engine.ensure()
     if report:
         from pathlib import Path
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import importlib.util
 import logging
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
@@ -22,14 +23,16 @@ class DaskExecutor(ExecutorPlugin):
 
     name = "dask"
 
+    def ensure(self) -> None:
+        # Without cryptography there are no certificates for a cluster of this machine.
+        if not all(map(importlib.util.find_spec, ("distributed", "cryptography"))):
+            raise UsageError("--executor dask needs Dask; install it with `pip install 'envcraft-rl[dask]'`")
+
     @contextlib.contextmanager
     def open(self, workers: int | None, scheduler: str | None) -> Iterator[Opened]:
-        try:
-            # Without it there are no certificates for a cluster of this machine.
-            import cryptography  # noqa: F401
-            from distributed import Client, LocalCluster
-        except ImportError:
-            raise UsageError("--executor dask needs Dask; install it with `pip install 'envcraft-rl[dask]'`") from None
+        self.ensure()
+        from distributed import Client, LocalCluster
+
         with contextlib.ExitStack() as stack:
             if scheduler is None:
                 cluster = stack.enter_context(

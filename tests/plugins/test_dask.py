@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import importlib.util
 import os
 import re
 import signal
@@ -19,7 +20,9 @@ from typing import Any
 from urllib.parse import urlsplit
 
 import pytest
+from click.testing import CliRunner
 
+from envcraft.cli import cli
 from envcraft.corpus.store import DATABASE, Store, decode
 from envcraft.errors import EnvCraftError, UsageError
 
@@ -152,6 +155,14 @@ def test_nobody_else_is_let_into_a_cluster_of_this_machine() -> None:
             pytest.raises((ssl.SSLError, ConnectionError)),
         ):
             context.wrap_socket(raw)
+
+
+def test_without_dask_nothing_is_begun(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    found = importlib.util.find_spec
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None if name == "distributed" else found(name))
+    result = CliRunner().invoke(cli, ["audit", str(tmp_path), "--executor", "dask", "--sandbox", "process"])
+    assert (result.exit_code, result.stdout) == (2, "")
+    assert result.stderr == "Error: --executor dask needs Dask; install it with `pip install 'envcraft-rl[dask]'`\n"
 
 
 def test_a_scheduler_that_there_is_not_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
