@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import msgspec
 
+from envcraft.cli import unknown
 from envcraft.contract import Contract, Success
 from envcraft.errors import UsageError
 from envcraft.pyproject import settings
@@ -21,6 +22,15 @@ _DTYPES = (
     "float32",
     "float64",
 )
+#: What msgspec calls by the names of JSON, in words.
+_KINDS = {
+    "int": "a whole number",
+    "float": "a number",
+    "str": "text",
+    "bool": "true or false",
+    "array": "a list",
+    "object": "a table",
+}
 
 
 class _Space(msgspec.Struct, tag_field="type", forbid_unknown_fields=True, kw_only=True):
@@ -101,8 +111,12 @@ class Table(msgspec.Struct, forbid_unknown_fields=True, rename="kebab"):
     at_once: int | None = None
 
 
-def own_contracts(folder: Path, known: Iterable[Contract]) -> list[Contract]:
-    """The contracts that the nearest ``pyproject.toml`` defines on top of those that are `known`. Raises UsageError."""
+def own_contracts(
+    folder: Path, known: Iterable[Contract], rules: Callable[[], Iterable[str]] | None = None
+) -> list[Contract]:
+    """The contracts that the nearest ``pyproject.toml`` defines on top of those that are `known`. `rules` gives all
+    codes, where those that a contract names are to be looked up. Raises UsageError.
+    """
     path, table = settings(folder)
     tables = table.get("contracts", {})
     if not isinstance(tables, dict):
@@ -114,13 +128,13 @@ def own_contracts(folder: Path, known: Iterable[Contract]) -> list[Contract]:
         if name in bases:
             raise UsageError(f"{place}: the name {name} is taken; choose another")
         try:
-            found.append(_contract(name, own, bases))
+            found.append(_contract(name, own, bases, rules))
         except (ValueError, msgspec.ValidationError) as error:
             raise UsageError(f"{place}: {error}") from None
     return found
 
 
-def _contract(name: str, own: Any, bases: dict[str, Contract]) -> Contract:
+def _contract(name: str, own: Any, bases: dict[str, Contract], rules: Callable[[], Iterable[str]] | None) -> Contract:
     """Raises ValueError."""
     if isinstance(own, dict):
         own = {key.replace("_", "-"): value for key, value in own.items()}
@@ -144,6 +158,11 @@ def _contract(name: str, own: Any, bases: dict[str, Contract]) -> Contract:
     changes["success"] = Success(table.success or base.success.key, by_sign)
     contract = msgspec.structs.replace(base, **changes)
     _check(contract)
+    if table.without and rules is not None:
+        codes = sorted(rules())
+        for code in table.without:
+            if code not in codes:
+                raise ValueError(f"without: there is no rule {unknown(code, codes)}")
     return contract
 
 
@@ -231,5 +250,31 @@ def _convert(value: Any, kind: Any, where: str) -> Any:
     try:
         return msgspec.convert(value, kind)
     except msgspec.ValidationError as error:
-        words = str(error).replace("`$.", "`").replace(" - at `$`", "")
-        raise ValueError(f"{where}: {words}" if where else words) from None
+        raise ValueError(_told(str(error), value, kind, where)) from None
+
+
+def _told(error: str, value: Any, kind: Any, where: str) -> str:
+    """What msgspec says of a value, in words for who wrote it into a TOML file."""
+    said, _, path = error.partition(" - at `$")
+    path = path.strip(".`")
+    structs = get_args(kind) or (kind,)
+    prefix = f"{where}: " if where else ""
+    if field := re.fullmatch("Object contains unknown field `(.+)`", said):
+        names = [
+            one.encode_name
+            for struct in structs
+            if struct.__struct_config__.tag in (None, value.get("type"))
+            for one in msgspec.structs.fields(struct)
+        ]
+        return f"{prefix}there is no setting {unknown(field[1], names)}"
+    if field := re.fullmatch("Object missing required field `(.+)`", said):
+        return f"{prefix}{field[1]} is missing"
+    if tag := re.fullmatch("Invalid value '(.+)'", said):
+        return f"{prefix}there is no space {unknown(tag[1], [struct.__name__ for struct in structs])}"
+    if expected := re.fullmatch(r"Expected `(.+?)`( of length \d+)?, got .*", said):
+        for key, index in re.findall(r"([\w-]+)|\[(\d+)\]", path):
+            value = value[key or int(index)]
+        wanted = " or ".join(_KINDS.get(name, name) for name in expected[1].split(" | ") if name != "null")
+        place = ".".join(filter(None, (where, path)))
+        return f"{place or 'it'} must be {wanted}{expected[2] or ''}, and is {value!r}"
+    return f"{prefix}{said} at {path}" if path else f"{prefix}{said}"

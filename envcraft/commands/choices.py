@@ -81,7 +81,9 @@ def split(names: str | None) -> list[str]:
 def all_contracts() -> list[Contract]:
     """The plugins' contracts, and those of the nearest pyproject.toml. Raises UsageError where these make no sense."""
     found: list[Contract] = list(offered("envcraft_contracts"))
-    return found + own_contracts(Path.cwd(), found)
+    return found + own_contracts(
+        Path.cwd(), found, lambda: (rule.code for check in all_checks() for rule in check.rules)
+    )
 
 
 def contract_named(name: str) -> Contract:

@@ -54,14 +54,19 @@ def test_what_is_not_said_is_as_in_the_base(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("lines", "words"),
     [
-        ("limits = 3", "unknown field `limits`"),
-        ('limit = "long"', "Expected `int.*limit"),
+        ("limits = 3", "there is no setting 'limits'; did you mean limit?"),
+        ("reward_rang = 3", "there is no setting 'reward-rang'; did you mean reward-range?"),
+        ('limit = "long"', "limit must be a whole number, and is 'long'"),
+        ('libraries = ["numpy", 3]', r"libraries\[1\] must be text, and is 3"),
         ("limit = 0", "limit is 0; it must be 1 or more"),
         ('base = "arcde"', "there is no contract 'arcde' to start from; there are arcade, gymnasium"),
         ("reward-range = [1, 0]", "reward-range: 1 is above 0"),
-        ("reward-range = [1]", "reward-range"),
-        ('action = { type = "Buttons" }', "action: Invalid value 'Buttons'"),
-        ('action = { type = "Discrete" }', "action: .*missing required field `n`"),
+        ("reward-range = [1]", r"reward-range must be a list of length 2, and is \[1\]"),
+        ("action = 3", "action must be a table, and is 3"),
+        ('action = { type = "Buttons" }', "action: there is no space 'Buttons'; there are Box, Discrete"),
+        ('action = { type = "Discrete" }', "action: n is missing"),
+        ('action = { type = "Discrete", n = 2, stat = 1 }', "action: there is no setting 'stat'; did you mean start?"),
+        ('action = { type = "MultiDiscrete", nvec = "x" }', r"action\.nvec must be a list, and is 'x'"),
         ('action = { type = "Discrete", n = 0 }', r"action\.n is 0"),
         ('action = { type = "Discrete", n = 2 }\nnoop = 2', r"noop: the action is 2, outside Discrete\(2\)"),
         ("noop = 0", "noop needs action"),
@@ -73,13 +78,14 @@ def test_what_is_not_said_is_as_in_the_base(tmp_path: Path) -> None:
             r"observation\.spaces\.a: .*max_length",
         ),
         ('without = ["505"]', "'505' is no code such as EC505"),
+        ('without = ["EC503", "EC999"]', "without: there is no rule 'EC999'"),
         ("consistently = 2.0", "consistently is 2"),
     ],
 )
 def test_every_mistake_is_named(lines: str, words: str, tmp_path: Path, invoke: Any) -> None:
     write(tmp_path, f"[tool.envcraft.contracts.mine]\n{lines}\n")
     with pytest.raises(UsageError, match=words):
-        own_contracts(tmp_path, BUILT_IN)
+        own_contracts(tmp_path, BUILT_IN, lambda: ["EC503", "EC505"])
     result = invoke("contracts")
     assert result.exit_code == 2
     assert "pyproject.toml: [tool.envcraft.contracts.mine]" in result.stderr
