@@ -6,9 +6,11 @@ when they are used.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
-
+# Importing typing takes time in which Ctrl-C is a traceback.
+TYPE_CHECKING = False
 if TYPE_CHECKING:
+    from typing import Any
+
     from envcraft.using.ids import register
     from envcraft.using.making import make
     from envcraft.using.sources import names

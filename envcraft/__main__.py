@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-import io
-import signal
 import sys
-from types import FrameType
+
+# Whatever is imported out here takes time in which Ctrl-C is a traceback.
+TYPE_CHECKING = False
+if TYPE_CHECKING:
+    from types import FrameType
 
 
 def main() -> None:
@@ -19,6 +21,9 @@ def main() -> None:
 
 
 def _run() -> None:
+    import io
+    import signal
+
     from envcraft.cli import cli
 
     for stream in (sys.stdout, sys.stderr):
