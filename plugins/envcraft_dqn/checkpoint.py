@@ -19,7 +19,7 @@ import numpy as np
 import safetensors.numpy
 import safetensors.torch
 from safetensors import SafetensorError, safe_open
-from torch import Tensor
+from torch import Tensor, isfinite
 
 from envcraft.errors import EnvCraftError, UsageError
 from envcraft_dqn.network import Network, weights_from
@@ -145,7 +145,10 @@ def load_agent(path: Path) -> tuple[Network, Surface]:
             surface = msgspec.convert(told["surface"], Surface)
             with weights_from(0):
                 network = Network(surface.shape, surface.choices, told["size"], told["head"])
-            network.load_state_dict({name: file.get_tensor(name) for name in file.keys()})  # noqa: SIM118 (no dict)
+            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 (no dict)
+            network.load_state_dict(tensors)
     except (OSError, ValueError, KeyError, RuntimeError, SafetensorError) as error:
         raise UsageError(f"{path} is no agent that `envcraft train` wrote: {type(error).__name__}: {error}") from None
+    if not all(isfinite(tensor).all() for tensor in tensors.values()):
+        raise UsageError(f"{path} has weights that are no finite numbers, as a training that failed leaves them")
     return network, surface

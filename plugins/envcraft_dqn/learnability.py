@@ -82,6 +82,7 @@ class Learnability(Check):
         if missing:
             raise EnvCraftError(f"training needs {', '.join(missing)}; `pip install 'envcraft-rl[train]'` has it")
         from envcraft.using.sandboxed import SubjectEnv
+        from envcraft_dqn.learner import Diverged
         from envcraft_dqn.short_training import compare
 
         steps, episodes = _BUDGETS[subject.budget.name]
@@ -91,6 +92,8 @@ class Learnability(Check):
             played = compare(subject, env, steps, episodes)
         except UsageError as error:
             raise Skip(str(error)) from None
+        except Diverged:
+            raise Skip("a loss is not finite, as after a reward that is not; the check reward tells more") from None
         except EnvironmentFailed as error:
             if env is None or env.failed is None:
                 raise

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import itertools
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,7 +20,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn import functional
 
-from envcraft.errors import UsageError
+from envcraft.errors import EnvCraftError, UsageError
 from envcraft_dqn.checkpoint import Checkpoint, save_agent
 from envcraft_dqn.demonstrations import DemonstrationSource, seed_replay
 from envcraft_dqn.frames import Frames, make_store
@@ -31,6 +32,10 @@ from envcraft_dqn.telling import Teller
 
 #: Updates of pretraining between two looks at the clock.
 _CHUNK = 50
+
+
+class Diverged(EnvCraftError):
+    """A loss is no number any more, and nothing that is learnt from it would be."""
 
 
 class Learner:
@@ -177,7 +182,7 @@ def train(
         open_vector: makes a vector with autoreset mode NEXT_STEP of environments with these names.
         demonstrations: where there are some, they are in the replay from the beginning, for good.
 
-    Raises UsageError where the folder has another run, or the environments have no frames of bytes.
+    Raises UsageError where the folder has another run, or the environments have no frames of bytes; Diverged.
     """
     settings.check()
     teller = teller or Teller()
@@ -198,6 +203,11 @@ def train(
         share = settings.demonstration_share if done.updates >= settings.pretrain_updates else None
         batch = replay.sample(settings.batch, settings.annealed(done.updates), rng, share)
         errors, loss = learner.update(batch)
+        if not math.isfinite(loss):
+            raise Diverged(
+                f"the loss of update {done.updates + 1:,} is {loss}, so nothing more can be learnt: are all rewards "
+                f"finite? If so, take a smaller --learning-rate than {settings.learning_rate:g} in another --output"
+            )
         replay.update(batch.slots, errors)
         done.updates += 1
         if done.updates % settings.target_every == 0:
@@ -251,7 +261,8 @@ def train(
                 done.steps += len(on)
                 teller.stepped(on, rewards, over)
                 due = max(done.steps - first_update, 0) // settings.train_every
-                while done.updates - settings.pretrain_updates < due:
+                # The first return of a lane is known some steps after its first step.
+                while replay.drawable and done.updates - settings.pretrain_updates < due:
                     update()
                 teller.progress(done.steps, done.updates, done.steps, settings.epsilon(done.steps))
             # Environments cannot be saved: episodes begin anew at each leg, whether the run is interrupted or not.

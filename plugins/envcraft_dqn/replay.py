@@ -51,6 +51,7 @@ class Replay:
     Attributes:
         kept: how many slots at the beginning are demonstrations and never overwritten.
         added: how many slots were ever written.
+        drawable: how many transitions can be drawn.
     """
 
     def __init__(self, store: FrameStore, size: int, n: int, gamma: float, alpha: float = 0.6) -> None:
@@ -62,7 +63,7 @@ class Replay:
         self._discounts = np.zeros(size, np.float32)
         self._next = np.zeros(size, np.int64)
         self.highest = 1.0
-        self.kept = self.added = 0
+        self.kept = self.added = self.drawable = 0
         self._at = 0
         self.lanes(0)
 
@@ -86,11 +87,6 @@ class Replay:
     def nbytes(self) -> int:
         parts = (self._actions, self._returns, self._discounts, self._next)
         return self._store.nbytes + self._tree.nbytes + sum(part.nbytes for part in parts)
-
-    @property
-    def drawable(self) -> int:
-        """How many transitions can be drawn."""
-        return int(np.count_nonzero(self._tree.leaves))
 
     def add(
         self,
@@ -184,6 +180,7 @@ class Replay:
         self._at = int(slots[-1]) + 1
         self.added += len(frames)
         if self.added > self.size:
+            self.drawable -= int(np.count_nonzero(self._tree.leaves[slots]))
             self._tree.set(slots, np.zeros(len(slots)))
         self._store.write(slots, frames)
         return slots
@@ -193,6 +190,7 @@ class Replay:
         if len(slots):
             self._returns[slots], self._next[slots], self._discounts[slots] = sums, following, discounts
             self._tree.set(slots, np.full(len(slots), self.highest))
+            self.drawable += len(slots)
 
     def _end(self, lanes: NDArray[np.int64], frames: Frames | None) -> None:
         """Settle all that is open in some lanes: before a termination, or before a cut that left them at `frames`."""
@@ -218,6 +216,7 @@ class Replay:
         leaves = np.zeros(self.size)
         leaves[: len(arrays["priorities"])] = arrays["priorities"]
         self._tree.fill(leaves)
+        self.drawable = int(np.count_nonzero(leaves))
 
     def written_since(self, added: int, part: int) -> list[int]:
         """Which parts of as many slots were written since so many had been added."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Iterator
 from itertools import islice
@@ -15,6 +16,7 @@ from envcraft_dqn.evaluation import AgentPlayer, evaluate
 from envcraft_dqn.replay import Batch
 from envcraft_dqn.settings import Settings
 from envcraft_dqn.spaces import Surface
+from gymnasium.vector import SyncVectorEnv
 
 from envcraft.errors import UsageError
 
@@ -191,3 +193,44 @@ def test_epsilon_falls_and_beta_rises() -> None:
     assert [settings.epsilon(steps) for steps in (0, 250, 500, 1000)] == pytest.approx([1.0, 0.55, 0.1, 0.1])
     assert [settings.annealed(updates) for updates in (0, 250, 500)] == pytest.approx([0.4, 0.7, 1.0])
     assert math.isclose(Settings(steps=0).epsilon(0), 1.0)
+
+
+@pytest.mark.parametrize(("lanes", "starts"), [(2, 0), (64, 50)])
+def test_nothing_is_learnt_before_something_can_be_drawn(tmp_path: Path, lanes: int, starts: int) -> None:
+    from envcraft_dqn.checkpoint import load_agent
+    from envcraft_dqn.learner import train
+
+    settings = Settings(size="tiny", device="cpu", steps=300, lanes=lanes, leg=20, starts=starts, capacity=2_000)
+    network, _ = load_agent(train(settings, ["right"], open_corridors, tmp_path))
+    assert all(parameter.isfinite().all() for parameter in network.parameters())
+    numbers = json.loads((tmp_path / "checkpoint" / "state.json").read_text())["numbers"]
+    assert numbers["updates"] == (numbers["steps"] - starts) // settings.train_every
+
+
+class Infinite(Corridor):
+    """Pays more than there is after some episodes."""
+
+    def step(self, action: Any) -> Any:
+        frame, reward, *rest = super().step(action)
+        return frame, reward if self.np_random.random() < 0.99 else float("inf"), *rest
+
+
+def test_a_loss_that_is_no_number_ends_the_run(tmp_path: Path) -> None:
+    from envcraft_dqn.learner import Diverged, train
+
+    settings = Settings(size="tiny", device="cpu", steps=2_000, lanes=2, leg=20, starts=0, capacity=2_000)
+    with pytest.raises(Diverged, match=r"the loss of update [\d,]+ is inf.* are all rewards finite"):
+        train(settings, ["right"], lambda names: SyncVectorEnv([Infinite] * len(names)), tmp_path)
+    assert not (tmp_path / "agent.safetensors").exists()
+
+
+def test_an_agent_of_no_numbers_is_refused(tmp_path: Path) -> None:
+    import torch
+    from envcraft_dqn.checkpoint import load_agent, save_agent
+    from envcraft_dqn.network import Network
+
+    network = Network(SMALL.shape, SMALL.choices, "tiny")
+    with torch.no_grad():
+        next(network.parameters()).view(-1)[0] = float("nan")
+    with pytest.raises(UsageError, match="has weights that are no finite numbers"):
+        load_agent(save_agent(tmp_path / "agent.safetensors", network, SMALL))
