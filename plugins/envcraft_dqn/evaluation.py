@@ -194,11 +194,11 @@ class Played:
             left, seed = self._steps, self._seed
             while left > 0:
                 seen, _ = vector.reset(seed=[seed])
-                frames, actions, rewards, over = [seen[0]], [], [], False
+                frames, actions, rewards, over = [seen[0].copy()], [], [], False
                 while not over and left > 0:
                     action = surface.split(self._player.act(seen))
                     seen, reward, terminated, truncated, _ = vector.step(action)
-                    frames.append(seen[0])
+                    frames.append(seen[0].copy())
                     actions.append(action[0])
                     rewards.append(float(reward[0]))
                     over, left = bool(terminated[0] or truncated[0]), left - 1

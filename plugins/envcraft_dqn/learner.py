@@ -253,10 +253,12 @@ def train(
                 actions = learner.act(frames)
                 at_random = rng.random(settings.lanes) < settings.epsilon(done.steps)
                 actions = np.where(at_random, rng.integers(0, surface.joint, settings.lanes), actions)
-                following, rewards, terminated, truncated, _ = envs.step(surface.split(actions))
-                # A lane whose episode was over has only been reset by this step.
+                # A lane whose episode was over is only reset by this step.
                 on = np.flatnonzero(~over)
-                replay.add(on, frames[on], actions[on], rewards[on], terminated[on], truncated[on], following[on])
+                # A copy, before a vector that makes none writes into it.
+                before = frames[on]
+                following, rewards, terminated, truncated, _ = envs.step(surface.split(actions))
+                replay.add(on, before, actions[on], rewards[on], terminated[on], truncated[on], following[on])
                 frames, over = following, terminated | truncated
                 done.steps += len(on)
                 teller.stepped(on, rewards, over)

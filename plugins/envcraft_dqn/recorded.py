@@ -87,12 +87,12 @@ def _played(recording: Recording, name: str, open_vector: OpenVector) -> Iterato
     try:
         for number, episode in enumerate(recording.episodes):
             actions, wanted = np.array(recording.actions(episode)), rewards(episode)
-            frames: list[NDArray[np.uint8]] = [vector.reset(seed=[episode.seed])[0][0]]
+            frames: list[NDArray[np.uint8]] = [vector.reset(seed=[episode.seed])[0][0].copy()]
             found: list[float] = []
             over = terminated = False
             while not over and len(found) < episode.steps:
                 seen, reward, terminations, truncations, _ = vector.step(actions[len(found)][None])
-                frames.append(seen[0])
+                frames.append(seen[0].copy())
                 found.append(float(reward[0]))
                 terminated = bool(terminations[0])
                 over = terminated or bool(truncations[0])

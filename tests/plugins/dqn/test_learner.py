@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from functools import partial
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -12,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 from envcraft_dqn.demonstrations import Episode
-from envcraft_dqn.evaluation import AgentPlayer, evaluate
+from envcraft_dqn.evaluation import AgentPlayer, Played, RandomPlayer, evaluate
 from envcraft_dqn.replay import Batch
 from envcraft_dqn.settings import Settings
 from envcraft_dqn.spaces import Surface
@@ -234,3 +235,20 @@ def test_an_agent_of_no_numbers_is_refused(tmp_path: Path) -> None:
         next(network.parameters()).view(-1)[0] = float("nan")
     with pytest.raises(UsageError, match="has weights that are no finite numbers"):
         load_agent(save_agent(tmp_path / "agent.safetensors", network, SMALL))
+
+
+def open_overwriting(names: Sequence[str]) -> Any:
+    """Corridors whose frames lie where the next step writes its own."""
+    return SyncVectorEnv([partial(Corridor, name == "left") for name in names], copy=False)
+
+
+def test_frames_are_kept_before_a_vector_overwrites_them(tmp_path: Path) -> None:
+    from envcraft_dqn.learner import train
+
+    short = Settings(size="tiny", device="cpu", steps=400, lanes=2, leg=50, starts=50, capacity=500)
+    agents, demonstrated = [], []
+    for name, opened in (("copies", open_corridors), ("overwrites", open_overwriting)):
+        agents.append(train(short, ["left", "right"], opened, tmp_path / name).read_bytes())
+        demonstrated.append(list(Played(opened, RandomPlayer(SMALL, 0), 30).episodes("right")))
+    assert agents[0] == agents[1]
+    assert all((one.frames == other.frames).all() for one, other in zip(*demonstrated, strict=True))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ from envcraft_dqn.demonstrations import Episode
 from envcraft_dqn.places import environments
 from envcraft_dqn.recorded import Recorded
 
+import envcraft
 from envcraft.cli import cli
 from envcraft.contract import ARCADE
 from envcraft.corpus.settings import Settings, contract_digest
@@ -118,6 +120,8 @@ def test_recordings_are_played_again_or_read_from_the_cache(games: Path, tmp_pat
     assert list(source.episodes("tetris_0_0001.py")) == []
     assert sum(len(one.actions) for one in played) == 90
     assert all(one.terminated for one in played[:-1])
+    overwriting = partial(envcraft.make_vec, corpus=games, fast=True, copy=False)
+    assert same(list(Recorded(games, overwriting).episodes(FIRST)), played)
     assert run(*where, "--cache").exit_code == 0
     assert same(list(source.episodes(FIRST)), played)
     with pytest.raises(UsageError, match="no recording of tetris"):
