@@ -231,7 +231,7 @@ def train(
         if done.updates == settings.pretrain_updates:
             learner.synchronise()
             save_agent(folder / "pretrained.safetensors", learner.network, surface)
-        if checkpoint.due:
+        if checkpoint.due or done.updates == settings.pretrain_updates:
             save()
 
     teller.begin("training", done.steps, settings.steps)
@@ -272,6 +272,8 @@ def train(
             done.legs += 1
             if checkpoint.due or done.steps >= settings.steps:
                 save()
+    if not checkpoint.there:
+        save()
     return save_agent(folder / "agent.safetensors", learner.network, surface)
 
 

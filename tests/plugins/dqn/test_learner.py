@@ -171,6 +171,7 @@ def test_demonstrations_alone_teach_a_corridor(tmp_path: Path) -> None:
     settings = Settings(size="tiny", device="cpu", steps=0, pretrain_updates=400, target_every=50, learning_rate=1e-3)
     agent = train(settings, ["right"], open_corridors, tmp_path, Scripted())
     assert (tmp_path / "pretrained.safetensors").read_bytes() == agent.read_bytes()
+    assert json.loads((tmp_path / "checkpoint" / "state.json").read_text())["numbers"]["updates"] == 400
     assert returns(agent, ["right"], SMALL, open_corridors)[0] > 0.9
 
 

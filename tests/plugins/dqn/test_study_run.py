@@ -126,6 +126,17 @@ def test_wrong_use_is_told(whole: Path, more: tuple[str, ...], words: str) -> No
     assert words in " ".join(result.output.split())
 
 
+def test_a_study_may_stay_without_a_step_online(tmp_path: Path) -> None:
+    fewer = ("--variants", "2", "--familiar", "0", "--privileged-episodes", "0", "--seeds", "1")
+    result = study(tmp_path / "study", "--workers", "0", "--steps", "0", *fewer)
+    assert result.exit_code == 0, result.output
+    trained = [one for one in results(tmp_path / "study").values() if one["task"]["kind"] == "train"]
+    assert {(one["task"]["condition"], one["updates"], one["steps"]) for one in trained} == {
+        ("agent", 30, 0),
+        ("without demonstrations", 0, 0),
+    }
+
+
 def test_wrong_use_writes_nothing(tmp_path: Path) -> None:
     result = study(tmp_path / "study", "--folds", "99")
     assert result.exit_code == 2, result.output
