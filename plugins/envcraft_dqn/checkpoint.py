@@ -7,10 +7,11 @@ checkpoint are written again.
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +31,18 @@ from envcraft_dqn.spaces import Surface
 #: Slots of the replay in a file.
 _PART = 1 << 14
 _MANIFEST = "state.json"
+#: What comes of reading files that were cut off, changed or written by something else.
+_UNREADABLE = (
+    OSError,
+    ArithmeticError,
+    AttributeError,
+    LookupError,
+    RuntimeError,
+    TypeError,
+    ValueError,
+    msgspec.MsgspecError,
+    SafetensorError,
+)
 
 
 class Checkpoint:
@@ -75,28 +88,35 @@ class Checkpoint:
             raise EnvCraftError(f"{self._folder} cannot be written: {error.strerror or error}") from None
         self._saved = time.monotonic()
 
-    def load(self, replay: Replay) -> tuple[dict[str, Any], dict[str, Tensor]]:
-        """Fill `replay`; give the numbers and tensors. Raises UsageError where it is another run's, EnvCraftError."""
+    @contextlib.contextmanager
+    def reading(self) -> Iterator[None]:
+        """While it is read and put to use. Raises EnvCraftError where that cannot be."""
         try:
-            told = json.loads((self._folder / _MANIFEST).read_text("utf-8"))
-            for what, mine in self._run.items():
-                if told[what] != mine:
-                    raise UsageError(f"{self._folder} has a run of other {what}{_differing(told[what], mine)}")
-            files = told["files"]
-            tensors = safetensors.torch.load_file(self._folder / files["learner"])
-            for name in files["replay"]:
-                part = int(name.split("-")[1])
-                replay.load(part * _PART, safetensors.numpy.load_file(self._folder / name))
-                self._parts[part] = name
-            replay.restore(told["replay"], safetensors.numpy.load_file(self._folder / files["priorities"]))
-        except (OSError, ValueError, KeyError, SafetensorError) as error:
+            yield
+        except _UNREADABLE as error:
             raise EnvCraftError(
                 f"the checkpoint {self._folder} cannot be read ({type(error).__name__}: {error}); remove it to begin "
                 "anew"
             ) from None
-        self._serial, self._added = told["serial"], replay.added
+
+    def load(self, replay: Replay) -> tuple[dict[str, Any], dict[str, Tensor]]:
+        """Fill `replay`, within :meth:`reading`; give the numbers and tensors. Raises UsageError where it is another
+        run's.
+        """
+        told = json.loads((self._folder / _MANIFEST).read_text("utf-8"))
+        for what, mine in self._run.items():
+            if told[what] != mine:
+                raise UsageError(f"{self._folder} has a run of other {what}{_differing(told[what], mine)}")
+        files = told["files"]
+        tensors = safetensors.torch.load_file(self._folder / files["learner"])
+        for name in files["replay"]:
+            part = int(name.split("-")[1])
+            replay.load(part * _PART, safetensors.numpy.load_file(self._folder / name))
+            self._parts[part] = name
+        replay.restore(told["replay"], safetensors.numpy.load_file(self._folder / files["priorities"]))
+        self._serial, self._added = int(told["serial"]), replay.added
         self._sweep({files["learner"], files["priorities"], *self._parts.values()})
-        return told["numbers"], tensors
+        return dict(told["numbers"]), tensors
 
     def _write(self, name: str, data: bytes) -> None:
         with open(self._folder / name, "wb") as file:
@@ -147,7 +167,7 @@ def load_agent(path: Path) -> tuple[Network, Surface]:
                 network = Network(surface.shape, surface.choices, told["size"], told["head"])
             tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 (no dict)
             network.load_state_dict(tensors)
-    except (OSError, ValueError, KeyError, RuntimeError, SafetensorError) as error:
+    except _UNREADABLE as error:
         raise UsageError(f"{path} is no agent that `envcraft train` wrote: {type(error).__name__}: {error}") from None
     if not all(isfinite(tensor).all() for tensor in tensors.values()):
         raise UsageError(f"{path} has weights that are no finite numbers, as a training that failed leaves them")

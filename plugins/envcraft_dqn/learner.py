@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 import torch
 from numpy.typing import NDArray
@@ -215,10 +216,11 @@ def train(
         teller.updated(loss)
 
     if checkpoint.there:
-        numbers, tensors = checkpoint.load(replay)
-        learner.restore(tensors)
-        rng.bit_generator.state = numbers.pop("rng")
-        done = Position(**numbers)
+        with checkpoint.reading():
+            numbers, tensors = checkpoint.load(replay)
+            learner.restore(tensors)
+            rng.bit_generator.state = numbers.pop("rng")
+            done = msgspec.convert(numbers, Position)
     elif demonstrations is not None:
         seed_replay(replay, surface, names, demonstrations, settings)
         save()

@@ -8,7 +8,9 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 from envcraft_dqn.settings import Settings
@@ -34,7 +36,9 @@ SETTINGS = Settings(
 )
 _RUN = """
 import sys
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import torch
 
@@ -110,3 +114,52 @@ def test_another_run_in_the_same_folder_is_refused(tmp_path: Path) -> None:
     part.write_bytes(part.read_bytes()[:-100])
     with pytest.raises(EnvCraftError, match=r"cannot be read .* remove it to begin anew"):
         train(short, NAMES, open_corridors, tmp_path)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda told: [],
+        lambda told: None,
+        lambda told: {},
+        lambda told: {**told, "settings": [1]},
+        lambda told: {**told, "serial": []},
+        lambda told: {**told, "numbers": 3},
+        lambda told: {**told, "numbers": {**told["numbers"], "steps": "many"}},
+        lambda told: {**told, "numbers": {**told["numbers"], "rng": {"bit_generator": "PCG64"}}},
+        lambda told: {**told, "replay": {**told["replay"], "at": None}},
+        lambda told: {**told, "files": {**told["files"], "replay": [None]}},
+        lambda told: {**told, "files": {**told["files"], "learner": told["files"]["priorities"]}},
+    ],
+)
+def test_a_state_that_is_none_is_told(tmp_path: Path, change: Callable[[Any], Any]) -> None:
+    import msgspec
+    from envcraft_dqn.learner import train
+
+    short = msgspec.structs.replace(SETTINGS, steps=20, pretrain_updates=0, leg=10)
+    train(short, NAMES, open_corridors, tmp_path)
+    state = tmp_path / "checkpoint" / "state.json"
+    state.write_text(json.dumps(change(json.loads(state.read_text()))))
+    with pytest.raises(EnvCraftError, match=r"cannot be read .* remove it to begin anew|other settings"):
+        train(short, NAMES, open_corridors, tmp_path)
+
+
+@pytest.mark.parametrize(
+    "told",
+    [
+        None,
+        [],
+        {"surface": 3, "size": "tiny", "head": "joint"},
+        {"surface": {"shape": ["a"], "choices": [2]}, "size": "tiny", "head": "joint"},
+        {"surface": {"shape": [16, 16, 3], "choices": [-2]}, "size": "tiny", "head": "joint"},
+        {"surface": {"shape": [16], "choices": [2]}, "size": [], "head": "joint"},
+    ],
+)
+def test_an_agent_with_metadata_of_something_else_is_told(tmp_path: Path, told: Any) -> None:
+    import safetensors.numpy
+    from envcraft_dqn.checkpoint import load_agent
+
+    file = tmp_path / "agent.safetensors"
+    file.write_bytes(safetensors.numpy.save({}, {"envcraft": json.dumps(told)}))
+    with pytest.raises(UsageError, match="is no agent that `envcraft train` wrote"):
+        load_agent(file)
