@@ -26,7 +26,7 @@ from envcraft_dqn.checkpoint import Checkpoint, save_agent
 from envcraft_dqn.demonstrations import DemonstrationSource, seed_replay
 from envcraft_dqn.frames import Frames, make_store
 from envcraft_dqn.network import Network, keep_memory, weights_from
-from envcraft_dqn.replay import Batch, Replay
+from envcraft_dqn.replay import MOST_ACTIONS, Batch, Replay
 from envcraft_dqn.settings import Settings
 from envcraft_dqn.spaces import OpenVector, Surface
 from envcraft_dqn.telling import Teller
@@ -189,7 +189,14 @@ def train(
     teller = teller or Teller()
     if settings.pretrain_updates and demonstrations is None:
         raise UsageError(f"{settings.pretrain_updates:,} updates of pretraining need demonstrations")
+    if settings.demonstration_share is not None and demonstrations is None:
+        raise UsageError("a share of demonstrations needs some: name their player by --demos, or leave out the share")
     surface = Surface.of(open_vector, names[0])
+    if surface.joint > MOST_ACTIONS:
+        raise UsageError(
+            f"{names[0]} has {surface.joint:,} combinations of its buttons, and an agent learns {MOST_ACTIONS:,} at "
+            "the most: make an environment of fewer"
+        )
     learner = Learner(settings, surface)
     store = make_store(settings.replay, settings.capacity, surface.shape, folder, learner.device)
     replay = Replay(store, settings.capacity, settings.n_step, settings.gamma, settings.alpha)

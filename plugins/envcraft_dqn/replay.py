@@ -19,6 +19,8 @@ from numpy.typing import NDArray
 from envcraft_dqn.frames import Frames, FrameStore, Slots
 from envcraft_dqn.sumtree import SumTree
 
+#: Joint actions that can be told apart.
+MOST_ACTIONS = np.iinfo(np.int16).max
 #: Added to errors, so that every transition is drawn at times.
 _LEAST = 1e-3
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import msgspec
 
 from envcraft.errors import UsageError
@@ -16,6 +18,11 @@ SIZES = {
 HEADS = ("joint", "branching")
 REPLAYS = ("packed", "ram", "mapped", "device")
 PRECISIONS = ("auto", "fp32", "bf16")
+_LEAST = {
+    1: ("lanes", "cycle", "leg", "batch", "n_step", "train_every", "target_every"),
+    0: ("seed", "steps", "pretrain_updates", "demonstrations", "starts"),
+}
+_SHARES = ("gamma", "epsilon_first", "epsilon_last", "epsilon_share", "alpha", "beta", "demonstration_share")
 
 
 class Settings(msgspec.Struct, frozen=True, kw_only=True):
@@ -73,9 +80,15 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True):
         for name, known in (("size", SIZES), ("head", HEADS), ("replay", REPLAYS), ("precision", PRECISIONS)):
             if (given := getattr(self, name)) not in known:
                 raise UsageError(f"there is no {name} {given!r}; there are {', '.join(known)}")
-        for name in ("lanes", "cycle", "leg", "batch", "n_step", "train_every", "target_every"):
-            if getattr(self, name) < 1:
-                raise UsageError(f"{name} is {getattr(self, name)}; it must be 1 or more")
+        for least, names in _LEAST.items():
+            for name in names:
+                if getattr(self, name) < least:
+                    raise UsageError(f"{name} is {getattr(self, name)}; it must be {least} or more")
+        for name in _SHARES:
+            if (given := getattr(self, name)) is not None and not 0 <= given <= 1:
+                raise UsageError(f"{name} is {given}; it must lie between 0 and 1")
+        if not 0 < self.learning_rate < math.inf:
+            raise UsageError(f"learning_rate is {self.learning_rate}; it must be above 0, and finite")
         if self.room > self.capacity:
             raise UsageError(f"a replay of {self.capacity:,} is too small for {self.lanes} environments side by side")
 

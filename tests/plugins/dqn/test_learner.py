@@ -17,6 +17,7 @@ from envcraft_dqn.evaluation import AgentPlayer, Played, RandomPlayer, evaluate
 from envcraft_dqn.replay import Batch
 from envcraft_dqn.settings import Settings
 from envcraft_dqn.spaces import Surface
+from gymnasium.spaces import MultiDiscrete
 from gymnasium.vector import SyncVectorEnv
 
 from envcraft.errors import UsageError
@@ -188,6 +189,37 @@ def test_what_cannot_be_trained_is_told(tmp_path: Path) -> None:
         train(Settings(capacity=200, lanes=2, device="cpu"), ["right"], open_corridors, tmp_path, Scripted())
     with pytest.raises(UsageError, match="--device nonsense cannot be used here"):
         train(Settings(device="nonsense"), ["right"], open_corridors, tmp_path)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"seed": -1},
+        {"steps": -1},
+        {"gamma": math.nan},
+        {"epsilon_last": -0.1},
+        {"beta": 1.1},
+        {"alpha": -1.0},
+        {"demonstration_share": 1.01},
+        {"learning_rate": math.inf},
+    ],
+)
+def test_settings_out_of_bounds_are_told(wrong: dict[str, Any]) -> None:
+    [name] = wrong
+    with pytest.raises(UsageError, match=f"{name} is .*; it must "):
+        Settings(**wrong).check()
+
+
+def test_more_actions_than_a_replay_tells_apart_are_refused(tmp_path: Path) -> None:
+    from envcraft_dqn.learner import train
+
+    def opened(names: Sequence[str]) -> Any:
+        vector = open_corridors(names)
+        vector.single_action_space = MultiDiscrete([2] * 15)
+        return vector
+
+    with pytest.raises(UsageError, match="32,768 combinations of its buttons, and an agent learns 32,767"):
+        train(Settings(size="tiny", device="cpu"), ["right"], opened, tmp_path)
 
 
 def test_epsilon_falls_and_beta_rises() -> None:

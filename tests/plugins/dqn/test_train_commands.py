@@ -110,6 +110,10 @@ def test_what_has_not_passed_does_not_run(corpus: Path, tmp_path: Path) -> None:
         (("--demos", "somebody"), "there is no player 'somebody'; there are random, noop, checkpoint:PATH"),
         (("--demos", "checkpoint:nowhere"), "nowhere is no agent that `envcraft train` wrote"),
         (("--pretrain-updates", "5"), "5 updates of pretraining need demonstrations"),
+        (("--demonstration-share", "0.5"), "name their player by --demos"),
+        (("--gamma", "1.5"), "gamma is 1.5; it must lie between 0 and 1"),
+        (("--epsilon-first", "2"), "epsilon_first is 2.0; it must lie between 0 and 1"),
+        (("--learning-rate", "0"), "learning_rate is 0.0; it must be above 0"),
         (("--capacity", "20"), "a replay of 20 is too small for 4 environments side by side"),
     ],
 )
