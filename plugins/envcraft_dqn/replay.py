@@ -65,7 +65,7 @@ class Replay:
         self._discounts = np.zeros(size, np.float32)
         self._next = np.zeros(size, np.int64)
         self.highest = 1.0
-        self.kept = self.added = self.drawable = 0
+        self.kept = self.added = self.drawable = self._demonstrated = 0
         self._at = 0
         self.lanes(0)
 
@@ -131,7 +131,7 @@ class Replay:
         """What is in the replay stays: the ring is made of what is left. Raises ValueError where nothing is."""
         if self._at >= self.size or self.added > self._at:
             raise ValueError(f"{self.added:,} slots are to be kept of {self.size:,}, and some must be left")
-        self.kept = self._at
+        self.kept, self._demonstrated = self._at, self.drawable
 
     def sample(self, count: int, beta: float, rng: np.random.Generator, share: float | None = None) -> Batch:
         """Draw transitions, as :meth:`draw` does, with all that belongs to them."""
@@ -155,12 +155,11 @@ class Replay:
         there are both.
         """
         uniforms = rng.random(count)
-        kept = self._tree.before(self.kept) if share is not None and self.kept else 0.0
-        if share is None or kept == 0.0 or kept >= self._tree.total:
+        if share is None or not 0 < self._demonstrated < self.drawable:
             # N and the sum of all priorities fall out of the ratio.
             slots, chances = self._tree.draw(uniforms)
         else:
-            first = round(count * share)
+            first, kept = round(count * share), self._tree.before(self.kept)
             parts = []
             for part, low, high in ((uniforms[:first], 0.0, kept), (uniforms[first:], kept, self._tree.total)):
                 if len(part):
@@ -218,7 +217,7 @@ class Replay:
         leaves = np.zeros(self.size)
         leaves[: len(arrays["priorities"])] = arrays["priorities"]
         self._tree.fill(leaves)
-        self.drawable = int(np.count_nonzero(leaves))
+        self.drawable, self._demonstrated = (int(np.count_nonzero(part)) for part in (leaves, leaves[: self.kept]))
 
     def written_since(self, added: int, part: int) -> list[int]:
         """Which parts of as many slots were written since so many had been added."""

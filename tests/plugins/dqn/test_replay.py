@@ -213,6 +213,27 @@ def test_a_share_of_the_batch_can_be_demonstrations() -> None:
     assert batch.weights == pytest.approx(np.ones(32), rel=1e-4)
 
 
+def test_a_share_waits_for_something_else_than_demonstrations() -> None:
+    rng, lanes = np.random.default_rng(0), np.arange(8)
+    here, no, none = np.stack([frame(0)] * 8), np.zeros(8, bool), np.zeros(8)
+    for _ in range(20):
+        count = int(rng.integers(300, 3000))
+        replay = Replay(RawFrames(count + 500, SHAPE), count + 500, 3, GAMMA)
+        play(replay, rng, 1, count // 2, 1)
+        replay.keep()
+        # Sums of so many priorities differ by what was rounded.
+        replay.update(drawable(replay), rng.random(replay.drawable).astype(np.float32))
+        replay.lanes(8)
+        for settled in (False, False, False, True):
+            replay.add(lanes, here, lanes, none, no, no, here)
+            slots, _ = replay.draw(32, 0.5, rng, 0.5)
+            again = Replay(RawFrames(replay.size, SHAPE), replay.size, 3, GAMMA)
+            again.restore(*replay.state())
+            for one in (slots, again.draw(32, 0.5, rng, 0.5)[0]):
+                assert np.bincount(one).max() < (16 if settled else 8)
+                assert (one >= replay.kept).sum() == (16 if settled else 0)
+
+
 def test_a_ring_that_could_come_round_too_soon_is_refused() -> None:
     with pytest.raises(ValueError, match="too few for 8 lanes"):
         Replay(RawFrames(60, SHAPE), 60, 3, GAMMA).lanes(8)
