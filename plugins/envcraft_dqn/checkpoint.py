@@ -11,7 +11,7 @@ import contextlib
 import json
 import os
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +31,8 @@ from envcraft_dqn.spaces import Surface
 #: Slots of the replay in a file.
 _PART = 1 << 14
 _MANIFEST = "state.json"
+#: Differences that are told one by one.
+_TOLD = 5
 #: What comes of reading files that were cut off, changed or written by something else.
 _UNREADABLE = (
     OSError,
@@ -46,11 +48,27 @@ _UNREADABLE = (
 
 
 class Checkpoint:
-    """The checkpoint in `folder` of a run of these settings on the environments `names`, saved each `every` seconds."""
+    """The checkpoint in `folder` of a run of these settings on the environments `names`, saved each `every` seconds.
 
-    def __init__(self, folder: Path, settings: Settings, names: Sequence[str], every: float) -> None:
+    `sources` tells what these environments are, and `demonstrations` whose they are: it goes on with no others.
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        settings: Settings,
+        names: Sequence[str],
+        every: float,
+        sources: Mapping[str, str] | None = None,
+        demonstrations: str = "none",
+    ) -> None:
         self._folder, self._every = folder, every
-        self._run = {"settings": msgspec.to_builtins(settings), "environments": list(names)}
+        self._run = {
+            "settings": msgspec.to_builtins(settings),
+            "environments": list(names),
+            "demonstrations": demonstrations,
+            "sources": dict(sources or {}),
+        }
         self._serial = self._added = 0
         self._parts: dict[int, str] = {}
         self._saved = time.monotonic()
@@ -105,6 +123,11 @@ class Checkpoint:
         """
         told = json.loads((self._folder / _MANIFEST).read_text("utf-8"))
         for what, mine in self._run.items():
+            if what in ("demonstrations", "sources") and what not in told:
+                raise UsageError(
+                    f"{self._folder} has a run that an earlier version of EnvCraft began, which did not note its "
+                    f"{what}; choose another --output, or remove it to begin anew"
+                )
             if told[what] != mine:
                 raise UsageError(f"{self._folder} has a run of other {what}{_differing(told[what], mine)}")
         files = told["files"]
@@ -136,11 +159,15 @@ def _contiguous(arrays: dict[str, Any]) -> dict[str, Any]:
 
 
 def _differing(theirs: Any, mine: Any) -> str:
-    """Which settings differ, in words."""
-    if not isinstance(mine, dict):
+    """What differs, in words."""
+    if isinstance(mine, list):
         return "; choose another --output"
-    keys = [key for key in mine if theirs.get(key) != mine[key]]
-    return f" ({', '.join(f'{key} {theirs.get(key)}, not {mine[key]}' for key in keys)}); choose another --output"
+    if isinstance(mine, str):
+        return f" ({theirs}, not {mine}); choose another --output"
+    keys = [key for key in {**theirs, **mine} if theirs.get(key) != mine.get(key)]
+    told = [f"{key} {theirs.get(key)}, not {mine.get(key)}" for key in keys[:_TOLD]]
+    more = [f"and {len(keys) - _TOLD:,} more"] if len(keys) > _TOLD else []
+    return f" ({', '.join(told + more)}); choose another --output"
 
 
 def save_agent(path: Path, network: Network, surface: Surface) -> Path:

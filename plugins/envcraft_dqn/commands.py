@@ -107,7 +107,7 @@ def train(
     """
     settings = Settings(**given)
     settings.check()
-    from envcraft_dqn.places import environments
+    from envcraft_dqn.places import environments, sources
 
     names, open_vector = environments(corpus, select, contract, trust, sandbox, workers, fast)
     with uninterrupted():
@@ -121,7 +121,8 @@ def train(
     click.echo(f"{len(names):,} environments; the run is kept in {output}", err=True)
     try:
         with Shown(output / "tensorboard") as teller:
-            agent = run(settings, names, open_vector, output, source, teller, checkpoint_minutes * 60)
+            every, told = checkpoint_minutes * 60, sources(corpus, names, contract)
+            agent = run(settings, names, open_vector, output, source, teller, every, told)
     except KeyboardInterrupt:
         kept = (output / "checkpoint" / "state.json").is_file()
         again = "goes on from the last checkpoint" if kept else "begins anew, since there was no checkpoint yet"

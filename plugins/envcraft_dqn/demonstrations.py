@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,10 +31,23 @@ class Episode(NamedTuple):
 
 
 class DemonstrationSource(Protocol):
-    """Where demonstrations come from."""
+    """Where demonstrations come from. It may be :class:`Identified`, too."""
 
     def episodes(self, name: str) -> Iterable[Episode]:
         """Demonstrations in the environment `name`, in the same order each time."""
+
+
+@runtime_checkable
+class Identified(Protocol):
+    """A source that can be told from others, so that a run goes on only with the one that it began with."""
+
+    def identity(self, names: Sequence[str]) -> str:
+        """In words, whose demonstrations in these environments they are."""
+
+
+def identity(source: DemonstrationSource, names: Sequence[str]) -> str:
+    """What tells a source from others, as far as it tells."""
+    return source.identity(names) if isinstance(source, Identified) else "some"
 
 
 def seed_replay(

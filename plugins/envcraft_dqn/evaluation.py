@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from hashlib import sha256
 from math import sqrt
 from pathlib import Path
 from typing import Any, Protocol
@@ -52,20 +53,22 @@ class NoopPlayer:
 
 
 class AgentPlayer:
-    """What an agent thinks best, but for a share `epsilon` of random actions."""
+    """What an agent thinks best, but for a share `epsilon` of random actions; `sha256` is its file's."""
 
     def __init__(self, path: Path, surface: Surface, seed: int, epsilon: float, device: str = "auto") -> None:
         """Raises UsageError where the file is no agent, or one for other frames or actions."""
         from envcraft_dqn.checkpoint import load_agent
         from envcraft_dqn.learner import device_named
 
-        network, trained = load_agent(path / _AGENT if path.is_dir() else path)
+        file = path / _AGENT if path.is_dir() else path
+        network, trained = load_agent(file)
         if trained != surface:
             raise UsageError(f"{path} was trained on {trained}, and these environments have {surface}")
         self._device = device_named(device)
         self._network = network.placed(self._device).requires_grad_(False)
         self._random, self._epsilon = RandomPlayer(surface, seed), epsilon
         self._rng = np.random.default_rng([seed, 5])
+        self.sha256 = sha256(file.read_bytes()).hexdigest()
 
     def act(self, frames: Frames) -> NDArray[np.int64]:
         import torch
@@ -185,6 +188,11 @@ class Played:
 
     def __init__(self, open_vector: OpenVector, player: Player, steps: int, seed: int = 0) -> None:
         self._open, self._player, self._steps, self._seed = open_vector, player, steps, seed
+
+    def identity(self, names: Sequence[str]) -> str:
+        if isinstance(self._player, AgentPlayer):
+            return f"the agent {self._player.sha256[:16]}"
+        return {RandomPlayer: "random", NoopPlayer: "noop"}.get(type(self._player), "some")
 
     def episodes(self, name: str) -> Iterator[Episode]:
         """Episodes until there are enough steps; the last one is cut there."""

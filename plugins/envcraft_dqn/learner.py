@@ -9,7 +9,7 @@ from __future__ import annotations
 import contextlib
 import itertools
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -23,7 +23,7 @@ from torch.nn import functional
 
 from envcraft.errors import EnvCraftError, UsageError
 from envcraft_dqn.checkpoint import Checkpoint, save_agent
-from envcraft_dqn.demonstrations import DemonstrationSource, seed_replay
+from envcraft_dqn.demonstrations import DemonstrationSource, identity, seed_replay
 from envcraft_dqn.frames import Frames, make_store
 from envcraft_dqn.network import Network, keep_memory, weights_from
 from envcraft_dqn.replay import MOST_ACTIONS, Batch, Replay
@@ -173,6 +173,7 @@ def train(
     demonstrations: DemonstrationSource | None = None,
     teller: Teller | None = None,
     every: float = 300.0,
+    sources: Mapping[str, str] | None = None,
 ) -> Path:
     """Train an agent on the environments `names`; give the file that it is in.
 
@@ -182,6 +183,7 @@ def train(
     Args:
         open_vector: makes a vector with autoreset mode NEXT_STEP of environments with these names.
         demonstrations: where there are some, they are in the replay from the beginning, for good.
+        sources: by name, what tells an environment from another that comes to have its name.
 
     Raises UsageError where the folder has another run, or the environments have no frames of bytes; Diverged.
     """
@@ -201,7 +203,8 @@ def train(
     store = make_store(settings.replay, settings.capacity, surface.shape, folder, learner.device)
     replay = Replay(store, settings.capacity, settings.n_step, settings.gamma, settings.alpha)
     rng = np.random.default_rng([settings.seed, 0])
-    checkpoint = Checkpoint(folder / "checkpoint", settings, names, every)
+    told = "none" if demonstrations is None else identity(demonstrations, names)
+    checkpoint = Checkpoint(folder / "checkpoint", settings, names, every, sources, told)
     done = Position()
 
     def save() -> None:

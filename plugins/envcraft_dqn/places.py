@@ -65,6 +65,18 @@ def environments(
     return names, open_vector
 
 
+def sources(target: Path, names: Sequence[str], contract: str | None) -> dict[str, str]:
+    """By name, what tells these environments from others: the digests of source and contract."""
+    from envcraft.corpus.settings import contract_digest
+    from envcraft.using.sources import locate
+
+    found = {name: locate(target, None if target.is_file() else name, contract) for name in names}
+    return {
+        name: f"{one.sha256[:16]} under {one.contract.name} {contract_digest(one.contract)[:16]}"
+        for name, one in found.items()
+    }
+
+
 def _chosen(corpus: Path, select: Sequence[str]) -> list[str]:
     """The names in a corpus that are asked for."""
     from envcraft.corpus.store import Store, find

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
@@ -52,6 +53,12 @@ class Recorded:
                 raise UsageError(
                     f"{name} has recordings of {' and '.join(players)}: name one, as in {corpus}:{players[0]}"
                 )
+
+    def identity(self, names: Sequence[str]) -> str:
+        rows = [(name, row) for name in names for row in self._rows.get(name, ())]
+        files = " ".join(f"{name} {row.file}" for name, row in rows)
+        players = sorted({row.player for _, row in rows})
+        return f"{' and '.join(players)}, recordings {sha256(files.encode()).hexdigest()[:16]}"
 
     def episodes(self, name: str) -> Iterator[Episode]:
         """The episodes of one environment in the order in which they were played; none where it has no recording.

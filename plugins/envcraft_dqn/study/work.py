@@ -77,6 +77,7 @@ def _trained(told: Order) -> dict[str, Any]:
 
     from envcraft_dqn.checkpoint import load_agent
     from envcraft_dqn.learner import train
+    from envcraft_dqn.places import sources
     from envcraft_dqn.recorded import Recorded
     from envcraft_dqn.study.curve import Curve, read
 
@@ -86,7 +87,8 @@ def _trained(told: Order) -> dict[str, Any]:
     recorded = told.task.demonstrations
     source = Recorded(corpus, told.place.open, told.player, told.protocol.seed) if recorded else None
     file = folder / "curve.jsonl"
-    agent = train(settings, told.task.environments, told.place.open, folder, source, Curve(file), _EVERY)
+    names = told.task.environments
+    agent = train(settings, names, told.place.open, folder, source, Curve(file), _EVERY, sources(corpus, names, None))
     numbers = json.loads((folder / "checkpoint" / "state.json").read_text("utf-8"))["numbers"]
     return {
         "curve": read(file),

@@ -115,6 +115,8 @@ def test_recordings_are_played_again_or_read_from_the_cache(games: Path, tmp_pat
     assert run(*where).exit_code == 0
     _, open_vector = environments(games, (), None, False, None, None)
     source = Recorded(games, open_vector)
+    assert source.identity([FIRST]).startswith("random, recordings ")
+    assert source.identity([FIRST]) != source.identity([])
     assert source.names == [FIRST]
     played = list(source.episodes(FIRST))
     assert list(source.episodes("tetris_0_0001.py")) == []

@@ -123,6 +123,31 @@ def test_wrong_use_is_told(corpus: Path, tmp_path: Path, arguments: tuple[str, .
     assert words in result.output
 
 
+def test_a_run_goes_on_with_nothing_else(corpus: Path, tmp_path: Path) -> None:
+    output = tmp_path / "run"
+    train: tuple[str | Path, ...] = ("train", corpus, "--output", output, *TRAIN)
+    assert run(*train, *DEMOS).exit_code == 0
+    other = run(*train, "--demos", "noop", *DEMOS[2:])
+    assert other.exit_code == 2
+    assert "a run of other demonstrations (random, not noop); choose another --output" in other.output
+    adapted = run(*train, *DEMOS, "--contract", "arcade-native")
+    assert adapted.exit_code == 2
+    assert "under arcade-native" in adapted.output
+    with Store(corpus, write=True) as store:
+        store.remove("catch.py")
+        store.add("catch.py", (GAMES / "catch.py").read_bytes() + b"\n# another\n")
+    changed = run(*train, *DEMOS)
+    assert changed.exit_code == 2
+    assert "a run of other sources (catch.py " in changed.output
+    state = output / "checkpoint" / "state.json"
+    told = json.loads(state.read_text())
+    del told["sources"], told["demonstrations"]
+    state.write_text(json.dumps(told))
+    old = run(*train, *DEMOS)
+    assert old.exit_code == 2
+    assert "an earlier version of EnvCraft began" in old.output
+
+
 def test_what_cannot_be_written_is_told_before_anything_runs(corpus: Path, tmp_path: Path) -> None:
     file = tmp_path / "file"
     file.write_text("kept")
