@@ -13,6 +13,7 @@ import click
 
 from envcraft.cli import uninterrupted
 from envcraft.errors import UsageError
+from envcraft_dqn.lock import alone
 from envcraft_dqn.settings import HEADS, PRECISIONS, REPLAYS, SIZES, Settings
 
 _F = TypeVar("_F", bound=Callable[..., Any])
@@ -119,9 +120,9 @@ def train(
     source = None if demos is None else source_named(demos, there, settings, output)
     _writable(output)
     click.echo(f"{len(names):,} environments; the run is kept in {output}", err=True)
+    every, told = checkpoint_minutes * 60, sources(corpus, names, contract)
     try:
-        with Shown(output / "tensorboard") as teller:
-            every, told = checkpoint_minutes * 60, sources(corpus, names, contract)
+        with alone(output), Shown(output / "tensorboard") as teller:
             agent = run(settings, names, open_vector, output, source, teller, every, told)
     except KeyboardInterrupt:
         kept = (output / "checkpoint" / "state.json").is_file()

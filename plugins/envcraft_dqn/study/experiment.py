@@ -11,6 +11,7 @@ import msgspec
 from envcraft.errors import EnvCraftError, UsageError
 from envcraft.executors import ExecutorPlugin
 from envcraft.reports import plural
+from envcraft_dqn.lock import alone
 from envcraft_dqn.study import places, privileged, running
 from envcraft_dqn.study.places import Chosen, Place
 from envcraft_dqn.study.protocol import Protocol, Task, tasks
@@ -93,9 +94,10 @@ class Experiment:
         from envcraft_dqn.study.report import write
         from envcraft_dqn.study.summary import summarise
 
-        results = running.run(self.tasks, self._order, self.folder, plugin, workers, scheduler, tell)
-        kinds = {one.name: one.kind for one in self.environments}
-        return write(self.folder, self.protocol, self._player, results, summarise(self.protocol, results, kinds))
+        with alone(self.folder):
+            results = running.run(self.tasks, self._order, self.folder, plugin, workers, scheduler, tell)
+            kinds = {one.name: one.kind for one in self.environments}
+            return write(self.folder, self.protocol, self._player, results, summarise(self.protocol, results, kinds))
 
     def _order(self, task: Task) -> Order:
         folder = str(self.folder.resolve())

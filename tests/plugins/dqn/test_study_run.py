@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
 import signal
 import subprocess
@@ -13,6 +14,7 @@ from typing import Any
 
 import pytest
 from click.testing import CliRunner, Result
+from envcraft_dqn.lock import alone
 
 from envcraft.cli import cli
 
@@ -135,6 +137,13 @@ def test_a_study_may_stay_without_a_step_online(tmp_path: Path) -> None:
         ("agent", 30, 0),
         ("without demonstrations", 0, 0),
     }
+
+
+def test_two_studies_are_not_in_one_folder(whole: Path) -> None:
+    with alone(whole):
+        result = study(whole)
+    assert result.exit_code == 2, result.output
+    assert f"process {os.getpid()} is at a run in {whole}" in result.output
 
 
 def test_wrong_use_writes_nothing(tmp_path: Path) -> None:

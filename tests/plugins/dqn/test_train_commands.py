@@ -148,6 +148,21 @@ def test_a_run_goes_on_with_nothing_else(corpus: Path, tmp_path: Path) -> None:
     assert "an earlier version of EnvCraft began" in old.output
 
 
+def test_two_runs_are_not_in_one_folder(corpus: Path, tmp_path: Path) -> None:
+    holding = "import sys; from pathlib import Path; from envcraft_dqn.lock import alone\n"
+    holding += "with alone(Path(sys.argv[1])): print(flush=True); sys.stdin.read()"
+    command = [sys.executable, "-c", holding, str(tmp_path)]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as holder:
+        assert holder.stdout is not None
+        holder.stdout.readline()
+        result = run("train", corpus, "--output", tmp_path, *TRAIN)
+        assert result.exit_code == 2, result.output
+        assert f"process {holder.pid} is at a run in {tmp_path}: wait until it has ended" in result.output
+        holder.kill()
+    assert not (tmp_path / "checkpoint").exists()
+    assert run("train", corpus, "--output", tmp_path, *TRAIN).exit_code == 0
+
+
 def test_what_cannot_be_written_is_told_before_anything_runs(corpus: Path, tmp_path: Path) -> None:
     file = tmp_path / "file"
     file.write_text("kept")
