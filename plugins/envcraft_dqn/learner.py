@@ -235,7 +235,7 @@ def train(
         seed_replay(replay, surface, names, demonstrations, settings)
         save()
 
-    teller.begin("pretraining", done.updates, settings.pretrain_updates)
+    teller.begin("pretraining", done.updates, settings.pretrain_updates, done.updates)
     while done.updates < settings.pretrain_updates:
         for _ in range(min(_CHUNK, settings.pretrain_updates - done.updates)):
             update()
@@ -246,7 +246,7 @@ def train(
         if checkpoint.due or done.updates == settings.pretrain_updates:
             save()
 
-    teller.begin("training", done.steps, settings.steps)
+    teller.begin("training", done.steps, settings.steps, done.updates)
     first_update = 0 if settings.pretrain_updates else settings.starts
     with contextlib.ExitStack() as stack:
         opened: tuple[str, ...] = ()

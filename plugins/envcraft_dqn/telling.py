@@ -22,8 +22,8 @@ _REFRESH = 0.2
 class Teller:
     """Takes in what happens in a run, and tells it nowhere: in a library's hands training is silent."""
 
-    def begin(self, phase: str, done: int, total: int) -> None:
-        """A phase begins, or goes on after `done` of `total`."""
+    def begin(self, phase: str, done: int, total: int, updates: int = 0) -> None:
+        """A phase begins, or goes on after `done` of `total`, when there have been so many updates in all."""
 
     def updated(self, loss: float) -> None:
         """An update was made."""
@@ -80,6 +80,7 @@ class Shown(Counter):
         self._bar = Progress(*columns, console=Console(stderr=True))
         self._folder = folder
         self._writer: Any = None
+        self._now: tuple[int, int, float | None] | None = None
 
     def __enter__(self) -> Shown:
         self._bar.start()
@@ -89,21 +90,24 @@ class Shown(Counter):
         self._bar.stop()
         if self._writer is not None:
             with contextlib.suppress(OSError):
+                self._draw()
                 self._writer.close()
 
-    def begin(self, phase: str, done: int, total: int) -> None:
+    def begin(self, phase: str, done: int, total: int, updates: int = 0) -> None:
         self._total = total
         # Not before there is something to do: a run that is refused leaves no empty curves.
         if total > done and self._writer is None:
             from torch.utils.tensorboard import SummaryWriter
 
-            self._writer = SummaryWriter(str(self._folder))
+            # What an interrupted run drew after its last checkpoint comes again.
+            self._writer = SummaryWriter(str(self._folder), purge_step=updates)
         self._phase = self._bar.add_task(phase, total=total, completed=done, told="", visible=total > 0)
         self._at: tuple[float, int, int] | None = None
         self._drawn = 0.0
 
     def progress(self, steps: int, updates: int, done: int, epsilon: float | None = None) -> None:
         now = time.monotonic()
+        self._now = steps, updates, epsilon
         if now - self._drawn < _REFRESH and done < self._total:
             return
         self._drawn = now
@@ -115,6 +119,13 @@ class Shown(Counter):
             self._tell("speed/steps", (steps - self._at[1]) / seconds, updates)
             self._tell("speed/updates", (updates - self._at[2]) / seconds, updates)
         self._at = now, steps, updates
+        self._draw()
+
+    def _draw(self) -> None:
+        """A point of each curve, unless there was one already."""
+        if self._now is None:
+            return
+        (steps, updates, epsilon), self._now = self._now, None
         self._tell("progress/steps", steps, updates)
         self._tell("progress/epsilon", epsilon, updates)
         for name, values in (

@@ -28,7 +28,7 @@ class Curve(Counter):
         self._points = read(file)
         self.begin("", 0, 0)
 
-    def begin(self, phase: str, done: int, total: int) -> None:
+    def begin(self, phase: str, done: int, total: int, updates: int = 0) -> None:
         self._phase, self._each = phase, max(total / POINTS, 1.0)
         self._next = (done // self._each + 1) * self._each
         self._points = [point for point in self._points if point["phase"] != phase or point["done"] <= done]
