@@ -15,7 +15,7 @@ from envcraft.demonstrations.form import Episode, Recording, sha256
 
 FOLDER, CACHE = "demonstrations", "frames"
 _SUFFIX = ".demo"
-_COLUMNS = "id, source, class, contract, player, seed, steps, file"
+_COLUMNS = "id, source, class, contract, player, seed, steps, file, contract_sha256, player_digest"
 
 
 class Row(NamedTuple):
@@ -29,6 +29,8 @@ class Row(NamedTuple):
     seed: int
     steps: int
     file: str
+    contract_sha256: str
+    player_digest: str
 
 
 class Outcome(NamedTuple):

@@ -68,13 +68,19 @@ def environments(
 def sources(target: Path, names: Sequence[str], contract: str | None) -> dict[str, str]:
     """By name, what tells these environments from others: the digests of source and contract."""
     from envcraft.corpus.settings import contract_digest
-    from envcraft.using.sources import locate
 
-    found = {name: locate(target, None if target.is_file() else name, contract) for name in names}
     return {
         name: f"{one.sha256[:16]} under {one.contract.name} {contract_digest(one.contract)[:16]}"
-        for name, one in found.items()
+        for name, one in zip(names, _located(target, names, contract), strict=True)
     }
+
+
+def contracts(target: Path, names: Sequence[str], contract: str | None) -> dict[str, str]:
+    """By name, the digests of what these environments promise."""
+    from envcraft.corpus.settings import contract_digest
+
+    found = _located(target, names, contract)
+    return {name: contract_digest(one.contract) for name, one in zip(names, found, strict=True)}
 
 
 def _chosen(corpus: Path, select: Sequence[str]) -> list[str]:
@@ -128,10 +134,10 @@ def _passed(corpus: Path, names: list[str], contract: str | None) -> list[str]:
     return passed
 
 
-def _located(corpus: Path, names: list[str], contract: str | None) -> list[Found]:
+def _located(target: Path, names: Sequence[str], contract: str | None) -> list[Found]:
     from envcraft.using.sources import locate
 
-    return [locate(corpus, name, contract) for name in names]
+    return [locate(target, None if target.is_file() else name, contract) for name in names]
 
 
 def _tell_left(left: int, count: int) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
@@ -28,31 +28,56 @@ class Recorded:
     """
 
     def __init__(
-        self, corpus: Path, open_vector: OpenVector, player: str | None = None, seed: int | None = None
+        self,
+        corpus: Path,
+        open_vector: OpenVector,
+        player: str | None = None,
+        seed: int | None = None,
+        contracts: Mapping[str, str] | None = None,
+        player_digest: str | None = None,
     ) -> None:
-        """Look which there are, of one `player` or of the only one, from `seed` or any. Raises UsageError where there
-        is none, or an environment has several players' and none is named.
+        """Look which there are, of one `player` or of the only one, from `seed` or any; with `contracts`, their digests
+        by the names of environments, of these alone and as they promise.
+
+        Raises UsageError where there is none, or an environment has those of several players, of several versions of
+        one (but for the `player_digest` that is named), or under several contracts.
         """
         self._corpus, self._open = find(corpus), open_vector
         self._rows: dict[str, list[keeping.Row]] = {}
         with Store(self._corpus) as store:
             by_source: dict[tuple[str, str], list[keeping.Row]] = {}
             for _, row in keeping.rows(store, player):
-                if seed is None or row.seed == seed:
+                if seed in (None, row.seed) and player_digest in (None, row.player_digest):
                     by_source.setdefault((row.source, row.env_class), []).append(row)
             for name, *source in store.db.execute("SELECT name, source, class FROM environments ORDER BY name"):
-                if rows := by_source.get((source[0], source[1])):
+                rows = by_source.get((source[0], source[1]), [])
+                if rows := [row for row in rows if contracts is None or row.contract_sha256 == contracts.get(name)]:
                     self._rows[name] = rows
         self.names = list(self._rows)
         if not self._rows:
             whose = f" of {player}" if player else ""
-            raise UsageError(f"{corpus} has no recording{whose}; `envcraft demos {corpus}` makes some")
+            under = sorted({row.contract for rows in by_source.values() for row in rows})
+            other = f" under the contract of these environments, but under {' and '.join(under)}" if under else ""
+            raise UsageError(f"{corpus} has no recording{whose}{other}; `envcraft demos {corpus}` makes some")
         for name, rows in self._rows.items():
             players = sorted({row.player for row in rows})
             if len(players) > 1:
                 raise UsageError(
                     f"{name} has recordings of {' and '.join(players)}: name one, as in {corpus}:{players[0]}"
                 )
+            for what, digests in (
+                (f"versions of the player {players[0]}", {row.player_digest for row in rows}),
+                ("contracts", {f"{row.contract} {row.contract_sha256}" for row in rows}),
+            ):
+                if len(digests) > 1:
+                    raise UsageError(
+                        f"{name} has recordings of several {what} in {corpus} ({', '.join(sorted(digests))}): record "
+                        "those that you want in a corpus of their own, by `envcraft demos`"
+                    )
+
+    def steps(self, name: str) -> int:
+        """How many there are in one environment."""
+        return sum(row.steps for row in self._rows.get(name, ()))
 
     def identity(self, names: Sequence[str]) -> str:
         rows = [(name, row) for name in names for row in self._rows.get(name, ())]

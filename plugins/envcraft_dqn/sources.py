@@ -11,6 +11,7 @@ import click
 from envcraft_dqn import privileged
 from envcraft_dqn.demonstrations import DemonstrationSource
 from envcraft_dqn.evaluation import Played, player_named
+from envcraft_dqn.places import contracts
 from envcraft_dqn.recorded import Recorded
 from envcraft_dqn.settings import Settings
 from envcraft_dqn.spaces import OpenVector, Surface
@@ -43,19 +44,27 @@ def source_named(name: str, where: Where, settings: Settings, folder: Path) -> D
         privileged.record(
             seeing, where.target, where.names, where.contract, corpus, steps, seed, where.sandbox, workers
         )
-        return _told(Recorded(corpus, where.open_vector, name), where)
+        return _recorded(corpus, name, where, steps, seeing.digest)
     path, colon, player = name.rpartition(":")
     if name not in privileged.OWN and Path(name).is_dir():
-        return _told(Recorded(Path(name), where.open_vector), where)
+        return _recorded(Path(name), None, where, settings.demonstrations)
     if colon and path != "checkpoint" and Path(path).is_dir():
-        return _told(Recorded(Path(path), where.open_vector, player), where)
+        return _recorded(Path(path), player, where, settings.demonstrations)
     surface = Surface.of(where.open_vector, where.names[0])
     chosen = player_named(name, surface, settings.seed, device=settings.device)
     return Played(where.open_vector, chosen, settings.demonstrations, settings.seed)
 
 
-def _told(source: Recorded, where: Where) -> Recorded:
-    """A word on stderr where there are too few."""
+def _recorded(corpus: Path, player: str | None, where: Where, steps: int, player_digest: str | None = None) -> Recorded:
+    """What was recorded in these environments, with a word on stderr where there are too few."""
+    promised = contracts(where.target, where.names, where.contract)
+    source = Recorded(corpus, where.open_vector, player, contracts=promised, player_digest=player_digest)
     if left := len(set(where.names) - set(source.names)):
         click.echo(f"{left:,} of {len(where.names):,} environments have no demonstration", err=True)
+    if short := [name for name in source.names if source.steps(name) < steps]:
+        click.echo(
+            f"{len(short):,} of {len(where.names):,} environments have fewer than {steps:,} steps of demonstrations, "
+            f"such as {short[0]} with {source.steps(short[0]):,}",
+            err=True,
+        )
     return source

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 
@@ -12,6 +12,9 @@ from envcraft.errors import EnvCraftError
 from envcraft_dqn.study.metric import Score
 from envcraft_dqn.study.places import Chosen, Place
 from envcraft_dqn.study.protocol import NOOP, PRIVILEGED, RANDOM, UNTRAINED, Protocol, Task, training_settings
+
+if TYPE_CHECKING:
+    from envcraft_dqn.recorded import Recorded
 
 #: Seconds between two checkpoints of a training.
 _EVERY = 120.0
@@ -78,14 +81,12 @@ def _trained(told: Order) -> dict[str, Any]:
     from envcraft_dqn.checkpoint import load_agent
     from envcraft_dqn.learner import train
     from envcraft_dqn.places import sources
-    from envcraft_dqn.recorded import Recorded
     from envcraft_dqn.study.curve import Curve, read
 
     folder = Path(told.folder, "runs", told.task.name)
     settings = msgspec.structs.replace(training_settings(told.protocol, told.task), device=told.device)
     corpus = Path(told.place.corpus)
-    recorded = told.task.demonstrations
-    source = Recorded(corpus, told.place.open, told.player, told.protocol.seed) if recorded else None
+    source = _recorded(told) if told.task.demonstrations else None
     file = folder / "curve.jsonl"
     names = told.task.environments
     agent = train(settings, names, told.place.open, folder, source, Curve(file), _EVERY, sources(corpus, names, None))
@@ -96,6 +97,18 @@ def _trained(told: Order) -> dict[str, Any]:
         "updates": numbers["updates"],
         "steps": numbers["steps"],
     }
+
+
+def _recorded(told: Order) -> Recorded:
+    """What was recorded for this study: in all environments under the contract of the first."""
+    from envcraft_dqn.places import contracts
+    from envcraft_dqn.recorded import Recorded
+    from envcraft_dqn.study.privileged import player_for
+
+    names, corpus = [one.name for one in told.environments], Path(told.place.corpus)
+    [promised] = contracts(corpus, names[:1], None).values()
+    digest = player_for(told.environments).digest
+    return Recorded(corpus, told.place.open, told.player, told.protocol.seed, dict.fromkeys(names, promised), digest)
 
 
 def _played(told: Order) -> list[Score]:

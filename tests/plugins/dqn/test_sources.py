@@ -7,6 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
 from click.testing import CliRunner, Result
@@ -138,11 +139,40 @@ def test_recordings_are_played_again_or_read_from_the_cache(games: Path, tmp_pat
     result = run("train", games, "--output", output, *TRAIN, "--demos", games, "--pretrain-updates", "3")
     assert result.exit_code == 0, result.output
     assert "2 of 3 environments have no demonstration" in result.stderr
+    assert (
+        f"1 of 3 environments have fewer than 1,000 steps of demonstrations, such as {FIRST} with 90" in result.stderr
+    )
     assert run(*where[:5], "noop", *where[6:]).exit_code == 0
     result = run("train", games, "--output", output, *TRAIN, "--demos", games, "--pretrain-updates", "3")
     assert "has recordings of noop and random: name one, as in" in result.output
     again = ("--demos", f"{games}:random", "--pretrain-updates", "3")
     assert run("train", games, "--output", output, *TRAIN, *again).exit_code == 0
+
+
+def test_recordings_of_several_versions_or_contracts_are_not_mixed(games: Path, tmp_path: Path) -> None:
+    where = ("demos", games, "--steps", "40", "--player", "random", "--select", FIRST, *SANDBOX)
+    assert run(*where).exit_code == 0
+    _, open_vector = environments(games, (), None, False, None, None)
+
+    def record_again(**changed: str) -> None:
+        with Store(games, write=True) as store:
+            [(_, row), *_] = keeping.rows(store)
+            keeping.keep(store, msgspec.structs.replace(keeping.read(store, row), **changed))
+
+    record_again(contract="arcade-native", contract_sha256="b" * 64)
+    train = ("train", games, "--output", tmp_path / "run", *TRAIN, "--select", FIRST, "--demos", games)
+    assert run(*train).exit_code == 0
+    with pytest.raises(UsageError, match=f"{FIRST} has recordings of several contracts in .*arcade-native b"):
+        Recorded(games, open_vector)
+    with pytest.raises(UsageError, match="under the contract of these environments, but under arcade and arcade-nat"):
+        Recorded(games, open_vector, contracts={FIRST: "c" * 64})
+    record_again(player_digest="another")
+    mixed = run(*train)
+    assert mixed.exit_code == 2
+    assert "several versions of the player random" in " ".join(mixed.output.split())
+    arcade = {FIRST: contract_digest(ARCADE)}
+    chosen = Recorded(games, open_vector, contracts=arcade, player_digest="another")
+    assert chosen.steps(FIRST) == 40
 
 
 def test_players_that_see_the_state_play_and_demonstrate_in_a_sandbox(games: Path, tmp_path: Path) -> None:
