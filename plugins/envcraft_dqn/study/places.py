@@ -55,17 +55,17 @@ def written(root: Path, count: int, seed: int) -> Path:
 
 
 def chosen(corpus: Path, patterns: Sequence[str]) -> list[Chosen]:
-    """The environments whose names fit one of the patterns, or all; of several with one source the first.
+    """The environments whose names fit one of the patterns, or all; of several of these with one source the first.
 
     Raises UsageError where there is none.
     """
     with Store(corpus) as store:
-        rows = store.db.execute(
-            "SELECT min(name), source, origin FROM environments GROUP BY source, class ORDER BY 1"
-        ).fetchall()
-    found = [_chosen(name, source, json.loads(origin)) for name, source, origin in rows]
-    if patterns:
-        found = [one for one in found if any(fnmatchcase(one.name, pattern) for pattern in patterns)]
+        rows = store.db.execute("SELECT name, source, class, origin FROM environments ORDER BY name").fetchall()
+    first: dict[tuple[str, str], Chosen] = {}
+    for name, source, env_class, origin in rows:
+        if not patterns or any(fnmatchcase(name, pattern) for pattern in patterns):
+            first.setdefault((source, env_class), _chosen(name, source, json.loads(origin)))
+    found = list(first.values())
     if not found:
         words = f"no environment that {' or '.join(patterns)} fits" if patterns else "no environment"
         raise UsageError(f"{corpus} has {words}; `envcraft corpus list {corpus}` lists them")

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from collections import Counter
+from pathlib import Path
 
 import pytest
 from envcraft_dqn.study.folds import sample, splits, subset
+from envcraft_dqn.study.places import chosen
 from envcraft_dqn.study.protocol import tasks
 from envcraft_dqn.study.scales import SCALES
 from hypothesis import given
 from hypothesis import strategies as st
 
+from envcraft.corpus.store import Store
 from envcraft.errors import UsageError
 
 
@@ -59,6 +62,14 @@ def test_what_cannot_be_parted_is_refused() -> None:
         splits(["a", "a", "b"], 2, 0)
     with pytest.raises(UsageError, match="a subset of 4 cannot be taken of the 3"):
         subset(splits(names_of(6), 2, 0)[0], 4, 0)
+
+
+def test_copies_are_chosen_among_those_that_are_asked_for(tmp_path: Path) -> None:
+    with Store.create(tmp_path / "corpus") as store:
+        for name in ("a.py", "b.py", "c.py"):
+            store.add(name, b"# one source\n" if name < "c" else b"# another\n")
+    assert [one.name for one in chosen(tmp_path / "corpus", ())] == ["a.py", "c.py"]
+    assert [one.name for one in chosen(tmp_path / "corpus", ["[bc].py"])] == ["b.py", "c.py"]
 
 
 def test_tasks_of_the_reference() -> None:
