@@ -92,9 +92,9 @@ def _page(protocol: Protocol, player: str, summary: Summary, figures: list[tuple
         "or below."
     )
     if summary.gap is not None:
-        side = "above" if summary.gap >= 0 else "below"
         page.text(
-            f"In environments of its training the agent's mean is {abs(summary.gap):.1f} {side} that of the others."
+            "In the same environments, the lead of agents that were trained on them over the one that was not is "
+            f"{_interval(summary.gap)}, {_side(summary.gap, 'the latter')}."
         )
     if summary.without_scale:
         page.text(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from statistics import fmean
 
 import msgspec
 
@@ -48,14 +49,14 @@ class Summary(msgspec.Struct, frozen=True):
     Attributes:
         conditions: by name, the agent first.
         without_scale: environments that have no figure, since the privileged player is not beyond doubt better there.
-        gap: by how much the agent's mean over environments of its training lies above that over those held out.
+        gap: by how much agents that were trained on an environment do better there than the one that was not.
         parameters: of the network.
         seconds, processor_seconds: of all tasks together.
     """
 
     conditions: dict[str, Condition]
     without_scale: list[str]
-    gap: float | None
+    gap: Interval | None
     parameters: int
     seconds: float
     processor_seconds: float
@@ -84,11 +85,10 @@ def summarise(protocol: Protocol, results: Mapping[str, Result], kinds: Mapping[
         name: _condition(name, sorted(changes[name], key=_key), agent, kinds, protocol.seed)
         for name in sorted(changes, key=_rank)
     }
-    known = {name: condition.over.value.mean for name, condition in conditions.items()}
     return Summary(
         conditions,
         sorted(nowhere),
-        known[FAMILIAR] - known[AGENT] if FAMILIAR in known and AGENT in known else None,
+        _gap(changes.get(FAMILIAR, []), agent, protocol.seed),
         max((result.parameters for result in results.values()), default=0),
         sum(result.seconds for result in results.values()),
         sum(result.processor_seconds for result in results.values()),
@@ -122,6 +122,15 @@ def _condition(name: str, changes: list[Change], agent: list[Change], kinds: Map
         by_kind = {kind: [one for one in changes if kinds[one.name] == kind] for kind in sorted(set(kinds.values()))}
         apart = {kind: told(some) for kind, some in by_kind.items() if some}
     return Condition(name, changes, over, splits, difference, apart)
+
+
+def _gap(familiar: list[Change], agent: list[Change], seed: int) -> Interval | None:
+    """In the environments that are in both, each of which counts once, whichever splits it was tested in."""
+    by_name: dict[str, list[Change]] = {}
+    for change in familiar:
+        by_name.setdefault(change.name, []).append(change)
+    means = [msgspec.structs.replace(some[0], value=fmean(one.value for one in some)) for some in by_name.values()]
+    return paired(means, agent, seed)
 
 
 def _key(change: Change) -> tuple[str, int]:
