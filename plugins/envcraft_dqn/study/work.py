@@ -131,11 +131,11 @@ def _played(told: Order) -> list[Score]:
 
 
 def _untrained(told: Order, surface: Any) -> Path:
-    """The agent of a split before it has learnt anything."""
+    """A network that has learnt nothing, another one in each split."""
     from envcraft_dqn.checkpoint import save_agent
     from envcraft_dqn.learner import Learner
 
-    settings = msgspec.structs.replace(told.protocol.settings, seed=told.protocol.seed, device=told.device)
+    settings = msgspec.structs.replace(told.protocol.settings, seed=told.task.seed, device=told.device)
     file = Path(told.folder, "runs", told.task.name, "agent.safetensors")
     return save_agent(file, Learner(settings, surface).network, surface)
 

@@ -2,14 +2,28 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import msgspec
 import pytest
 from envcraft_dqn.evaluation import Mean
+from envcraft_dqn.spaces import Surface
 from envcraft_dqn.study.metric import Score
-from envcraft_dqn.study.protocol import AGENT, FAMILIAR, RANDOM, Task
+from envcraft_dqn.study.places import Place
+from envcraft_dqn.study.protocol import AGENT, FAMILIAR, RANDOM, UNTRAINED, Task, tasks
 from envcraft_dqn.study.scales import SCALES
 from envcraft_dqn.study.summary import summarise
-from envcraft_dqn.study.work import Result
+from envcraft_dqn.study.work import Order, Result, _untrained
+
+
+def test_each_split_has_an_untrained_network_of_its_own(tmp_path: Path) -> None:
+    protocol = msgspec.structs.replace(SCALES["smoke"], folds=3)
+    found = [task for task in tasks(protocol, ["a", "b", "c"]) if task.player == UNTRAINED]
+    files = set()
+    for task in found:
+        order = Order(protocol, Place("", True), str(tmp_path), task, "", [], "cpu", "process")
+        files.add(_untrained(order, Surface((16, 16, 3), (5, 2, 2))).read_bytes())
+    assert len(files) == 3
 
 
 def result(condition: str, split: int, lengths: dict[str, float]) -> Result:
