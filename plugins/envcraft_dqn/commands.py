@@ -83,7 +83,7 @@ def _number(name: str, words: str, least: float = 1) -> Callable[[_F], _F]:
 @click.option(
     "--demonstration-share",
     type=click.FloatRange(0, 1),
-    help="Of each batch online  [default: as priorities have it]",
+    help="Of the draws online; importance weights take it back as beta rises  [default: as priorities have it]",
 )
 @click.option("--replay", type=click.Choice(REPLAYS), default=_DEFAULT.replay, show_default=True)
 @click.option("--precision", type=click.Choice(PRECISIONS), default=_DEFAULT.precision, show_default=True)

@@ -91,6 +91,11 @@ def _page(protocol: Protocol, player: str, summary: Summary, figures: list[tuple
         "the environments that both were tested in. Beyond doubt: an environment's own 95% interval lies above zero, "
         "or below."
     )
+    if WITHOUT in summary.conditions:
+        page.text(
+            "The agent without demonstrations makes no updates of pretraining and takes more of its steps at random, so "
+            "that the lead over it is not the demonstrations' alone."
+        )
     if summary.gap is not None:
         page.text(
             "In the same environments, the lead of agents that were trained on them over the one that was not is "
