@@ -93,8 +93,8 @@ def _page(protocol: Protocol, player: str, summary: Summary, figures: list[tuple
     )
     if WITHOUT in summary.conditions:
         page.text(
-            "The agent without demonstrations makes no updates of pretraining and takes more of its steps at random, so "
-            "that the lead over it is not the demonstrations' alone."
+            "The agent without demonstrations makes no updates of pretraining and takes more of its steps at random, "
+            "so that the lead over it is not the demonstrations' alone."
         )
     if summary.gap is not None:
         page.text(
