@@ -181,7 +181,9 @@ class Source(Check):
         if loaded.end.how is not How.DONE:
             yield self._broken(loaded)
         elif fault is not None and _absent(fault, name):
-            raise WorkerLost(f"{fault.message}{_put_there(subject)}")
+            # What was misspelt is there under another name.
+            advice = "" if "did you mean" in fault.message else _put_there(subject)
+            raise WorkerLost(f"{fault.message}{advice}")
         elif fault is not None and fault.type.endswith("NoSuchEnvironment"):
             yield self.finding("EC005", fault.message)
         elif fault is not None and fault.phase == "import":
