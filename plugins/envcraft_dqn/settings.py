@@ -43,7 +43,7 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True):
         capacity: slots of the replay.
         demonstrations: transitions of each environment that the replay is seeded with, at most.
         starts: steps before the first online update, where there was no pretraining.
-        demonstration_share: of what is drawn online, though importance weights let demonstrations count for their part
+        demonstration_share: of what is drawn online, though by importance weights demonstrations count for their part
             of the replay as beta goes to 1; None leaves it to the priorities.
         replay, precision, compiled, device: where frames are, in what numbers, and on what it runs.
     """
