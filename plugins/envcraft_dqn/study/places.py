@@ -8,9 +8,11 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
 
+import click
 import msgspec
 
 from envcraft.commands.choices import family_named
+from envcraft.corpus.likeness import Member, clusters
 from envcraft.corpus.store import Store, is_corpus
 from envcraft.errors import UsageError
 from envcraft.using.sources import locate
@@ -18,6 +20,8 @@ from envcraft.using.sources import locate
 #: The family whose variants are written where no corpus is named, and whose episodes last as long as they are played
 #: well.
 FAMILY = "tetris"
+#: Layers of :mod:`envcraft.corpus.likeness` that say that two environments are one.
+_SAME = ("exact", "structural")
 
 
 class Place(msgspec.Struct, frozen=True):
@@ -55,17 +59,23 @@ def written(root: Path, count: int, seed: int) -> Path:
 
 
 def chosen(corpus: Path, patterns: Sequence[str]) -> list[Chosen]:
-    """The environments whose names fit one of the patterns, or all; of several of these with one source the first.
+    """The environments whose names fit one of the patterns, or all; of several of these that are the same one, but for
+    layout or the names of their own, the first. A word on stderr tells how many are left out.
 
     Raises UsageError where there is none.
     """
-    with Store(corpus) as store:
-        rows = store.db.execute("SELECT name, source, class, origin FROM environments ORDER BY name").fetchall()
-    first: dict[tuple[str, str], Chosen] = {}
-    for name, source, env_class, origin in rows:
-        if not patterns or any(fnmatchcase(name, pattern) for pattern in patterns):
-            first.setdefault((source, env_class), _chosen(name, source, json.loads(origin)))
-    found = list(first.values())
+    with Store(corpus, write=True) as store:
+        rows = [
+            row
+            for row in store.db.execute("SELECT name, source, class, origin FROM environments ORDER BY name").fetchall()
+            if not patterns or any(fnmatchcase(row[0], pattern) for pattern in patterns)
+        ]
+        # One that is tested and its copy that is trained on would be no test.
+        alike = clusters(store, _SAME, members=[Member(*row[:3]) for row in rows]).clusters
+    copies = {name for cluster in alike for name in cluster.members[1:]}
+    if copies:
+        click.echo(f"{len(copies):,} of {len(rows):,} environments are copies of others and left out", err=True)
+    found = [_chosen(name, source, json.loads(origin)) for name, source, _, origin in rows if name not in copies]
     if not found:
         words = f"no environment that {' or '.join(patterns)} fits" if patterns else "no environment"
         raise UsageError(f"{corpus} has {words}; `envcraft corpus list {corpus}` lists them")

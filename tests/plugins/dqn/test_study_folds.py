@@ -64,12 +64,21 @@ def test_what_cannot_be_parted_is_refused() -> None:
         subset(splits(names_of(6), 2, 0)[0], 4, 0)
 
 
-def test_copies_are_chosen_among_those_that_are_asked_for(tmp_path: Path) -> None:
+def test_copies_are_chosen_among_those_that_are_asked_for(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     with Store.create(tmp_path / "corpus") as store:
-        for name in ("a.py", "b.py", "c.py"):
-            store.add(name, b"# one source\n" if name < "c" else b"# another\n")
-    assert [one.name for one in chosen(tmp_path / "corpus", ())] == ["a.py", "c.py"]
-    assert [one.name for one in chosen(tmp_path / "corpus", ["[bc].py"])] == ["b.py", "c.py"]
+        for name, source in (
+            ("a.py", b"speed = 3\nprint(speed)\n"),
+            ("b.py", b"speed = 3\nprint(speed)\n"),
+            # Other layout, another name, and last another game.
+            ("c.py", b"# mine\nspeed = 3\n\nprint( speed )\n"),
+            ("d.py", b"fast = 3\nprint(fast)\n"),
+            ("e.py", b"speed = 4\nprint(speed)\n"),
+        ):
+            store.add(name, source)
+    assert [one.name for one in chosen(tmp_path / "corpus", ())] == ["a.py", "e.py"]
+    assert "3 of 5 environments are copies of others and left out" in capsys.readouterr().err
+    for other in "bcd":
+        assert [one.name for one in chosen(tmp_path / "corpus", [f"[{other}e].py"])] == [f"{other}.py", "e.py"]
 
 
 def test_tasks_of_the_reference() -> None:
