@@ -93,8 +93,8 @@ def by_length(agent: Score, random: Score, split: int) -> Change:
 
 
 def by_return(agent: Score, random: Score, privileged: Score, split: int) -> Change | None:
-    """The return from 0, random play's, to 100, the privileged player's; None where the latter is not better than the
-    former beyond doubt, so that there is no scale.
+    """The return from 0, random play's, to 100, the privileged player's; None where the interval of the latter's lead
+    over the former does not lie above zero, so that there is no scale.
 
     With f = (a - r) / (p - r): df/da = 1 / (p - r), df/dr = (f - 1) / (p - r), df/dp = -f / (p - r).
     """

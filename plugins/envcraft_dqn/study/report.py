@@ -80,16 +80,16 @@ def _page(protocol: Protocol, player: str, summary: Summary, figures: list[tuple
         "steps longer",
         "improve",
         "return higher",
-        "beyond doubt",
-        "worse beyond doubt",
+        "own interval above zero",
+        "own interval below zero",
         "the agent's lead",
     ]
     page.table(head, [_row(condition) for condition in summary.conditions.values()])
     page.text(
         "Return higher: the share of environments in which the mean return is higher than that of random play, which "
         "need not be so where episodes are longer. The agent's lead is by how much its figure is the higher one, in "
-        "the environments that both were tested in. Beyond doubt: an environment's own 95% interval lies above zero, "
-        "or below."
+        "the environments that both were tested in. Own interval: how many environments have one of their own, of 95%, "
+        "that lies above zero, or below."
     )
     if WITHOUT in summary.conditions:
         page.text(
@@ -103,7 +103,7 @@ def _page(protocol: Protocol, player: str, summary: Summary, figures: list[tuple
         )
     if summary.without_scale:
         page.text(
-            "Left out, since the privileged player is not beyond doubt better than random play there: "
+            "Left out, since the interval of the privileged player's lead over random play is not above zero there: "
             + ", ".join(summary.without_scale)
         )
     for name, words in figures:

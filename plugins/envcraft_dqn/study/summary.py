@@ -48,7 +48,8 @@ class Summary(msgspec.Struct, frozen=True):
 
     Attributes:
         conditions: by name, the agent first.
-        without_scale: environments that have no figure, since the privileged player is not beyond doubt better there.
+        without_scale: environments that have no figure, since the interval of the privileged player's lead over random
+            play does not lie above zero there.
         gap: by how much agents that were trained on an environment do better there than the one that was not.
         parameters: of the network.
         seconds, processor_seconds: of all tasks together.
