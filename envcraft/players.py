@@ -15,7 +15,7 @@ from envcraft.rollout import Action, Episode, Rollout
 
 _Draw = Callable[[spaces.Space, int, int], list[Action]]
 #: Steps of an earlier episode at random, and how many resets without a step come before.
-_EARLIER_STEPS, _EARLIER_RESETS = 200, 20
+_EARLIER_STEPS, _EARLIER_RESETS = 200, 8
 
 
 class Players:

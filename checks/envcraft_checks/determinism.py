@@ -154,7 +154,7 @@ class Determinism(Check):
         plays = subject.rollouts(subject.players.probes)
         reset = list(itertools.takewhile(lambda play: play.observations, plays))
         probes = [play.rollout.cut(min(length, max(play.steps, 1))) for play in reset]
-        if len(reset) == seeds and (found := subject.found()) is not None:
+        if len(reset) == seeds and (found := subject.found()) is not None and self._differs(subject, found):
             probes.append(found)
         for rollout in probes:
             subject.foresee([rollout, rollout.under(self._together(subject, rollout))], alone=True)
@@ -192,6 +192,11 @@ class Determinism(Check):
             if found is not None:
                 return self._found(subject, finding.code, rollout, conditions, found)
         return None
+
+    def _differs(self, subject: Subject, rollout: Rollout) -> bool:
+        """Whether an episode is another one with everything different at the same time: worth a closer look."""
+        everything = subject.rollout(rollout.under(self._together(subject, rollout)), alone=True)
+        return _interrupted(everything) or _diverge(subject.rollout(rollout), everything, info=True) is not None
 
     def _probe(self, subject: Subject, rollout: Rollout) -> Iterator[Finding]:
         """What is found with info, and all but that where info had telemetry and nothing else was found."""
@@ -368,8 +373,10 @@ class Determinism(Check):
         first = subject.rollout(after(0))
         if first.opaque or not first.usable:
             return
-        for _ in range(_UNSEEDED_AGAIN):
-            if (found := _diverge(first, subject.rerun(after(0)), info=False)) is not None:
+        again = (subject.rerun(after(0), alone=False) for _ in range(_UNSEEDED_AGAIN))
+        if any(_diverge(first, trace, info=False) is not None for trace in again):
+            alone = subject.rerun(after(0))
+            if (found := _diverge(alone, subject.rerun(after(0)), info=False)) is not None:
                 words = (
                     f"after reset(seed={plain.seed}) and an episode, reset() gives another one when run again: {found}"
                 )
