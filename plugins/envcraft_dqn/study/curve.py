@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from pathlib import Path
 from typing import Any
 
@@ -48,7 +49,10 @@ class Curve(Counter):
                 values.clear()
         self._points.append(point)
         self._file.parent.mkdir(parents=True, exist_ok=True)
-        self._file.write_text("".join(f"{json.dumps(one)}\n" for one in self._points), "utf-8")
+        # A run that is killed here goes on from a checkpoint, and has the points before that in this file alone.
+        new = self._file.with_suffix(".new")
+        new.write_text("".join(f"{json.dumps(one)}\n" for one in self._points), "utf-8")
+        os.replace(new, self._file)
 
 
 def read(file: Path) -> list[dict[str, Any]]:
