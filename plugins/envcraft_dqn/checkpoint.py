@@ -192,7 +192,8 @@ def load_agent(path: Path) -> tuple[Network, Surface]:
             surface = msgspec.convert(told["surface"], Surface)
             with weights_from(0):
                 network = Network(surface.shape, surface.choices, told["size"], told["head"])
-            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 (no dict)
+            names = file.keys()
+            tensors = {name: file.get_tensor(name) for name in names}
             network.load_state_dict(tensors)
     except _UNREADABLE as error:
         raise UsageError(f"{path} is no agent that `envcraft train` wrote: {type(error).__name__}: {error}") from None
