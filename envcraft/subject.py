@@ -23,14 +23,13 @@ from envcraft.players import Players
 from envcraft.recording import Recording
 from envcraft.rollout import Action, Conditions, Rollout
 from envcraft.sandbox import Driver, How, Isolation, JobEnd, Limits, Player, Worker
+from envcraft.searches import Search, Searches
 from envcraft.similarity.behavioural import STEPS, fingerprint
 from envcraft.target import Kind, PolicyFile, Target, imported
 from envcraft.trace import Trace
 
 #: What a search has found by this share of a job's time is all that it finds, so that slow steps cost no more.
 _SEARCH_SHARE = 0.2
-#: Steps that the player of a rolling horizon may try for each that it plays.
-_HORIZON = 40
 #: So many hung jobs are waited for, then no more are begun.
 _PATIENCE = 3
 #: So many jobs whose worker was gone are run again on another one: what ended it may have been meant for its neighbour.
@@ -51,18 +50,6 @@ class Loaded(msgspec.Struct, frozen=True):
     description: Description
     trace: Trace
     end: JobEnd
-
-
-class Search(msgspec.Struct, frozen=True):
-    """A search in the worker, of `budget` environment steps at the most; `path` is what it follows, if anything."""
-
-    kind: str
-    seed: int
-    budget: int
-    path: list[Action] = []
-
-    def key(self) -> bytes:
-        return msgspec.json.encode((self.kind, self.seed, self.budget, self.path))
 
 
 @dataclass(frozen=True)
@@ -336,65 +323,15 @@ class Subject:
         if begun.task.future.exception() is None:
             self.seconds += begun.task.future.result().seconds
 
-    # Searches in the worker: advice, to be confirmed by a rollout
+    # Searches in the worker
 
-    def explore(self, number: int = 0) -> Outcome:
-        """Search from the episode seed `number` for crashes and wins (see the worker's ``explore``)."""
-        return self._search(self._exploration(number))
+    @cached_property
+    def searches(self) -> Searches:
+        """The searches to ask for."""
+        return Searches(self)
 
-    def explorations(self) -> list[Search]:
-        """What :meth:`explored` asks for first."""
-        return [self._exploration(number) for number in range(self.budget.explore[1])]
-
-    def explored(self) -> list[Trace]:
-        """The shortest wins and the best episodes that exploration found, stepped: some things only show there."""
-        self.foresee(self.explorations())
-        told = [self.explore(number) for number in range(self.budget.explore[1])]
-        found = ((number, path) for number, one in enumerate(told) for path in (one.get("win"), one.get("best")))
-        return self.rollouts([self.script(number, path, "exploration") for number, path in found if path])
-
-    def found(self) -> Rollout | None:
-        """The best that exploration found, a win before all others: what nobody meets by chance lies on its way."""
-        usable = [trace for trace in self.explored() if trace.usable and trace.steps]
-        best = max(usable, key=lambda trace: (trace.positive, trace.total), default=None)
-        return best.rollout if best is not None else None
-
-    def horizon(self, number: int = 0) -> Outcome:
-        """Play the episode of a seed by rolling horizon, to its end or a win: ``best`` has the actions."""
-        return self._search(Search("horizon", self.episode_seed(number), _HORIZON * self.length))
-
-    def exhaust(self, number: int = 0) -> Outcome:
-        """Search through all states that can be reached."""
-        return self._search(Search("exhaust", self.episode_seed(number), self.budget.exhaust))
-
-    def greedy(self, number: int = 0) -> Outcome:
-        """Five moves, each with the highest immediate reward."""
-        return self._search(self.greed(number))
-
-    def greed(self, number: int) -> Search:
-        """What :meth:`greedy` asks for."""
-        return Search("greedy", self.episode_seed(number), 10_000)
-
-    def sweep(self, path: list[Action], seed: int, budget: int) -> Outcome:
-        """Try actions on copies of the states along a path, in so many steps at the most."""
-        return self._search(Search("sweep", seed, budget, path))
-
-    def sweep_last(self, path: list[Action], seed: int, budget: int) -> Outcome:
-        """Try every action on copies of the states at the end of a path, in so many steps at the most."""
-        return self._search(Search("sweep_last", seed, budget, path))
-
-    def script(self, number: int, chosen: Sequence[Action], player: str) -> Rollout:
-        """An action list that a search found, to be stepped for real."""
-        return Rollout(self.episode_seed(number), list(chosen), player=player)
-
-    def scripted(self, number: int, chosen: Sequence[Action], player: str) -> Trace:
-        """An action list that a search found, stepped for real."""
-        return self.rollout(self.script(number, chosen, player))
-
-    def _exploration(self, number: int) -> Search:
-        return Search("explore", self.episode_seed(number), self.budget.explore[0])
-
-    def _search(self, search: Search) -> Outcome:
+    def search(self, search: Search) -> Outcome:
+        """Run one search, or give its outcome again."""
         key = search.key()
         if key not in self._searches:
             trace = self._ask(search)

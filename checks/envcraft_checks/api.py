@@ -171,11 +171,11 @@ class Api(Check):
             rollouts.append(base.under(_RENDER))
         subject.foresee(rollouts)
         # The longest jobs are not left to the end, where they would run alone.
-        subject.foresee(subject.explorations())
+        subject.foresee(subject.searches.explorations())
         rollouts += [*players.all, *players.rotations]
         subject.foresee(rollouts)
         yield from map(subject.rollout, rollouts)
-        found = subject.found()
+        found = subject.searches.best()
         later = [base.cut(5).under(Conditions(before=players.earlier(base, found)))]
         if found is not None:
             later += [found.under(conditions) for conditions in ([_RENDER] if subject.renders else []) + [inspect]]
@@ -184,18 +184,18 @@ class Api(Check):
     def _search_crash(self, subject: Subject) -> Trace | None:
         """A trace that ends in an exception, found by search and confirmed by a rollout."""
         for number in range(subject.budget.explore[1]):
-            if actions := subject.explore(number).get("crash"):
-                trace = subject.scripted(number, actions, "exploration")
+            if actions := subject.searches.explore(number).get("crash"):
+                trace = subject.searches.scripted(number, actions, "exploration")
                 if trace.fault is not None:
                     return trace
         left = subject.budget.sweep
         if not left:
             return None
-        explored = [trace for trace in subject.explored() if trace.usable]
+        explored = [trace for trace in subject.searches.explored() if trace.usable]
         if explored:
             # Some states are only met on the way to a win.
             best = max(explored, key=lambda trace: (trace.positive, trace.total))
-            told = subject.sweep_last(best.actions, best.rollout.seed, left // 2)
+            told = subject.searches.sweep_last(best.actions, best.rollout.seed, left // 2)
             if (crash := self._rare(subject, best, told)) is not None:
                 return crash
             left -= min(max(told.get("steps", 0), 0), left // 2)
@@ -206,7 +206,7 @@ class Api(Check):
         # Where each rotation lives as long, every action has been tried at every step already.
         if longest is None or reached >= longest.steps:
             return None
-        return self._rare(subject, longest, subject.sweep(longest.actions, longest.rollout.seed, left))
+        return self._rare(subject, longest, subject.searches.sweep(longest.actions, longest.rollout.seed, left))
 
     def _rare(self, subject: Subject, path: Trace, told: Outcome) -> Trace | None:
         trace = subject.rollout(Rollout(path.rollout.seed, list(told.get("crash") or []), player="a rare action"))

@@ -154,7 +154,7 @@ class Determinism(Check):
         plays = subject.rollouts(subject.players.probes)
         reset = list(itertools.takewhile(lambda play: play.observations, plays))
         probes = [play.rollout.cut(min(length, max(play.steps, 1))) for play in reset]
-        if len(reset) == seeds and (found := subject.found()) is not None and self._differs(subject, found):
+        if len(reset) == seeds and (found := subject.searches.best()) is not None and self._differs(subject, found):
             probes.append(found)
         for rollout in probes:
             subject.foresee([rollout, rollout.under(self._together(subject, rollout))], alone=True)
@@ -282,7 +282,7 @@ class Determinism(Check):
 
         seed = rollout.seed + 8_009
         beside = Episode(seed, actions.random_actions(subject.action_space, seed, _BESIDE_STEPS))
-        before = subject.players.earlier(rollout, subject.found())
+        before = subject.players.earlier(rollout, subject.searches.best())
         rendered = [("EC208", Conditions(render=True), "render")] if subject.renders else []
         taken = "options" in subject.load().description.get("reset", ("options",))
         optional = [("EC214", Conditions(options=True), "options")] if taken else []

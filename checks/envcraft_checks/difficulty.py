@@ -154,19 +154,20 @@ class Difficulty(Check):
 
     def _unsolved(self, subject: Subject) -> str:
         """Nothing when some seed has a positive outcome; _UNSOLVABLE; or why neither is settled."""
-        if any(trace.positive for trace in subject.traces) or any(trace.positive for trace in subject.explored()):
+        won = any(trace.positive for trace in subject.traces)
+        if won or any(trace.positive for trace in subject.searches.explored()):
             return ""
-        if any(subject.explore(number).get("crash") for number in range(subject.budget.explore[1])):
+        if any(subject.searches.explore(number).get("crash") for number in range(subject.budget.explore[1])):
             return "exploration ends in a crash, so what can be reached is not known"
         for number in range(subject.budget.explore[1]):
-            told = subject.exhaust(number)
+            told = subject.searches.exhaust(number)
             win = told.get("win")
-            if win and subject.scripted(number, win, "search through all states").positive:
+            if win and subject.searches.scripted(number, win, "search through all states").positive:
                 return ""
             if not told.get("exhausted"):
                 why = "the game draws random numbers while it is stepped" if told.get("stochastic") else "more remain"
                 explored = sum(
-                    int(subject.explore(seed).get("states") or 0) for seed in range(subject.budget.explore[1])
+                    int(subject.searches.explore(seed).get("states") or 0) for seed in range(subject.budget.explore[1])
                 )
                 return (
                     f"no positive outcome in {len(subject.traces)} episodes and {explored:,} explored states, "
@@ -176,7 +177,7 @@ class Difficulty(Check):
 
     def _unsolvable(self, subject: Subject) -> Finding:
         seeds = subject.budget.explore[1]
-        states = sum(int(subject.exhaust(number).get("states") or 0) for number in range(seeds))
+        states = sum(int(subject.searches.exhaust(number).get("states") or 0) for number in range(seeds))
         best = max((trace for trace in subject.traces if trace.usable), key=lambda trace: trace.total)
         return self.finding(
             "EC801",
@@ -217,24 +218,24 @@ class Difficulty(Check):
         """Whether other play clearly earns more, where a positive return is all that winning means."""
         if trace.told is not None:
             return False
-        best = max(other.total for other in [*subject.played(), *subject.explored(), *subject.privileged()])
+        best = max(other.total for other in [*subject.played(), *subject.searches.explored(), *subject.privileged()])
         return best > 1.25 * trace.total
 
     def _judge_greedy(self, subject: Subject) -> Finding | None:
         def won(number: int) -> bool:
-            chosen = subject.greedy(number).get("best") or []
-            return bool(chosen) and bool(subject.scripted(number, chosen, "the greedy player").success)
+            chosen = subject.searches.greedy(number).get("best") or []
+            return bool(chosen) and bool(subject.searches.scripted(number, chosen, "the greedy player").success)
 
         verdict, rate = settle(
             won,
             subject.contract.consistently,
             subject.budget.looks,
-            lambda numbers: subject.foresee(map(subject.greed, numbers)),
+            lambda numbers: subject.foresee(map(subject.searches.greed, numbers)),
         )
         if verdict is not True:
             return None
         first = next(number for number in range(rate.n) if won(number))
-        trace = subject.scripted(first, subject.greedy(first).get("best") or [], "the greedy player")
+        trace = subject.searches.scripted(first, subject.searches.greedy(first).get("best") or [], "the greedy player")
         return self.finding(
             "EC803",
             f"the moves with the best immediate reward win {rate} within {_GREEDY_MOVES} steps",

@@ -70,7 +70,9 @@ class InstaWin(Check):
         by_sign = not all(trace.told is not None for trace in wins)
         if by_sign:
             usual = sum(trace.total for trace in wins) / len(wins)
-            best = max(trace.total for trace in [*subject.played(), *subject.explored(), *subject.privileged()])
+            best = max(
+                trace.total for trace in [*subject.played(), *subject.searches.explored(), *subject.privileged()]
+            )
             if best > max(_CLEARLY * usual, usual + 1e-9):
                 return
         shortest = min(wins, key=lambda trace: trace.steps)
@@ -85,7 +87,7 @@ class InstaWin(Check):
     def _judge_paid(self, subject: Subject) -> Iterator[Finding]:
         traces = [trace for trace in subject.played() if trace.usable]
         by_seed: dict[int, list[Trace]] = {}
-        for trace in [*traces, *(trace for trace in subject.explored() if trace.ended)]:
+        for trace in [*traces, *(trace for trace in subject.searches.explored() if trace.ended)]:
             by_seed.setdefault(trace.rollout.seed, []).append(trace)
         found = [trace for same in by_seed.values() for trace in same]
         if any(trace.told is not None for trace in found) and not any(trace.told for trace in found):
@@ -96,7 +98,9 @@ class InstaWin(Check):
         earned = widest[0].total
         if earned <= 0 or len(policies) < 4 or any(not _same_returns(same) for same in by_seed.values()):
             return
-        others = [trace for trace in [*subject.explored(), *subject.privileged()] if trace.rollout.seed in by_seed]
+        others = [
+            trace for trace in [*subject.searches.explored(), *subject.privileged()] if trace.rollout.seed in by_seed
+        ]
         if any(_paid_otherwise(trace, by_seed[trace.rollout.seed]) for trace in others):
             return
         yield self.finding(

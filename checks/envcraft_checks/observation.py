@@ -168,7 +168,7 @@ class Observation(Check):
             return None
         if any(_last_change(trace) < _NEARLY * last for trace in busy):
             return None
-        others = [*subject.rollouts(subject.players.rotations), *subject.explored()]
+        others = [*subject.rollouts(subject.players.rotations), *subject.searches.explored()]
         if any(trace.opaque or _last_change(trace) > last for trace in others):
             return None
         longest = max(frozen, key=lambda trace: trace.steps)

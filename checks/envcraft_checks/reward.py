@@ -71,7 +71,7 @@ class Reward(Check):
     )
 
     def judge(self, subject: Subject) -> Iterator[Finding]:
-        traces = [*subject.played(), *subject.explored()]
+        traces = [*subject.played(), *subject.searches.explored()]
         if not any(trace.rewards for trace in traces):
             raise Skip("no episode came to a reward")
         seen: set[str] = set()

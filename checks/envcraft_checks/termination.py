@@ -128,7 +128,7 @@ class Termination(Check):
         mistaken = all(trace.ended and not trace.truncated[-1] and not trace.told for trace in last)
         if longest >= limit or not mistaken or len({trace.rollout.seed for trace in last}) < 2:
             return
-        short += [trace for trace in subject.explored() if trace.ended and trace.steps < longest]
+        short += [trace for trace in subject.searches.explored() if trace.ended and trace.steps < longest]
         cut = all(trace.truncated[-1] and not trace.terminated[-1] for trace in short)
         if cut and len({trace.steps for trace in short}) >= 2:
             yield self.finding(

@@ -38,6 +38,6 @@ class SearchPlayer(Player):
     summary = "searches ahead on copies of the state, in any environment"
 
     def play(self, subject: Subject, number: int) -> Trace:
-        chosen = subject.explore(number).get("win") or subject.horizon(number).get("best")
+        chosen = subject.searches.explore(number).get("win") or subject.searches.horizon(number).get("best")
         # A search that found nothing to do still leaves an episode to play.
-        return subject.scripted(number, chosen, "the search player") if chosen else subject.random(number)
+        return subject.searches.scripted(number, chosen, "the search player") if chosen else subject.random(number)

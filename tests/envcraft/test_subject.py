@@ -161,7 +161,7 @@ def test_what_is_compared_or_outlasts_its_episode_follows_nothing() -> None:
         subject.foresee([play(4)], alone=True)
         subject.rollouts([play(4), *(play(5, conditions=conditions) for conditions in passing), play(6)])
         subject.rollout(play(7), alone=True)
-        subject.explore()
+        subject.searches.explore()
         for conditions in lasting:
             subject.rollout(play(8, conditions=conditions))
         subject.rollout(subject.players.probes[0])
@@ -205,7 +205,7 @@ def test_patience_is_counted_in_the_order_of_asking(lanes: int) -> None:
 def test_hung_searches_use_up_patience_too() -> None:
     with subject_of(Arcade(), 2) as subject:
         for seed in (100, 101, 102):
-            subject.sweep([ACTION], seed, 100)
+            subject.searches.sweep([ACTION], seed, 100)
         with pytest.raises(Skip, match="hung"):
             subject.rollout(play(0))
 
