@@ -174,7 +174,7 @@ class Subject:
 
     def _describe(self) -> Loaded:
         recording = Recording(Rollout(0, []), None, None)
-        end = recording.trace.end = self._end(self._submit(Place(), self._job("describe"), recording))
+        end = recording.trace.end = self._end(self._submit(Place(), self._job("describe", series=self._tidy), recording))
         return Loaded(recording.description, recording.trace, end)
 
     @property
