@@ -1,7 +1,8 @@
 """What the jobs of a validation cost without a sandbox: the same episodes and searches, in a plain loop in one process.
 
 An episode is an instance that is made, reset and stepped as the job asks: with the earlier episodes on the same
-instance, the second instance beside it and the calls of render() where the conditions have them. A search is that of
+instance, the second instance beside it, the calls of render(), the steps past the end and the reset after it where the
+conditions have them. A search is that of
 the worker, its copies of the state included, with nobody to tell.
 """
 
@@ -88,12 +89,18 @@ def seconds(job: dict[str, Any]) -> float:
 def _episode(subject: Subject, job: dict[str, Any]) -> None:
     conditions = job.get("conditions", {})
     for _ in range(2 if conditions.get("again") else 1):
+        if conditions.get("closed"):
+            subject.construct(announce=False).close()
         env = subject.construct(announce=False)
         for earlier in conditions.get("before", ()):
             _play(subject, env, earlier["seed"], earlier["actions"])
         beside = _companion(subject, conditions["companion"]) if "companion" in conditions else None
         seed = None if conditions.get("unseeded") else job["seed"]
-        _play(subject, env, seed, job["actions"], beside, env.render if conditions.get("render") else None)
+        ended = _play(subject, env, seed, job["actions"], beside, env.render if conditions.get("render") else None)
+        if ended:
+            _play_on(subject, env, (job["actions"] * 2)[: conditions.get("after_end", 0)])
+        if "options" in job:
+            env.reset(seed=None, options=None)
         env.close()
 
 
@@ -104,7 +111,8 @@ def _play(
     actions: list[Any],
     beside: Iterator[None] | None = None,
     render: Callable[[], Any] | None = None,
-) -> None:
+) -> bool:
+    """Play an episode; give whether it has ended."""
     env.reset(seed=seed)
     for action in actions:
         _, _, terminated, truncated, _ = env.step(subject.action(action, env))
@@ -113,7 +121,15 @@ def _play(
         if render:
             render()
         if terminated or truncated:
-            return
+            return True
+    return False
+
+
+def _play_on(subject: Subject, env: Any, actions: list[Any]) -> None:
+    """Steps past the end, of which an exception is the last."""
+    with contextlib.suppress(Exception):
+        for action in actions:
+            env.step(subject.action(action, env))
 
 
 def _companion(subject: Subject, plan: dict[str, Any]) -> Iterator[None]:
