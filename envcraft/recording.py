@@ -107,6 +107,7 @@ class Recording:
         trace.terminated.append(step.terminated)
         trace.truncated.append(step.truncated)
         trace.flag_types.append((step.terminated_type, step.truncated_type))
+        trace.quickest = min(trace.quickest, step.micros)
         self._observe(step)
 
     def steps(self, steps: Steps) -> None:
@@ -124,6 +125,7 @@ class Recording:
         trace.truncated += steps.truncated
         trace.flag_types += zip(steps.terminated_types, steps.truncated_types, strict=True)
         trace.micros += sum(steps.micros)
+        trace.quickest = min(trace.quickest, *steps.micros)
         trace.observations += [self._digest(layout, steps.data)] * count
         self._keep_info(steps.info)
         trace.infos += [trace.infos[-1]] * (count - 1)

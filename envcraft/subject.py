@@ -174,7 +174,9 @@ class Subject:
 
     def _describe(self) -> Loaded:
         recording = Recording(Rollout(0, []), None, None)
-        end = recording.trace.end = self._end(self._submit(Place(), self._job("describe", series=self._tidy), recording))
+        end = recording.trace.end = self._end(
+            self._submit(Place(), self._job("describe", series=self._tidy), recording)
+        )
         return Loaded(recording.description, recording.trace, end)
 
     @property
@@ -269,6 +271,14 @@ class Subject:
         follow others in a process: what differs then has to be seen again.
         """
         return self._record(rollout, again=True, alone=alone)
+
+    def measured(self, rollout: Rollout) -> Trace:
+        """Run one rollout in a process that ends with it: the end of its trace tells what that process has spent."""
+        if refusal := self._refusal:
+            raise Skip(refusal)
+        trace = self._persist(lambda: self._result(self._begin(rollout, again=True, shared=False)))
+        self._count(trace.steps)
+        return trace
 
     def random(self, number: int) -> Trace:
         """Random play on the episode seed `number`."""
@@ -430,8 +440,9 @@ class Subject:
         player: Player | None = None,
         kind: type[Recording] = Recording,
         alone: bool = False,
+        shared: bool = True,
     ) -> Begun:
-        series = not every_step and self._may_share(request)
+        series = shared and not every_step and self._may_share(request)
         if isinstance(request, Search):
             job = self._job("search", search=request.kind, seed=request.seed, actions=self.choices)
             job |= {"path": request.path, "max_steps": request.budget, "limit": self.length}

@@ -30,11 +30,14 @@ _SERIES = 64
 
 
 class Ended(NamedTuple):
-    """The end of a job's process: wait status, seconds of processor time, the limit for which it was ended."""
+    """The end of a job's process: wait status, the limit for which it was ended, seconds of processor time, and how
+    often it gave up the processor to wait.
+    """
 
     status: int
-    cpu: float
     over: How | None
+    cpu: float
+    waits: int
 
 
 @dataclass
@@ -160,7 +163,8 @@ class ForkServerWorker(Worker):
             if answer is None:
                 return None
             if answer["exit"] == number:
-                return Ended(answer["status"], answer["cpu"], How(answer["over"]) if answer["over"] else None)
+                over = How(answer["over"]) if answer["over"] else None
+                return Ended(answer["status"], over, answer["cpu"], answer["waits"])
 
     def _send(self, message: dict[str, Any], descriptors: list[int] | None = None) -> None:
         data = json.dumps(message).encode() + b"\n"
@@ -281,6 +285,7 @@ class _Watch:
             exit_code=os.WEXITSTATUS(status) if died and os.WIFEXITED(status) else None,
             detail=detail or (_signal_name(status) if died else ""),
             cpu=ended.cpu,
+            waits=ended.waits,
         )
 
     def _end(self, how: How) -> JobEnd:

@@ -7,30 +7,40 @@ from pathlib import Path
 
 import msgspec
 import pytest
+from envcraft_checks.sandbox import SandboxEvents
 
 from benchmarks.judge import failing
 from envcraft.budget import BUDGETS
+from envcraft.check import Check
 from envcraft.commands.choices import default_checks
 from envcraft.contract import ARCADE
 from envcraft.engine import Plan, validate
 from envcraft.events import SubjectFinished
 from envcraft.plugins import plugins
-from envcraft.sandbox import Limits, choose
+from envcraft.sandbox import Driver, Limits, choose
+from envcraft.subject import Subject
 from envcraft.target import MAX_SOURCE, read_target
-from envcraft.verdict import SubjectReport, Verdict
+from envcraft.verdict import Finding, SubjectReport, Verdict
 
 GAME = (Path(__file__).resolve().parents[2] / "examples" / "sokoban.py").read_text()
 STEP = "        self.steps += 1\n"
 LIMITS = Limits(call=1.0, loading=5.0, memory=512 * 1024**2, output_total=256 * 1024)
 
 
-def judged(tmp_path: Path, source: str, limits: Limits = LIMITS) -> SubjectReport:
+def judged(tmp_path: Path, source: str, limits: Limits = LIMITS, checks: list[Check] | None = None) -> SubjectReport:
     path = tmp_path / "game.py"
     path.write_text(source)
-    driver = choose(plugins().collect("envcraft_sandbox_drivers"), "process")
-    checks = default_checks()
-    plan = Plan([read_target(str(path))], ARCADE, driver, checks, BUDGETS["quick"], limits=limits)
+    checks = default_checks() if checks is None else checks
+    plan = Plan([read_target(str(path))], ARCADE, process(), checks, BUDGETS["quick"], limits=limits)
     return next(event.report for event in validate(plan) if isinstance(event, SubjectFinished))
+
+
+def process() -> Driver:
+    return choose(plugins().collect("envcraft_sandbox_drivers"), "process")
+
+
+def subject_of(path: Path) -> Subject:
+    return Subject(read_target(str(path)), ARCADE, process(), BUDGETS["quick"])
 
 
 @pytest.mark.parametrize(
@@ -83,3 +93,39 @@ def test_all_episodes_together_have_a_limit(tmp_path: Path) -> None:
     assert finding.code == "EC901"
     assert finding.message.startswith("all episodes together took")
     assert any("together" in check.reason for check in report.checks if check.verdict is Verdict.SKIP)
+
+
+def paced(tmp_path: Path, statement: str) -> list[Finding]:
+    """What the check `sandbox` finds in a short game of which each step begins with a statement."""
+    game = GAME.replace("MAX_STEPS = 500", "MAX_STEPS = 60").replace(STEP, f"        {statement}\n{STEP}", 1)
+    library = "import time" if "time" in statement else "import pygame\nclock = pygame.time.Clock()"
+    game = game.replace("import math\n", f"import math\n{library}\n", 1)
+    checks = [check for check in default_checks() if check.name in ("source", "reward", "sandbox")]
+    return judged(tmp_path, game, checks=checks).checks[-1].findings
+
+
+@pytest.mark.parametrize("statement", ["time.sleep(1 / 240)", "clock.tick(120)", "time.sleep(0.002)"])
+def test_steps_that_wait_for_the_clock(tmp_path: Path, statement: str) -> None:
+    (finding,) = paced(tmp_path, statement)
+    assert finding.code == "EC908"
+    assert finding.evidence["quickest"] > 0.001
+    assert finding.evidence["cpu"] < finding.evidence["seconds"] / 2
+    assert len(finding.repro.actions) == finding.evidence["steps"]
+    with subject_of(tmp_path / "game.py") as subject:
+        again = SandboxEvents().confirm(subject, finding)
+    assert again is not None
+    assert again.code == "EC908"
+
+
+@pytest.mark.parametrize(
+    "statement",
+    [
+        "sum(range(100_000))",
+        "self.steps % 2 and time.sleep(1 / 120)",
+        "self.steps or time.sleep(0.5)",
+        "self.render_mode == 'human' and clock.tick(30)",
+    ],
+    ids=["computes", "waits now and then", "waits once", "waits for people"],
+)
+def test_steps_that_are_slow_or_do_not_all_wait(tmp_path: Path, statement: str) -> None:
+    assert not paced(tmp_path, statement)
