@@ -91,5 +91,6 @@ def _python_files(folder: str) -> Iterator[str]:
         )
         for name in sorted(files):
             path = os.path.join(parent, name)
-            if name.endswith(".py") and stat.S_ISREG(os.lstat(path).st_mode):
+            # Links too: the snapshots of a hub's cache hold nothing else.
+            if name.endswith(".py") and os.path.isfile(path):
                 yield path

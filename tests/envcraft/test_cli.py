@@ -109,6 +109,18 @@ def test_other_files_of_a_folder_are_counted(invoke: Any, good: Path, tmp_path: 
     assert len(json.loads(invoke("validate", folder, *QUICK, "--format", "json").stdout)["reports"]) == 1
 
 
+def test_links_to_files_are_followed(invoke: Any, good: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "snapshot"
+    folder.mkdir()
+    (folder / "game.py").symlink_to(good)
+    (folder / "gone.py").symlink_to(tmp_path / "nowhere.py")
+    (folder / "folder.py").mkdir()
+    result = invoke("validate", folder, *QUICK)
+    assert result.exit_code == 0
+    assert "game.py" in result.stdout
+    assert "gone.py" not in result.stderr
+
+
 def test_folder_is_searched_for_environments(invoke: Any, good: Path, tmp_path: Path) -> None:
     for name in ("a/one.py", ".venv/lib/two.py", "b/c/three.py", "__pycache__/four.py"):
         path = tmp_path / "tree" / name
