@@ -71,7 +71,7 @@ def construct(
         raise UsageError(f"{name} {found}; `envcraft validate {module.__file__}` tells more")
     creator = getattr(module, names[0])
     try:
-        env = creator(**kwargs, **rendering(creator, kwargs))
+        env = creator(**kwargs | rendering(creator, kwargs))
     except Exception as error:
         raise EnvironmentFailed(f"{name} cannot be constructed: {type(error).__name__}: {error}") from error
     if not isinstance(env, gymnasium.Env):

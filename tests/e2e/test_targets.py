@@ -190,6 +190,11 @@ def test_arguments_and_wrappers(tmp_path: Path) -> None:
     assert judged("process", tmp_path, "corridors.corridor:make_corridor", "--checks", "api")["env_class"] == "Corridor"
 
 
+@pytest.mark.parametrize("target", ["CartPole-v1", "gymnasium.envs.classic_control:CartPoleEnv"])
+def test_no_render_mode_is_as_good_as_none_named(target: str, tmp_path: Path) -> None:
+    judged("process", tmp_path, target, "--checks", "source", "--kwargs", '{"render_mode": null}')
+
+
 @pytest.mark.parametrize(
     ("target", "status", "words"),
     [

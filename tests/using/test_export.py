@@ -33,7 +33,7 @@ import gymnasium, numpy as np
 assert importlib.util.find_spec("envcraft") is None
 assert importlib.util.find_spec("envcraft_runtime") is None
 name, seed, actions = json.loads(sys.argv[1])
-env = gymnasium.make(name)
+env = gymnasium.make(name, render_mode=None)
 import my_games
 assert "my_games.sources.ant" not in sys.modules
 digest = hashlib.sha256(env.reset(seed=seed)[0].tobytes())

@@ -208,6 +208,7 @@ class TestWrongUse:
         assert env.step(np.array([0, 0, 0]))[2]
         with pytest.raises(EnvironmentFailed, match="unexpected keyword argument 'begin'"):
             envcraft.make(corpus, "ant", begin=4)
+        assert envcraft.make(corpus, "ant", render_mode=None).render_mode == "rgb_array"
 
 
 class TestLoading:

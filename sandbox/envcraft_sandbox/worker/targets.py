@@ -48,7 +48,7 @@ class Target(ABC):
 
     def make(self, creator: Any) -> Any:
         """An instance, with the target's own wrappers."""
-        env = creator(**self.kwargs, **rendering(creator, self.kwargs))
+        env = creator(**self.kwargs | rendering(creator, self.kwargs))
         return self.wrap(env)
 
     def wrap(self, env: Any) -> Any:
@@ -120,7 +120,7 @@ class Registered(Target):
 
     def make(self, creator: Any) -> Any:
         shown = rendering(creator, {**self.spec.kwargs, **self.kwargs})
-        env = gymnasium.make(self.spec, disable_env_checker=True, **self.kwargs, **shown)
+        env = gymnasium.make(self.spec, disable_env_checker=True, **self.kwargs | shown)
         return self.wrap(env)
 
 

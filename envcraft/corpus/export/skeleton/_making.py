@@ -39,5 +39,5 @@ def create(environment: str, **kwargs: Any) -> gymnasium.Env[Any, Any]:
     told = ENVIRONMENTS[environment]
     module = importlib.import_module(f"{_PACKAGE}.sources.{told['module']}")
     creator = getattr(module, told["class"] or concrete_classes(module)[0])
-    made: gymnasium.Env[Any, Any] = adapters.apply(creator(**kwargs, **rendering(creator, kwargs)), told["adapter"])
+    made: gymnasium.Env[Any, Any] = adapters.apply(creator(**kwargs | rendering(creator, kwargs)), told["adapter"])
     return made
