@@ -111,7 +111,7 @@ class Processes:
                 os.eventfd_read(last)
             self._turns = [last, turn]
             os.eventfd_write(turn, 1)
-            return self._told([self._receive(number) for number in range(len(self._workers))])
+            return self._told(self._answers())
 
     def render(self) -> list[Any]:
         return self._in_order(self._all([RENDER] * len(self._workers)))
@@ -143,15 +143,31 @@ class Processes:
         with self._closing():
             for worker, message in zip(self._workers, messages, strict=True):
                 worker.send(message)
-            return [self._receive(number) for number in range(len(self._workers))]
+            return self._answers()
+
+    def _answers(self) -> list[Any]:
+        """What each worker answers. Of what an environment cannot be asked the others still answer, so that the next
+        call gets its own answers.
+        """
+        told, wrong = [], None
+        for number in range(len(self._workers)):
+            try:
+                told.append(self._receive(number))
+            except UsageError as error:
+                wrong = error
+        if wrong is not None:
+            raise wrong
+        return told
 
     @contextlib.contextmanager
     def _closing(self) -> Iterator[None]:
         """An answer that is waited for and does not come, as on Ctrl-C, would be taken for that of the next call: after
-        any error everything is closed.
+        any error everything is closed, but for wrong use, after which all have answered.
         """
         try:
             yield
+        except UsageError:
+            raise
         except BaseException:
             self.close()
             raise

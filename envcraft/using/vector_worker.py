@@ -64,7 +64,7 @@ class Attach(msgspec.Struct):
 
 class Reset(msgspec.Struct):
     seeds: list[int | None]
-    options: dict[str, Any] | None
+    options: dict[Any, Any] | None
 
 
 class Failure(msgspec.Struct):

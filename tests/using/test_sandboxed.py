@@ -179,6 +179,17 @@ def test_a_vector_of_sandboxes_gives_what_one_of_trusted_environments_does(corpu
         vector.close()
 
 
+@pytest.mark.parametrize("workers", [0, 2])
+def test_options_that_sandboxes_refuse_end_no_vector(corpus: Path, workers: int) -> None:
+    vector = envcraft.make_vec(["ant", "bee"], corpus=corpus, workers=workers, sandbox="process")
+    first, _ = vector.reset(seed=4)
+    with pytest.raises(UsageError, match="takes no options"):
+        vector.reset(options={"level": 2})
+    assert not np.array_equal(vector.step(np.ones((2, 3), np.int64))[0], first)
+    assert np.array_equal(vector.reset(seed=4)[0], first)
+    vector.close()
+
+
 def test_what_is_sandboxed_needs_no_trust(corpus: Path) -> None:
     with Store(corpus, write=True) as store:
         store.add("plain.py", game("Plain").encode())

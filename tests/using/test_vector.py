@@ -145,7 +145,8 @@ class TestUse:
         beside = started("ant", workers=1)
         with pytest.raises(UsageError, match="plain data"):
             beside.reset(options={"level": np.zeros(2)})
-        beside.reset(seed=0)
+        numbered: dict[Any, Any] = {1: "keys are what one likes"}
+        beside.reset(seed=0, options=numbered)
 
     def test_where_names_are_looked_up(self, corpus: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.chdir(tmp_path)
