@@ -177,6 +177,11 @@ class VectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
         """Close the environments and end the processes."""
         self._running.close()
 
+    def __del__(self) -> None:
+        """Close what is no longer held, as Gymnasium's own does: its processes would stay until this one ends."""
+        if not getattr(self, "closed", True):
+            self.close()
+
     def _guarded(self, call: Any, *args: Any) -> Any:
         """After a failure, calls have nothing to go to."""
         if self.closed:
@@ -344,7 +349,7 @@ def make_vec(
     processes = min(cores if workers is None else workers, count)
     running: Running = Processes(members, processes) if processes else InProcess(members)
     # Of what a sandbox runs, frames come only where they are asked for: each takes as long as a step.
-    shown = "rgb_array" if sandbox is None else kwargs.get("render_mode")
+    shown = kwargs.get("render_mode") or ("rgb_array" if sandbox is None else None)
     return VectorEnv([member.name for member in members], running, mode, copy, shown)
 
 

@@ -191,6 +191,16 @@ class TestUse:
         with pytest.raises(ResetNeeded, match="closed"):
             vector.reset()
 
+    def test_processes_end_with_a_vector_that_nobody_closed(self, started: Started) -> None:
+        vector = started()
+        running = pids(vector)
+        del vector
+        assert not [pid for pid in running if Path(f"/proc/{pid}").exists()]
+
+    def test_it_has_the_render_mode_of_its_environments(self, started: Started) -> None:
+        for given, mode in ((None, "rgb_array"), ("human", "human")):
+            assert started(workers=0, render_mode=given).render_mode == mode
+
 
 class TestShares:
     @pytest.fixture
@@ -245,7 +255,8 @@ class TestShares:
 
 
 def test_processes_take_short_turns_and_stay_as_nice_as_they_were(started: Started) -> None:
-    (pid,) = pids(started(workers=1))
+    vector = started(workers=1)
+    (pid,) = pids(vector)
     assert os.getpriority(os.PRIO_PROCESS, pid) == os.getpriority(os.PRIO_PROCESS, 0)
     told = {}
     for line in Path(f"/proc/{pid}/sched").read_text().splitlines():
@@ -253,6 +264,7 @@ def test_processes_take_short_turns_and_stay_as_nice_as_they_were(started: Start
         told[key.strip()] = value.strip()
     if tuple(map(int, re.findall(r"\d+", platform.release())[:2])) >= (6, 12) and "se.slice" in told:
         assert told["se.slice"] == "100000"
+    vector.close()
 
 
 class TestFailures:
