@@ -121,6 +121,15 @@ class Crash(Exception):
         super().__init__(index, phase, error)
         self.index, self.phase, self.error = index, phase, error
 
+    @property
+    def words(self) -> str:
+        """What was raised: its own message may raise, too."""
+        kind = type(self.error).__name__
+        try:
+            return f"{kind}: {self.error}"
+        except Exception:
+            return kind
+
 
 class Group:
     """Environments `members`, the group with number `number` among those that share the arrays."""

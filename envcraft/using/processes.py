@@ -235,8 +235,7 @@ class InProcess:
         except Crash as crash:
             if isinstance(crash.error, EnvCraftError):
                 raise crash.error from None
-            words = f"{type(crash.error).__name__}: {crash.error}"
-            raise failed(self._names[crash.index], crash.index, crash.phase, words, "") from crash.error
+            raise failed(self._names[crash.index], crash.index, crash.phase, crash.words, "") from crash.error
 
 
 def failed(name: str, index: int, phase: str, error: str, traceback: str) -> EnvironmentFailed:

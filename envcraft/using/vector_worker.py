@@ -197,14 +197,9 @@ def _payload(descriptor: int) -> bytes:
 
 def _failure(crash: Crash) -> Failure:
     error = crash.error
-    try:
-        words = f"{type(error).__name__}: {error}"
-    except Exception:
-        # Its own message raises, too.
-        words = type(error).__name__
     lines = "".join(traceback.format_exception(error))[-_MAX_TRACEBACK:]
     if not isinstance(error, EnvCraftError):
-        return Failure(crash.index, crash.phase, words[:2000], lines, None)
+        return Failure(crash.index, crash.phase, crash.words[:2000], lines, None)
     own = isinstance(error, UsageError), isinstance(error, EnvironmentFailed)
     return Failure(crash.index, crash.phase, str(error), "", "usage" if own[0] else "failed" if own[1] else "other")
 

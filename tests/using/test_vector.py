@@ -287,6 +287,7 @@ class TestFailures:
         [
             ("raise ZeroDivisionError('by none')", r"raised in step\(\): ZeroDivisionError: by none"),
             ("raise SystemExit(3)", r"raised in step\(\): SystemExit: 3"),
+            ("raise type('Mute', (Exception,), {'__str__': None})()", r"raised in step\(\): Mute"),
             ("return np.zeros((84, 84, 1), np.uint8), 0.0, False, False, {}", r"shape \(84, 84, 1\)"),
             ("return self.render() / 2, 0.0, False, False, {}", "same_kind"),
             ("return self.render(), None, False, False, {}", "TypeError"),
