@@ -79,6 +79,14 @@ def test_pages_fit_any_screen(show: Open, scheme: str, width: int) -> None:
         assert abs(paper - ink) > 3 * 150
 
 
+def test_what_is_printed_is_dark_on_paper(show: Open) -> None:
+    for name in ("index.html", "environments.html#show=0"):
+        page = show(name, color_scheme="dark")
+        page.emulate_media(media="print")
+        ink = page.evaluate("getComputedStyle(document.body).color")
+        assert sum(int(part) for part in ink[4:-1].split(",")) < 3 * 60, name
+
+
 def test_figures_take_the_colours_of_the_page(show: Open) -> None:
     colours = set()
     for scheme in ("light", "dark"):
