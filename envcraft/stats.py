@@ -4,21 +4,28 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from math import sqrt
+from functools import lru_cache
+from math import exp, fsum, lgamma, log, log1p, sqrt
 
-#: Two-sided 95% over three looks, by Bonferroni: the normal quantile of 1 - 0.05 / 6.
-Z = 2.394
 #: Numbers of episodes after which a settling test looks.
 LOOKS = (6, 12, 24)
+#: So many looks share the error of a settling test, also where a budget ends before the last of them: its looks are the
+#: first ones of a larger budget, which then settles the same where it is settled at all.
+_SHARES = 5
+_ERROR = 0.05
 
 
 @dataclass(frozen=True)
 class Proportion:
-    """`hits` of `n` with the Wilson score interval (Wilson 1927, doi:10.1080/01621459.1927.10502953)."""
+    """`hits` of `n` with the Wilson score interval (Wilson 1927, doi:10.1080/01621459.1927.10502953).
+
+    It has the true value in it with a probability of 1 - `error` on average over what that value may be (Brown, Cai and
+    DasGupta 2001, doi:10.1214/ss/1009213286).
+    """
 
     hits: int
     n: int
-    z: float = Z
+    error: float = _ERROR
 
     @property
     def estimate(self) -> float:
@@ -35,17 +42,56 @@ class Proportion:
     def _bounds(self) -> tuple[float, float]:
         if not self.n:
             return 0.0, 1.0
-        spread = self.z**2 / self.n
+        # Here, because only judging and reports need it and commands are to start fast.
+        from statistics import NormalDist
+
+        z = NormalDist().inv_cdf(1 - self.error / 2)
+        spread = z**2 / self.n
         middle = (self.estimate + spread / 2) / (1 + spread)
-        half = self.z / (1 + spread) * sqrt(self.estimate * (1 - self.estimate) / self.n + spread / (4 * self.n))
-        return max(middle - half, 0.0), min(middle + half, 1.0)
+        half = z / (1 + spread) * sqrt(self.estimate * (1 - self.estimate) / self.n + spread / (4 * self.n))
+        # No rounding puts the estimate outside.
+        return max(min(middle - half, self.estimate), 0.0), min(max(middle + half, self.estimate), 1.0)
 
     def __str__(self) -> str:
-        return f"{self.hits} of {self.n} ({self.estimate:.0%}, interval {self.low:.0%} to {self.high:.0%})"
+        numbers = [f"{100 * share:.3g}%" for share in (self.estimate, 1 - self.error, self.low, self.high)]
+        return "{} of {} ({}, {} interval {} to {})".format(self.hits, self.n, *numbers)
 
     def evidence(self) -> dict[str, float | int]:
         """The numbers for a finding's evidence."""
-        return {"hits": self.hits, "n": self.n, "estimate": self.estimate, "low": self.low, "high": self.high}
+        return {
+            "hits": self.hits,
+            "n": self.n,
+            "estimate": self.estimate,
+            "low": self.low,
+            "high": self.high,
+            "confidence": 1 - self.error,
+        }
+
+
+class Exact(Proportion):
+    """The same with the interval of Clopper and Pearson (1934, doi:10.1093/biomet/26.4.404), which misses the true
+    value on either side with a probability of `error` / 2 at the most, whatever it is: where an error is promised.
+    """
+
+    def _bounds(self) -> tuple[float, float]:
+        return _lowest(self.hits, self.n, self.error / 2), 1 - _lowest(self.n - self.hits, self.n, self.error / 2)
+
+
+@lru_cache(maxsize=256)
+def _lowest(hits: int, n: int, tail: float) -> float:
+    """The rate at which `hits` or more come with the probability `tail`; 0 where there are none."""
+    if not hits:
+        return 0.0
+    ways = [lgamma(n + 1) - lgamma(k + 1) - lgamma(n - k + 1) for k in range(hits, n + 1)]
+    low, high = 0.0, 1.0
+    for _ in range(50):
+        rate = (low + high) / 2
+        won, lost = log(rate), log1p(-rate)
+        if fsum(exp(way + k * won + (n - k) * lost) for k, way in enumerate(ways, hits)) < tail:
+            low = rate
+        else:
+            high = rate
+    return low
 
 
 def settle(
@@ -59,21 +105,18 @@ def settle(
     `foresee` is told which trials will be run up to the next look, before the first of them.
 
     Gives True (above), False (below) or None (the last look settles nothing), and the proportion. The interval at each
-    look is wide enough that all looks together err at most once in twenty.
+    look is wide enough that all looks together err at most once in twenty, by Bonferroni. Up to five looks it is the
+    same at the same look, so that more of them change nothing that is settled.
     """
     hits = done = 0
-    # Two-sided 95% over all looks, by Bonferroni.
-    # Here, because only judging needs it and commands are to start fast.
-    from statistics import NormalDist
-
-    z = NormalDist().inv_cdf(1 - 0.05 / (2 * len(looks)))
-    rate = Proportion(0, 0, z)
+    error = _ERROR / max(len(looks), _SHARES)
+    rate = Exact(0, 0, error)
     for look in looks:
         foresee(range(done, look))
         while done < look:
             hits += trial(done)
             done += 1
-        rate = Proportion(hits, done, z)
+        rate = Exact(hits, done, error)
         if rate.low > threshold:
             return True, rate
         if rate.high < threshold:

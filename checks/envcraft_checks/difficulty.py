@@ -79,13 +79,13 @@ class Difficulty(Check):
             if wrong is not None:
                 yield wrong
             else:
-                verdict, rate = settle(
+                _, rate = settle(
                     lambda number: subject.act(number).positive,
                     0.0,
                     subject.budget.looks[:2],
                     lambda numbers: subject.foresee(map(subject.players.policy, numbers)),
                 )
-                policy_wins = verdict is True or rate.hits > 0
+                policy_wins = rate.hits > 0
                 if not policy_wins:
                     yield from self._compare(subject, rate)
         unsettled = "" if policy_wins else self._unsolved(subject)
@@ -207,7 +207,8 @@ class Difficulty(Check):
             if verdict is True and not self._beaten(subject, trace):
                 return self.finding(
                     "EC802",
-                    f"holding {action} wins {rate}{BY_SIGN if trace.told is None else ''}",
+                    f"holding {action} wins {rate}, more than {100 * subject.contract.consistently:g}%"
+                    f"{BY_SIGN if trace.told is None else ''}",
                     line=subject.line_of("step"),
                     repro=repro(trace.rollout.cut(trace.steps)),
                     rate=rate.evidence(),
@@ -238,7 +239,8 @@ class Difficulty(Check):
         trace = subject.searches.scripted(first, subject.searches.greedy(first).get("best") or [], "the greedy player")
         return self.finding(
             "EC803",
-            f"the moves with the best immediate reward win {rate} within {_GREEDY_MOVES} steps",
+            f"the moves with the best immediate reward win {rate} within {_GREEDY_MOVES} steps, more than "
+            f"{100 * subject.contract.consistently:g}%",
             line=subject.line_of("step"),
             repro=repro(msgspec.structs.replace(trace.rollout, actions=trace.actions)),
             rate=rate.evidence(),

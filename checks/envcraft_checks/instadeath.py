@@ -1,8 +1,8 @@
 """# instadeath
 
 ## What it does
-Does nothing, on one seed after another, until it is settled whether that loses at once on most of them: terminated
-within 30 steps without success. Later losses, truncations and wins do not count.
+Does nothing, on one seed after another, until it is settled whether that loses at once on most of them (more than 50%):
+terminated within 30 steps without success. Later losses, truncations and wins do not count.
 
 ## Why is this bad?
 Early in training an agent does not know what to do. Where every early episode is over before it can act, it sees
@@ -58,7 +58,8 @@ class InstaDeath(Check):
             shortest = min((subject.noop(number, within) for number in range(rate.n)), key=lambda trace: trace.steps)
             yield self.finding(
                 "EC701",
-                f"doing nothing loses within {within} steps on {rate} seeds, at step {shortest.steps} at the earliest",
+                f"doing nothing loses within {within} steps on {rate} seeds, more than {100 * _MOST:g}%, at step "
+                f"{shortest.steps} at the earliest",
                 line=subject.line_of("step"),
                 repro=repro(shortest.rollout.cut(shortest.steps)),
                 rate=rate.evidence(),

@@ -78,7 +78,8 @@ class InstaWin(Check):
         shortest = min(wins, key=lambda trace: trace.steps)
         yield self.finding(
             "EC601",
-            f"random play wins {rate}, in {shortest.steps} steps at the least{BY_SIGN if by_sign else ''}",
+            f"random play wins {rate}, more than {100 * consistently:g}%, in {shortest.steps} steps at the least"
+            f"{BY_SIGN if by_sign else ''}",
             line=subject.line_of("step"),
             repro=repro(shortest.rollout.cut(shortest.steps)),
             rate=rate.evidence(),

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import random
+from collections.abc import Callable
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from envcraft.stats import Proportion, settle
+from envcraft.budget import BUDGETS
+from envcraft.stats import Exact, Proportion, settle
 
 
 @pytest.mark.parametrize(
@@ -20,22 +24,52 @@ from envcraft.stats import Proportion, settle
     ],
 )
 def test_wilson_interval_is_the_published_one(hits: int, n: int, low: float, high: float) -> None:
-    rate = Proportion(hits, n, z=1.959964)
+    rate = Proportion(hits, n)
     assert rate.low == pytest.approx(low, abs=5e-5)
     assert rate.high == pytest.approx(high, abs=5e-5)
 
 
-@given(st.integers(1, 500).flatmap(lambda n: st.tuples(st.integers(0, n), st.just(n))))
-def test_interval_holds_the_estimate_and_mirrors(pair: tuple[int, int]) -> None:
+@pytest.mark.parametrize(
+    ("hits", "n", "low", "high"),
+    [
+        # The same table, method 5.
+        (81, 263, 0.2527, 0.3676),
+        (15, 148, 0.0578, 0.1617),
+        (0, 20, 0.0, 0.1684),
+        (1, 29, 0.0009, 0.1776),
+    ],
+)
+def test_exact_interval_is_the_published_one(hits: int, n: int, low: float, high: float) -> None:
+    rate = Exact(hits, n)
+    assert (rate.low, rate.high) == pytest.approx((low, high), abs=5e-5)
+
+
+@pytest.mark.parametrize("kind", [Proportion, Exact])
+@given(pair=st.integers(1, 500).flatmap(lambda n: st.tuples(st.integers(0, n), st.just(n))))
+def test_interval_holds_the_estimate_and_mirrors(kind: type[Proportion], pair: tuple[int, int]) -> None:
     hits, n = pair
-    rate, mirrored = Proportion(hits, n), Proportion(n - hits, n)
-    assert 0 <= rate.low <= rate.estimate + 1e-12
-    assert rate.estimate - 1e-12 <= rate.high <= 1
+    rate, mirrored = kind(hits, n), kind(n - hits, n)
+    assert 0 <= rate.low <= rate.estimate
+    assert rate.estimate <= rate.high <= 1
     assert rate.low == pytest.approx(1 - mirrored.high)
 
 
 def test_no_trial_says_nothing() -> None:
     assert (Proportion(0, 0).low, Proportion(0, 0).high) == (0.0, 1.0)
+    assert (Exact(0, 0).low, Exact(0, 0).high) == (0.0, 1.0)
+
+
+def test_words_and_evidence_say_how_sure_they_are() -> None:
+    _, rate = settle(lambda number: True, 0.8)
+    assert str(rate) == "24 of 24 (100%, 99% interval 80.2% to 100%)"
+    assert rate.evidence() == {
+        "hits": 24,
+        "n": 24,
+        "estimate": 1.0,
+        "low": pytest.approx(0.005 ** (1 / 24)),
+        "high": 1.0,
+        "confidence": 0.99,
+    }
 
 
 def test_settles_at_the_first_look_that_tells() -> None:
@@ -61,3 +95,35 @@ def test_undecided_is_none_after_the_last_look() -> None:
     verdict, rate = settle(lambda number: number % 5 != 0, 0.8, (6, 12))
     assert verdict is None
     assert rate.n == 12
+
+
+def drawn(rate: float, rng: random.Random) -> Callable[[int], bool]:
+    return lambda number: rng.random() < rate
+
+
+@pytest.mark.parametrize("budget", ["quick", "thorough"])
+@pytest.mark.parametrize("threshold", [0.05, 0.5, 0.8, 0.95, 0.99])
+def test_settling_errs_at_most_once_in_twenty(threshold: float, budget: str) -> None:
+    rng, looks = random.Random(0), BUDGETS[budget].looks
+    told = [settle(drawn(threshold, rng), threshold, looks)[0] for _ in range(1000)]
+    assert sum(verdict is not None for verdict in told) / 1000 < 0.05
+
+
+def test_a_larger_budget_leaves_what_is_settled() -> None:
+    # A game that is won 24 times, and then never again.
+    assert settle(lambda number: number < 24, 0.8, BUDGETS["quick"].looks)[0] is True
+    assert settle(lambda number: number < 24, 0.8, BUDGETS["thorough"].looks)[0] is True
+    rng = random.Random(1)
+    settled = 0
+    for _ in range(300):
+        outcomes = [rng.random() < 0.9 for _ in range(96)]
+        few, rate = settle(outcomes.__getitem__, 0.8, BUDGETS["quick"].looks)
+        if few is not None:
+            settled += 1
+            assert settle(outcomes.__getitem__, 0.8, BUDGETS["thorough"].looks) == (few, rate)
+    assert settled > 10
+
+
+def test_more_looks_than_any_budget_has_share_the_error() -> None:
+    _, rate = settle(lambda number: True, 0.999, (1, 2, 3, 4, 5, 6, 7, 8, 9, 10))
+    assert rate.error == pytest.approx(0.005)

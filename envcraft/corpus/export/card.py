@@ -17,7 +17,7 @@ from envcraft.corpus.export import Exported
 from envcraft.corpus.export.hf import COLUMNS
 from envcraft.corpus.export.shards import SPLITS
 from envcraft.corpus.likeness import Likeness
-from envcraft.corpus.report.data import NONE, Z95, Survey, entries
+from envcraft.corpus.report.data import NONE, Survey, entries
 from envcraft.corpus.store import Store
 from envcraft.errors import UsageError
 from envcraft.reports import one_line
@@ -207,7 +207,7 @@ def _checks(survey: Survey) -> str:
 def _codes(survey: Survey, rules: dict[str, str]) -> str:
     rows = []
     for row in survey.codes():
-        share = Proportion(row.environments, survey.judged, Z95)
+        share = Proportion(row.environments, survey.judged)
         name = rules.get(row.code, "")
         rows.append((row.code, name, row.severity.value, row.environments, _rate(share), _interval(share)))
     if not rows:

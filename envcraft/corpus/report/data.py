@@ -19,8 +19,6 @@ from envcraft.corpus.store import Environment, Store, decode
 from envcraft.stats import Proportion
 from envcraft.verdict import Severity, SubjectReport, Verdict
 
-#: Two-sided 95% for a rate that is looked at once.
-Z95 = 1.959964
 #: What has no verdict on its present source.
 NONE = "none"
 #: An outlier's modified z-score on a logarithmic scale (Iglewicz and Hoaglin 1993), and 0.6745 is that of one MAD.
@@ -88,7 +86,7 @@ class Stage(msgspec.Struct, frozen=True):
     def rate(self) -> Proportion:
         """Of those that it judged."""
         passed = self.left - self.skipped
-        return Proportion(passed, passed + self.failed, Z95)
+        return Proportion(passed, passed + self.failed)
 
 
 class CheckRow(msgspec.Struct):
@@ -105,7 +103,7 @@ class CheckRow(msgspec.Struct):
     @property
     def rate(self) -> Proportion:
         """Of those that it judged."""
-        return Proportion(self.verdicts[Verdict.PASS], self.judged, Z95)
+        return Proportion(self.verdicts[Verdict.PASS], self.judged)
 
 
 class CodeRow(msgspec.Struct):
@@ -127,7 +125,7 @@ class Attempt(msgspec.Struct):
 
     @property
     def rate(self) -> Proportion:
-        return Proportion(self.passed, self.judged, Z95)
+        return Proportion(self.passed, self.judged)
 
 
 class Measure(msgspec.Struct):
@@ -245,7 +243,7 @@ class Survey:
     def rate(self) -> Proportion:
         """How many pass, of those that pass or fail."""
         passed = self.verdicts[Verdict.PASS]
-        return Proportion(passed, passed + self.verdicts[Verdict.FAIL], Z95)
+        return Proportion(passed, passed + self.verdicts[Verdict.FAIL])
 
     def checks(self) -> list[CheckRow]:
         """In the order in which they run; those that nobody has here at the end."""

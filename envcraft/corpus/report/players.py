@@ -7,7 +7,6 @@ from collections.abc import Sequence
 import msgspec
 import numpy as np
 
-from envcraft.corpus.report.data import Z95
 from envcraft.corpus.store import Store
 from envcraft.demonstrations import keeping
 from envcraft.stats import Proportion
@@ -33,7 +32,7 @@ def player_rows(store: Store) -> list[PlayerRow]:
         told = [bool(outcome.success) for outcome in outcomes if outcome.success is not None]
         steps = _quantiles([outcome.steps for outcome in outcomes])
         total = _quantiles([outcome.total for outcome in outcomes])
-        found.append(PlayerRow(name, len(outcomes), steps, total, Proportion(sum(told), len(told), Z95)))
+        found.append(PlayerRow(name, len(outcomes), steps, total, Proportion(sum(told), len(told))))
     return sorted(found, key=lambda row: row.steps[1])
 
 

@@ -135,7 +135,7 @@ def pooled(changes: Sequence[Change], seed: int) -> Pooled:
 
 def _share(values: NDArray[Any]) -> Interval:
     """Of those above zero, with Wilson's interval."""
-    found = Proportion(int((values > 0).sum()), len(values), _Z)
+    found = Proportion(int((values > 0).sum()), len(values))
     return Interval(found.estimate, found.low, found.high)
 
 

@@ -11,8 +11,6 @@ from envcraft.stages import Stage
 from envcraft.stats import Proportion
 from envcraft_llm.endpoint.accounts import Accounts
 
-#: Two-sided 95%: the normal quantile of 0.975.
-_Z = 1.959964
 #: So many reasons of a stage are shown.
 _REASONS = 6
 
@@ -30,7 +28,7 @@ class Row(NamedTuple):
     @property
     def rate(self) -> Proportion:
         """Of those that came in and are settled, how many passed."""
-        return Proportion(self.passed, self.entered, _Z)
+        return Proportion(self.passed, self.entered)
 
 
 def rows(history: History, stages: Sequence[Stage], concepts: Iterable[str]) -> list[Row]:
@@ -71,7 +69,7 @@ def stage_table(found: Sequence[Row]) -> list[str]:
     # What is under way has neither passed nor failed. Where nothing has come to the end yet, no rate means anything.
     settled = found[-1].passed + sum(row.rejected + row.failed for row in found)
     if found[-1].entered or settled == first.entered:
-        whole = Proportion(found[-1].passed, settled, _Z)
+        whole = Proportion(found[-1].passed, settled)
         rate = f"{whole.estimate:.1%} ({whole.low:.1%} to {whole.high:.1%})"
         lines.append(f"| all | {settled:,} | {found[-1].passed:,} | | | {rate} | |")
     return lines
