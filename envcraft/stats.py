@@ -1,11 +1,13 @@
-"""Proportions with their intervals, and tests that stop as soon as they are settled."""
+"""Proportions and means with their intervals, and tests that stop as soon as they are settled."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from math import exp, fsum, lgamma, log, log1p, sqrt
+from math import exp, fsum, inf, lgamma, log, log1p, pi, sqrt, tan
+
+import msgspec
 
 #: Numbers of episodes after which a settling test looks.
 LOOKS = (6, 12, 24)
@@ -122,3 +124,52 @@ def settle(
         if rate.high < threshold:
             return False, rate
     return None, rate
+
+
+def student(freedom: float) -> float:
+    """The 0.975 quantile of Student's t, for two-sided 95%, right to three digits.
+
+    By Abramowitz and Stegun (1964), 26.7.5, and exactly for less than three degrees of freedom, which are rounded down;
+    for less than one there is none.
+    """
+    if freedom < 1:
+        return inf
+    if freedom < 2:
+        return tan(0.475 * pi)
+    if freedom < 3:
+        return 0.95 * sqrt(2 / (1 - 0.95**2))
+    from statistics import NormalDist
+
+    z = NormalDist().inv_cdf(0.975)
+    terms = (
+        (z**3 + z) / 4,
+        (5 * z**5 + 16 * z**3 + 3 * z) / 96,
+        (3 * z**7 + 19 * z**5 + 17 * z**3 - 15 * z) / 384,
+        (79 * z**9 + 776 * z**7 + 1482 * z**5 - 1920 * z**3 - 945 * z) / 92160,
+    )
+    return z + sum(term / freedom**power for power, term in enumerate(terms, 1))
+
+
+class Mean(msgspec.Struct, frozen=True):
+    """A mean with its standard error and the 95% interval of Student's t, which a single value has no bounds for."""
+
+    mean: float
+    standard_error: float
+    low: float
+    high: float
+
+    @classmethod
+    def of(cls, values: Sequence[float]) -> Mean:
+        """Of at least one value."""
+        n = len(values)
+        mean = sum(values) / n
+        rests = [value - mean for value in values]
+        # Of what untrusted code gives nothing may raise, neither infinities, as in fsum, nor large numbers, as in pow.
+        error = sqrt(sum(rest * rest for rest in rests) / (n - 1) / n) if n > 1 else inf
+        half = student(n - 1) * error
+        return cls(mean, error, mean - half, mean + half)
+
+
+def lead(ours: Sequence[float], others: Sequence[float]) -> Mean:
+    """By how much the mean of `ours` lies above that of `others`, whose values go together one by one."""
+    return Mean.of([one - other for one, other in zip(ours, others, strict=True)])

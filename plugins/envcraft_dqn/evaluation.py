@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from hashlib import sha256
-from math import sqrt
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -13,13 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from envcraft.errors import UsageError
+from envcraft.stats import Mean
 from envcraft_dqn.demonstrations import Episode
 from envcraft_dqn.frames import Frames
 from envcraft_dqn.privileged import players
 from envcraft_dqn.spaces import OpenVector, Surface, surface_of
 
-#: Two-sided 95% of a normal distribution.
-_Z = 1.959964
 #: Lanes that one environment has: more of them wait longer for the longest episodes, fewer make smaller batches.
 _COPIES = 16
 _AGENT = "agent.safetensors"
@@ -91,21 +89,6 @@ def player_named(name: str, surface: Surface, seed: int, epsilon: float = 0.0, d
         there = ", ".join(("random", "noop", "checkpoint:PATH", *players()))
         raise UsageError(f"there is no player {name!r}; there are {there}")
     return AgentPlayer(Path(path), surface, seed, epsilon, device)
-
-
-class Mean(msgspec.Struct, frozen=True):
-    """A mean with its standard error and the 95% interval of the normal distribution."""
-
-    mean: float
-    standard_error: float
-    low: float
-    high: float
-
-    @classmethod
-    def of(cls, values: Sequence[float] | NDArray[Any]) -> Mean:
-        """Of at least two values."""
-        mean, error = float(np.mean(values)), float(np.std(values, ddof=1)) / sqrt(len(values))
-        return cls(mean, error, mean - _Z * error, mean + _Z * error)
 
 
 class Evaluation(msgspec.Struct, frozen=True):

@@ -34,13 +34,14 @@ import importlib.util
 from collections.abc import Iterator
 from functools import partial
 from math import isfinite
-from statistics import NormalDist, fmean, stdev
+from statistics import fmean
 from typing import TYPE_CHECKING
 
 from envcraft.check import Check, Rule, Skip
 from envcraft.errors import EnvCraftError, EnvironmentFailed, UsageError
 from envcraft.rollout import Rollout
 from envcraft.shrink import repro, shrink
+from envcraft.stats import lead
 from envcraft.verdict import Finding, Severity
 
 if TYPE_CHECKING:
@@ -108,14 +109,14 @@ class Learnability(Check):
         for code, other in (("EC851", "random play"), ("EC852", "doing nothing")):
             if other not in returns:
                 continue
-            mean, low, high = lead(returns["the agent"], returns[other])
-            if low <= 0:
+            found = lead(returns["the agent"], returns[other])
+            if found.low <= 0:
                 yield self.finding(
                     code,
-                    f"{words}; the agent's lead over {other} is {mean:.3g} with a 95% interval from {low:.3g} to "
-                    f"{high:.3g}, not above zero",
+                    f"{words}; the agent's lead over {other} is {found.mean:.3g} with a 95% interval from "
+                    f"{found.low:.3g} to {found.high:.3g}, not above zero",
                     means=means,
-                    lead={"estimate": mean, "low": low, "high": high, "n": episodes},
+                    lead={"estimate": found.mean, "low": found.low, "high": found.high, "n": episodes},
                     steps=steps,
                 )
                 return
@@ -139,15 +140,3 @@ class Learnability(Check):
 def _breaks(subject: Subject, rollout: Rollout) -> bool:
     trace = subject.rollout(rollout)
     return not trace.usable or any(problem.kind == "type" for problem in trace.problems)
-
-
-def lead(ours: list[float], others: list[float]) -> tuple[float, float, float]:
-    """The mean difference of returns that go together, with its 95% interval.
-
-    The quantile of Student's t is that of Abramowitz & Stegun, 26.7.5, right to three digits from eight pairs on.
-    """
-    differences = [one - other for one, other in zip(ours, others, strict=True)]
-    n, z = len(differences) - 1, NormalDist().inv_cdf(0.975)
-    t = z + (z**3 + z) / (4 * n) + (5 * z**5 + 16 * z**3 + 3 * z) / (96 * n**2)
-    mean, half = fmean(differences), t * stdev(differences) / len(differences) ** 0.5
-    return mean, mean - half, mean + half

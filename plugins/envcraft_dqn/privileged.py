@@ -46,8 +46,9 @@ def evaluate(
     sandbox raises.
     """
     from envcraft.demonstrations.recording import episodes as play
+    from envcraft.stats import Mean
     from envcraft.target import Target
-    from envcraft_dqn.evaluation import Evaluation, Mean
+    from envcraft_dqn.evaluation import Evaluation
 
     done: dict[str, Evaluation] = {}
     for found in _by_contract(_playable(player, target, names, contract)):

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import random
 from collections.abc import Callable
+from math import inf, isnan, nan
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from envcraft.budget import BUDGETS
-from envcraft.stats import Exact, Proportion, settle
+from envcraft.stats import Exact, Mean, Proportion, lead, settle, student
 
 
 @pytest.mark.parametrize(
@@ -127,3 +128,41 @@ def test_a_larger_budget_leaves_what_is_settled() -> None:
 def test_more_looks_than_any_budget_has_share_the_error() -> None:
     _, rate = settle(lambda number: True, 0.999, (1, 2, 3, 4, 5, 6, 7, 8, 9, 10))
     assert rate.error == pytest.approx(0.005)
+
+
+@pytest.mark.parametrize(
+    ("freedom", "quantile"),
+    # Fisher and Yates, "Statistical tables", table III; degrees between are rounded down up to three.
+    [(1, 12.706), (2, 4.303), (2.9, 4.303), (4, 2.776), (5, 2.571), (10, 2.228), (30, 2.042), (120, 1.980)],
+)
+def test_quantile_is_the_published_one(freedom: float, quantile: float) -> None:
+    assert student(freedom) == pytest.approx(quantile, abs=1e-3)
+    assert student(3) == pytest.approx(3.182, rel=2e-3)
+    assert student(0) == inf
+
+
+@pytest.mark.parametrize("n", [2, 3, 5, 20])
+def test_interval_of_a_mean_holds_the_true_one(n: int) -> None:
+    rng = random.Random(n)
+    found = [Mean.of([rng.gauss(3, 2) for _ in range(n)]) for _ in range(3000)]
+    assert 0.94 < sum(one.low < 3 < one.high for one in found) / 3000 < 0.965
+
+
+def test_one_value_says_nothing_of_the_others() -> None:
+    assert Mean.of([5.0]) == Mean(5.0, inf, -inf, inf)
+
+
+def test_what_is_not_finite_or_very_large_is_no_exception() -> None:
+    assert isnan(Mean.of([inf, -inf]).mean)
+    assert isnan(lead([nan, 1.0], [0.0, 0.0]).low)
+    assert Mean.of([1e300, -1e300]).high == inf
+
+
+def test_lead_is_of_what_goes_together() -> None:
+    others = [float(number % 7) for number in range(30)]
+    ours = [value + 0.1 * (1 + number % 2) for number, value in enumerate(others)]
+    found = lead(ours, others)
+    # Of 15 times 0.1 and 15 times 0.2 the standard error is 0.05 / sqrt(29), and t is 2.0452.
+    half = 2.0452 * 0.05 / 29**0.5
+    assert (found.mean, found.low, found.high) == pytest.approx((0.15, 0.15 - half, 0.15 + half), rel=1e-4)
+    assert lead([1.0] * 30, [1.0] * 30) == Mean(0.0, 0.0, 0.0, 0.0)

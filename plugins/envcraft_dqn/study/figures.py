@@ -7,7 +7,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from envcraft_dqn.study.metric import Interval
 from envcraft_dqn.study.protocol import AGENT, SUBSET, Protocol
 from envcraft_dqn.study.summary import Condition, Summary
 from envcraft_dqn.study.work import Result
@@ -49,7 +51,7 @@ def draw(folder: Path, protocol: Protocol, results: Mapping[str, Result], summar
                 (name, f"The agent {words}, in {held}: each with its 95% interval, the mean and its interval.")
             )
     _save(folder / "conditions.png", 0.9 + 0.36 * len(summary.conditions), lambda axes: _dots(axes, protocol, summary))
-    drawn.append(("conditions", "The agent and its controls: means over environments with bootstrap intervals."))
+    drawn.append(("conditions", "The agent and its controls: means over environments with 95% intervals."))
     sizes = _sizes(results, summary)
     if len(sizes) > 1:
         _save(folder / "scaling.png", 3.4, lambda axes: _scaling(axes, protocol, sizes))
@@ -88,7 +90,8 @@ def _bars(axes: Axes, condition: Condition, protocol: Protocol) -> None:
     errors = [values - [change.low for change in changes], [change.high for change in changes] - values]
     axes.errorbar(places, values, yerr=np.array(errors), fmt="none", ecolor=_INK, elinewidth=0.6, alpha=0.6)
     mean = condition.over.value
-    axes.axhspan(mean.low, mean.high, color=_MEAN, alpha=0.2, linewidth=0)
+    if np.isfinite(mean.low):
+        axes.axhspan(mean.low, mean.high, color=_MEAN, alpha=0.2, linewidth=0)
     axes.axhline(mean.mean, color=_MEAN, label=f"mean {mean.mean:+.1f} [{mean.low:.1f}, {mean.high:.1f}]")
     axes.axhline(0, color=_SOFT, linewidth=0.8)
     axes.set_xticks([])
@@ -104,8 +107,7 @@ def _dots(axes: Axes, protocol: Protocol, summary: Summary) -> None:
     axes.set_ylim(len(found) - 0.5, -0.5)
     for place, condition in enumerate(found):
         mean = condition.over.value
-        error = [[mean.mean - mean.low], [mean.high - mean.mean]]
-        axes.errorbar([mean.mean], [place], xerr=error, fmt="o", color=_MEAN, capsize=3)
+        axes.errorbar([mean.mean], [place], xerr=_errors([mean]), fmt="o", color=_MEAN, capsize=3)
     # One that is far off leaves no room for the others.
     if max(abs(condition.over.value.mean) for condition in found) > 100:
         axes.set_xscale("symlog", linthresh=10)
@@ -126,13 +128,17 @@ def _sizes(results: Mapping[str, Result], summary: Summary) -> list[tuple[int, C
 
 def _scaling(axes: Axes, protocol: Protocol, sizes: Sequence[tuple[int, Condition]]) -> None:
     means = [condition.over.value for _, condition in sizes]
-    errors = [[mean.mean - mean.low for mean in means], [mean.high - mean.mean for mean in means]]
-    axes.errorbar(
-        [size for size, _ in sizes], [mean.mean for mean in means], yerr=errors, fmt="o-", color=_MEAN, capsize=3
-    )
+    places = [size for size, _ in sizes]
+    axes.errorbar(places, [mean.mean for mean in means], yerr=_errors(means), fmt="o-", color=_MEAN, capsize=3)
     axes.axhline(0, color=_SOFT, linewidth=0.8)
     axes.set_xlabel("environments of the training")
     axes.set_ylabel(_wrapped(unit(protocol)))
+
+
+def _errors(means: Sequence[Interval]) -> NDArray[np.float64]:
+    """How far intervals reach to either side; 0 for that of a single environment, which has no bounds."""
+    reach = np.array([[mean.mean - mean.low for mean in means], [mean.high - mean.mean for mean in means]])
+    return np.where(np.isfinite(reach), reach, 0.0)
 
 
 def _curves(top: Axes, bottom: Axes, found: Sequence[Result]) -> None:

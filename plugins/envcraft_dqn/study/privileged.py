@@ -14,9 +14,9 @@ from envcraft.demonstrations import recording
 from envcraft.demonstrations.player import Player
 from envcraft.errors import EnvCraftError, UsageError
 from envcraft.sandbox import ensure
+from envcraft.stats import Mean
 from envcraft.using.sources import locate
 from envcraft.verdict import SubjectReport
-from envcraft_dqn.evaluation import Mean
 from envcraft_dqn.study.metric import Score
 from envcraft_dqn.study.places import Chosen
 

@@ -72,7 +72,7 @@ def _page(protocol: Protocol, player: str, summary: Summary, figures: list[tuple
         f"{protocol.scale}, with the numbers at the end of this page; what it may be held against is its own controls."
     )
     page.heading("The agent and its controls")
-    page.text(f"Mean over environments with a 95% bootstrap interval; the figure is the {unit(protocol)}.")
+    page.text(f"Mean over environments with a 95% interval (Student's t); the figure is the {unit(protocol)}.")
     head = [
         "",
         "environments",

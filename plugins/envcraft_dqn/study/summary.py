@@ -83,13 +83,12 @@ def summarise(protocol: Protocol, results: Mapping[str, Result], kinds: Mapping[
                 changes.setdefault(name, []).append(change)
     agent = changes.get(AGENT, [])
     conditions = {
-        name: _condition(name, sorted(changes[name], key=_key), agent, kinds, protocol.seed)
-        for name in sorted(changes, key=_rank)
+        name: _condition(name, sorted(changes[name], key=_key), agent, kinds) for name in sorted(changes, key=_rank)
     }
     return Summary(
         conditions,
         sorted(nowhere),
-        _gap(changes.get(FAMILIAR, []), agent, protocol.seed),
+        _gap(changes.get(FAMILIAR, []), agent),
         max((result.parameters for result in results.values()), default=0),
         sum(result.seconds for result in results.values()),
         sum(result.processor_seconds for result in results.values()),
@@ -108,14 +107,14 @@ def _change(
     return by_return(score, random[score.name], privileged[score.name], split)
 
 
-def _condition(name: str, changes: list[Change], agent: list[Change], kinds: Mapping[str, str], seed: int) -> Condition:
+def _condition(name: str, changes: list[Change], agent: list[Change], kinds: Mapping[str, str]) -> Condition:
     numbers = sorted({change.split for change in changes})
-    splits = {number: pooled([one for one in changes if one.split == number], seed) for number in numbers}
+    splits = {number: pooled([one for one in changes if one.split == number]) for number in numbers}
     # The environments of its training are tested in several splits, and held out in another one.
     compared = name not in (AGENT, FAMILIAR)
 
     def told(some: list[Change]) -> tuple[Pooled, Interval | None]:
-        return pooled(some, seed), paired(agent, some, seed) if compared else None
+        return pooled(some), paired(agent, some) if compared else None
 
     over, difference = told(changes)
     apart: dict[str, tuple[Pooled, Interval | None]] = {}
@@ -125,13 +124,13 @@ def _condition(name: str, changes: list[Change], agent: list[Change], kinds: Map
     return Condition(name, changes, over, splits, difference, apart)
 
 
-def _gap(familiar: list[Change], agent: list[Change], seed: int) -> Interval | None:
+def _gap(familiar: list[Change], agent: list[Change]) -> Interval | None:
     """In the environments that are in both, each of which counts once, whichever splits it was tested in."""
     by_name: dict[str, list[Change]] = {}
     for change in familiar:
         by_name.setdefault(change.name, []).append(change)
     means = [msgspec.structs.replace(some[0], value=fmean(one.value for one in some)) for some in by_name.values()]
-    return paired(means, agent, seed)
+    return paired(means, agent)
 
 
 def _key(change: Change) -> tuple[str, int]:

@@ -10,9 +10,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import msgspec
-import numpy as np
 import pytest
-import scipy.stats
 import torch
 from click.testing import CliRunner
 from envcraft_dqn import learnability
@@ -178,17 +176,6 @@ def test_one_thread_trains() -> None:
         assert torch.get_num_threads() == 2
     finally:
         torch.set_num_threads(before)
-
-
-def test_the_interval_is_of_the_differences() -> None:
-    others = [float(number % 7) for number in range(30)]
-    ours = [value + 0.1 * (1 + number % 2) for number, value in enumerate(others)]
-    mean, low, high = learnability.lead(ours, others)
-    differences = np.subtract(ours, others)
-    wanted = scipy.stats.t.interval(0.95, 29, differences.mean(), differences.std(ddof=1) / 30**0.5)
-    assert mean == pytest.approx(0.15)
-    assert (low, high) == pytest.approx(wanted, rel=1e-3)
-    assert learnability.lead([1.0] * 30, [1.0] * 30) == (0.0, 0.0, 0.0)
 
 
 def test_two_networks_at_a_time_have_the_weights_of_their_seeds() -> None:

@@ -9,13 +9,14 @@ from typing import Any
 import msgspec
 import numpy as np
 import pytest
-from envcraft_dqn.evaluation import AgentPlayer, Mean, RandomPlayer, evaluate
+from envcraft_dqn.evaluation import AgentPlayer, RandomPlayer, evaluate
 from envcraft_dqn.settings import Settings
 from envcraft_dqn.spaces import Surface
 from gymnasium.spaces import Box
 from gymnasium.wrappers.vector import TransformObservation
 
 import envcraft
+from envcraft.stats import Mean
 
 from .conftest import GAMES
 
