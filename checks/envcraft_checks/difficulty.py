@@ -7,7 +7,8 @@ With `--policy FILE` a privileged policy plays in the worker: a class with `act(
 environment's attributes to read, or a function `policy(env)`. Its actions are then stepped again without it: where
 the trace differs, the policy changed the environment. Without a policy, or where it does not win, a built-in player
 searches on copies of the environment's state, or by replaying actions where it cannot be copied. What it finds is
-stepped for real.
+stepped for real. A policy that never wins is not clearly better than random play or doing nothing unless the 95%
+interval of its lead over either, on the same seeds, lies above zero.
 
 Unsolvable is only said of a game whose reachable states were searched through to the last without a positive
 outcome, and whose whole episodes lead to no other state: a hidden timer may yet open a door. Trivial is a game that
@@ -33,7 +34,7 @@ import msgspec
 from envcraft.check import Check, Rule, Skip
 from envcraft.plugins import hookimpl
 from envcraft.shrink import repro
-from envcraft.stats import Proportion, settle
+from envcraft.stats import Proportion, lead, settle
 from envcraft.verdict import Finding, Repro, Severity
 
 from .instawin import BY_SIGN
@@ -61,7 +62,7 @@ class Difficulty(Check):
         Rule(
             "EC806",
             "policy-no-better",
-            "The privileged policy does no better than random play or doing nothing.",
+            "The privileged policy is not clearly better than random play or doing nothing.",
             "Mend the policy; the environment is judged by the built-in player.",
             Severity.WARNING,
         ),
@@ -132,24 +133,33 @@ class Difficulty(Check):
         return None
 
     def _compare(self, subject: Subject, rate: Proportion) -> Iterator[Finding]:
-        """Hold a policy that never wins against random play and doing nothing, by mean return on the same seeds."""
+        """Hold a policy that never wins against random play and doing nothing, by returns on the same seeds."""
         numbers = range(rate.n)
         ask = {"the policy": subject.players.policy, "random play": subject.players.random}
         if subject.contract.noop is not None:
             ask["doing nothing"] = subject.players.noop
         played = {name: subject.rollouts([play(number) for number in numbers]) for name, play in ask.items()}
-        means = {name: sum(trace.total for trace in traces) / rate.n for name, traces in played.items()}
-        others = max(mean for name, mean in means.items() if name != "the policy")
-        if means["the policy"] <= others:
-            words = ", ".join(f"{name} {mean:.3g}" for name, mean in means.items())
+        returns = {name: [trace.total for trace in traces] for name, traces in played.items()}
+        leads = {name: lead(returns["the policy"], others) for name, others in returns.items() if name != "the policy"}
+        short = {name: found for name, found in leads.items() if found.low <= 0}
+        if short:
+            words = " and ".join(
+                f"over {name} {found.mean:.3g} (95% interval {found.low:.3g} to {found.high:.3g})"
+                for name, found in short.items()
+            )
             yield self.finding(
                 "EC806",
-                f"the policy wins {rate}; mean returns on those seeds: {words}",
+                f"the policy wins {rate}, and on those seeds its mean return has no lead that is clearly above zero: "
+                f"{words}",
                 repro=repro(
                     msgspec.structs.replace(subject.act(0).rollout, actions=subject.act(0).actions, policy=False)
                 ),
                 rate=rate.evidence(),
-                means=means,
+                means={name: sum(totals) / rate.n for name, totals in returns.items()},
+                leads={
+                    name: {"estimate": found.mean, "low": found.low, "high": found.high, "n": rate.n}
+                    for name, found in leads.items()
+                },
             )
 
     def _unsolved(self, subject: Subject) -> str:

@@ -65,3 +65,53 @@ def test_a_win_that_only_the_sign_tells_is_said_to_be_one() -> None:
     for game, said in ((FAR, True), (TOLD, False)):
         found = [one for check in judged(game, "").checks for one in check.findings if one.code in ("EC601", "EC802")]
         assert [("info tells no success" in one.message) for one in found] == [said, said]
+
+
+#: What it pays in the end is mostly luck, which hangs on what is done; who holds a direction has a little more of it.
+LUCK = """
+import gymnasium
+import numpy as np
+from gymnasium import spaces
+
+
+class Luck(gymnasium.Env):
+    metadata = {"render_modes": ["rgb_array"]}
+
+    def __init__(self, render_mode=None):
+        self.observation_space = spaces.Box(0, 255, (84, 84, 3), np.uint8)
+        self.action_space = spaces.MultiDiscrete([5, 2, 2])
+        self.render_mode = render_mode
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        self.moves = self.steps = 0
+        return self.render(), {"is_success": False}
+
+    def step(self, action):
+        self.steps += 1
+        self.moves += int(action[0] == 4)
+        self.np_random.random(int(action[0]) + 1)
+        over = self.steps == 20
+        paid = self.np_random.uniform(-WIDTH, WIDTH) + 3 * (self.moves == 20) if over else 0.0
+        return self.render(), float(paid), over, False, {"is_success": False}
+
+    def render(self):
+        frame = np.zeros((84, 84, 3), np.uint8)
+        frame[4 * self.steps :, self.moves :] = 200
+        return frame
+"""
+
+
+@pytest.mark.parametrize(("width", "warned"), [(10, True), (1, False)])
+def test_a_policy_that_never_wins_is_better_only_where_that_is_clear(width: int, warned: bool) -> None:
+    report = judged(LUCK.replace("WIDTH", str(width)), "def policy(env):\n    return [4, 0, 0]")
+    found = [one for check in report.checks for one in check.findings if one.code == "EC806"]
+    assert len(found) == warned
+    for one in found:
+        assert "wins 0 of 12 (0%, 99% interval 0% to 35.7%)" in one.message
+        for name, told in one.evidence["leads"].items():
+            assert told["n"] == 12
+            assert (f"over {name} {told['estimate']:.3g} (95% interval" in one.message) == (told["low"] <= 0)
+        # Higher in these twelve episodes, which tells nothing.
+        means = one.evidence["means"]
+        assert means["the policy"] > max(means["random play"], means["doing nothing"])
