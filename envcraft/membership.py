@@ -213,7 +213,7 @@ def _sequence(space: Space, value: Any, path: str, exact: bool) -> Problem | Non
 
 
 def _graph(space: Space, value: Any, path: str, exact: bool) -> Problem | None:
-    if not isinstance(value, tuple) or len(value) != 3 or not isinstance(value[0], np.ndarray):
+    if not isinstance(value, tuple) or len(value) != 3 or not _is_rows(value[0]):
         return _wrong(path, f"is {_named(value)}, not a GraphInstance of nodes, edges and edge_links")
     nodes, edges, links = value
     where = path or "observation"
@@ -227,9 +227,13 @@ def _graph(space: Space, value: Any, path: str, exact: bool) -> Problem | None:
         return _outside(path, f"has an edge to a node that there is not, of {len(nodes)}")
     if space["edges"] is None or edges is None:
         return None if edges is None else _wrong(path, "has edges, and its space has none")
-    if not isinstance(edges, np.ndarray) or len(edges) != len(links):
+    if not _is_rows(edges) or len(edges) != len(links):
         return _wrong(path, f"has as edges {_named(edges)}, not one value for each of {len(links)} edge_links")
     return _parts([(str(n), space["edges"], edge) for n, edge in enumerate(edges)], f"{where}.edges", exact)
+
+
+def _is_rows(value: Any) -> bool:
+    return isinstance(value, np.ndarray) and value.ndim > 0
 
 
 def _parts(parts: list[tuple[str, Space, Any]], path: str, exact: bool) -> Problem | None:
@@ -241,7 +245,7 @@ def _parts(parts: list[tuple[str, Space, Any]], path: str, exact: bool) -> Probl
 
 def _rows(value: Any) -> list[Any] | None:
     """Stacked values one by one: arrays by their first axis, dicts and tuples part by part."""
-    if isinstance(value, np.ndarray) and value.ndim:
+    if _is_rows(value):
         return list(value)
     if isinstance(value, dict):
         columns = [_rows(part) for part in value.values()]

@@ -233,7 +233,8 @@ class Recording:
         return last[2]
 
     def _keep_frame(self, frames: list[NDArray[Any]], layout: Layout, value: Any) -> None:
-        wanted = layout.kind == "array" and len(frames) < self.trace.rollout.keep
+        numbers = layout.kind == "array" and value.dtype.kind in "biuf"
+        wanted = numbers and len(frames) < self.trace.rollout.keep
         if wanted and self._frames + value.nbytes <= _MAX_FRAMES:
             self._frames += value.nbytes
             frames.append(np.array(value))
@@ -261,8 +262,9 @@ class Recording:
             and space["type"] == "Box"
             and layout.dtype != np.dtype(space["dtype"])
             and layout.dtype is not None
+            and layout.dtype.kind in "biuf"
         ):
-            # A wrong dtype hides whether the numbers are in range.
+            # Another dtype of numbers hides whether they are in range.
             found.append(problem({**space, "dtype": str(layout.dtype)}, value, exact=self._exact_space))
         return list(dict.fromkeys(problem for problem in found if problem))
 

@@ -200,7 +200,7 @@ class Trace:
 def digest(trace: Trace) -> str:
     """A digest of what :func:`diverge` compares, and of the way in which the episode ended."""
     numbers = struct.pack(f"<{trace.steps}d", *trace.rewards) + bytes([*trace.terminated, *trace.truncated])
-    end = f"{trace.ending} {trace.fault.type if trace.fault else ''}".encode()
+    end = f"{trace.ending} {trace.fault.type if trace.fault else ''}".encode("utf-8", "surrogatepass")
     parts = [*trace.observations, numbers, *trace.infos, end]
     return hashlib.blake2b(b"".join(len(part).to_bytes(8) + part for part in parts), digest_size=16).hexdigest()
 

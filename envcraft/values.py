@@ -3,18 +3,24 @@
 from __future__ import annotations
 
 import math
+import re
+import sys
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 import xxhash
+from numpy.typing import NDArray
 
 from envcraft.errors import MalformedValue
 
 MAX_BYTES = 8 * 1024 * 1024
 _MAX_DEPTH = 9
 _MAX_ITEMS = 4096
-_KINDS = "biufcSU"
+#: A dtype as ``dtype.str`` writes it. What else NumPy reads as one it parses as Python, with errors of every kind.
+_DTYPE = re.compile(r"[<>|][biufcSU][0-9]{1,9}")
+#: Bytes of an array, its empty axes left out: NumPy makes no longer ones, whether there is anything in them or not.
+_MAX_ARRAY = np.iinfo(np.intp).max
 
 
 class Layout:
@@ -39,7 +45,9 @@ class Layout:
         self.name = ""
         if self.kind in ("array", "scalar", "numbers"):
             self.dtype = _dtype(spec.get("dtype"))
-            self.shape = _shape(spec.get("shape", []))
+            self.shape = () if self.kind == "scalar" else _shape(spec.get("shape", []))
+            if self.dtype.itemsize * math.prod(filter(None, self.shape)) > _MAX_ARRAY:
+                raise MalformedValue(f"an array of shape {self.shape}")
             self.size = self.dtype.itemsize * math.prod(self.shape)
         elif self.kind in ("int", "float"):
             self.size = 8
@@ -74,6 +82,8 @@ class Layout:
         """Build the value. Raises MalformedValue when the number of bytes is not :attr:`size`."""
         if len(data) != self.size:
             raise MalformedValue(f"{len(data)} bytes for a value of {self.size}")
+        if self.dtype is not None and self.dtype.kind == "U":
+            _see_text(np.frombuffer(data, np.dtype("u4").newbyteorder(self.dtype.byteorder)))
         if self.kind == "array":
             return np.frombuffer(data, self.dtype).reshape(self.shape)
         if self.kind == "numbers":
@@ -115,12 +125,18 @@ class Layout:
 
 def _dtype(name: Any) -> np.dtype[Any]:
     try:
-        dtype = np.dtype(str(name))
+        dtype = np.dtype(name) if isinstance(name, str) and _DTYPE.fullmatch(name) else None
     except (TypeError, ValueError):
-        raise MalformedValue(f"dtype {str(name)[:40]!r}") from None
-    if dtype.kind not in _KINDS or dtype.hasobject or dtype.fields or dtype.subdtype or not dtype.itemsize:
-        raise MalformedValue(f"dtype {dtype}")
+        dtype = None
+    if dtype is None or not dtype.itemsize:
+        raise MalformedValue(f"dtype {str(name)[:40]!r}")
     return dtype
+
+
+def _see_text(numbers: NDArray[np.uint32]) -> None:
+    """Raises MalformedValue where numbers are no characters, of which Python can make no text."""
+    if numbers.size and numbers.max() > sys.maxunicode:
+        raise MalformedValue("a text of what are no characters")
 
 
 def _shape(value: Any) -> tuple[int, ...]:

@@ -56,7 +56,7 @@ class Game(Worker):
         elif job["kind"] == "describe":
             recorder.loaded({"class": "Game"})
         else:
-            recorder.layout({"k": "array", "dtype": "uint8", "shape": [2]})
+            recorder.layout({"k": "array", "dtype": "|u1", "shape": [2]})
             for number in range(len(job["actions"]) + 1):
                 data = memoryview(bytes([job["seed"] % 256, number % 256]))
                 step = Step(False, False, "bool", "bool", "float", 1.0, 1, 0, data, b"")

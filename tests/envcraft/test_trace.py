@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from envcraft.rollout import Rollout
-from envcraft.trace import Divergence, Fault, Trace, diverge, info_digest
+from envcraft.trace import Divergence, Fault, Trace, digest, diverge, info_digest
 
 
 def trace(info: Any) -> Trace:
@@ -52,3 +52,9 @@ def test_the_same_exception_at_another_step_reads_otherwise() -> None:
     two.observations, two.infos, two.rewards = [b"0", b"1"], [b"{}", b"{}"], [1.0]
     two.terminated, two.truncated = [False], [False]
     assert str(diverge(one, two)).endswith("(ValueError: no after 0 steps, then ValueError: no after 1 steps)")
+
+
+def test_an_exception_of_any_name_has_a_digest() -> None:
+    one, two = trace({}), trace({})
+    one.fault, two.fault = Fault("step", 1, "\ud800"), Fault("step", 1, "\udfff")
+    assert digest(one) != digest(two)

@@ -19,7 +19,7 @@ json_values = st.recursive(
     max_leaves=20,
 )
 dtypes = st.sampled_from(
-    ["uint8", "<f8", "<U3", "object", "O", "V8", "S2147483647", "i4,i4", "(3,)i4", "datetime64", "?"]
+    ["|u1", "uint8", "<f8", "<U3", "object", "O", "V8", "S2147483647", "i4,i4", "(3,)i4", "datetime64", "?"]
 )
 specs = st.recursive(
     st.fixed_dictionaries(
@@ -42,8 +42,12 @@ specs = st.recursive(
 
 
 @given(json_values | specs)
-@example({"k": "array", "dtype": "uint8", "shape": [2**62, 4]})
-@example({"k": "array", "dtype": "U2000000000", "shape": [2]})
+@example({"k": "array", "dtype": "|u1", "shape": [2**62, 4]})
+@example({"k": "array", "dtype": "<U2000000000", "shape": [2]})
+@example({"k": "array", "dtype": ",", "shape": [2]})
+@example({"k": "array", "dtype": "|u1", "shape": [0, 2**23, 2**23, 2**23]})
+@example({"k": "numbers", "dtype": "|u1", "shape": [2**23, 2**23, 2**23, 0]})
+@example({"k": "scalar", "dtype": "|u1", "shape": [0]})
 def test_any_description_gives_a_bounded_layout_or_malformed(spec: Any) -> None:
     try:
         layout = Layout(spec)
@@ -92,12 +96,18 @@ def test_nesting_is_bounded() -> None:
 
 def test_layouts_of_other_types_have_other_tags() -> None:
     specs: list[dict[str, Any]] = [
-        {"k": "array", "dtype": "uint8", "shape": [4]},
-        {"k": "array", "dtype": "uint8", "shape": [2, 2]},
-        {"k": "array", "dtype": "int8", "shape": [4]},
+        {"k": "array", "dtype": "|u1", "shape": [4]},
+        {"k": "array", "dtype": "|u1", "shape": [2, 2]},
+        {"k": "array", "dtype": "|i1", "shape": [4]},
         {"k": "other", "type": "a"},
         {"k": "other", "type": "b"},
         {"k": "tuple", "items": [{"k": "int"}]},
         {"k": "list", "items": [{"k": "int"}]},
     ]
     assert len({Layout(spec).tag for spec in specs}) == len(specs)
+
+
+@pytest.mark.parametrize("dtype", ["<U1", ">U1"])
+def test_what_is_no_character_is_refused(dtype: str) -> None:
+    with pytest.raises(MalformedValue):
+        Layout({"k": "numbers", "dtype": dtype, "shape": []}).decode(b"\xff" * 4)

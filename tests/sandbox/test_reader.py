@@ -261,6 +261,19 @@ def test_what_the_worker_leaves_out_comes_back(episode: list[Any], keep: int, wa
     assert vars(one.trace) | {"frames": []} == vars(other.trace) | {"frames": []}
 
 
+@pytest.mark.parametrize(
+    "value", [np.full((84, 84, 3), "a"), np.full((84, 84, 3), b"a"), np.zeros((84, 84, 3), complex)]
+)
+def test_what_is_no_picture_is_told_by_its_type_alone(value: Any) -> None:
+    channel = Kept(True)
+    channel.step(Kind.RESET, value, 0.0, False, False, {}, 0.0)
+    channel.flush()
+    made = Recording(Rollout(0, [], keep=1), ARCADE.observation, ARCADE.action)
+    Reader(made).feed(channel.sent)
+    assert [problem.kind for problem in made.trace.problems] == ["type"]
+    assert not made.trace.frames
+
+
 def long_infos(steps: int, odd: int = -1) -> Recording:
     made = recording(steps)
     reader = Reader(made)
