@@ -6,6 +6,7 @@ The host builds nothing from the worker but these descriptions, and judges from 
 from __future__ import annotations
 
 import math
+import re
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,10 @@ Space = dict[str, Any]
 
 _MAX_ELEMENTS = 8 * 1024 * 1024
 _MAX_DEPTH = 8
+#: So far from zero whole numbers are drawn that have no nearer bound.
+_FAR = 2.0**62
+#: The name of a type. What else NumPy reads as one it parses as Python, with errors of every kind.
+_DTYPE = re.compile(r"[a-z]+[0-9]*")
 
 #: The types that this module understands.
 KNOWN = ("Box", "Discrete", "MultiDiscrete", "MultiBinary", "Text", "Dict", "Tuple", "Sequence", "Graph", "OneOf")
@@ -97,7 +102,7 @@ def _floats(bound: Any) -> list[float]:
 
 
 def _known_dtype(name: Any) -> None:
-    if not isinstance(name, str) or np.dtype(name).kind not in "biuf":
+    if not isinstance(name, str) or not _DTYPE.fullmatch(name) or np.dtype(name).kind not in "biuf":
         raise ValueError(f"dtype {str(name)[:40]}")
 
 
@@ -187,10 +192,12 @@ def enumerate_actions(space: Space, most: int = 64) -> list[Any]:
     if kind == "MultiDiscrete":
         nvec = np.asarray(space["nvec"])
         start = np.asarray(space.get("start", np.zeros_like(nvec)))
-        total = math.prod(nvec.ravel().tolist())
-        picks = range(total) if total <= most else np.linspace(0, total - 1, most).astype(int).tolist()
-        flat = nvec.ravel()
-        return [(np.array(np.unravel_index(pick, flat)).reshape(nvec.shape) + start).tolist() for pick in picks]
+        flat = nvec.ravel().tolist()
+        # In Python's numbers: of a few dozen parts there are more joint actions than NumPy can count.
+        total = math.prod(flat)
+        count = min(total, most)
+        picks = [number * (total - 1) // max(count - 1, 1) for number in range(count)]
+        return [(np.array(_digits(pick, flat)).reshape(nvec.shape) + start).tolist() for pick in picks]
     if kind == "MultiBinary":
         rng = np.random.default_rng(0)
         return [np.zeros(space["shape"], int).tolist(), np.ones(space["shape"], int).tolist()] + [
@@ -209,6 +216,15 @@ def enumerate_actions(space: Space, most: int = 64) -> list[Any]:
         return ends
     rng = np.random.default_rng(0)
     return [sample(space, rng) for _ in range(8)]
+
+
+def _digits(number: int, bases: list[int]) -> list[int]:
+    """A number as digits, each of a base of its own, the last one first to change."""
+    digits = []
+    for base in reversed(bases):
+        number, digit = divmod(number, base)
+        digits.append(digit)
+    return digits[::-1]
 
 
 def _moderate(space: Space) -> tuple[Any, Any]:
@@ -236,7 +252,9 @@ def _sample_box(space: Space, rng: Generator) -> Any:
     shape = tuple(space["shape"])
     low, high = bounds(space["low"], shape), bounds(space["high"], shape)
     if np.dtype(space["dtype"]).kind in "iub":
-        return rng.integers(low.astype(np.int64), high.astype(np.int64), endpoint=True).tolist()
+        # A float holds the ends of 64 bits as numbers beyond them.
+        low, high = np.clip((low, high), -_FAR, _FAR).astype(np.int64)
+        return rng.integers(low, high, endpoint=True).tolist()
     uniform = rng.random(shape)
     tail = rng.exponential(size=shape)
     normal = rng.normal(size=shape)

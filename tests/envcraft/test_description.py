@@ -47,6 +47,8 @@ BAD_SPACES: list[Any] = [
     {**BOX, "shape": [10**6, 10**6]},
     {**BOX, "dtype": "O"},
     {**BOX, "dtype": "no such type"},
+    {**BOX, "dtype": ","},
+    {**BOX, "dtype": "04"},
     {**BOX, "low": "low"},
     {**BOX, "low": [1, 2, 3]},
     {**BOX, "low": 2},

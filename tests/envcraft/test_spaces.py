@@ -19,7 +19,11 @@ PAD = {"type": "MultiDiscrete", "nvec": [5, 2, 2], "start": [0, 0, 0], "dtype": 
 BUTTON = {"type": "Discrete", "n": 3, "start": 1}
 BITS = {"type": "MultiBinary", "shape": [4]}
 WORDS = {"type": "Text", "min_length": 1, "max_length": 3, "charset": "ab"}
-ALL = [FRAME, REAL, PAD, BUTTON, BITS, WORDS]
+WIDE = {"type": "Box", "low": 0, "high": 2**64 - 1, "shape": [2], "dtype": "uint64"}
+LONG = {"type": "MultiDiscrete", "nvec": [[2] * 10] * 7, "start": [[0] * 10] * 7, "dtype": "int64"}
+GRAPH = {"type": "Graph", "nodes": REAL, "edges": BUTTON}
+NODES = np.zeros((1, 2), np.float32)
+ALL = [WIDE, LONG, FRAME, REAL, PAD, BUTTON, BITS, WORDS]
 BOTH = {"type": "Dict", "spaces": [["frame", FRAME], ["pair", {"type": "Tuple", "spaces": [BUTTON, WORDS]}]]}
 
 
@@ -54,6 +58,9 @@ BOTH = {"type": "Dict", "spaces": [["frame", FRAME], ["pair", {"type": "Tuple", 
         (BOTH, {"frame": np.zeros((2, 3), np.uint8)}, "type", "keys"),
         (BOTH, {"frame": np.zeros((2, 3), np.uint8), "pair": (0, "a")}, "range", r"\[pair\]\[0\]"),
         (BOTH, {"frame": np.zeros((2, 3), np.uint8), "pair": [1, "a"]}, "type", "list"),
+        (GRAPH, (NODES, np.array([1]), np.zeros((1, 2), int)), None, ""),
+        (GRAPH, (np.array(3.0), None, None), "type", "GraphInstance"),
+        (GRAPH, (NODES, np.array(1), np.zeros((1, 2), int)), "type", "edges"),
     ],
 )
 def test_problem(space: dict[str, Any], value: Any, kind: str | None, words: str) -> None:
@@ -75,6 +82,13 @@ def test_every_joint_action_once_and_nothing_first() -> None:
     found = spaces.enumerate_actions(PAD)
     assert len(found) == len({tuple(action) for action in found}) == 20
     assert found[0] == [0, 0, 0]
+
+
+def test_of_more_joint_actions_than_can_be_counted_there_is_a_sample() -> None:
+    found = [np.array(action) for action in spaces.enumerate_actions(LONG)]
+    assert len({action.tobytes() for action in found}) == 64
+    assert not found[0].any()
+    assert found[-1].all()
 
 
 @pytest.mark.parametrize(
