@@ -14,7 +14,7 @@ import pytest
 
 from envcraft.contract import ARCADE
 from envcraft.recording import Recording
-from envcraft.rollout import Rollout
+from envcraft.rollout import Conditions, Rollout
 from envcraft.sandbox import JobEnd, Limits, Player, Worker
 from envcraft.trace import Trace
 
@@ -87,10 +87,12 @@ def play(
     player: Player | None = None,
     series: bool = False,
     first: bool = False,
+    conditions: Conditions | None = None,
 ) -> Ran:
     """Run one job: by default a rollout of ten actions, with a `player` one of at most ten that it chooses."""
     listed = [] if player else [[number % 5, 0, 1] for number in range(10)]
     rollout = Rollout(seed=seed, actions=listed, asked=player is not None, max_steps=10 if player else 0)
+    rollout = rollout.under(conditions or Conditions())
     job = {
         "kind": kind,
         "target": {"kind": "source", "source": source, "filename": "tiny.py"},

@@ -27,6 +27,9 @@ from .clock import Clock
 from .series import Traces
 from .subject import Fault, Subject
 
+# Bound before any untrusted module can replace them.
+_seed, _seed_numpy = random.seed, np.random.seed
+
 
 def main(data_fd: int, output_fd: int, limits: dict[str, Any], folder: str, shown: int | None) -> NoReturn:
     """Run the job that waits on `data_fd`; never returns, and never unwinds into the server's stack.
@@ -113,8 +116,8 @@ def _run(job: dict[str, Any], channel: Channel, traces: Traces) -> bool:
     subprocess._USE_POSIX_SPAWN = False  # type: ignore[misc]
     # By default from the episode's seed: one fixed state would give code that draws from it one level for all seeds.
     state = conditions.get("global_seed", job.get("seed", 0)) % 2**32
-    random.seed(state)
-    np.random.seed(state)
+    _seed(state)
+    _seed_numpy(state)
     _kept.extend(_fragments(conditions.get("heap")))
     Clock.install(conditions.get("clock"))
     subject = Subject(job, channel)

@@ -12,6 +12,10 @@ from typing import Any
 
 _NAMES = ("time", "monotonic", "perf_counter", "process_time", "thread_time")
 _REAL: dict[str, Callable[[], float]] = {name: getattr(time, name) for name in _NAMES}
+#: Those that give the moment as a calendar has it: now, unless they are told which.
+_CALENDAR: dict[str, Callable[[float], Any]] = {name: getattr(time, name) for name in ("localtime", "gmtime", "ctime")}
+_strftime, _asctime, _clock_gettime = time.strftime, time.asctime, time.clock_gettime
+_CLOCKS = {time.CLOCK_REALTIME: "time", time.CLOCK_MONOTONIC: "monotonic"}
 _EPOCH = 1_800_000_000.0
 _TICK = 0.001
 
@@ -36,6 +40,10 @@ class Clock:
         start = self._start[name]
         return start + self._offset + (_REAL[name]() - start) * self._rate
 
+    def get(self, which: int) -> float:
+        """The reading of a clock by its number; of those that :meth:`read` has not, the machine's."""
+        return self.read(_CLOCKS[which]) if which in _CLOCKS else _clock_gettime(which)
+
     @classmethod
     def install(cls, condition: dict[str, Any] | None) -> None:
         """Replace the readings. `condition`: ``None``, or ``{"offset": seconds, "rate": factor}``."""
@@ -45,6 +53,12 @@ class Clock:
         for name in _NAMES:
             setattr(time, name, lambda name=name: clock.read(name))
             setattr(time, f"{name}_ns", lambda name=name: int(clock.read(name) * 1e9))
+        for name, of in _CALENDAR.items():
+            setattr(time, name, lambda at=None, of=of: of(clock.read("time") if at is None else at))
+        time.strftime = lambda form, at=None: _strftime(form, time.localtime() if at is None else at)
+        time.asctime = lambda at=None: _asctime(time.localtime() if at is None else at)
+        time.clock_gettime = clock.get
+        time.clock_gettime_ns = lambda which: int(clock.get(which) * 1e9)
         if clock._rate == 0:
             time.sleep = lambda seconds: None
 

@@ -18,7 +18,11 @@ from .channel import jsonable
 from .policy import Policy
 from .subject import Fault, Subject
 
+# Bound before any untrusted module can replace them.
 _perf_counter = time.perf_counter
+_seed, _seed_numpy = random.seed, np.random.seed
+_getstate, _setstate = random.getstate, random.setstate
+_get_state, _set_state = np.random.get_state, np.random.set_state
 #: So many steps after an observation it is looked at again: a few buffers may take turns.
 _LAG = 4
 _STRINGS = {str}
@@ -33,8 +37,8 @@ class Perturb:
 
     def __call__(self) -> None:
         if self._own is not None:
-            random.seed(self._own.getrandbits(32))
-            np.random.seed(self._own.getrandbits(32))
+            _seed(self._own.getrandbits(32))
+            _seed_numpy(self._own.getrandbits(32))
 
 
 class Companion:
@@ -160,12 +164,12 @@ def _episode(subject: Subject, job: dict[str, Any], conditions: dict[str, Any]) 
 
 
 def _global_state() -> tuple[Any, Any]:
-    return random.getstate(), np.random.get_state()
+    return _getstate(), _get_state()
 
 
 def _restore(state: tuple[Any, Any]) -> None:
-    random.setstate(state[0])
-    np.random.set_state(state[1])
+    _setstate(state[0])
+    _set_state(state[1])
 
 
 def _play_through(subject: Subject, env: Any, episode: dict[str, Any]) -> None:

@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 from envcraft_sandbox.wire import HEADER, Kind
 
+from envcraft.rollout import ClockShift, Conditions
 from envcraft.sandbox import Driver, How, Limits, Worker
 from envcraft.trace import Ending
 
@@ -116,6 +117,43 @@ class TestConditions:
             finally:
                 worker.close()
         assert hashes[0] == hashes[1] != hashes[2]
+
+    @pytest.mark.parametrize(
+        "reading",
+        [
+            "time.time()", "time.monotonic_ns()", "time.localtime()", "time.gmtime(None)", "time.ctime()",
+            "time.asctime()", "time.strftime('%c')", "time.clock_gettime(time.CLOCK_REALTIME)",
+            "time.clock_gettime_ns(time.CLOCK_MONOTONIC)", "datetime.datetime.now().isoformat()",
+            "datetime.date.today().isoformat()",
+        ],
+    )  # fmt: skip
+    def test_the_clock_is_read_as_asked(
+        self, worker: Worker, environment: Environment, play: Any, reading: str
+    ) -> None:
+        source = environment(top=f"import datetime, json, time; print(json.dumps({reading}))")
+        logical, again, real = (
+            play(worker, source, conditions=Conditions(clock=clock)).facts
+            for clock in (ClockShift(0.0, 0.0), ClockShift(0.0, 0.0), None)
+        )
+        assert logical == again != real
+
+    def test_another_moment_is_written_as_ever(self, worker: Worker, environment: Environment, play: Any) -> None:
+        told = "[time.gmtime(0), time.ctime(7), time.strftime('%c', time.gmtime(3)), time.asctime(time.gmtime(5))]"
+        source = environment(top=f"import json, time; print(json.dumps({told}))")
+        logical = play(worker, source, conditions=Conditions(clock=ClockShift(0.0, 0.0)))
+        assert logical.facts == play(worker, source).facts
+
+    @pytest.mark.parametrize("module", ["random", "np.random"])
+    def test_who_replaces_seeding_is_perturbed_all_the_same(
+        self, worker: Worker, environment: Environment, play: Any, module: str
+    ) -> None:
+        top = f"import random\n{module}.seed = lambda *_: None"
+        source = environment(top=top, step=f"print({module}.random())")
+        plain, perturbed = (
+            play(worker, source, conditions=Conditions(perturb=perturb)).end.output for perturb in (None, 5)
+        )
+        assert plain
+        assert plain != perturbed
 
     def test_workers_are_independent(
         self, driver: Driver, limits: Limits, worker: Worker, environment: Environment, play: Any
