@@ -44,7 +44,7 @@ def main(data_fd: int, output_fd: int, limits: dict[str, Any], folder: str, show
         sock = socket.socket(fileno=3)
         job = _receive(sock)
         confine.enter(limits, shown)
-        traces = Traces(folder)
+        traces = Traces(folder) if job.get("series") else None
         channel = Channel(sock, every_step=bool(job.get("every_step")))
         while _run(job, channel, traces) and sock.recv(1, socket.MSG_PEEK):
             # What goes wrong after other jobs runs again alone, and tells then where it was.
@@ -108,10 +108,10 @@ def _fragments(seed: int | None) -> list[Any]:
     return [item for item in made if rng.random() < 0.6]
 
 
-def _run(job: dict[str, Any], channel: Channel, traces: Traces) -> bool:
-    """Run a job; give whether another one may run in this process."""
+def _run(job: dict[str, Any], channel: Channel, traces: Traces | None) -> bool:
+    """Run a job; give whether another one may run in this process, where there are `traces` to remove."""
     conditions = job.get("conditions", {})
-    goes_on = bool(job.get("series"))
+    goes_on = traces is not None and bool(job.get("series"))
     subprocess._fork_exec = _without_programs  # type: ignore[attr-defined]
     subprocess._USE_POSIX_SPAWN = False  # type: ignore[misc]
     # By default from the episode's seed: one fixed state would give code that draws from it one level for all seeds.
@@ -135,7 +135,7 @@ def _run(job: dict[str, Any], channel: Channel, traces: Traces) -> bool:
     with contextlib.suppress(Exception):
         sys.stdout.flush()
         sys.stderr.flush()
-    if goes_on:
+    if traces is not None and goes_on:
         # What comes of it is not the doing of the call before.
         channel.phase("close")
         goes_on = traces.remove()

@@ -76,10 +76,14 @@ def test_the_next_one_does_not_see(follow: Any, environment: Environment, top: s
         ("threading.Thread(target=threading.Event().wait, daemon=True).start()", ""),
         ("", "raise ValueError"),
         ("", "if self.steps == 3: os._exit(0)"),
+        ("import gymnasium\ngymnasium.seen = 1", ""),
+        ("gym.Env.seen = 1", ""),
+        ("", "self.metadata['seen'] = 1"),
+        ("", "random.random = lambda: 0.5"),
         ("child = os.fork()\nif not child:\n    import time\n    time.sleep(60)", ""),
         ("", "while self.steps == 3: pass"),
     ],
-    ids=["thread", "exception", "exit", "process", "hang"],
+    ids=["thread", "exception", "exit", "module", "class", "metadata", "function", "process", "hang"],
 )
 def test_what_stays_or_breaks_ends_it(follow: Any, environment: Environment, top: str, step: str) -> None:
     tidy = environment(top=_PROCESS)
