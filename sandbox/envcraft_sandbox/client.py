@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import msgspec
 
-from envcraft.errors import MalformedValue, WorkerLost
+from envcraft.errors import EnvCraftError, MalformedValue, WorkerLost
 from envcraft.sandbox import How, JobEnd, Limits, Player, Recorder, Stop, Worker
 
 from .reader import Forged, Reader
@@ -94,6 +94,9 @@ class ForkServerWorker(Worker):
         try:
             process.data.settimeout(limits.loading)
             payload = json.dumps(job).encode()
+            if len(payload) > MAX_MESSAGE:
+                words = f"a job of {len(payload)} bytes, of which a worker takes {MAX_MESSAGE}"
+                raise EnvCraftError(f"{words}: the source or the actions of an episode are too long; make them smaller")
             # A child that died before it read the job: how, the exit status will tell.
             with contextlib.suppress(OSError):
                 process.data.sendall(HEADER.pack(0, len(payload)) + payload)

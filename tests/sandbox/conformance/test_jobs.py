@@ -8,8 +8,9 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
-from envcraft_sandbox.wire import HEADER, Kind
+from envcraft_sandbox.wire import HEADER, MAX_MESSAGE, Kind
 
+from envcraft.errors import EnvCraftError
 from envcraft.rollout import ClockShift, Conditions
 from envcraft.sandbox import Driver, How, Limits, Worker
 from envcraft.trace import Ending
@@ -54,6 +55,12 @@ class TestOrdinaryJobs:
         for seed in range(20):
             assert play(worker, environment(), seed=seed).trace.steps == 8
         assert len(os.listdir("/proc/self/fd")) == before
+
+    def test_one_that_is_too_long_is_not_the_fault_of_the_environment(
+        self, worker: Worker, environment: Environment, play: Any
+    ) -> None:
+        with pytest.raises(EnvCraftError, match="too long"):
+            play(worker, environment(top="#" * MAX_MESSAGE))
 
 
 class TestOutput:
