@@ -405,7 +405,10 @@ def _diverge(first: Trace, second: Trace, info: bool) -> Divergence | None:
 
 def _interrupted(trace: Trace) -> bool:
     """Whether an exception came from a call that is only a condition: that is the check api's to report."""
-    return trace.fault is not None and trace.fault.phase in ("earlier reset", "before", "companion", "render")
+    calls = ["earlier reset", "before", "companion", "render"]
+    if trace.rollout.conditions.options:
+        calls.append("reset")
+    return trace.fault is not None and trace.fault.phase in calls
 
 
 @hookimpl
