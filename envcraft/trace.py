@@ -150,8 +150,8 @@ class Trace:
 
     @property
     def choosing(self) -> bool:
-        """Whether the sandbox ended the episode while its policy was choosing a move."""
-        stuck = self.ending is Ending.BROKEN and self.end is not None and self.end.phase == "step"
+        """Whether the sandbox ended the episode while its policy was loaded or choosing a move."""
+        stuck = self.ending is Ending.BROKEN and self.end is not None and self.end.phase in ("policy", "step")
         return stuck and self.rollout.policy and len(self.chosen) == self.steps
 
     @property

@@ -33,6 +33,7 @@ def policy(env):
     down, right = (int(a) - int(b) for a, b in zip(env.can, env.rover))
     return [(1 if down < 0 else 2) if down else (3 if right < 0 else 4), 1, 0]
 """
+QUITS = "import os\n\nos._exit(3)\n\n\ndef policy(env):\n    return [0, 0, 0]"
 FILLS = "def policy(env):\n    env.fuel = 90\n    return [0, 0, 0]"
 
 
@@ -54,6 +55,7 @@ def judged(game: str, policy: str) -> SubjectReport:
         (FAR, "", {"EC601", "EC602", "EC802"}),
         (FAR, DRIVES, set()),
         (FAR, FILLS, {"EC601", "EC602", "EC802", "EC804"}),
+        (FAR, QUITS, {"EC601", "EC602", "EC802", "EC805"}),
         (TOLD, DRIVES, {"EC601", "EC802"}),
     ],
 )
