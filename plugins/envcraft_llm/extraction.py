@@ -87,14 +87,15 @@ def _best(text: str, names: Callable[[str], list[str]], looks: str) -> str | Non
     """Of all pieces that may be the program, the one that is most like it; of several as good, the longest, then the
     last. All fences of Python together are one where none is the program by itself: some models tell it in parts.
     """
-    text = clean(text)
-    pieces = [*_pieces(text)]
-    scores = [_score(piece, names, looks) for piece in pieces]
-    if max(scores, default=0) < 2 and len(pieces) > 1:
-        pieces.append("\n\n".join(pieces))
-        scores.append(_score(pieces[-1], names, looks))
-    good = [(score, len(pieces[number]), number) for number, score in enumerate(scores) if score > 0]
-    return _tidy(pieces[max(good)[2]]) if good else None
+    for pieces in _places(clean(text)):
+        scores = [_score(piece, names, looks) for piece in pieces]
+        if max(scores, default=0) < 2 and len(pieces) > 1:
+            pieces.append("\n\n".join(pieces))
+            scores.append(_score(pieces[-1], names, looks))
+        good = [(score, len(pieces[number]), number) for number, score in enumerate(scores) if score > 0]
+        if good:
+            return _tidy(pieces[max(good)[2]])
+    return None
 
 
 def _score(piece: str, names: Callable[[str], list[str]], looks: str) -> int:
@@ -104,12 +105,15 @@ def _score(piece: str, names: Callable[[str], list[str]], looks: str) -> int:
     return int(re.search(looks, piece, re.MULTILINE) is not None)
 
 
-def _pieces(text: str) -> Iterator[str]:
-    """The contents of the fences of Python; where there is none, everything from the first line of code on."""
-    python = [body for language, body, _ in _fences(text) if language.lower() in _PYTHON]
-    yield from python
-    if not python and (begins := _BEGINS.search(text)) is not None:
-        yield from _shrinking(text[begins.start() :])
+def _places(text: str) -> Iterator[list[str]]:
+    """The pieces of each place where the program may be, the likeliest first: the fences of Python, those of other
+    languages, and everything from the first line of code on.
+    """
+    fences = list(_fences(text))
+    for python in (True, False):
+        yield [body for language, body, _ in fences if (language.lower() in _PYTHON) is python]
+    if (begins := _BEGINS.search(text)) is not None:
+        yield [*_shrinking(text[begins.start() :])]
 
 
 def _shrinking(text: str) -> Iterator[str]:
@@ -125,23 +129,14 @@ def _shrinking(text: str) -> Iterator[str]:
 
 def _fences(text: str) -> Iterator[tuple[str, str, bool]]:
     """Language, content and whether it is closed, of each fence."""
-    marks = list(_FENCE.finditer(text))
-    place = 0
-    while place < len(marks):
-        opened = marks[place]
+    # Each mark once: a model that says the same over and over writes tens of thousands of them.
+    marks = _FENCE.finditer(text)
+    for opened in marks:
         closed = next(
-            (
-                mark
-                for mark in marks[place + 1 :]
-                if mark[1][0] == opened[1][0] and len(mark[1]) >= len(opened[1]) and not mark[2]
-            ),
+            (mark for mark in marks if mark[1][0] == opened[1][0] and len(mark[1]) >= len(opened[1]) and not mark[2]),
             None,
         )
-        body = text[opened.end() : closed.start() if closed else len(text)].removeprefix("\n")
-        yield opened[2], body, closed is not None
-        if closed is None:
-            return
-        place = marks.index(closed) + 1
+        yield opened[2], text[opened.end() : closed.start() if closed else len(text)].removeprefix("\n"), bool(closed)
 
 
 def _fence_opens(text: str, mark: re.Match[str]) -> bool:

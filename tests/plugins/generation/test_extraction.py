@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import time
+
 import pytest
 from envcraft_llm import extraction
 
@@ -48,6 +50,9 @@ CASES = {
     "usage in the first fence": (f"{fenced(USAGE)}The file:\n{fenced(ENV)}", ENV),
     "shell first": (fenced("pip install gymnasium\n", "bash") + fenced(ENV), ENV),
     "JSON first": (fenced("{}\n", "json") + fenced(ENV), ENV),
+    "another language beside a map": (fenced("#..#\n", "") + fenced(ENV, "gymnasium"), ENV),
+    "no fence, usage in one": (f"{ENV}\nUse it so:\n{fenced(USAGE)}", ENV),
+    "another language, and broken": (fenced(BROKEN, "text"), BROKEN),
     "a sketch, then the whole": (f"{fenced(HELPER)}{fenced(ENV)}", ENV),
     "the whole in two parts": (
         fenced(ENV.split("    def step", maxsplit=1)[0]) + fenced("    def step" + ENV.split("    def step")[1]),
@@ -131,6 +136,12 @@ def test_what_was_cut_off_is_joined(cut: str, more: str) -> None:
     found = extraction.environment(extraction.joined(cut, more))
     assert found is not None
     assert found.source == ENV
+
+
+def test_a_model_that_says_the_same_over_and_over_holds_nobody_up() -> None:
+    began = time.monotonic()
+    assert extraction.environment("```python\nx = 1\n```\n" * 30_000) is None
+    assert time.monotonic() - began < 4
 
 
 def test_a_closed_fence_is_finished() -> None:
