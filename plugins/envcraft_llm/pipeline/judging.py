@@ -13,6 +13,7 @@ import msgspec
 from envcraft.budget import Budget
 from envcraft.check import Check
 from envcraft.contract import Contract
+from envcraft.corpus.store import decode
 from envcraft.engine import Plan, cores, judge
 from envcraft.errors import EnvCraftError, SandboxUnavailable
 from envcraft.events import SubjectFinished
@@ -20,7 +21,7 @@ from envcraft.pool import Pool
 from envcraft.sandbox import Driver
 from envcraft.subject import Subject
 from envcraft.target import PolicyFile, Target
-from envcraft.verdict import SubjectReport, Verdict
+from envcraft.verdict import SubjectReport, Verdict, plain
 from envcraft_llm.guard import profile
 
 _T = TypeVar("_T")
@@ -81,7 +82,8 @@ class Judges:
             raise CouldNotJudge(f"{target.path} could not be judged: {error}") from None
         if report.verdict is Verdict.ERROR:
             raise CouldNotJudge(f"{target.path} could not be judged: {report.reason}")
-        return report, seen
+        # As a later run reads it, so that a model is told the same by both; and what was raised may have no encoding.
+        return decode(msgspec.json.encode(plain(report)).decode()), seen
 
 
 def _judged(plan: Plan, target: Target, pool: Pool, look: Callable[[Subject], _T]) -> tuple[SubjectReport, _T]:

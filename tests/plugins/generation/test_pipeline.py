@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import importlib.util
 import json
 import re
@@ -19,16 +20,20 @@ import msgspec
 import pytest
 from click.testing import CliRunner, Result
 from envcraft_llm.endpoint import ModelChoice
-from envcraft_llm.model import Answer, Model, ModelFailure, ModelStopped, Request
+from envcraft_llm.findings import findings, lines_of
+from envcraft_llm.model import Answer, Message, Model, ModelFailure, ModelStopped, Request
 from envcraft_llm.pipeline import options
 
 from envcraft.cli import cli
+from envcraft.commands.choices import driver_named
 from envcraft.corpus.history import History
 from envcraft.corpus.merge import merge
 from envcraft.corpus.settings import Settings
-from envcraft.corpus.store import Store
+from envcraft.corpus.store import Store, decode
 from envcraft.corpus.verify import verify
 from envcraft.errors import EnvCraftError
+from envcraft.target import Target
+from envcraft.verdict import SubjectReport, plain
 from tests.killing import TIMES, Killed
 
 from .content import CONCEPTS, GAME, IDLE, POLICY, UNSEEDED, elaboration, small, verdict, write
@@ -415,6 +420,19 @@ def test_a_repair_of_one_file(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -
     assert re.search(r"attempt 0: 1 finding\n  EC204", result.stderr)
     assert "EC204" in model.asked[0].messages[1].content
     assert file.read_text() == UNSEEDED
+
+
+def test_a_finding_is_told_as_it_is_read_again_and_can_be_sent() -> None:
+    async def judged() -> SubjectReport:
+        with options.judges(driver_named("process", None, None), "quick", 1)[0] as judges:
+            report, _ = await judges.judge(Target("game.py", b'raise ValueError("half a letter: \\ud800")\n'))
+        return report
+
+    report = asyncio.run(judged())
+    assert decode(msgspec.json.encode(plain(report)).decode()) == report
+    words = "\n".join(lines_of(findings(report)))
+    assert "half a letter: \\ud800" in words
+    assert Request("m", (Message("user", words),)).key()
 
 
 def test_a_policy_for_one_file(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
