@@ -229,6 +229,11 @@ def test_one_line_that_stops_the_run_loses_no_other(
     assert [len(lines) for lines in server.files] == [1]
 
 
+def test_an_answer_keeps_the_word_that_stands_for_a_key(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("OPENAI_API_KEY", "EMPTY")
+    assert run(Batches(), tmp_path, request("EMPTY = 0")) == ["to EMPTY = 0"]
+
+
 def test_a_line_that_is_none_loses_no_other(tmp_path: Path) -> None:
     asked = [request(text) for text in ("whole", "torn")]
     with pytest.raises(ModelStopped, match="takes no batches"):

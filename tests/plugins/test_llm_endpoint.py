@@ -263,6 +263,17 @@ def test_a_bad_key_is_told_by_the_first_question_and_the_key_is_nowhere(
     assert not [path for path in tmp_path.iterdir() if b"lab-secret" in path.read_bytes()]
 
 
+@pytest.mark.parametrize(("key", "left"), [(KEY, "[key]"), ("EMPTY", "EMPTY")])
+def test_a_key_in_an_answer_is_taken_out_and_a_word_in_its_place_stays(
+    monkeypatch: pytest.MonkeyPatch, key: str, left: str
+) -> None:
+    monkeypatch.setenv("OPENAI_API_KEY", key)
+    half = len(key) // 2
+    told = [piece(reasoning=f"{key}?"), piece(content=key[:half]), piece(content=f"{key[half:]} = 0"), piece("stop")]
+    answer = asked(Loopback(stream(*told)))
+    assert (answer.text, answer.reasoning) == (f"{left} = 0", f"{left}?")
+
+
 def test_an_endpoint_that_is_down_stops_at_once_and_one_that_went_down_after_retries() -> None:
     async def run() -> None:
         server = Loopback(GOOD)

@@ -140,6 +140,28 @@ def test_no_endpoint_and_no_journal_for_batches_are_wrong_use(here: Path) -> Non
 
 
 @pytest.mark.parametrize(
+    ("address", "key", "words"),
+    [
+        (
+            "http://me:secret@127.0.0.1:9/v1?",
+            "k",
+            r"http://127\.0\.0\.1:9/v1 has a name or a password.*OPENAI_API_KEY$",
+        ),
+        ("http://127.0.0.1:9/v1", "sk-secret\u2019", "^OPENAI_API_KEY has a letter that no key has.*copy the key anew"),
+        ("http://127.0.0.1:9/v1", "sk-\nsecret", "^OPENAI_API_KEY has a letter that no key has"),
+    ],
+)
+def test_what_no_request_could_be_sent_with_is_wrong_use(
+    here: Path, monkeypatch: pytest.MonkeyPatch, address: str, key: str, words: str
+) -> None:
+    monkeypatch.setenv("OPENAI_API_KEY", key)
+    with pytest.raises(UsageError, match=words) as wrong:
+        open_model(resolved("--base-url", address), here / "corpus")
+    assert "secret" not in str(wrong.value)
+    assert not list(here.iterdir())
+
+
+@pytest.mark.parametrize(
     ("address", "shown"),
     [
         ("http://127.0.0.1:8000/v1", "http://127.0.0.1:8000/v1"),

@@ -158,7 +158,7 @@ class BatchModel(Model):
         written = ""
         for file in filter(None, (batch.output_file_id, batch.error_file_id)):
             content = await self._call(name, functools.partial(calls.files.content, file))
-            written += self._connection.plain(content.content.decode("utf-8", "replace")).strip() + "\n"
+            written += self._connection.answered(content.content.decode("utf-8", "replace")).strip() + "\n"
         if not written.strip() and batch.status in ("failed", "cancelled"):
             said = shown(self._connection.plain(str(batch.errors)))
             raise ModelStopped(f"the batch {batch.id} ended as {batch.status}: {said}")
@@ -242,7 +242,7 @@ class BatchModel(Model):
         """
         requests = batch_files.known(self._folder, name)
         outcomes: list[tuple[Request, Outcome]] = []
-        came = batch_files.read_output(output, requests, self._refused, self._connection.plain)
+        came = batch_files.read_output(output, requests, self._refused, self._connection.answered)
         for request, outcome, tokens in came.outcomes:
             self._accounts.use(request, *tokens, 0.0)
             outcomes.append((request, outcome))

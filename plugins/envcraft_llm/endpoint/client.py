@@ -129,7 +129,7 @@ class EndpointModel(Model):
                 self._refused.setdefault(request.model, set()).add(refused.name)
 
     async def _attempt(self, request: Request) -> Answer:
-        loop, choice, reading = asyncio.get_running_loop(), self._choice, Reading()
+        loop, choice, reading = asyncio.get_running_loop(), self._choice, Reading(self._connection.answered)
         began = loop.time()
         ends = began + choice.total_seconds
         try:

@@ -13,6 +13,8 @@ from .settings import ModelChoice, key_from_environment
 if TYPE_CHECKING:
     from openai import AsyncOpenAI
 
+#: What is shorter is no secret but a word, such as EMPTY, that servers of one's own are given and programs have too.
+_SECRET = 12
 #: Connections beside those of requests, and files beside connections.
 _SPARE, _FILES = 8, 512
 
@@ -36,16 +38,32 @@ class Connection:
         self.client = _client(choice, self._key)
 
     def plain(self, text: str) -> str:
-        """What an endpoint said, without the key, which some repeat."""
+        """What an endpoint said of a request, without the key, which some repeat."""
         return text.replace(self._key, "[key]") if self._key else text
+
+    def answered(self, text: str) -> str:
+        """What a model wrote, without the key: to the letter, unless that is a secret."""
+        return self.plain(text) if len(self._key) >= _SECRET else text
 
 
 def check(choice: ModelChoice) -> None:
-    """Look whether an endpoint can be asked. Raises UsageError where the client is not installed, or none is named."""
+    """Look whether an endpoint can be asked. Raises UsageError where the client is not installed, none is named, or
+    the key or a password cannot be sent.
+    """
     if not choice.base_url:
         raise UsageError(
             "no endpoint is named: give --base-url, such as http://127.0.0.1:8000/v1, or set base-url in "
             "[tool.envcraft.llm] of pyproject.toml"
+        )
+    name, key = key_from_environment()
+    if "@" in choice.base_url.split("/")[2]:
+        raise UsageError(
+            f"the address of {shown_address(choice.base_url)} has a name or a password before the host, which cannot "
+            f"be sent beside a key: leave it out, and put what the endpoint asks for into {name}"
+        )
+    if not (key.isascii() and key.isprintable()):
+        raise UsageError(
+            f"{name} has a letter that no key has, such as a typographic quote or the end of a line: copy the key anew"
         )
     try:
         # Without it the client's class is there all the same.

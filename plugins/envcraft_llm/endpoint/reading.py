@@ -7,6 +7,7 @@ and those that keep to the protocol only nearly have to end as a failure of one 
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from typing import Any
 
 import msgspec
@@ -112,9 +113,10 @@ def _data(line: bytes) -> bytes:
 
 
 class Reading:
-    """What has come of one answer."""
+    """What has come of one answer. `plain` rids of the key what the model wrote."""
 
-    def __init__(self) -> None:
+    def __init__(self, plain: Callable[[str], str] = str) -> None:
+        self._plain = plain
         self.pieces = 0
         self.usage: Usage | None = None
         self.finish: str | None = None
@@ -158,10 +160,11 @@ class Reading:
 
     def answer(self, tokens: tuple[int, int], seconds: float) -> Answer:
         """The whole answer. Raises ModelFailure where it is refused or empty."""
-        text, leaked = separate("".join(self._text))
-        thought = "".join(self._thought)
+        text, leaked = separate(self._plain("".join(self._text)))
+        thought = self._plain("".join(self._thought))
+        refusal = shown(self._plain("".join(self._refusal)))
         if self._refusal or self.finish == "content_filter":
-            raise ModelFailure("refused", f"refused: {shown(''.join(self._refusal)) or 'by the filter of content'}")
+            raise ModelFailure("refused", f"refused: {refusal or 'by the filter of content'}")
         if not text.strip():
             where = f" after {len(thought) + len(leaked):,} characters of reasoning" if thought or leaked else ""
             cut = ", cut off by the limit of tokens" if self.finish == "length" else ""
