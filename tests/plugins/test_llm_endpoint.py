@@ -12,7 +12,7 @@ from typing import Any
 import msgspec
 import pytest
 from envcraft_llm.endpoint import ModelChoice, OpenedModel, accounts, faults, open_model
-from envcraft_llm.endpoint.accounts import BudgetSpent
+from envcraft_llm.endpoint.accounts import Accounts, BudgetSpent
 from envcraft_llm.endpoint.pace import Pace
 from envcraft_llm.endpoint.settings import Price
 from envcraft_llm.model import Answer, Message, ModelFailure, ModelStopped, Request
@@ -445,6 +445,18 @@ def test_a_place_whose_waiter_was_cancelled_goes_to_the_next() -> None:
         assert pace.under_way == 1
 
     asyncio.run(run())
+
+
+def test_a_limit_that_only_what_is_under_way_fills_says_so() -> None:
+    prices = {"gpt-oss-120b": Price(prompt=1000.0)}
+    for limits, words in (
+        ({"max_tokens_total": 100}, "^0 tokens are used, about 75 are under way, .* the limit of 100;"),
+        ({"max_cost": 0.1}, r"^0 are spent, about 0\.075 are under way, .* the limit of 0\.1;"),
+    ):
+        books = Accounts(ModelChoice(prices=prices, **limits))
+        books.reserve(request("a" * 300))
+        with pytest.raises(BudgetSpent, match=words):
+            books.reserve(request("b" * 300))
 
 
 @pytest.mark.parametrize(

@@ -111,13 +111,13 @@ class Accounts:
         tokens, cost = self._expect(request)
         if choice.max_tokens_total is not None and self._tokens + self._held.tokens + tokens > choice.max_tokens_total:
             raise BudgetSpent(
-                f"{self._tokens:,} tokens are used, and one more request may pass the limit of "
-                f"{choice.max_tokens_total:,}; a later run goes on from here"
+                f"{self._tokens:,} tokens are used, about {self._held.tokens:,.0f} are under way, and one more request "
+                f"may pass the limit of {choice.max_tokens_total:,}; a later run goes on from here"
             )
         if choice.max_cost is not None and self._cost + self._held.cost + cost > choice.max_cost:
             raise BudgetSpent(
-                f"{self._cost:,.4g} are spent, and one more request may pass the limit of {choice.max_cost:,.4g}; "
-                "a later run goes on from here"
+                f"{self._cost:,.4g} are spent, about {self._held.cost:,.4g} are under way, and one more request may "
+                f"pass the limit of {choice.max_cost:,.4g}; a later run goes on from here"
             )
         self._held = Reserved(self._held.tokens + tokens, self._held.cost + cost)
         return Reserved(tokens, cost)
