@@ -19,7 +19,7 @@ from envcraft.rollout import Rollout
 from envcraft.sandbox import Step, Steps, Stop
 from envcraft.similarity.behavioural import EVERY, STEPS
 from envcraft.similarity.perceptual import frame_hash, value_hash
-from envcraft.trace import Fault, Problem, Trace, info_digest
+from envcraft.trace import SLOW, Fault, Problem, Trace, info_digest
 from envcraft.values import Layout, is_picture
 
 _MAX_PROBLEMS = 3
@@ -107,7 +107,7 @@ class Recording:
         trace.terminated.append(step.terminated)
         trace.truncated.append(step.truncated)
         trace.flag_types.append((step.terminated_type, step.truncated_type))
-        trace.quickest = min(trace.quickest, step.micros)
+        trace.slow += step.micros >= SLOW
         self._observe(step)
 
     def steps(self, steps: Steps) -> None:
@@ -125,7 +125,7 @@ class Recording:
         trace.truncated += steps.truncated
         trace.flag_types += zip(steps.terminated_types, steps.truncated_types, strict=True)
         trace.micros += sum(steps.micros)
-        trace.quickest = min(trace.quickest, *steps.micros)
+        trace.slow += sum(micros >= SLOW for micros in steps.micros)
         trace.observations += [self._digest(layout, steps.data)] * count
         self._keep_info(steps.info)
         trace.infos += [trace.infos[-1]] * (count - 1)

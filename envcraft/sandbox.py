@@ -80,9 +80,9 @@ class How(StrEnum):
 class JobEnd(msgspec.Struct, frozen=True):
     """The end of a job. `signal` or `exit_code` is set when it died; `output` is the head of what it printed.
 
-    `cpu` is the processor time of its processes, in seconds, and `waits` how often they gave up the processor to wait;
-    `before` counts the jobs of a series that its process had done before, of which both are only known at the end of
-    the last.
+    `cpu` is the processor time of its processes, in seconds; `before` counts the jobs of a series that its process had
+    done before, whose processor time is only known at the end of the last. `waits` counts the steps that gave up the
+    processor to wait for something, where the job was to measure that.
     """
 
     how: How
@@ -94,8 +94,8 @@ class JobEnd(msgspec.Struct, frozen=True):
     output: str = ""
     output_bytes: int = 0
     cpu: float = 0.0
-    waits: int = 0
     before: int = 0
+    waits: int = 0
 
 
 class Stop(Exception):

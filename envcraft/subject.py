@@ -273,10 +273,12 @@ class Subject:
         return self._record(rollout, again=True, alone=alone)
 
     def measured(self, rollout: Rollout) -> Trace:
-        """Run one rollout in a process that ends with it: the end of its trace tells what that process has spent."""
+        """Run one rollout in a process that ends with it: the end of its trace tells what that process has spent, and
+        at how many steps it waited.
+        """
         if refusal := self._refusal:
             raise Skip(refusal)
-        trace = self._persist(lambda: self._result(self._begin(rollout, again=True, shared=False)))
+        trace = self._persist(lambda: self._result(self._begin(rollout, again=True, measured=True)))
         self._count(trace.steps)
         return trace
 
@@ -440,9 +442,9 @@ class Subject:
         player: Player | None = None,
         kind: type[Recording] = Recording,
         alone: bool = False,
-        shared: bool = True,
+        measured: bool = False,
     ) -> Begun:
-        series = shared and not every_step and self._may_share(request)
+        series = not (every_step or measured) and self._may_share(request)
         if isinstance(request, Search):
             job = self._job("search", search=request.kind, seed=request.seed, actions=self.choices)
             job |= {"path": request.path, "max_steps": request.budget, "limit": self.length}
@@ -463,6 +465,8 @@ class Subject:
             job["policy"] = {"source": self.policy.source, "filename": "<envcraft_policy>"}
         if every_step:
             job["every_step"] = True
+        if measured:
+            job["measured"] = True
         if request.asked:
             job["asked"] = True
         if series:

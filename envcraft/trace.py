@@ -10,7 +10,6 @@ from __future__ import annotations
 import hashlib
 import itertools
 import json
-import math
 import struct
 from collections.abc import Iterable
 from dataclasses import dataclass, field
@@ -69,6 +68,10 @@ class Problem:
     words: str
 
 
+#: Microseconds.
+SLOW = 1_000
+
+
 @dataclass
 class Trace:
     """One episode. Index 0 of `observations` and `infos` is the reset, of rewards and flags step 1.
@@ -76,7 +79,7 @@ class Trace:
     Observations are digests, which say nothing where `opaque`: some value is of a type that only its package knows, and
     no bytes of it came. Of an episode that is watched, `watched` has perceptual hashes of some. Infos are JSON as
     it came, the last one always; once an episode has given much of it the others are digests too. `micros` are what all
-    calls of reset() and step() took together, `quickest` the step that took least, in microseconds.
+    calls of reset() and step() took together, in microseconds; `slow` counts the steps that took `SLOW` or more.
     """
 
     rollout: Rollout
@@ -88,7 +91,7 @@ class Trace:
     truncated: list[bool] = field(default_factory=list)
     flag_types: list[tuple[str, str]] = field(default_factory=list)
     micros: int = 0
-    quickest: float = math.inf
+    slow: int = 0
     opaque: bool = False
     problems: list[Problem] = field(default_factory=list)
     info_notes: list[tuple[int, dict[str, Any]]] = field(default_factory=list)

@@ -5,9 +5,9 @@ Reports what the sandbox had to stop while the other checks ran: a call beyond i
 limits, floods of output, network attempts, a process that died, messages that the worker would not have sent. It
 always runs, since no other verdict means anything without it.
 
-Where no step of an episode takes less than a millisecond, one is played again in a process of its own. If that gives up
-the processor at each step and has used it for less than half of the time, its steps wait: a game that is paced for
-people, as `clock.tick(30)` does, whoever plays. What is slow because it computes is let be.
+Where nine in ten steps of an episode take a millisecond or more, it is played again in a process of its own. If so many
+also give up the processor, and the process has used it for less than half of its time, the steps wait: a game that is
+paced for people, as `clock.tick(30)` does, whoever plays. What is slow because it computes is let be.
 
 ## Why is this bad?
 An environment that hangs, exhausts memory or ends its process takes down the training run that it is part of. One that
@@ -42,9 +42,8 @@ _NETWORK = ("gaierror", "herror", "URLError", "ConnectionRefusedError", "Connect
 _NO_NETWORK = (errno.ENETUNREACH, errno.ENETDOWN)
 _NO_PROCESS = errno.EAGAIN
 _NO_SPACE = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
-#: Steps, and microseconds that the quickest takes, from which on it is worth a look whether they wait, and for how long
-#: one looks.
-_STEPS, _SLOW, _LOOK = 20, 1_000, 1_000_000
+#: Episodes of so many steps tell whether they wait, the share that has to, and the microseconds that one looks.
+_STEPS, _NEARLY_ALL, _LOOK = 20, 0.9, 1_000_000
 _ENDS = {
     How.TIMEOUT: "EC901",
     How.MEMORY: "EC902",
@@ -67,7 +66,12 @@ class SandboxEvents(Check):
         Rule("EC905", "network", "The network was asked for.", "Bring what is needed in the file."),
         Rule("EC906", "died", "The process died.", "Never call os._exit or native code that crashes."),
         Rule("EC907", "forged", "Messages broke the protocol.", "Leave the worker's descriptors alone."),
-        Rule("EC908", "waits", "Every step waits.", "Sleep and tick in render_mode human only."),
+        Rule(
+            "EC908",
+            "waits",
+            "Steps wait for the clock, or for something else.",
+            "Sleep and tick in render_mode human only.",
+        ),
     )
 
     def judge(self, subject: Subject) -> Iterator[Finding]:
@@ -88,7 +92,8 @@ class SandboxEvents(Check):
         ]
         longest = max(plain, key=lambda trace: trace.steps, default=None)
         if "EC901" not in seen and longest is not None and self._slow(longest):
-            yield from self._waiting(subject, longest.rollout.cut(max(_STEPS, int(_LOOK / longest.quickest))))
+            steps = _LOOK * longest.steps // longest.micros
+            yield from self._waiting(subject, longest.rollout.cut(max(_STEPS, steps)))
 
     def confirm(self, subject: Subject, finding: Finding) -> Finding | None:
         if finding.code == "EC908":
@@ -105,22 +110,24 @@ class SandboxEvents(Check):
             yield found
 
     def _slow(self, trace: Trace) -> bool:
-        return trace.steps >= _STEPS and trace.quickest >= _SLOW
+        return trace.steps >= _STEPS and trace.slow >= _NEARLY_ALL * trace.steps
 
     def _waiting(self, subject: Subject, rollout: Rollout) -> Iterator[Finding]:
         """What there is to find when the rollout is played in a process of its own, whose waits are counted."""
         trace = subject.measured(rollout)
         end, taken = trace.end, trace.micros / 1e6
-        if end is None or not self._slow(trace) or end.waits < trace.steps or end.cpu > taken / 2:
+        if end is None or not self._slow(trace):
             return
-        words = f"no step takes less than {trace.quickest / 1e3:.3g} ms, and all of them wait: {trace.steps} steps took"
+        if end.waits < _NEARLY_ALL * trace.steps or end.cpu > end.seconds / 2:
+            return
+        words = f"{end.waits} of {trace.steps} steps wait: they took {taken:.3g} s, and"
         yield self.finding(
             "EC908",
-            f"{words} {taken:.3g} s, with {end.cpu:.2g} s of processor time (under {rollout.player})",
+            f"{words} their whole process {end.cpu:.2g} s of processor time (under {rollout.player})",
             line=subject.line_of("step"),
             repro=repro(rollout.cut(trace.steps)),
             steps=trace.steps,
-            quickest=trace.quickest / 1e6,
+            waits=end.waits,
             seconds=taken,
             cpu=end.cpu,
         )

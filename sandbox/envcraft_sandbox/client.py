@@ -30,14 +30,11 @@ _SERIES = 64
 
 
 class Ended(NamedTuple):
-    """The end of a job's process: wait status, the limit for which it was ended, seconds of processor time, and how
-    often it gave up the processor to wait.
-    """
+    """The end of a job's process: wait status, seconds of processor time, the limit for which it was ended."""
 
     status: int
-    over: How | None
     cpu: float
-    waits: int
+    over: How | None
 
 
 @dataclass
@@ -166,8 +163,7 @@ class ForkServerWorker(Worker):
             if answer is None:
                 return None
             if answer["exit"] == number:
-                over = How(answer["over"]) if answer["over"] else None
-                return Ended(answer["status"], over, answer["cpu"], answer["waits"])
+                return Ended(answer["status"], answer["cpu"], How(answer["over"]) if answer["over"] else None)
 
     def _send(self, message: dict[str, Any], descriptors: list[int] | None = None) -> None:
         data = json.dumps(message).encode() + b"\n"
@@ -288,7 +284,6 @@ class _Watch:
             exit_code=os.WEXITSTATUS(status) if died and os.WIFEXITED(status) else None,
             detail=detail or (_signal_name(status) if died else ""),
             cpu=ended.cpu,
-            waits=ended.waits,
         )
 
     def _end(self, how: How) -> JobEnd:
@@ -300,6 +295,7 @@ class _Watch:
             output=self._head.decode("utf-8", "replace"),
             output_bytes=self._printed,
             before=self._before,
+            waits=self._reader.waits,
         )
 
     def _limit(self, how: How) -> str:

@@ -25,14 +25,15 @@ class Forged(ValueError):
 class Reader:
     """Cuts a byte stream into messages and hands them to a recorder.
 
-    `ended` is set by the END message, and `goes_on` by one that offers to run another job. `asked` is set by a job that
-    waits for its next action, and is reset by whoever sends it; only a job whose actions come from a player may ask,
-    and it chooses none itself.
+    `ended` is set by the END message, `goes_on` by one that offers to run another job, and `waits` by that of a job
+    that was measured. `asked` is set by a job that waits for its next action, and is reset by whoever sends it; only a
+    job whose actions come from a player may ask, and it chooses none itself.
     """
 
     def __init__(self, recorder: Recorder, played: bool = False) -> None:
         self.ended = False
         self.goes_on = False
+        self.waits = 0
         self.asked = False
         self._played = played
         self.phase = "start"
@@ -97,7 +98,10 @@ class Reader:
         elif kind is Kind.END:
             recorder.end()
             self.ended = True
-            self.goes_on = _json(payload) == {"goes_on": True}
+            told = _json(payload)
+            self.goes_on = told == {"goes_on": True}
+            waits = told.get("waits") if isinstance(told, dict) else None
+            self.waits = waits if isinstance(waits, int) else 0
         elif kind is Kind.ASK:
             self.asked = True
         elif kind is not Kind.TICK:

@@ -67,7 +67,9 @@ class Kind(IntEnum):
     FAULT = 11  #: JSON object: an exception, or a return value of the wrong form
     TICK = 12  #: empty: alive
     RESULT = 13  #: JSON object: what a search found
-    END = 14  #: JSON object: the job is complete; with "goes_on" its process waits for another one
+    #: JSON object: the job is complete; with "goes_on" its process waits for another one, "waits" counts the steps that
+    #: gave up the processor
+    END = 14
     ASK = 15  #: empty: the job waits for its next action
     STEPS = 16  #: STEP structs, each with SAME and SAME_INFO
 

@@ -115,7 +115,7 @@ def test_its_check_finds_and_lets_pass(report: Path) -> None:
     (finding,) = bad["checks"][1]["findings"]
     assert (finding["code"], finding["severity"], finding["line"]) == ("LN001", "error", 28)
     assert finding["evidence"]["brightest"] == 1
-    assert finding["evidence"]["rate"]["hits"] == 6
+    assert finding["evidence"]["rate"]["hits"] == 12
     assert len(finding["repro"]["actions"]) == 63
 
 

@@ -78,6 +78,8 @@ class Channel:
         self._info: bytes | None = None
         #: Steps that have brought nothing new, to go into one message.
         self._run: list[bytes] = []
+        #: Steps that gave up the processor, of a job that is measured.
+        self.waits = 0
 
     def send(self, kind: Kind, payload: bytes = b"", flush: bool = False) -> None:
         self._put(HEADER.pack(kind, len(payload)), payload, flush=flush)

@@ -139,5 +139,6 @@ def _run(job: dict[str, Any], channel: Channel, traces: Traces | None) -> bool:
         # What comes of it is not the doing of the call before.
         channel.phase("close")
         goes_on = traces.remove()
-    channel.send_json(Kind.END, {"goes_on": True} if goes_on else {}, flush=True)
+    end = {"goes_on": True} if goes_on else {"waits": channel.waits} if job.get("measured") else {}
+    channel.send_json(Kind.END, end, flush=True)
     return goes_on

@@ -5,6 +5,7 @@ conditions that the host asked for.
 from __future__ import annotations
 
 import random
+import resource
 import time
 from collections import deque
 from typing import Any
@@ -20,6 +21,7 @@ from .subject import Fault, Subject
 
 # Bound before any untrusted module can replace them.
 _perf_counter = time.perf_counter
+_getrusage = resource.getrusage
 _seed, _seed_numpy = random.seed, np.random.seed
 _getstate, _setstate = random.getstate, random.setstate
 _get_state, _set_state = np.random.get_state, np.random.set_state
@@ -118,7 +120,7 @@ def _episode(subject: Subject, job: dict[str, Any], conditions: dict[str, Any]) 
     channel.phase("step")
 
     actions: list[Any] = job["actions"]
-    asked = bool(job.get("asked"))
+    asked, measured = bool(job.get("asked")), bool(job.get("measured"))
     for number in range(job["max_steps"] if policy or asked else len(actions)):
         if policy:
             chosen = policy.choose()
@@ -132,9 +134,11 @@ def _episode(subject: Subject, job: dict[str, Any], conditions: dict[str, Any]) 
             companion.step()
         perturb()
         before = jsonable(action) if reread else None
+        waits = _waits() if measured else 0
         started = _perf_counter()
         result = subject.call("step", env.step, action)
         seconds = _perf_counter() - started
+        channel.waits += measured and _waits() > waits
         if not (isinstance(result, tuple) and len(result) == 5):
             raise Fault({"phase": "step", "malformed": _shape_of(result), "line": None})
         if reread:
@@ -161,6 +165,11 @@ def _episode(subject: Subject, job: dict[str, Any], conditions: dict[str, Any]) 
     channel.phase("close")
     for _ in range(2):
         subject.call("close", env.close)
+
+
+def _waits() -> int:
+    """How often this thread has given up the processor before its time was over."""
+    return _getrusage(resource.RUSAGE_THREAD).ru_nvcsw
 
 
 def _global_state() -> tuple[Any, Any]:

@@ -6,8 +6,7 @@ The host speaks JSON lines on the control socket::
     {"op": "find", "modules": [...]}         -> {"missing": [...], "known": [...]}
     {"op": "job", "id": 7, "limits": {...}}  + two descriptors: the job's data socket and the pipe for its output
     {"op": "kill", "id": 7}
-                                             -> {"exit": 7, "status": <wait status>, "over": <limit>,
-                                                 "cpu": <seconds>, "waits": <times it gave up the processor>}
+                                             -> {"exit": 7, "status": <wait status>, "cpu": <seconds>, "over": <limit>}
 
 When a job ends, everything that it started is killed, whatever session it made for itself, and what it wrote is removed
 before the host hears of the end: the next job starts alone. To the fork server, a series of jobs is one.
@@ -161,8 +160,8 @@ class Server:
             if not self._jobs:
                 _kill_leftovers()
                 self._folder.empty()
-            spent = {"cpu": used.ru_utime + used.ru_stime, "waits": used.ru_nvcsw}
-            self.send({"exit": job.number, "status": status, "over": job.over, **spent})
+            cpu = used.ru_utime + used.ru_stime
+            self.send({"exit": job.number, "status": status, "cpu": cpu, "over": job.over})
 
 
 def _kill_session(pid: int) -> None:
