@@ -100,8 +100,10 @@ class Reader:
             self.ended = True
             told = _json(payload)
             self.goes_on = told == {"goes_on": True}
-            waits = told.get("waits") if isinstance(told, dict) else None
-            self.waits = waits if isinstance(waits, int) else 0
+            waits = told.get("waits", 0) if isinstance(told, dict) else 0
+            if type(waits) is not int or not 0 <= waits < 2**32:
+                raise Forged("a number of waits that there cannot be")
+            self.waits = waits
         elif kind is Kind.ASK:
             self.asked = True
         elif kind is not Kind.TICK:

@@ -91,6 +91,19 @@ def test_the_good_stream_is_read() -> None:
     assert reader.ended
 
 
+def test_waits_are_counted_at_the_end() -> None:
+    reader = Reader(recording())
+    reader.feed(b"".join(GOOD[:-1]) + message(Kind.END, {"waits": 3}))
+    assert reader.ended
+    assert reader.waits == 3
+
+
+@pytest.mark.parametrize("waits", [-1, 2**64, 10**400, True, 1.5, "1", None])
+def test_waits_that_cannot_be_are_forged(waits: Any) -> None:
+    with pytest.raises(Forged, match="waits"):
+        Reader(recording()).feed(b"".join(GOOD[:-1]) + message(Kind.END, {"waits": waits}))
+
+
 @settings(max_examples=600, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(st.lists(MESSAGES, max_size=12), st.integers(1, 400))
 def test_any_stream_is_read_or_forged(parts: list[bytes], size: int) -> None:
