@@ -1,23 +1,25 @@
 # make demo   install EnvCraft and validate the examples
-# make test   install everything and run linters, type checker and tests
-# make bench  the figures that the README quotes
-# Each target sets up what it needs in .venv and needs only Python 3.11 or later, with its venv module.
+# make test   install all extras and run the linters, the type checker and the tests; with -j 2 side by side
+# make bench  print the figures in the README
+# make new-check NAME=...  write a built-in check with its fixtures and page
+# Each target installs what it needs in .venv. It needs Python 3.11 or later with the module venv.
 
 PYTHON ?= python3
 BIN := .venv/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet --no-compile --constraint constraints.txt
-# On all cores, which pip does not, and without their tests; some libraries have files that are no Python.
+# On all cores, unlike pip, and without the tests of the libraries. Some libraries have files that are not Python.
 LIBRARIES := $(BIN)/python -m compileall -qq -j 0 -x 'site-packages/.*/tests?/' $$($(BIN)/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))') || true
-# A worker writes nothing, and would compile its modules at each start.
-# The demo's files are answers of a model, and some are no Python.
-COMPILE := $(BIN)/python -m compileall -q -x envcraft_llm/demo/ envcraft checks sandbox plugins
+# A worker writes no bytecode: without these files it would compile its modules at each start.
+COMPILE := $(BIN)/python -m compileall -q -j 0 envcraft checks sandbox plugins
 
-.PHONY: demo test lint types bench picture docs clean
+.PHONY: demo test lint types pytest bench picture docs new-check clean
 
 demo: .venv/core.stamp
 	$(BIN)/python -m benchmarks.demo
 
-test: lint types
+test: lint types pytest
+
+pytest: .venv/dev.stamp
 	$(BIN)/pytest -n auto --dist loadfile --no-loadscope-reorder $(PYTEST_FLAGS)
 
 lint: .venv/dev.stamp
@@ -40,7 +42,7 @@ bench: .venv/peers.stamp
 	$(BIN)/python -m benchmarks.corpus_store
 	$(BIN)/python -m benchmarks.duplicates
 	$(BIN)/python -m benchmarks.vector
-	$(BIN)/python -m benchmarks.fastlane_equal
+	$(BIN)/python -m benchmarks.tetris_simulator
 	$(BIN)/python -m benchmarks.tetris_speed
 	$(BIN)/python -m benchmarks.audit_report
 	$(BIN)/python -m benchmarks.concepts
@@ -56,6 +58,10 @@ picture: .venv/core.stamp
 	$(BIN)/python -m benchmarks.picture
 
 docs: .venv/core.stamp
+	$(BIN)/python -m docs.generate
+
+new-check: .venv/core.stamp
+	$(BIN)/python -m evaluation.new_check $(NAME)
 	$(BIN)/python -m docs.generate
 
 clean:

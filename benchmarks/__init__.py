@@ -1,1 +1,1 @@
-"""Every figure that the README quotes, printed by a command, beside the peer that it is compared with."""
+"""Benchmarks: each figure in the README, measured in one run beside the peer that it is compared with."""

@@ -1,14 +1,14 @@
-"""``python -m benchmarks.audit``: what an audit costs beside the same episodes in a plain loop.
+"""``python -m benchmarks.audit``: the cost of an audit beside the same episodes in a plain loop.
 
-``--number`` environments are made by changing a tenth of the numbers in the good fixtures and the examples, as
-``benchmarks.duplicates`` does; those that a plain loop cannot play, or not within ten seconds, are left out. They are
-audited at the budget `quick`, by one worker and by two, each time from nothing. Processor time is that of the command
-and of all that it starts, but for a container engine's own; bare is that of the very same episodes and searches in one
-process (``benchmarks.bare_jobs``), without a sandbox and without a look at what comes back, played before the audits
-and after them. Memory is the auditing process's own.
+The benchmark makes ``--number`` environments: it changes a tenth of the numbers in the good fixtures and the examples,
+as ``benchmarks.duplicates`` does, and leaves out environments that a plain loop cannot play within ten seconds. It
+audits them at the budget `quick`, first with one worker and then with two, each time with an empty store. CPU time
+covers the command and its child processes, without the container engine. The plain loop runs the same episodes and
+searches in one process (``benchmarks.bare_jobs``), without a sandbox and without checks, before and after the audits.
+Memory is that of the auditing process.
 
-Exit status 1 when a limit does not hold: processor time 1.3 times bare, two workers 1.8 times as fast as one (where
-there are two cores), 400 MiB.
+The exit status is 1 if a limit is broken: 1.3 times the CPU time of the plain loop, two workers 1.8 times as fast as
+one (on two cores or more), 400 MiB.
 """
 
 from __future__ import annotations
@@ -35,19 +35,20 @@ from rich.table import Table
 from benchmarks import bare_jobs, duplicates
 from benchmarks.bare import environment, play
 from benchmarks.overhead import working
-from envcraft import actions
-from envcraft.budget import BUDGETS
-from envcraft.commands.choices import default_checks
-from envcraft.contract import ARCADE
-from envcraft.engine import Plan
-from envcraft.sandbox import Driver
-from envcraft.target import read_target
+from envcraft.contracts.builtin import ARCADE
+from envcraft.judging import actions
+from envcraft.judging.budget import BUDGETS
+from envcraft.judging.driver import Driver
+from envcraft.judging.engine import Plan
+from envcraft.judging.selection import default_checks
+from envcraft.model.target import read_target
+from envcraft.spaces.spec import read_space
 
 NUMBER = 40
 CPU, FASTER, LIMIT_MIB = 1.3, 1.8, 400
-#: Steps of random play that a plain loop has to get through.
+#: A plain loop must complete this many steps of random play.
 _STEPS = 1_000
-#: Seconds after which an environment is left out.
+#: An environment that needs more seconds is left out.
 _PATIENCE = 10
 
 
@@ -61,7 +62,7 @@ class Audited(NamedTuple):
 
 
 def write(folder: Path, number: int) -> None:
-    """Write so many environments that a plain loop can play."""
+    """Write this many environments that a plain loop can play."""
     rng = random.Random(0)
     written = 0
     for original in itertools.cycle(duplicates.originals()):
@@ -77,7 +78,7 @@ def write(folder: Path, number: int) -> None:
 
 @contextlib.contextmanager
 def _alarm() -> Iterator[None]:
-    """Raises TimeoutError when what it is around takes too long: some changed numbers make endless loops."""
+    """Raises TimeoutError if the block takes too long: some changed numbers make endless loops."""
 
     def ring(*_: object) -> None:
         raise TimeoutError
@@ -92,17 +93,16 @@ def _alarm() -> Iterator[None]:
 
 
 def _try_out(path: Path) -> None:
-    """Raises whatever the environment raises."""
-    assert ARCADE.action is not None
+    """Play the environment. Raises any exception of the environment."""
     env = environment(path)
     steps = 0
     for seed in range(_STEPS):
         if steps < _STEPS:
-            steps += play(env, seed, actions.random_actions(ARCADE.action, seed, _STEPS))[0]
+            steps += play(env, seed, actions.random_actions(read_space(ARCADE.action), seed, _STEPS))[0]
 
 
 def bare(folder: Path, driver: Driver) -> float:
-    """Processor seconds of the jobs of an audit without a sandbox."""
+    """CPU seconds of the jobs of an audit without a sandbox."""
     checks = default_checks()
     spent = 0.0
     for path in sorted(folder.iterdir()):
@@ -112,7 +112,7 @@ def bare(folder: Path, driver: Driver) -> float:
 
 
 def audit(folder: Path, driver: str, workers: int) -> Audited:
-    """Audit a folder from nothing. Raises RuntimeError where it could not be judged."""
+    """Audit a folder with an empty store. Raises RuntimeError if the audit fails."""
     with tempfile.TemporaryDirectory(prefix="envcraft-") as store:
         words = ["audit", str(folder), "--store", f"{store}/store", "--sandbox", driver, "--budget", "quick"]
         command = [sys.executable, "-m", "envcraft", *words, "--workers", str(workers), "--format", "json"]
@@ -130,17 +130,17 @@ def audit(folder: Path, driver: str, workers: int) -> Audited:
 
 
 def _watch(process: subprocess.Popen[bytes]) -> Iterator[float]:
-    """The most MiB that a process has held, again and again until it ends."""
+    """Yield the peak memory of a process in MiB repeatedly until it ends."""
     yield 0.0
     while process.poll() is None:
         with contextlib.suppress(OSError, IndexError):
-            told = Path(f"/proc/{process.pid}/status").read_text()
-            yield int(told.partition("VmHWM:")[2].split()[0]) / 1024
+            status = Path(f"/proc/{process.pid}/status").read_text()
+            yield int(status.partition("VmHWM:")[2].split()[0]) / 1024
         time.sleep(0.2)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Print the table and the limits that are broken; give 1 if any is."""
+    """Print the table and the broken limits; return 1 if there are any."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.audit", description=__doc__)
     parser.add_argument("--number", type=int, default=NUMBER)
     parser.add_argument("--sandbox", default="bubblewrap")
@@ -150,7 +150,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         write(Path(folder), options.number)
         before = bare(Path(folder), driver)
         audits = {workers: audit(Path(folder), driver.name, workers) for workers in (1, 2)}
-        # On both sides of the audits, since a machine that others use is not equally fast for minutes.
+        # Before and after the audits: the speed of a shared machine changes over minutes.
         stepped = (before + bare(Path(folder), driver)) / 2
     faster = audits[1].seconds / audits[2].seconds
     table = Table(title=f"audit of {options.number} environments at quick, {driver.name}")
@@ -166,10 +166,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         )
         if ratio > CPU:
             wrong.append(
-                f"{workers} at a time: {ratio:.2f} times the processor time of the same jobs bare; at most {CPU:g}"
+                f"{workers} workers: {ratio:.2f} times the CPU time of the same jobs in a plain loop; at most {CPU:g}"
             )
         if done.mib > LIMIT_MIB:
-            wrong.append(f"{workers} at a time: the auditing process held {done.mib:.0f} MiB; at most {LIMIT_MIB}")
+            wrong.append(f"{workers} workers: the auditing process used {done.mib:.0f} MiB; at most {LIMIT_MIB}")
     if (os.cpu_count() or 1) > 1 and faster < FASTER:
         wrong.append(f"two workers are {faster:.2f} times as fast as one; at least {FASTER:g}")
     console = Console(width=120)

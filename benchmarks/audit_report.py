@@ -1,10 +1,11 @@
-"""``python -m benchmarks.audit_report``: what a report on 10,000 environments takes, beside a dump of the same corpus.
+"""``python -m benchmarks.audit_report``: the cost of a report on 10,000 environments beside a dump of the same corpus.
 
-A corpus is filled with verdicts as ``benchmarks.corpus_store`` makes them, and a preview of each. Then each,
-in a process of its own: the report is written, and as a peer the database is dumped as SQL, as the ``.dump`` of
-``sqlite3`` does, and the sources and previews are copied: what anybody does who hands a corpus on. Held to limits are
-the report's seconds, the peak memory of its process, and the bytes of the first page with all that opening it loads;
-exit status 1 where one does not hold.
+The benchmark fills a corpus with verdicts as ``benchmarks.corpus_store`` makes them, and adds a preview to each. One
+process writes the report. The peer is another process that dumps the database as SQL, as ``.dump`` of ``sqlite3`` does,
+and copies the sources and previews.
+
+The exit status is 1 if a limit is broken: on the seconds for the report, on the peak memory of its process, or on the
+bytes that a browser loads to open the first page.
 """
 
 from __future__ import annotations
@@ -36,7 +37,7 @@ SECONDS, MEBIBYTES, BYTES = 60.0, 400, 2 * 10**6
 
 
 def fill(root: Path, size: int) -> None:
-    """A corpus with a verdict on each environment, and a hundred pictures among them."""
+    """Make a corpus with a verdict on each environment and a hundred different previews."""
     pictures = [preview(number) for number in range(100)]
     with Store.create(root) as store:
         settings = store.settings(SETTINGS)
@@ -54,7 +55,7 @@ def fill(root: Path, size: int) -> None:
 
 
 def preview(number: int) -> bytes:
-    """A block that moves over a floor of its own."""
+    """A preview: a block that moves over a random floor."""
     frames = []
     tiles = np.random.default_rng(number).integers(30, 90, (21, 21, 3), np.uint8)
     for step in range(media.STEPS):
@@ -65,8 +66,8 @@ def preview(number: int) -> bytes:
 
 
 def write_report(root: Path, output: Path) -> None:
-    from envcraft.commands.choices import all_checks
     from envcraft.corpus.report.site import build
+    from envcraft.judging.selection import all_checks
 
     with Store(root, write=True) as store:
         build(store, output, all_checks())
@@ -82,7 +83,7 @@ def dump(root: Path, output: Path) -> None:
 
 
 def measured(work: str, root: Path, output: Path) -> tuple[float, float]:
-    """Seconds, and MiB at the peak, of one of the two in a process of its own."""
+    """Run one of the two in a new process; return its seconds and its peak memory in MiB."""
     command = [sys.executable, "-m", "benchmarks.audit_report", "--do", work, str(root), str(output)]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
     seconds, mebibytes = done.stdout.split()
@@ -90,15 +91,14 @@ def measured(work: str, root: Path, output: Path) -> tuple[float, float]:
 
 
 def first_page(output: Path) -> int:
-    """Bytes of the first page and of the pictures that it names."""
+    """Bytes of the first page and of the pictures on it."""
     page = output / "index.html"
     pictures = re.findall(r'src="(media/[^"]+)"', page.read_text("utf-8"))
-    whole: int = page.stat().st_size + sum((output / picture).stat().st_size for picture in pictures)
-    return whole
+    return sum(file.stat().st_size for file in (page, *(output / picture for picture in pictures)))
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Print the table; give 1 if a limit is broken."""
+    """Print the table; return 1 if a limit is broken."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.audit_report", description=__doc__)
     parser.add_argument("--size", type=int, default=SIZE)
     parser.add_argument("--do", nargs=3, metavar=("WORK", "CORPUS", "FOLDER"), help=argparse.SUPPRESS)
@@ -110,7 +110,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
         print(time.perf_counter() - started, peak)
         return 0
-    # Syncing each file takes what the disk takes, and is no part of what is measured.
+    # The time that the disk takes to sync is not part of the measurement.
     os.fsync = lambda fd: None
     with tempfile.TemporaryDirectory() as folder:
         root = Path(folder, "corpus")
@@ -125,11 +125,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for column in ("", "measured", "at most"):
         table.add_column(column, justify="right" if column else "left")
     table.add_row("seconds to write it", f"{seconds:.1f}", f"{SECONDS:.0f}")
-    table.add_row("a second time, with what sources are compared by kept", f"{again:.1f}", "")
-    table.add_row("the same, of a dump with copies", f"{again / dumped:.2f}", "")
+    table.add_row("seconds to write it again, with cached similarity keys", f"{again:.1f}", "")
+    table.add_row("the same as a multiple of the dump", f"{again / dumped:.2f}", "")
     table.add_row("peak resident size, MiB", f"{mebibytes:.0f}", f"{MEBIBYTES}")
-    table.add_row("the first page, kB", f"{opened / 1000:.0f}", f"{BYTES // 1000:,}")
-    table.add_row("all of it, MB", f"{whole / 10**6:.0f}", "")
+    table.add_row("first page, kB", f"{opened / 1000:.0f}", f"{BYTES // 1000:,}")
+    table.add_row("whole report, MB", f"{whole / 10**6:.0f}", "")
     console = Console(width=120)
     console.print(table)
     held = seconds <= SECONDS and mebibytes <= MEBIBYTES and opened <= BYTES

@@ -1,10 +1,12 @@
-"""``python -m benchmarks.audit_scale``: what one more environment costs the auditing process, however many there are.
+"""``python -m benchmarks.audit_scale``: how the cost of the auditing process grows with the corpus.
 
-Corpora of 100, 1,000 and 10,000 environments are audited by ``envcraft audit --format json``, each in a process of its
-own, with checks that play nothing and give verdicts of the size of real ones: what is left is the command's own part,
-from the choice of what to judge to the last line of the report. The processor time of one more environment is held to
-1.5 times that of the sizes before, and the peak memory of the process to 400 MiB; exit status 1 where one does not
-hold. What judging itself takes does not know how many others there are: ``benchmarks.audit`` measures it.
+``envcraft audit --format json`` audits corpora of 100, 1,000 and 10,000 environments, each in a new process, with
+checks that play nothing and give findings of realistic size. What remains is the cost of the command itself, from the
+selection of environments to the last line of the report. ``benchmarks.audit`` measures the judging, whose cost does not
+depend on the size of the corpus.
+
+The exit status is 1 if a limit is broken: an additional environment costs 1.5 times the CPU time that it costs at a
+smaller size, or the process uses 400 MiB.
 """
 
 from __future__ import annotations
@@ -21,56 +23,24 @@ import tempfile
 import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
 
 import click
 from rich.console import Console
 from rich.table import Table
 
 from benchmarks.corpus_store import CHECKS, add, report_of
-from envcraft.check import Check
 from envcraft.corpus.store import Store
-from envcraft.sandbox import Availability, Driver, Isolation, JobEnd, Limits, Player, Recorder, Worker
-from envcraft.subject import Subject
-from envcraft.verdict import Finding
+from envcraft.judging.check import Check
+from envcraft.judging.subject import Subject
+from envcraft.model.verdict import Finding
+from evaluation.drivers import IdleDriver
 
 SIZES = (100, 1_000, 10_000)
 RATIO, LIMIT_MIB = 1.5, 400
 
 
-class _IdleWorker(Worker):
-    def __init__(self) -> None:
-        self.about = {}
-
-    def preload(self, modules: list[str]) -> list[str]:
-        return modules
-
-    def find(self, modules: list[str]) -> tuple[list[str], list[str]]:
-        return [], []
-
-    def run(self, job: dict[str, Any], recorder: Recorder, limits: Limits, player: Player | None = None) -> JobEnd:
-        raise AssertionError("nothing is to be run")
-
-    def close(self) -> None:
-        pass
-
-
-class IdleDriver(Driver):
-    """Of a sandbox in which nothing is run."""
-
-    name = "none"
-    isolation = Isolation.PROCESS
-    rank = 1
-
-    def probe(self) -> Availability:
-        return Availability(True)
-
-    def launch(self, *, hash_seed: int, limits: Limits) -> Worker:
-        return _IdleWorker()
-
-
 class _Check(Check):
-    """Finds in every fourth source what ``benchmarks.corpus_store`` has there."""
+    """Gives the findings that ``benchmarks.corpus_store`` has for the source."""
 
     rules = ()
 
@@ -84,10 +54,8 @@ class _Check(Check):
 
 
 def audit(corpus: Path) -> None:
-    """What ``envcraft audit`` does, with these checks in place of those that play. Tells processor seconds and MiB on
-    standard error.
-    """
-    command = importlib.import_module("envcraft.commands.audit")
+    """Run ``envcraft audit`` with these checks; print its CPU seconds and MiB on standard error."""
+    command = importlib.import_module("envcraft.cli.commands.audit")
     in_place = {"driver_named": lambda *_, **__: IdleDriver(), "select_checks": lambda *_: list(map(_Check, CHECKS))}
     vars(command).update(in_place)
     started = time.process_time()
@@ -98,7 +66,7 @@ def audit(corpus: Path) -> None:
 
 
 def measured(size: int) -> tuple[float, float]:
-    """Processor seconds and MiB of an audit of so many. Raises RuntimeError where it judged another number."""
+    """CPU seconds and MiB of an audit of this many environments. Raises RuntimeError if it judged another number."""
     with tempfile.TemporaryDirectory() as folder:
         root = Path(folder, "corpus")
         with Store.create(root) as store, store.transaction():
@@ -114,18 +82,18 @@ def measured(size: int) -> tuple[float, float]:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Print the table; give 1 if a limit is broken."""
+    """Print the table; return 1 if a limit is broken."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.audit_scale", description=__doc__)
     parser.add_argument("--sizes", type=int, nargs="+", default=SIZES, help="at least two, the smallest first")
     parser.add_argument("--do", type=Path, help=argparse.SUPPRESS)
     options = parser.parse_args(arguments)
-    # Syncing each file takes what the disk takes, and is no part of what is measured.
+    # The time that the disk takes to sync is not part of the measurement.
     os.fsync = lambda fd: None
     if options.do:
         audit(options.do)
         return 0
-    table = Table(title="the auditing process's own part of an audit")
-    for column in ("environments", "CPU s", "for one more, CPU ms", "MiB"):
+    table = Table(title="the auditing process alone")
+    for column in ("environments", "CPU s", "CPU ms for one more", "MiB"):
         table.add_column(column, justify="right")
     found = [(size, *measured(size)) for size in options.sizes]
     more = [(now[1] - before[1]) / (now[0] - before[0]) * 1000 for before, now in itertools.pairwise(found)]
@@ -135,9 +103,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     console.print(table)
     wrong = []
     if len(more) > 1 and more[-1] > RATIO * min(more[:-1]):
-        wrong.append(f"one more environment costs {more[-1] / min(more[:-1]):.2f} times as much; at most {RATIO:g}")
+        wrong.append(
+            f"an additional environment costs {more[-1] / min(more[:-1]):.2f} times as much; at most {RATIO:g}"
+        )
     if found[-1][2] > LIMIT_MIB:
-        wrong.append(f"the auditing process held {found[-1][2]:.0f} MiB; at most {LIMIT_MIB}")
+        wrong.append(f"the auditing process used {found[-1][2]:.0f} MiB; at most {LIMIT_MIB}")
     for line in wrong:
         console.print(f"limit broken: {line}")
     return int(bool(wrong))

@@ -1,7 +1,7 @@
-"""``python -m benchmarks.bare FILE``: play episodes of the environment in FILE as a plain loop in one process.
+"""``python -m benchmarks.bare FILE``: play episodes of the environment in FILE in a plain loop, without a sandbox.
 
-Reads a line of JSON for each episode, ``{"seed": 0, "actions": [...]}``, and answers each with the steps taken and the
-seconds of wall-clock time and of processor time that they took: what stepping costs before anybody adds a sandbox.
+Reads one line of JSON for each episode, ``{"seed": 0, "actions": [...]}``, and answers with the number of steps, the
+wall-clock seconds and the CPU seconds of the episode.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import numpy as np
 
 
 def environment(path: Path) -> gymnasium.Env[Any, Any]:
-    """An instance of the one environment that a file defines."""
+    """An instance of the only environment that a file defines."""
     spec = importlib.util.spec_from_file_location("bare_game", path)
     assert spec is not None
     assert spec.loader is not None
@@ -31,7 +31,7 @@ def environment(path: Path) -> gymnasium.Env[Any, Any]:
 
 
 def play(env: gymnasium.Env[Any, Any], seed: int, actions: list[Any]) -> tuple[int, float, float]:
-    """Play one episode; give its steps, seconds and processor seconds."""
+    """Play one episode; return its steps, seconds and CPU seconds."""
     prepared = [np.array(action) for action in actions]
     started, cpu = time.perf_counter(), time.process_time()
     env.reset(seed=seed)

@@ -1,9 +1,8 @@
-"""What the jobs of a validation cost without a sandbox: the same episodes and searches, in a plain loop in one process.
+"""The cost of a validation's jobs without a sandbox: the same episodes and searches in a plain loop in one process.
 
-An episode is an instance that is made, reset and stepped as the job asks: with the earlier episodes on the same
-instance, the second instance beside it, the calls of render(), the steps past the end and the reset after it where the
-conditions have them. A search is that of
-the worker, its copies of the state included, with nobody to tell.
+An episode follows the conditions of its job: earlier episodes on the same instance, a second instance beside it, calls
+of render(), steps past the end and a reset after it. A search is that of the worker, with its copies of the state and
+without messages.
 """
 
 from __future__ import annotations
@@ -16,16 +15,17 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
+from envcraft_protocol.jobs import Episode, Job
 from envcraft_sandbox.worker import search
 from envcraft_sandbox.worker.channel import Channel
 from envcraft_sandbox.worker.subject import Fault, Subject
 
-from envcraft.engine import Plan, validate
-from envcraft.sandbox import Availability, Driver, Limits, Worker
+from envcraft.judging.driver import Availability, Driver, Limits, Worker
+from envcraft.judging.engine import Plan, validate
 
 
-class _Nobody(Channel):
-    """A channel that nobody listens to."""
+class _NullChannel(Channel):
+    """A channel that discards its messages."""
 
     def __init__(self) -> None:
         super().__init__(socket.socket(socket.AF_UNIX))
@@ -35,12 +35,12 @@ class _Nobody(Channel):
         self._size = 0
 
 
-class Noting(Driver):
-    """A driver that notes the jobs of its workers."""
+class RecordingDriver(Driver):
+    """A driver that records the jobs of its workers."""
 
     def __init__(self, driver: Driver) -> None:
         self.name, self.isolation, self.rank = driver.name, driver.isolation, driver.rank
-        self.jobs: list[dict[str, Any]] = []
+        self.jobs: list[Job] = []
         self._driver = driver
 
     def probe(self) -> Availability:
@@ -50,30 +50,32 @@ class Noting(Driver):
         worker = self._driver.launch(hash_seed=hash_seed, limits=limits)
         run = worker.run
 
-        def noting(job: dict[str, Any], recording: Any, *rest: Any) -> Any:
+        def record(job: Job, recording: Any, *rest: Any) -> Any:
             end = run(job, recording, *rest)
-            # Actions that the host was asked for are known by now.
-            self.jobs.append({**job, "actions": recording.trace.actions} if job.get("asked") else job)
+            # The trace has the actions that the host chose during the episode.
+            self.jobs.append({**job, "actions": recording.trace.actions} if job.get("interactive") else job)
             return end
 
-        worker.run = noting  # type: ignore[method-assign, assignment]
+        worker.run = record  # type: ignore[method-assign, assignment]
         return worker
 
 
-def jobs_of(plan: Plan) -> list[dict[str, Any]]:
-    """The jobs by which a plan's targets are judged."""
-    noting = Noting(plan.driver)
-    for _ in validate(Plan(plan.targets, plan.contract, noting, plan.checks, plan.budget, plan.seed, lanes=1), 1):
+def jobs_of(plan: Plan) -> list[Job]:
+    """The jobs of a validation by this plan."""
+    driver = RecordingDriver(plan.driver)
+    for _ in validate(
+        Plan(plan.targets, plan.contract, driver, plan.checks, plan.budget, plan.seed, parallel_jobs=1), 1
+    ):
         pass
-    return noting.jobs
+    return driver.jobs
 
 
-def seconds(job: dict[str, Any]) -> float:
-    """Processor seconds of one job in this process; up to the exception where the environment raises one."""
+def seconds(job: Job) -> float:
+    """CPU seconds of one job in this process. An exception of the environment ends the job."""
     state = job.get("seed", 0) % 2**32
     random.seed(state)
     np.random.seed(state)
-    subject = Subject(job, _Nobody())
+    subject = Subject(job, _NullChannel())
     started = time.process_time()
     with contextlib.suppress(Exception, Fault):
         subject.load()
@@ -86,7 +88,7 @@ def seconds(job: dict[str, Any]) -> float:
     return time.process_time() - started
 
 
-def _episode(subject: Subject, job: dict[str, Any]) -> None:
+def _episode(subject: Subject, job: Job) -> None:
     conditions = job.get("conditions", {})
     for _ in range(2 if conditions.get("again") else 1):
         if conditions.get("closed"):
@@ -112,7 +114,7 @@ def _play(
     beside: Iterator[None] | None = None,
     render: Callable[[], Any] | None = None,
 ) -> bool:
-    """Play an episode; give whether it has ended."""
+    """Play an episode; return whether it has ended."""
     env.reset(seed=seed)
     for action in actions:
         _, _, terminated, truncated, _ = env.step(subject.action(action, env))
@@ -126,13 +128,13 @@ def _play(
 
 
 def _play_on(subject: Subject, env: Any, actions: list[Any]) -> None:
-    """Steps past the end, of which an exception is the last."""
+    """Steps past the end, up to the first exception."""
     with contextlib.suppress(Exception):
         for action in actions:
             env.step(subject.action(action, env))
 
 
-def _companion(subject: Subject, plan: dict[str, Any]) -> Iterator[None]:
+def _companion(subject: Subject, plan: Episode) -> Iterator[None]:
     env, seed = subject.construct(announce=False), plan["seed"]
     while True:
         env.reset(seed=seed)

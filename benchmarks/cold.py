@@ -1,22 +1,23 @@
-"""``python -m benchmarks.cold``: how long one command takes, from nothing running to the first step and the verdict.
+"""``python -m benchmarks.cold``: the time of one command from its start to the first step and to the verdict.
 
-*Start-up* is the time from the start of ``envcraft validate`` until the host hears of the environment's first step. It
-is held to twice the time of ``python -c "import numpy, gymnasium"``: the imports that the worker needs, and once more
-for everything else. For docker the container's own start comes on top, which is measured beside it: a container as a
-worker's, with all its limits, whose interpreter does nothing.
+*Start-up* is the time from the start of ``envcraft validate`` until the host receives the environment's first step. The
+limit is twice the time of ``python -c "import numpy, gymnasium"``: once for the imports that the worker needs, and once
+for everything else. For docker the start of the container is measured separately and subtracted: a worker's container
+with all its limits, whose interpreter does nothing.
 
-*Validation* is the wall-clock time of ``envcraft validate`` on a good game, beside the time that the steps that it
-reports take in a plain loop in one process.
+*Validation* is the wall-clock time of ``envcraft validate`` on a good game, beside the time of the same number of steps
+in a plain loop in one process.
 
-Everything is run in turns, from an empty folder, once before it counts so that the files are in memory. The medians are
-given, and of ratios the median over the turns: a machine that is now faster and now slower is so for both. EnvCraft's
-own modules are compiled first, as they are where pip has installed them. Exit status 1 when a limit does not hold.
+The measurements take turns, from an empty folder; the first turn fills the file cache and does not count. The tables
+show medians; a ratio is the median of the ratios within one turn, so a change in the speed of the machine affects both
+sides. EnvCraft's modules are compiled first, as pip does on installation. The exit status is 1 if a limit is broken.
 """
 
 from __future__ import annotations
 
 import argparse
 import compileall
+import contextlib
 import functools
 import importlib.util
 import json
@@ -35,35 +36,36 @@ from rich.table import Table
 
 from benchmarks.bare import environment, play
 from benchmarks.overhead import GAMES, working
-from envcraft import actions
-from envcraft.contract import ARCADE
-from envcraft.sandbox import Limits
+from envcraft.contracts.builtin import ARCADE
+from envcraft.judging import actions
+from envcraft.judging.driver import Limits
+from envcraft.spaces.spec import read_space
 
 ROOT = Path(__file__).resolve().parent.parent
 FIRST_STEP = GAMES / "first_step.py"
 GOOD = ROOT / "examples" / "snake.py"
 ROUNDS = 15
 LIMIT = 2.0
-#: The command ``envcraft``, but that it says on stderr when the first exception raised by a step arrives. The report
-#: would not tell: its message is that of the reproduction, which is run later.
+#: The command ``envcraft``, which also prints on stderr the time at which the first exception of a step arrives. The
+#: report does not have this time: its message comes from the reproduction, which runs later.
 _LISTEN = """
 import importlib.util, sys, time
 
 class Listen:
     def find_spec(self, name, path=None, target=None):
-        if name != "envcraft.recording":
+        if name != "envcraft.judging.trace_builder":
             return None
         sys.meta_path.remove(self)
         spec = importlib.util.find_spec(name)
         execute = spec.loader.exec_module
         def wrap(module):
             execute(module)
-            fault = module.Recording.fault
-            def told(recording, report):
+            fault = module.TraceBuilder.fault
+            def timed(recording, report):
                 if report.get("phase") == "step" and not stepped:
                     stepped.append(time.time())
                 fault(recording, report)
-            module.Recording.fault = told
+            module.TraceBuilder.fault = timed
         spec.loader.exec_module = wrap
         return spec
 
@@ -79,38 +81,37 @@ _STEPPED = re.compile(r"stepped at (\d+\.\d+)")
 
 
 def imports() -> float:
-    """Seconds that Python takes to start and import what every environment imports."""
+    """Seconds that Python takes to start and to import NumPy and Gymnasium."""
     return _run([sys.executable, "-c", "import numpy, gymnasium"])[0]
 
 
 def container() -> float:
-    """Seconds that the engine takes to start and end a container as a worker's that does nothing.
-
-    Raises RuntimeError when the engine cannot.
-    """
+    """Seconds that the engine takes to start and remove a worker's container that does nothing."""
+    from envcraft_sandbox import engine
     from envcraft_sandbox.build import TAG
     from envcraft_sandbox.docker import DockerDriver
 
-    told = subprocess.run(
-        ["docker", "image", "inspect", "--format", "{{json .Config.Entrypoint}}", TAG],
-        capture_output=True,
-        check=True,
-        text=True,
-    )
-    python = json.loads(told.stdout)[0]
-    run = DockerDriver().command("envcraft-benchmark", 0, Limits())
-    return _run([*run, "--entrypoint", python, TAG, "-I", "-S", "-c", "pass"])[0]
+    driver, client = DockerDriver(), engine.client()
+    python = client.inspect_image(TAG)["Config"]["Entrypoint"][0]
+    host = client.create_host_config(**driver.host_options(Limits()))
+    options = driver.options(0) | {"entrypoint": [python], "command": ["-I", "-S", "-c", "pass"]}
+    started = time.perf_counter()
+    made = client.create_container(TAG, host_config=host, detach=True, **options)
+    with contextlib.suppress(engine.NotFoundError), engine.errors():
+        client.start(made)
+        client.wait(made, condition="removed")
+    return time.perf_counter() - started
 
 
 def start_up(driver: str) -> float:
-    """Seconds from the start of ``envcraft validate`` until the host hears of the environment's first step."""
+    """Seconds from the start of ``envcraft validate`` until the host receives the environment's first step."""
     before = time.time()
-    # What comes after the first step takes less long so.
+    # The quick budget shortens the part after the first step.
     words = ["validate", str(FIRST_STEP), "--sandbox", driver, "--exit-zero", "--budget", "quick"]
-    _, _, told = _run([sys.executable, "-c", _LISTEN, *words])
-    found = _STEPPED.search(told)
+    _, _, stderr = _run([sys.executable, "-c", _LISTEN, *words])
+    found = _STEPPED.search(stderr)
     if found is None:
-        raise RuntimeError(f"no step was taken in the {driver} sandbox: {told}")
+        raise RuntimeError(f"no step was taken in the {driver} sandbox: {stderr}")
     return float(found[1]) - before
 
 
@@ -126,15 +127,15 @@ def validation(driver: str) -> tuple[float, int]:
 
 def bare_speed(path: Path, episodes: int) -> float:
     """Steps per second of random play in a plain loop."""
-    assert ARCADE.action is not None
     assert ARCADE.limit is not None
     env = environment(path)
-    played = [play(env, seed, actions.random_actions(ARCADE.action, seed, ARCADE.limit)) for seed in range(episodes)]
+    space = read_space(ARCADE.action)
+    played = [play(env, seed, actions.random_actions(space, seed, ARCADE.limit)) for seed in range(episodes)]
     return sum(steps for steps, *_ in played) / sum(seconds for _, seconds, _ in played)
 
 
 def _run(argv: list[str]) -> tuple[float, str, str]:
-    """Run a command; give its wall-clock seconds, its output and what it said on stderr. Raises RuntimeError."""
+    """Run a command; return its wall-clock seconds, stdout and stderr. Raises RuntimeError if it fails."""
     variables = {key: value for key, value in os.environ.items() if key != "PYTHONDONTWRITEBYTECODE"}
     with tempfile.TemporaryDirectory(prefix="envcraft-") as folder:
         started = time.perf_counter()
@@ -149,15 +150,15 @@ def _run(argv: list[str]) -> tuple[float, str, str]:
 
 @functools.cache
 def compiled() -> None:
-    """Compile EnvCraft's modules, which in an editable installation is left to whoever imports them."""
-    for package in ("envcraft", "envcraft_checks", "envcraft_sandbox", "envcraft_runtime"):
+    """Compile EnvCraft's modules; an editable installation does not."""
+    for package in ("envcraft", "envcraft_checks", "envcraft_sandbox", "envcraft_protocol"):
         found = importlib.util.find_spec(package)
         for folder in (found.submodule_search_locations or []) if found else []:
             compileall.compile_dir(folder, quiet=2)
 
 
 def in_turns(measures: dict[str, Callable[[], float]], rounds: int) -> dict[str, list[float]]:
-    """Take each measure in turn, so many times and once before it counts."""
+    """Take the measures in turns, this many rounds after a first one that does not count."""
     taken: dict[str, list[float]] = {name: [] for name in measures}
     for number in range(rounds + 1):
         for name, measure in measures.items():
@@ -168,7 +169,7 @@ def in_turns(measures: dict[str, Callable[[], float]], rounds: int) -> dict[str,
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Print both tables and the limits that are broken; give 1 if any is."""
+    """Print both tables and the broken limits; return 1 if there are any."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.cold", description=__doc__)
     parser.add_argument("--rounds", type=int, default=ROUNDS)
     parser.add_argument("--sandbox", help="only this driver")
@@ -191,7 +192,7 @@ def _print_start_up(console: Console, names: list[str], rounds: int) -> list[str
     taken = in_turns(measures, rounds)
     seconds = {name: statistics.median(found) for name, found in taken.items()}
     table = Table(title="start-up: from the command to the first step, in ms")
-    for column in ("", "ms", "the container's own", "of the imports", "at most"):
+    for column in ("", "ms", "container alone, ms", "times the imports", "at most"):
         table.add_column(column, justify="right" if column else "left")
     table.add_row('python -c "import numpy, gymnasium"', f"{1000 * seconds['imports']:.0f}", "", "1.00", "")
     wrong = []
@@ -218,7 +219,7 @@ def _print_validation(console: Console, names: list[str], rounds: int) -> None:
     taken = in_turns({name: functools.partial(validated, name) for name in names}, rounds)
     speeds.append(bare_speed(GOOD, 20))
     table = Table(title=f"envcraft validate {GOOD.name}")
-    for column in ("", "seconds", "steps", "stepped bare, seconds", "of bare"):
+    for column in ("", "seconds", "steps", "plain loop, seconds", "times the plain loop"):
         table.add_column(column, justify="right" if column else "left")
     for name in names:
         bare = steps[name] / statistics.mean(speeds)

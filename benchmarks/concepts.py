@@ -1,11 +1,11 @@
-"""``python -m benchmarks.concepts``: how quickly concepts are put together, and how different they are.
+"""``python -m benchmarks.concepts``: the speed and the variety of generated concepts.
 
-Concepts are made as ``envcraft concepts`` makes them, then compared: by the digest of their normalised text, and as
-sets of 5-grams of words, nothing taken out, of which pairs with a Jaccard index of 0.7 or more are near-duplicates.
-Pairs are looked for by MinHash, which finds 99 of 100 at that threshold.
+The benchmark generates concepts as ``envcraft concepts`` does and compares them: by the digest of the normalised text,
+and by the Jaccard index of the sets of 5-grams of words, where 0.7 or more is a near-duplicate. MinHash selects the
+pairs to compare; it finds 99% of the pairs at that threshold.
 
-More than 30 seconds for 20,000, two of one text, an entry that is never used, or a concept in a hundred with a
-near-duplicate, is exit status 1.
+The exit status is 1 if 20,000 concepts take more than 30 seconds, two concepts have the same text, a pool's entry is
+never used, or more than 1% of the concepts have a near-duplicate.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from envcraft.similarity import near
 from envcraft.similarity.groups import Groups
 
 SECONDS, NUMBER = 30, 20_000
-#: The largest share of concepts that may have a near-duplicate before them.
+#: The largest share of concepts that may be near-duplicates of an earlier one.
 NEAR = 0.01
 
 
@@ -38,7 +38,7 @@ def shingles(text: str) -> near.Shingles:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Print the table; give 1 if a limit is broken."""
+    """Print the table; return 1 if a limit is broken."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.concepts", description=__doc__)
     parser.add_argument("--number", type=int, default=NUMBER, help="how many concepts")
     parser.add_argument("--seed", type=int, default=0)
@@ -58,7 +58,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     alike = sum(len(group) - 1 for group in groups.all())
 
     table = Table(title=f"{len(made):,} concepts: {seconds:.1f} s, {cpu:.1f} s of CPU")
-    for column in ("pool", "entries", "used", "most often", "least often"):
+    for column in ("pool", "entries", "used", "highest count", "lowest count"):
         table.add_column(column, justify="left" if column == "pool" else "right")
     unused = 0
     for pool, entries in coverage.entries.items():
@@ -70,17 +70,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
     words = [len(concept.text.split()) for concept in made]
     console.print(f"words in a text: {min(words)} to {max(words)}, {sum(words) / len(words):.0f} on average")
     console.print(f"distinct by normalised text: {len(texts):,}")
-    console.print(f"near-duplicates at a Jaccard index of {near.THRESHOLD}: {alike:,} more than one of each cluster")
+    console.print(f"near-duplicates of an earlier concept, Jaccard index {near.THRESHOLD} or more: {alike:,}")
     broken = [
         f"{seconds:.1f} s; at most {SECONDS} for {NUMBER:,}"
         if seconds > SECONDS * max(options.number / NUMBER, 1)
         else "",
-        f"{len(made) - len(texts)} texts are not new" if len(texts) < len(made) else "",
+        f"{len(made) - len(texts)} texts repeat an earlier one" if len(texts) < len(made) else "",
         f"{unused} entries are never used" if unused and options.number >= NUMBER else "",
         f"{alike} near-duplicates; at most {NEAR:.0%}" if alike > NEAR * len(made) else "",
     ]
-    for told in filter(None, broken):
-        console.print(f"limit broken: {told}")
+    for message in filter(None, broken):
+        console.print(f"limit broken: {message}")
     return int(any(broken))
 
 

@@ -1,15 +1,15 @@
-"""``python -m benchmarks.conversations``: 1,000 conversations at once, through EnvCraft and by a bare client.
+"""``python -m benchmarks.conversations``: 1,000 concurrent conversations through EnvCraft and through a bare client.
 
-An endpoint on this machine, in a process of its own, streams answers as an engine does: at each tick every open
-answer gets a piece, and answers are of different lengths, the same ones for both clients. Each conversation asks a few
-times, and its prompt grows with what it was answered. The bare client is the HTTP library on which the `openai` client
-is built: it sends the same bodies, reads the bytes of the stream, and does nothing with them. EnvCraft's model paces,
-decodes, accounts, and writes its journal, to which every answer is synced. They take turns, in an order that changes,
-and a ratio is the median of those within one round. Less than 95% of the bare client's answers a second gives exit
-status 1.
+A local server in another process streams responses like an inference engine: at each tick it sends one piece of every
+open response. Responses differ in length, and both clients get the same ones. Each conversation sends several requests,
+and its prompt grows with the responses. The bare client is the HTTP library on which the `openai` client is built: it
+sends the same bodies, reads the bytes of the stream and discards them. EnvCraft's model limits the concurrency, decodes
+the stream, counts tokens and writes a journal, which it syncs after each response. The clients take turns in
+alternating order, and a ratio is the median of the ratios within one round. The exit status is 1 if EnvCraft completes
+less than 95% of the bare client's responses a second.
 
-The rate of the server is what an engine would have, not what this machine's cores can send: ``--tick 0`` takes the
-bound away, and shows what EnvCraft costs where the cores are the limit.
+By default the server is as fast as an engine, not as fast as this machine's cores: ``--tick 0`` removes that bound and
+shows the cost of EnvCraft when the cores are the limit.
 """
 
 from __future__ import annotations
@@ -30,13 +30,13 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
-from envcraft_llm.endpoint import ModelChoice, open_model
-from envcraft_llm.endpoint.wording import body
+from envcraft_llm.endpoint import ModelSettings, open_model
+from envcraft_llm.endpoint.request_body import request_body
 from envcraft_llm.model import Message, Request
 from rich.console import Console
 from rich.table import Table
 
-#: The least share of the bare client's answers a second.
+#: The least share of the bare client's responses a second.
 LEAST = 0.95
 OURS, BARE = "EnvCraft", "bare client"
 PIECE = "    state[row, column] = 3  # moved\n"
@@ -46,13 +46,13 @@ _NUMBER = re.compile(rb"Conversation (\d+)")
 
 
 def chunk(data: bytes) -> bytes:
-    """As chunked transfer has it."""
+    """A chunk of an HTTP/1.1 chunked transfer."""
     return b"%x\r\n%s\r\n" % (len(data), data)
 
 
 def event(choices: list[dict[str, Any]], **more: Any) -> bytes:
-    """An event of the stream."""
-    told = {
+    """A server-sent event of the stream."""
+    body = {
         "id": "chatcmpl-0",
         "object": "chat.completion.chunk",
         "created": 0,
@@ -60,12 +60,13 @@ def event(choices: list[dict[str, Any]], **more: Any) -> bytes:
         "choices": choices,
         **more,
     }
-    return b"data: " + json.dumps(told).encode() + b"\n\n"
+    return b"data: " + json.dumps(body).encode() + b"\n\n"
 
 
 class Engine:
-    """Streams an answer to each connection that asked, a piece at each tick of so many seconds; at once where it is 0.
-    The length of each is drawn by its prompt, evenly from half of `pieces` to one and a half.
+    """Streams a response to each request: one piece per tick of `tick` seconds, or all pieces at once if it is 0.
+
+    The prompt determines the length of the response, uniformly from half of `pieces` to one and a half times `pieces`.
     """
 
     def __init__(self, pieces: int, tick: float) -> None:
@@ -76,11 +77,11 @@ class Engine:
         last = event([{"index": 0, "delta": {}, "finish_reason": "stop"}]) + event([], usage=usage) + _END
         self._last = chunk(last) + b"0\r\n\r\n"
 
-    def begin(self, transport: asyncio.Transport, asked: bytes) -> None:
-        """Answer a request with this body on its connection."""
+    def begin(self, transport: asyncio.Transport, request: bytes) -> None:
+        """Respond to a request with this body on its connection."""
         least = self._pieces // 2
-        # Bodies differ between clients by blanks and the order of keys; what is asked does not.
-        drawn = zlib.crc32(b"%d %b" % (asked.count(b"Complaint"), b"".join(_NUMBER.findall(asked)[:1])))
+        # Not a digest of the body: white space and the order of keys differ between clients.
+        drawn = zlib.crc32(b"%d %b" % (request.count(b"Complaint"), b"".join(_NUMBER.findall(request)[:1])))
         length = least + drawn % (2 * (self._pieces - least) + 1)
         if self._tick:
             transport.write(_HEAD)
@@ -89,7 +90,7 @@ class Engine:
             transport.write(_HEAD + self._piece * length + self._last)
 
     async def run(self) -> None:
-        """Tick."""
+        """Send the pieces of the open responses."""
         loop = asyncio.get_running_loop()
         following = loop.time()
         while True:
@@ -104,7 +105,7 @@ class Engine:
                     del self._open[transport]
 
 
-class Asked(asyncio.Protocol):
+class Requests(asyncio.Protocol):
     """A connection: reads each request to its end."""
 
     def __init__(self, engine: Engine) -> None:
@@ -132,13 +133,13 @@ class Asked(asyncio.Protocol):
             self._transport.write(b"HTTP/1.1 404 Not Found\r\nContent-Length: 0\r\n\r\n")
 
 
-def serve(told: Connection, pieces: int, tick: float) -> None:
-    """The process of the server: tells its port, and ends with the benchmark."""
+def serve(connection: Connection, pieces: int, tick: float) -> None:
+    """Run the server in this process; send its port through the connection."""
 
     async def run() -> None:
         engine = Engine(pieces, tick)
-        server = await asyncio.get_running_loop().create_server(lambda: Asked(engine), "127.0.0.1", 0, backlog=4096)
-        told.send(server.sockets[0].getsockname()[1])
+        server = await asyncio.get_running_loop().create_server(lambda: Requests(engine), "127.0.0.1", 0, backlog=4096)
+        connection.send(server.sockets[0].getsockname()[1])
         await engine.run()
 
     allow_files()
@@ -146,13 +147,13 @@ def serve(told: Connection, pieces: int, tick: float) -> None:
 
 
 def allow_files() -> None:
-    """Two descriptors a conversation may be more than a shell allows."""
+    """Raise the limit on open files: each conversation needs two descriptors."""
     _, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     resource.setrlimit(resource.RLIMIT_NOFILE, (hard, hard))
 
 
 def request(number: int, turn: int) -> Request:
-    """What a conversation asks at its turn: all that was said before, and one thing more."""
+    """The request of a conversation at a turn: the earlier messages and a new one."""
     messages = [Message("system", "You write games."), Message("user", f"Conversation {number}: write a game.")]
     for earlier in range(turn):
         messages += [Message("assistant", PIECE * 8), Message("user", f"Complaint {earlier}: it cannot be won.")]
@@ -160,53 +161,53 @@ def request(number: int, turn: int) -> Request:
 
 
 async def talk(conversations: int, turns: int, ask: Callable[[Request], Awaitable[object]]) -> float:
-    """All conversations, at once; answers a second."""
+    """Hold all conversations concurrently; return the responses a second."""
 
     async def one(number: int) -> None:
         for turn in range(turns):
             await ask(request(number, turn))
 
-    began = time.perf_counter()
+    started = time.perf_counter()
     async with asyncio.TaskGroup() as group:
         for number in range(conversations):
             group.create_task(one(number))
-    return conversations * turns / (time.perf_counter() - began)
+    return conversations * turns / (time.perf_counter() - started)
 
 
 async def ours(url: str, conversations: int, turns: int) -> float:
-    """By EnvCraft, with a journal that is new."""
-    choice = ModelChoice(base_url=url, min_concurrency=conversations, max_concurrency=conversations)
+    """Through EnvCraft, with a new journal."""
+    choice = ModelSettings(base_url=url, min_concurrency=conversations, max_concurrency=conversations)
     with tempfile.TemporaryDirectory() as folder:
         model = open_model(choice, Path(folder))
         try:
-            return await talk(conversations, turns, model.ask)
+            return await talk(conversations, turns, model.generate)
         finally:
             await model.close()
 
 
 async def bare(url: str, conversations: int, turns: int) -> float:
-    """By the library below the `openai` client."""
+    """Through the HTTP library of the `openai` client."""
     from openai import DEFAULT_CONNECTION_LIMITS
 
     library = importlib.import_module(type(DEFAULT_CONNECTION_LIMITS).__module__.partition(".")[0])
     limits = library.Limits(max_connections=conversations, max_keepalive_connections=conversations)
     async with library.AsyncClient(limits=limits, timeout=None) as client:
 
-        async def ask(asked: Request) -> None:
-            async with client.stream("POST", f"{url}/chat/completions", json=body(asked)) as response:
+        async def generate(request: Request) -> None:
+            async with client.stream("POST", f"{url}/chat/completions", json=request_body(request)) as response:
                 async for _ in response.aiter_bytes():
                     pass
 
-        return await talk(conversations, turns, ask)
+        return await talk(conversations, turns, generate)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Print the table; give 1 where the limit does not hold."""
+    """Print the table; return 1 if the limit is broken."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.conversations", description=__doc__)
     parser.add_argument("--conversations", type=int, default=1000)
-    parser.add_argument("--turns", type=int, default=2, help="questions of each")
-    parser.add_argument("--pieces", type=int, default=16, help="of an answer")
-    parser.add_argument("--tick", type=float, default=0.5, help="seconds between the pieces of an answer")
+    parser.add_argument("--turns", type=int, default=2, help="requests per conversation")
+    parser.add_argument("--pieces", type=int, default=16, help="mean number of pieces per response")
+    parser.add_argument("--tick", type=float, default=0.5, help="seconds between the pieces of a response")
     parser.add_argument("--rounds", type=int, default=3)
     options = parser.parse_args(arguments)
     allow_files()
@@ -221,20 +222,20 @@ def main(arguments: Sequence[str] | None = None) -> int:
         url = f"http://127.0.0.1:{receiving.recv()}/v1"
         for number in range(options.rounds):
             for name in sorted(clients, reverse=number % 2 == 1):
-                # What is imported at the first question is no part of it.
+                # The first request imports modules, which is not part of the measurement.
                 asyncio.run(clients[name](url, 1, 1))
-                began = time.process_time()
+                started = time.process_time()
                 rates[name].append(asyncio.run(clients[name](url, options.conversations, options.turns)))
-                cpu[name].append((time.process_time() - began) / (options.conversations * options.turns) * 1e3)
+                cpu[name].append((time.process_time() - started) / (options.conversations * options.turns) * 1e3)
     finally:
         server.kill()
         server.join()
     ratio = statistics.median(mine / other for mine, other in zip(rates[OURS], rates[BARE], strict=True))
     table = Table(
-        title=f"{options.conversations:,} conversations of {options.turns} questions, answers of {options.pieces} "
+        title=f"{options.conversations:,} conversations of {options.turns} requests, responses of {options.pieces} "
         f"pieces, one every {options.tick:g} s, {options.rounds} rounds"
     )
-    for column in ("", "answers/s, median", "least", "most", "CPU ms an answer", "share of the bare client's"):
+    for column in ("", "responses/s, median", "lowest", "highest", "CPU ms per response", "share of the bare client"):
         table.add_column(column, justify="left" if not column else "right")
     for name, found in rates.items():
         figures = (f"{value:,.1f}" for value in (statistics.median(found), min(found), max(found)))
@@ -242,7 +243,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     console = Console(width=120)
     console.print(table)
     if ratio < LEAST:
-        console.print(f"limit broken: {ratio:.1%} of the bare client's answers; at least {LEAST:.0%}")
+        console.print(f"limit broken: {ratio:.1%} of the bare client's responses a second; at least {LEAST:.0%}")
     return int(ratio < LEAST)
 
 

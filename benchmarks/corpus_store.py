@@ -1,12 +1,14 @@
-"""``python -m benchmarks.corpus_store``: what one more environment costs a corpus, however many there are.
+"""``python -m benchmarks.corpus_store``: how the cost of an additional environment grows with the corpus.
 
-Rows are added as an audit adds them, each verdict in a transaction of its own, and timed in batches once the corpus
-holds 1,000, 10,000 and 100,000 environments: an environment with its source's file, a verdict with its findings, the
-question which environments have none, and the question which have one code. Reports are of the size of real ones. The
-cost of a row at the largest size is held to three times the least at another, and the peak resident size to 300 MiB;
-exit status 1 where a limit does not hold.
+The benchmark adds rows as an audit does, each verdict in its own transaction, and times them in batches when the corpus
+has 1,000, 10,000 and 100,000 environments. It measures adding an environment with its source file, adding a verdict
+with its findings, the query for environments without a verdict, and the query for environments with one code. Reports
+have a realistic size.
 
-Syncing each file to the disk is left out: it takes what the disk takes, whatever is on it. ``--sync`` has it, too.
+The exit status is 1 if a limit is broken: a row at the largest size costs three times the lowest cost at a smaller
+size, or the peak resident size is 300 MiB.
+
+Files are not synced to the disk unless ``--sync`` is given: the time depends on the disk, not on the corpus.
 """
 
 from __future__ import annotations
@@ -24,9 +26,9 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
-from envcraft.corpus.settings import Settings
 from envcraft.corpus.store import Environment, Store
-from envcraft.verdict import CheckReport, Finding, Repro, Severity, SubjectReport, Verdict
+from envcraft.judging.settings import Settings
+from envcraft.model.verdict import CheckReport, Finding, Repro, Severity, SubjectReport, Verdict
 
 SIZES = (1_000, 10_000, 100_000)
 BATCHES, BATCH = 5, 100
@@ -54,7 +56,7 @@ def source_of(number: int) -> bytes:
 
 
 def report_of(number: int) -> SubjectReport:
-    """A report: every fourth environment fails, by one of a hundred codes."""
+    """A report: every fourth environment fails, with one of a hundred codes."""
     found = [
         Finding(
             f"EC{number % 100:03}",
@@ -91,7 +93,7 @@ def judge(store: Store, settings: int, numbers: range) -> None:
 
 
 def measured(store: Store, settings: int, size: int) -> tuple[float, float, float, float]:
-    """Fill the store up to `size`; give milliseconds to add one, to judge one, and of the two questions."""
+    """Fill the store up to `size`; return the milliseconds to add one, to judge one, and for each of the queries."""
     (count,) = store.db.execute("SELECT count(*) FROM environments").fetchone()
     fill = range(count, size)
     with store.transaction():
@@ -112,43 +114,43 @@ def measured(store: Store, settings: int, size: int) -> tuple[float, float, floa
     by_code = (
         "SELECT name FROM environments WHERE verdict IN (SELECT verdict FROM findings WHERE code = 'EC004') LIMIT 10"
     )
-    asked = milliseconds(lambda: store.db.execute(pending, (settings,)).fetchall())
+    without = milliseconds(lambda: store.db.execute(pending, (settings,)).fetchall())
     found = milliseconds(lambda: store.db.execute(by_code).fetchall())
-    return statistics.median(adding), statistics.median(judging), asked, found
+    return statistics.median(adding), statistics.median(judging), without, found
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Print the table; give 1 if a limit is broken."""
+    """Print the table; return 1 if a limit is broken."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.corpus_store", description=__doc__)
     parser.add_argument("--sizes", type=int, nargs="+", default=SIZES)
-    parser.add_argument("--folder", help="where the corpus is made, on the disk to be measured; removed at the end")
+    parser.add_argument("--folder", help="make the corpus in this folder, and remove it at the end")
     parser.add_argument("--sync", action="store_true", help="sync each file to the disk, as an audit does")
     options = parser.parse_args(arguments)
     if not options.sync:
         os.fsync = lambda fd: None
     table = Table(title="a corpus, milliseconds")
-    for column in ("environments", "add one", "judge one", "what is not judged?", "ten with a code", "MiB on disk"):
+    for column in ("environments", "add one", "judge one", "without a verdict", "ten with a code", "MiB on disk"):
         table.add_column(column, justify="right")
     rows = []
     with tempfile.TemporaryDirectory(dir=options.folder) as folder, Store.create(Path(folder, "corpus")) as store:
         settings = store.settings(SETTINGS)
         for size in options.sizes:
-            adding, judging, asked, found = measured(store, settings, size)
+            adding, judging, without, found = measured(store, settings, size)
             rows.append((adding, judging))
             database = sum(file.stat().st_size for file in store.root.glob("corpus.sqlite*")) / 1024**2
             table.add_row(
-                f"{size:,}", f"{adding:.3f}", f"{judging:.3f}", f"{asked:.1f}", f"{found:.2f}", f"{database:.0f}"
+                f"{size:,}", f"{adding:.3f}", f"{judging:.3f}", f"{without:.1f}", f"{found:.2f}", f"{database:.0f}"
             )
-    # Of a busy machine any one size may have the worst of it, so the last is held against the best of the others.
+    # On a busy machine one size may be slow by chance: compare the last with the best of the others.
     ratios = [last / min(before) for *before, last in zip(*rows, strict=True)]
     mebibytes = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-    table.add_row("last / least before", *(f"{ratio:.2f}" for ratio in ratios))
+    table.add_row("last / lowest before", *(f"{ratio:.2f}" for ratio in ratios))
     console = Console(width=120)
     console.print(table)
     console.print(f"peak resident size {mebibytes:.0f} MiB")
-    broken = [f"the cost of a row has grown {ratio:.1f} times; at most {RATIO}" for ratio in ratios if ratio > RATIO]
+    broken = [f"the cost of a row grew {ratio:.1f} times; at most {RATIO}" for ratio in ratios if ratio > RATIO]
     if mebibytes > LIMIT_MIB:
-        broken.append(f"{mebibytes:.0f} MiB were held; at most {LIMIT_MIB}")
+        broken.append(f"the process used {mebibytes:.0f} MiB; at most {LIMIT_MIB}")
     for words in broken:
         console.print(f"limit broken: {words}")
     return int(bool(broken))

@@ -1,28 +1,27 @@
-"""``make demo``: validate ``examples/`` and compare the outcome with what the files say of themselves.
+"""``make demo``: validate ``examples/`` and compare the findings with the codes that the files expect.
 
-A file that begins with ``# expect: CODE`` is broken on purpose and must fail with that code; every other one must pass.
+A file that starts with ``# expect: CODE`` is broken on purpose and must fail with that code. All others must pass.
 """
 
 from __future__ import annotations
 
 import contextlib
 import os
-import re
 import sys
 from pathlib import Path
 
-from envcraft.budget import BUDGETS
-from envcraft.commands.choices import contract_named, default_checks, driver_named, rules_of
-from envcraft.commands.targets import resolve
-from envcraft.engine import Plan, validate
+from envcraft.cli.commands.targets import resolve
+from envcraft.cli.progress import Progress
+from envcraft.contracts.lookup import contract_named
 from envcraft.errors import EnvCraftError
-from envcraft.events import Finished
-from envcraft.progress import Progress
+from envcraft.judging.budget import BUDGETS
+from envcraft.judging.engine import Plan, validate
+from envcraft.judging.selection import default_checks, driver_named, rules_of
+from envcraft.model.events import Finished
+from envcraft.model.verdict import Report, Verdict
 from envcraft.reports.console import ConsoleReporter
-from envcraft.verdict import Report, Severity, SubjectReport, Verdict
-
-EXAMPLES = Path(__file__).resolve().parent.parent / "examples"
-_EXPECT = re.compile(r"# expect: (EC\d{3})")
+from evaluation.fixtures import ROOT, expected
+from evaluation.judge import failing
 
 
 def main() -> int:
@@ -32,26 +31,26 @@ def main() -> int:
     except EnvCraftError as error:
         print(f"Error: {error}", file=sys.stderr)
         return int(error.exit_code)
-    print("\nThe files named broken_* are broken on purpose, each in one way, and are expected to fail:\n")
+    print("\nThe files named broken_* have one deliberate defect each and must fail:\n")
     surprises = 0
     for subject in report.reports:
-        wanted = expected(Path(subject.path))
-        found = codes(subject)
-        right = (subject.verdict is Verdict.FAIL and wanted in found) if wanted else subject.verdict is Verdict.PASS
+        path = Path(subject.path)
+        wanted, found = expected(path), failing(subject)
+        right = subject.verdict is (Verdict.FAIL if wanted else Verdict.PASS) and wanted <= found
         surprises += not right
-        words = f"expected {wanted or 'to pass'}, found {', '.join(found) or subject.verdict}"
-        print(f"  {'as expected ' if right else 'NOT EXPECTED'}  {Path(subject.path).name:<38} {words}")
+        words = f"expected {', '.join(wanted) or 'to pass'}, found {', '.join(sorted(found)) or subject.verdict}"
+        print(f"  {'as expected ' if right else 'NOT EXPECTED'}  {path.name:<38} {words}")
     print(f"\n{len(report.reports) - surprises} of {len(report.reports)} as expected.")
     return int(surprises > 0)
 
 
 def run() -> Report:
-    """Validate all examples, with the console report on standard output."""
+    """Validate all examples and print the console report."""
     checks = default_checks()
     workers = min(os.cpu_count() or 1, 4)
     reporter = ConsoleReporter(sys.stdout, rules_of(checks))
     with contextlib.closing(driver_named("auto")) as driver, Progress() as progress:
-        targets = resolve(os.path.relpath(EXAMPLES))
+        targets = resolve(os.path.relpath(ROOT / "examples"))
         plan = Plan(targets, contract_named("arcade"), driver, checks, BUDGETS["quick"])
         with contextlib.closing(validate(plan, workers)) as events:
             for event in events:
@@ -60,18 +59,6 @@ def run() -> Report:
                 if isinstance(event, Finished):
                     return event.report
     raise AssertionError("the validation ended without a report")
-
-
-def expected(path: Path) -> str | None:
-    """The code that a file expects for itself, or None where it expects to pass."""
-    found = _EXPECT.match(path.read_text("utf-8"))
-    return found[1] if found else None
-
-
-def codes(subject: SubjectReport) -> list[str]:
-    """The codes of a subject's errors, each once."""
-    findings = [finding for check in subject.checks for finding in check.findings]
-    return list(dict.fromkeys(finding.code for finding in findings if finding.severity is Severity.ERROR))
 
 
 if __name__ == "__main__":

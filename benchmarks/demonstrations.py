@@ -1,11 +1,10 @@
-"""What a transition takes, and how fast transitions are written and read, in one run beside Minari's own HDF5 and raw
-NumPy: ``python -m benchmarks.demonstrations [--steps 2000]``.
+"""``python -m benchmarks.demonstrations``: size and speed of recorded transitions beside Minari's HDF5 and NumPy files.
 
-The same transitions of one game of the family `tetris`, random play, are written as a recording and its cache of
-frames, as a data set of Minari (``minari.create_dataset_from_buffers``) and as ``.npy`` files; then single transitions
-are read at random, each format by its own means: Minari's smallest unit is an episode. Before that, codecs are measured
-on the frames alone. Reading is in processor time, writing in wall time: the recording and the cache are written while
-the game is played in the sandbox.
+The benchmark writes the same transitions of random play in one Tetris variant as a recording with its frame cache, as a
+Minari data set (``minari.create_dataset_from_buffers``) and as ``.npy`` files. It then reads single transitions at
+random with each format's own reader; the smallest unit of Minari is an episode. A separate table compares codecs on the
+frames alone. Reading is in CPU time. Writing is in wall-clock time, because the game runs in the sandbox while the
+recording and the cache are written.
 """
 
 from __future__ import annotations
@@ -24,20 +23,22 @@ from envcraft_sandbox.process import ProcessDriver
 from envcraft_tetris.family import TetrisFamily
 from numpy.typing import NDArray
 
-from envcraft.contract import ARCADE
-from envcraft.corpus.store import Environment, Store
-from envcraft.demonstrations import cache, keeping, recording
-from envcraft.demonstrations.reading import Demonstrations
+from envcraft.contracts.builtin import ARCADE
+from envcraft.corpus.store import Store, environments
+from envcraft.corpus.store.demonstrations import named
+from envcraft.demonstrations import cache, recorder
+from envcraft.demonstrations.dataset import Demonstrations
+from envcraft.demonstrations.store import cache_path, recording_path
 from envcraft.plugins import plugins
 
 _READS = 400
-#: So many frames, from all over the episodes, are what codecs are measured on.
+#: The number of frames, spread over the episodes, on which codecs are measured.
 _FRAMES = 300
 Frames = list[NDArray[np.uint8]]
 
 
 class Line(NamedTuple):
-    """Bytes of a transition; transitions a second, written and read at random."""
+    """One format: bytes per transition, transitions written a second, transitions read a second in random order."""
 
     name: str
     size: float
@@ -56,7 +57,7 @@ def main(arguments: list[str] | None = None) -> int:
         episodes = _episodes(corpus)
         frames = [frame for episode in episodes for frame in episode["observations"]]
         for line in _codecs(frames):
-            print(f"{line[0]:44}{line[1]:9.0f} bytes a frame{line[2]:9.1f} microseconds to read one")
+            print(f"{line[0]:44}{line[1]:9.0f} bytes per frame{line[2]:9.1f} microseconds to read one")
         print()
         lines += [_raw(Path(folder), episodes), *_minari(Path(folder), episodes)]
     print(f"{'':34}{'bytes each':>12}{'written/s':>12}{'read/s':>12}")
@@ -74,24 +75,24 @@ def _corpus(place: Path, number: int) -> Path:
 
 
 def _own(corpus: Path, steps: int) -> list[Line]:
-    """The recording and the cache; both are written from play in the sandbox, whose time is part of it."""
+    """The recording and the cache; the time to write them includes the play in the sandbox."""
     driver = ProcessDriver()
     (player,) = (found for found in plugins().collect("envcraft_players") if found.name == "random")
     with Store(corpus, write=True) as store:
-        chosen = [Environment(*row) for row in store.db.execute("SELECT name, source, class FROM environments")]
+        chosen = environments.every(store)
         started = time.perf_counter()
-        recording.record(store, chosen, player, ARCADE, driver, steps)
+        recorder.record(store, chosen, player, ARCADE, driver, steps)
         recorded = time.perf_counter() - started
-        rows = list(keeping.rows(store))
+        rows = named(store)
         started = time.perf_counter()
-        recording.replay(store, rows, ARCADE, driver, frames=True)
+        recorder.replay(store, rows, ARCADE, driver, frames=True)
         cached = time.perf_counter() - started
-        sizes = [place(store, rows[0][1].file).stat().st_size for place in (keeping.place, keeping.cache_place)]
+        sizes = [path(store, rows[0][1].file).stat().st_size for path in (recording_path, cache_path)]
     demonstrations = Demonstrations(corpus)
     read = _rate(demonstrations.transition, len(demonstrations))
     return [
-        Line("recording (played meanwhile)", sizes[0] / steps, steps / recorded, None),
-        Line("cache of frames (played again)", sizes[1] / steps, steps / cached, read),
+        Line("recording (with play)", sizes[0] / steps, steps / recorded, None),
+        Line("frame cache (with replay)", sizes[1] / steps, steps / cached, read),
     ]
 
 
@@ -115,7 +116,7 @@ def _episodes(corpus: Path) -> list[dict[str, Any]]:
 
 
 def _raw(folder: Path, episodes: Sequence[dict[str, Any]]) -> Line:
-    """``.npy`` files with observations and next observations, mapped into memory."""
+    """Memory-mapped ``.npy`` files with observations and next observations."""
     steps = sum(len(one["actions"]) for one in episodes)
     started = time.perf_counter()
     arrays = {
@@ -142,7 +143,7 @@ def _minari(folder: Path, episodes: Sequence[dict[str, Any]]) -> list[Line]:
     try:
         import minari
     except ImportError:
-        print("Minari is not installed (the extra `minari`), so there is nothing to compare with", file=sys.stderr)
+        print("Minari is not installed: pip install 'envcraft-rl[minari]'", file=sys.stderr)
         return []
     import os
 
@@ -163,7 +164,7 @@ def _minari(folder: Path, episodes: Sequence[dict[str, Any]]) -> list[Line]:
         name = f"benchmark/tetris/{'jpeg' if jpeg else 'exact'}-v0"
         started = time.perf_counter()
         with warnings.catch_warnings():
-            # It asks for an author and a link.
+            # It warns that the author and the link are missing.
             warnings.simplefilter("ignore", UserWarning)
             dataset = minari.create_dataset_from_buffers(
                 name,
@@ -185,7 +186,7 @@ def _minari(folder: Path, episodes: Sequence[dict[str, Any]]) -> list[Line]:
 
 
 def _codecs(frames: Frames) -> list[tuple[str, float, float]]:
-    """Bytes of a frame, and microseconds to read one, by codec."""
+    """For each codec its name, the bytes per frame, and the microseconds to read one."""
     import zstandard
 
     found = []
@@ -200,11 +201,11 @@ def _codecs(frames: Frames) -> list[tuple[str, float, float]]:
             (f"zstandard {level}, palette", indices, b""),
             (f"zstandard {level}, palette, dictionary", indices, cache.dictionary(indices)),
         ):
-            told = zstandard.ZstdCompressionDict(kept, dict_type=zstandard.DICT_TYPE_RAWCONTENT) if kept else None
-            if told is not None:
-                told.precompute_compress(level=level)
-            compressor = zstandard.ZstdCompressor(**({"dict_data": told} if told else {"level": level}))
-            unpack = zstandard.ZstdDecompressor(dict_data=told).decompress
+            raw = zstandard.ZstdCompressionDict(kept, dict_type=zstandard.DICT_TYPE_RAWCONTENT) if kept else None
+            if raw is not None:
+                raw.precompute_compress(level=level)
+            compressor = zstandard.ZstdCompressor(**({"dict_data": raw} if raw else {"level": level}))
+            unpack = zstandard.ZstdDecompressor(dict_data=raw).decompress
             packed = [compressor.compress(frame.tobytes()) for frame in data]
 
             def read(number: int, packed: Any = packed, unpack: Any = unpack, paletted: bool = data is indices) -> Any:
@@ -240,7 +241,7 @@ def _palette(frames: Frames) -> tuple[Frames, NDArray[np.uint8]]:
 
 
 def _rate(read: Callable[[int], Any], count: int, reads: int = _READS) -> float:
-    """How many are read a second of processor time, at random."""
+    """Reads per CPU second, in random order."""
     numbers = np.random.default_rng(0).integers(count, size=reads).tolist()
     read(numbers[0])
     started = time.process_time()

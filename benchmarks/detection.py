@@ -1,9 +1,8 @@
-"""``python -m benchmarks.detection``: who finds what, rule by rule, over all fixtures in one run.
+"""``python -m benchmarks.detection``: which defects EnvCraft and its peers find in all fixtures.
 
-For a bad fixture: *caught* when the codes that its header expects are exactly the ones reported, *wrong reason* when
-something else is, *missed* when nothing is. For a good one, any failing code is a *false alarm*. The peers have no
-codes: their complaint (an exception, or a warning) counts as caught when it speaks of the check's subject at all,
-which is generous.
+A bad fixture is *caught* if the reported codes are exactly the codes in its header, *wrong reason* if other codes are
+reported, and *missed* if none is. On a good fixture any failing code is a *false alarm*. The peers have no codes: an
+exception or warning of a peer counts as caught if it mentions the topic of the check, which favours the peers.
 """
 
 from __future__ import annotations
@@ -12,16 +11,17 @@ import argparse
 import re
 import sys
 from collections import Counter
+from collections.abc import Sequence
 
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks.fixtures import Fixture, fixtures
-from benchmarks.judge import failing, judge
 from benchmarks.peers import PEERS, complaints
+from evaluation.fixtures import Fixture, fixtures
+from evaluation.judge import failing, judge_fixtures
 
 _OUTCOMES = ("caught", "missed", "false alarm", "wrong reason")
-#: What a peer's complaint must mention to be about a check's subject.
+#: The words that a peer's complaint must contain to be about the topic of a check.
 _ABOUT = {
     "source": ".",
     "api": ".",
@@ -36,7 +36,7 @@ _ABOUT = {
 
 
 def outcome(fixture: Fixture, reported: frozenset[str]) -> str:
-    """Classify what was reported on a fixture; "" for a good one that passed."""
+    """The outcome of the codes reported on a fixture; "" for a good fixture that passed."""
     if not fixture.codes:
         return "false alarm" if reported else ""
     if reported == fixture.codes:
@@ -45,7 +45,7 @@ def outcome(fixture: Fixture, reported: frozenset[str]) -> str:
 
 
 def peer_outcome(fixture: Fixture, complaint: str) -> str:
-    """The same for a peer's complaint."""
+    """The outcome of a peer's complaint."""
     if not fixture.codes:
         return "false alarm" if complaint else ""
     if not complaint:
@@ -53,20 +53,20 @@ def peer_outcome(fixture: Fixture, complaint: str) -> str:
     return "caught" if re.search(_ABOUT[fixture.check], complaint, re.IGNORECASE) else "wrong reason"
 
 
-def main() -> int:
-    """Print the table and give 1 when EnvCraft missed something or raised a false alarm."""
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Print the table; return 1 if EnvCraft missed a defect or raised a false alarm."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.detection", description=__doc__)
     parser.add_argument("--sandbox", default="auto")
     parser.add_argument("--check", help="only the fixtures of this check")
-    options = parser.parse_args()
+    options = parser.parse_args(arguments)
     chosen = fixtures(options.check)
     counts: dict[tuple[str, str], Counter[str]] = {}
     wrong = []
-    for number, (fixture, report) in enumerate(judge(chosen, options.sandbox), 1):
-        told = outcome(fixture, failing(report))
-        counts.setdefault((fixture.check, "EnvCraft"), Counter())[told] += 1
-        if told not in ("", "caught"):
-            wrong.append(f"{told}: {fixture.name}: expected {sorted(fixture.codes)}, got {sorted(failing(report))}")
+    for number, (fixture, report) in enumerate(judge_fixtures(chosen, options.sandbox), 1):
+        found = outcome(fixture, failing(report))
+        counts.setdefault((fixture.check, "EnvCraft"), Counter())[found] += 1
+        if found not in ("", "caught"):
+            wrong.append(f"{found}: {fixture.name}: expected {sorted(fixture.codes)}, got {sorted(failing(report))}")
         print(f"\r{number} of {len(chosen)}", end="", file=sys.stderr)
     print(file=sys.stderr)
     said = complaints([fixture.path for fixture in chosen if fixture.policy is None])
@@ -100,7 +100,7 @@ def _print(chosen: list[Fixture], counts: dict[tuple[str, str], Counter[str]]) -
     bad = sum(bool(fixture.codes) for fixture in chosen)
     table.add_row("all", str(bad), str(len(chosen) - bad), *map(_cell, total.values()))
     console.print(table)
-    console.print("Privileged policies are judged by EnvCraft only: the peers run none.")
+    console.print("Only EnvCraft judges privileged policies.")
 
 
 def _cell(count: Counter[str]) -> str:

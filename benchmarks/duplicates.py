@@ -1,17 +1,17 @@
-"""``python -m benchmarks.duplicates``: which duplicates each layer finds, of a corpus in which they were planted.
+"""``python -m benchmarks.duplicates``: precision and recall of each similarity layer on planted duplicates.
 
-The originals are the examples and the good fixtures, of any two that share half of their shingles only the first. The
-rest of ``--number`` files are copies of them, in equal parts: reformatted (other comments, docstrings and blank lines),
-renamed (private methods, constants and local variables under other names) and edited (a tenth of the numbers changed).
-A layer has to find the pairs that its kind of copy makes with its original and with others of that kind; a pair of
-copies of two originals is wrong whatever finds it. Beside the layer ``near``, in the same run, the plain way: the
-Jaccard index of all pairs of sets of shingles, nothing taken out.
+The originals are the examples and the good fixtures; of two originals that share half of their shingles only the first
+is used. The remaining files up to ``--number`` are copies, in equal parts: reformatted (other comments, docstrings and
+blank lines), renamed (other names for private methods, constants and local variables) and edited (a tenth of the
+numbers changed). A layer must find the pairs of a copy of its kind with the original and with other copies of that
+kind. A pair of copies of different originals is always wrong. The peer of the layer ``near`` computes the Jaccard index
+of all pairs of sets of shingles.
 
-The layer ``behavioural`` is measured on fewer, since they are played in the sandbox: each original and a renamed copy
-of it.
+The layer ``behavioural`` is measured on fewer files, because they are played in the sandbox: each original and one
+renamed copy.
 
-A precision below 0.99, a recall below 0.95 (behavioural: of those that have a key), or a ``near`` that takes longer
-than the plain way from 1,000 files on, is exit status 1.
+The exit status is 1 for a precision below 0.99, for a recall below 0.95 (behavioural: of the files with a key), or if
+``near`` takes longer than its peer on 1,000 files or more.
 """
 
 from __future__ import annotations
@@ -33,26 +33,27 @@ from envcraft_sandbox.process import ProcessDriver
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks.fixtures import examples, fixtures
-from envcraft.budget import BUDGETS
-from envcraft.contract import ARCADE
+from envcraft.contracts.builtin import ARCADE
 from envcraft.errors import EnvCraftError
+from envcraft.judging.budget import BUDGETS
+from envcraft.judging.subject import Subject
+from envcraft.judging.worker_pool import WorkerPool
+from envcraft.model.target import Target
 from envcraft.similarity import behavioural, exact, near, structural
 from envcraft.similarity.groups import Groups
-from envcraft.subject import Subject
-from envcraft.target import Target
+from evaluation.fixtures import examples, fixtures
 
 PRECISION, RECALL = 0.99, 0.95
-#: Originals whose sets agree by more are one game, written twice.
+#: Two originals with a higher Jaccard index count as the same game.
 SHARED = 0.5
-#: Kinds of copies that each layer is there for.
+#: The kinds of copies that each layer must find.
 MEANT = {"exact": ("exact",), "structural": ("exact", "renamed"), "near": ("exact", "edited")}
-#: From so many files on, hashing has to be quicker than comparing all pairs.
+#: With this many files or more, hashing must be faster than comparing all pairs.
 MANY = 1_000
 
 
 class File(NamedTuple):
-    """A file of the corpus: which original it comes from, and what was done to it ("" for nothing)."""
+    """A file of the corpus: the number of its original, and the kind of its change ("" for an original)."""
 
     source: bytes
     original: int
@@ -60,7 +61,7 @@ class File(NamedTuple):
 
 
 def originals() -> list[bytes]:
-    """Sources that are no duplicates of each other."""
+    """Sources that are not duplicates of each other."""
     found: list[bytes] = []
     sets: list[near.Shingles] = []
     for fixture in (*examples(), *fixtures()):
@@ -75,7 +76,7 @@ def originals() -> list[bytes]:
 
 
 def corpus(number: int, seed: int = 0) -> list[File]:
-    """So many files: the originals, and copies of them."""
+    """This many files: the originals and copies of them."""
     rng = random.Random(seed)
     known = originals()
     files = [File(source, place, "") for place, source in enumerate(known[:number])]
@@ -89,7 +90,7 @@ def corpus(number: int, seed: int = 0) -> list[File]:
 
 
 def reformatted(text: str, rng: random.Random) -> str:
-    """Other comments and blank lines, at the ends of statements."""
+    """Add comments and blank lines at the ends of statements."""
     lines = text.split("\n")
     ends = {token.start[0] for token in _tokens(text) if token.type == tokenize.NEWLINE}
     found = []
@@ -101,7 +102,7 @@ def reformatted(text: str, rng: random.Random) -> str:
 
 
 def renamed(text: str, rng: random.Random) -> str:
-    """Other names for what is certainly the file's own: no attribute, keyword or string has them."""
+    """Change the names that only this file uses: no attribute, keyword or string contains them."""
     tree = ast.parse(text)
     own = {node.id for node in ast.walk(tree) if isinstance(node, ast.Name) and not isinstance(node.ctx, ast.Load)}
     own |= {node.name for node in ast.walk(tree) if isinstance(node, ast.FunctionDef) and node.name.startswith("_")}
@@ -116,8 +117,8 @@ def renamed(text: str, rng: random.Random) -> str:
     methods = {node.name for node in ast.walk(tree) if isinstance(node, ast.FunctionDef)}
     taken |= loaded - methods
     tokens = _tokens(text)
-    said = {word for token in tokens if token.type == tokenize.STRING for word in re.findall(r"\w+", token.string)}
-    names = sorted(name for name in own - taken - said if not name.startswith("__") and not keyword.issoftkeyword(name))
+    taken |= {word for token in tokens if token.type == tokenize.STRING for word in re.findall(r"\w+", token.string)}
+    names = sorted(name for name in own - taken if not name.startswith("__") and not keyword.issoftkeyword(name))
     in_class = {
         target.id
         for node in ast.walk(tree)
@@ -135,7 +136,7 @@ def renamed(text: str, rng: random.Random) -> str:
 
 
 def edited(text: str, rng: random.Random) -> str:
-    """A tenth of the numbers changed."""
+    """Change a tenth of the numbers."""
 
     def change(token: tokenize.TokenInfo) -> str | None:
         whole = token.type == tokenize.NUMBER and token.string.isdecimal()
@@ -145,13 +146,13 @@ def edited(text: str, rng: random.Random) -> str:
 
 
 def wanted(files: Sequence[File], kinds: Iterable[str]) -> set[tuple[int, int]]:
-    """Pairs that are the same, within these kinds of copies and their originals."""
+    """The pairs of duplicates among the originals and these kinds of copies."""
     places = [number for number, file in enumerate(files) if file.kind in ("", *kinds)]
     return {pair for pair in itertools.combinations(places, 2) if files[pair[0]].original == files[pair[1]].original}
 
 
 def score(files: Sequence[File], groups: Groups, kinds: Iterable[str]) -> tuple[float, float]:
-    """Precision over all pairs that were put together, and recall of those that were meant."""
+    """The precision over all pairs in the groups, and the recall of the duplicates of these kinds."""
     pairs = {pair for group in groups.all() for pair in itertools.combinations(group, 2)}
     right = sum(files[one].original == files[two].original for one, two in pairs)
     meant = wanted(files, kinds)
@@ -179,7 +180,7 @@ def hashed(sets: Sequence[near.Shingles]) -> Groups:
 
 
 def plain(sets: Sequence[near.Shingles]) -> Groups:
-    """The clusters of all pairs, measured one by one."""
+    """The clusters from the Jaccard index of every pair."""
     groups = Groups(len(sets))
     words = [frozenset(found.tolist()) for found in sets]
     for one, two in itertools.combinations(range(len(words)), 2):
@@ -190,8 +191,9 @@ def plain(sets: Sequence[near.Shingles]) -> Groups:
 
 
 def played(number: int) -> tuple[float, float, int, float]:
-    """Precision and recall by behaviour of `number` originals and a renamed copy of each; how many files have a key,
-    and the seconds each took.
+    """Play `number` originals and a renamed copy of each.
+
+    Returns the precision and recall by behaviour, the number of files with a key, and the seconds per file.
     """
     rng = random.Random(0)
     files = [
@@ -202,17 +204,18 @@ def played(number: int) -> tuple[float, float, int, float]:
     started = time.perf_counter()
     series = [behavioural.read(_fingerprint(file.source)) for file in files]
     seconds = (time.perf_counter() - started) / len(files)
-    keyed = [(file, told) for file, told in zip(files, series, strict=True) if told is not None]
+    keyed = [(file, key) for file, key in zip(files, series, strict=True) if key is not None]
     groups = Groups(len(keyed))
-    for one, two in behavioural.pairs([told for _, told in keyed]):
+    for one, two in behavioural.pairs([key for _, key in keyed]):
         groups.join(one, two)
     return *score([file for file, _ in keyed], groups, ("renamed",)), len(keyed), seconds
 
 
 def _fingerprint(source: bytes) -> str:
     try:
-        with Subject(Target("game.py", source), ARCADE, ProcessDriver(), BUDGETS["quick"]) as subject:
-            subject.rollout(subject.players.sticky(0).cut(behavioural.STEPS))
+        lease = WorkerPool(ProcessDriver()).lease()
+        with Subject(Target("game.py", source), ARCADE, lease, BUDGETS["quick"]) as subject:
+            subject.rollout(subject.probes.sticky(0).cut(behavioural.STEPS))
             return subject.fingerprint
     except EnvCraftError:
         return ""
@@ -224,7 +227,7 @@ def _tokens(text: str) -> list[tokenize.TokenInfo]:
 
 def _replaced(text: str, tokens: list[tokenize.TokenInfo], change: Callable[[tokenize.TokenInfo], str | None]) -> str:
     lines = text.split("\n")
-    # Changed in the order of the text, put in from its end.
+    # The changes are drawn in the order of the text, and applied from its end so that positions stay valid.
     changes = [(token, word) for token in tokens if (word := change(token)) is not None]
     for token, word in reversed(changes):
         row, column = token.start
@@ -233,18 +236,18 @@ def _replaced(text: str, tokens: list[tokenize.TokenInfo], change: Callable[[tok
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Print the table; give 1 if a limit is broken."""
+    """Print the table; return 1 if a limit is broken."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.duplicates", description=__doc__)
     parser.add_argument("--number", type=int, default=1_000, help="files in the corpus")
-    parser.add_argument("--played", type=int, default=40, help="originals that are played in the sandbox")
+    parser.add_argument("--played", type=int, default=40, help="originals to play in the sandbox")
     options = parser.parse_args(arguments)
     files = corpus(options.number)
     table = Table(title=f"{len(files):,} files, {len({file.original for file in files})} originals")
-    for column in ("layer", "precision", "recall", "CPU ms a key", "clusters, s"):
+    for column in ("layer", "precision", "recall", "CPU ms per key", "clusters, s"):
         table.add_column(column, justify="left" if column == "layer" else "right")
     broken: list[str] = []
 
-    def tell(name: str, precision: float, recall: float, milliseconds: float, seconds: float | None) -> None:
+    def show(name: str, precision: float, recall: float, milliseconds: float, seconds: float | None) -> None:
         took = "" if seconds is None else f"{seconds:.2f}"
         table.add_row(name, f"{precision:.4f}", f"{recall:.4f}", f"{milliseconds:.1f}", took)
         if name != "plain Jaccard" and (precision < PRECISION or recall < RECALL):
@@ -266,14 +269,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
             started = time.perf_counter()
             groups = make()
             taken[way] = time.perf_counter() - started
-            tell(way, *score(files, groups, MEANT[name]), milliseconds, taken[way])
+            show(way, *score(files, groups, MEANT[name]), milliseconds, taken[way])
     if options.played:
         precision, recall, keyed, seconds = played(options.played)
-        tell(f"behavioural ({keyed} files with a key)", precision, recall, seconds * 1000, None)
+        show(f"behavioural ({keyed} files with a key)", precision, recall, seconds * 1000, None)
     console = Console(width=120)
     console.print(table)
     ratio = taken["near"] / taken["plain Jaccard"]
-    console.print(f"near takes {ratio:.2f} times as long as the plain way")
+    console.print(f"near takes {ratio:.2f} times as long as comparing all pairs")
     if ratio > 1 and len(files) >= MANY:
         broken.append(f"near takes {ratio:.2f} times as long as comparing all pairs; at most 1")
     for words in broken:

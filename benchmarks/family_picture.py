@@ -1,4 +1,4 @@
-"""``python -m benchmarks.family_picture``: draw ``docs/tetris.png``, thirty variants of the family at play."""
+"""``python -m benchmarks.family_picture``: draw ``docs/tetris.png``, frames of thirty Tetris variants."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ import envcraft
 
 ROOT = Path(__file__).resolve().parent.parent
 COUNT, COLUMNS = 30, 10
-#: Every so many-th of the first thousand is shown, so late in a game of random actions.
+#: The picture shows every 33rd of the first thousand variants, after 70% of an episode of random play.
 EVERY, AT = 33, 0.7
 SCALE = 2
 
@@ -28,7 +28,7 @@ def main() -> None:
         for one in chosen:
             path = Path(folder, f"{one.name}.py")
             path.write_text(one.source, "utf-8")
-            # Nothing but this repository's own templates has written it.
+            # Trusted: this repository's templates wrote it.
             frames.append(
                 np.pad(_frame(envcraft.make(path, trust=True)), ((2, 2), (2, 2), (0, 0)), constant_values=255)
             )
@@ -39,7 +39,7 @@ def main() -> None:
 
 
 def _frame(env: Any) -> NDArray[np.uint8]:
-    """A frame of a game, uint8, shape (84, 84, 3)."""
+    """A frame of the game, uint8, shape (84, 84, 3)."""
     frames = [env.reset(seed=2)[0]]
     for action in np.random.default_rng(2).integers(0, (5, 2, 2), (1000, 3)):
         frame, _, terminated, truncated, _ = env.step(action)

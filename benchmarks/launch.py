@@ -1,14 +1,14 @@
-"""``python -m benchmarks.launch``: what a worker costs, and what that is in an audit of small environments.
+"""``python -m benchmarks.launch``: the cost of a worker, alone and in an audit of small environments.
 
-*Workers*: each driver that works here launches some, one by one, and ends them: by itself as for a single subject, and
-from its nursery as for many. What the zygote costs is told apart, from a nursery that is asked for one worker alone.
+*Workers*: each available driver launches workers one by one and ends them: directly, as for a single subject, and from
+its zygote, as for many. A zygote that forks a single worker gives the cost of the zygote itself.
 
-*Audit*: small environments, good fixtures of the tests, are judged at the budget ``quick`` by all checks, once with
-every worker launched by itself and once from a nursery, beside the time that the same episodes take in a plain loop in
-one process. Steps of searches, of which no actions are told, count with the mean of that loop's.
+*Audit*: all checks judge small environments (good fixtures) at the budget ``quick``, with directly launched workers and
+with forked ones, beside the same episodes in a plain loop in one process. Search steps, whose actions are not known
+here, count as mean steps of that loop.
 
-Processor time is that of this process and of all that it started, to their ends. Exit status 1 where a forked worker
-takes more than a quarter of the processor time of one that was launched.
+CPU time covers this process and its child processes. The exit status is 1 if a forked worker takes more than a quarter
+of the CPU time of a launched one.
 """
 
 from __future__ import annotations
@@ -26,24 +26,24 @@ import msgspec
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks.fixtures import fixtures
 from benchmarks.overhead import Bare, working
-from envcraft.budget import BUDGETS
-from envcraft.commands.choices import default_checks
-from envcraft.contract import ARCADE
-from envcraft.engine import Plan, open_subject, run_check
-from envcraft.pool import Pool
-from envcraft.rollout import Rollout
-from envcraft.sandbox import Availability, Driver, Limits, Worker
-from envcraft.target import Target, read_target
+from envcraft.contracts.builtin import ARCADE
+from envcraft.judging.budget import BUDGETS
+from envcraft.judging.driver import Availability, Driver, Limits, Worker
+from envcraft.judging.engine import Plan, open_subject, run_check
+from envcraft.judging.selection import default_checks
+from envcraft.judging.worker_pool import WorkerPool
+from envcraft.model.rollout import Rollout
+from envcraft.model.target import Target, read_target
+from evaluation.fixtures import fixtures
 
-#: A forked worker may take this much of the processor time of one that is launched.
+#: The largest share of a launched worker's CPU time that a forked one may take.
 _SHARE = 0.25
 
 
 @dataclass
 class Cost:
-    """Seconds of wall-clock time and of processor time."""
+    """Wall-clock and CPU seconds."""
 
     seconds: float = 0.0
     cpu: float = 0.0
@@ -63,7 +63,7 @@ def _cpu() -> float:
 
 
 class Alone(Driver):
-    """A driver that launches each worker by itself, however many are wanted."""
+    """A driver that launches each worker directly."""
 
     def __init__(self, driver: Driver) -> None:
         self.name, self.isolation, self.rank = driver.name, driver.isolation, driver.rank
@@ -75,23 +75,23 @@ class Alone(Driver):
     def launch(self, *, hash_seed: int, limits: Limits) -> Worker:
         return self._driver.launch(hash_seed=hash_seed, limits=limits)
 
-    def begin(self, *, hash_seed: int, limits: Limits) -> Callable[[], Worker]:
-        return self._driver.begin(hash_seed=hash_seed, limits=limits)
+    def start(self, *, hash_seed: int, limits: Limits) -> Callable[[], Worker]:
+        return self._driver.start(hash_seed=hash_seed, limits=limits)
 
 
 def launched(driver: Driver, count: int) -> Cost:
-    """What so many workers cost, with all that is started for them; from the driver's nursery, if it has one."""
-    nursery = driver.nursery()
+    """The cost of this many workers, from the driver's zygote if it has one."""
+    shared = driver.shared_layout()
     with measured() as cost:
         for _ in range(count):
-            nursery.launch(hash_seed=0, limits=Limits()).close()
-        if nursery is not driver:
-            nursery.close()
+            shared.launch(hash_seed=0, limits=Limits()).close()
+        if shared is not driver:
+            shared.close()
     return cost
 
 
 def compare_workers(driver: Driver, count: int) -> tuple[dict[str, Cost], bool]:
-    """What one worker costs, launched and forked, and a zygote; and whether the limit holds."""
+    """The cost of a launched worker, a forked worker and a zygote; and whether the limit holds."""
     alone = launched(Alone(driver), count)
     one, many = launched(driver, 1), launched(driver, count + 1)
     forked = Cost((many.seconds - one.seconds) / count, (many.cpu - one.cpu) / count)
@@ -104,37 +104,37 @@ def compare_workers(driver: Driver, count: int) -> tuple[dict[str, Cost], bool]:
 
 
 def audited(driver: Driver, targets: Sequence[Target]) -> tuple[Cost, list[tuple[int, list[Rollout]]]]:
-    """Judge them one after the other; what that costs, and for each the steps that it took and its episodes."""
+    """Judge the targets one after the other; return the cost, and the steps and episodes of each."""
     played = []
-    plan = Plan(targets, ARCADE, driver, default_checks(), BUDGETS["quick"], lanes=1)
-    with measured() as cost, Pool(driver, plan.limits, len(targets)) as pool:
+    plan = Plan(targets, ARCADE, driver, default_checks(), BUDGETS["quick"], parallel_jobs=1)
+    with measured() as cost, WorkerPool(driver, plan.limits, len(targets)) as pool:
         for target in targets:
-            with pool.turn() as turn, open_subject(msgspec.structs.replace(plan, driver=turn), target) as subject:
+            with open_subject(plan, target, pool) as subject:
                 for number, check in enumerate(plan.checks):
                     run_check(check, subject)
                     if number == 1:
-                        turn.expect(seed for later in plan.checks for seed in later.hash_seeds)
+                        subject.lease.reserve(seed for later in plan.checks for seed in later.hash_seeds)
                 episodes = [msgspec.structs.replace(trace.rollout, actions=trace.actions) for trace in subject.traces]
                 played.append((subject.steps, episodes))
     return cost, played
 
 
 def bare(path: Path, steps: int, episodes: Sequence[Rollout]) -> float:
-    """Seconds of processor time that so many steps take, most of them in these episodes."""
+    """CPU seconds of this many steps in a plain loop, most of them in these episodes."""
     loop = Bare(path)
     try:
-        told = [loop.play(episode) for episode in episodes]
+        played = [loop.play(episode) for episode in episodes]
     finally:
         loop.close()
-    spent, taken = sum(each.cpu for each in told), sum(each.steps for each in told)
+    spent, taken = sum(each.cpu for each in played), sum(each.steps for each in played)
     return spent + max(steps - taken, 0) * spent / max(taken, 1)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Print the tables; give 1 if the limit is broken."""
+    """Print the tables; return 1 if the limit is broken."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.launch", description=__doc__)
-    parser.add_argument("--workers", type=int, default=20, help="so many are launched (default: %(default)s)")
-    parser.add_argument("--environments", type=int, default=40, help="so many are judged (default: %(default)s)")
+    parser.add_argument("--workers", type=int, default=20, help="workers to launch (default: %(default)s)")
+    parser.add_argument("--environments", type=int, default=40, help="environments to judge (default: %(default)s)")
     parser.add_argument("--sandbox", help="only this driver")
     options = parser.parse_args(arguments)
     drivers = working(options.sandbox)
@@ -150,24 +150,25 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if options.environments:
         console.print(_audit(drivers, options.environments))
     if wrong:
-        console.print(f"limit broken: a forked worker takes more than {_SHARE:g} of one that is launched")
+        console.print(f"limit broken: a forked worker takes more than {_SHARE:g} of the CPU time of a launched one")
     return int(wrong)
 
 
 def _audit(drivers: Sequence[Driver], count: int) -> Table:
     good = [fixture.path for fixture in fixtures() if not fixture.codes and fixture.policy is None]
-    # Of one class, which the plain loop finds without a contract; by name, so that they are from all families.
+    # Only files with one class: the plain loop has no contract to choose by. Sorted by name to mix the checks.
     single = [path for path in good if len(re.findall(r"^class ", path.read_text("utf-8"), re.MULTILINE)) == 1]
     paths = sorted(single, key=lambda path: path.name)[:count]
     targets = [read_target(str(path)) for path in paths]
-    table = _table(f"{len(paths)} environments at quick, each", "driver", "worker", "seconds", "CPU s", "of bare")
+    title = f"{len(paths)} environments at quick, mean"
+    table = _table(title, "driver", "worker", "seconds", "CPU s", "times the plain loop")
     plain = None
     for driver in drivers:
         for name, way in (("launched", Alone(driver)), ("forked", driver)):
             cost, played = audited(way, targets)
             if plain is None:
                 plain = sum(bare(path, *told) for path, told in zip(paths, played, strict=True))
-                table.add_row("bare", "", "", f"{plain / len(paths):.3f}", "")
+                table.add_row("plain loop", "", "", f"{plain / len(paths):.3f}", "")
             each = [f"{value / len(paths):.3f}" for value in (cost.seconds, cost.cpu)]
             table.add_row(driver.name, name, *each, f"{cost.cpu / plain:.2f}")
     return table

@@ -1,17 +1,15 @@
-"""``python -m benchmarks.learner``: updates of the large network, and training as a whole beside stable-baselines3's
-DQN.
+"""``python -m benchmarks.learner``: the speed of updates and of training beside a plain update and stable-baselines3.
 
-Updates: the reference network on batches of 32, as the learner makes them, and as the same update is written plainly:
-32-bit floats, torch's default layout, its own convolutions, its default Adam and the C library's way with memory. The
-learner is held to be 1.8 times as fast.
+Updates: the reference network on batches of 32, by the learner and by a plain version of the same update (32-bit
+floats, torch's default memory layout, convolutions, Adam and memory allocation). The learner must be 1.8 times as fast.
 
-End to end: environment steps a second of training with one update every four, on one Tetris variant, the network
-``small``, which has about as many parameters as that of stable-baselines3's DQN, which trains on the same environment
-with as many side by side, and with one. EnvCraft is held to be twice as fast as the faster of these.
+End to end: environment steps a second of training with one update every four steps, on one Tetris variant, with the
+network ``small``. stable-baselines3's DQN, whose network has about as many parameters, trains on the same environment
+with the same number of environments and with one. EnvCraft must be twice as fast as the faster of these.
 
-Each has a process of its own; they take turns in rounds, a rate is the median of the rounds, and seconds are the
-processor's, so that what else runs counts little. One thread, unless OMP_NUM_THREADS says otherwise. Exit status 1
-where a limit does not hold.
+Each measurement has its own process. They take turns; a rate is the median of the rounds, per CPU second, so that other
+work on the machine has little effect. One thread, unless OMP_NUM_THREADS sets another number. The exit status is 1 if a
+limit is broken.
 """
 
 from __future__ import annotations
@@ -36,28 +34,28 @@ import gymnasium
 import numpy as np
 import torch
 from envcraft_dqn import learner as own
+from envcraft_dqn.callbacks import Callback
+from envcraft_dqn.env_spec import EnvSpec
 from envcraft_dqn.learner import Learner
 from envcraft_dqn.replay import Batch
 from envcraft_dqn.settings import Settings
-from envcraft_dqn.spaces import Surface
-from envcraft_dqn.telling import Teller
 from envcraft_tetris.family import TetrisFamily
 from rich.console import Console
 from rich.table import Table
 
 import envcraft
 
-PAD = Surface((84, 84, 3), (5, 2, 2))
+PAD = EnvSpec((84, 84, 3), (5, 2, 2))
 UPDATES, END_TO_END = 1.8, 2.0
 
 
 class Plain(Learner):
-    """The same update without what is there for speed."""
+    """The same update without the optimisations."""
 
-    def __init__(self, settings: Settings, surface: Surface) -> None:
+    def __init__(self, settings: Settings, spec: EnvSpec) -> None:
         changed: dict[str, Any] = vars(own)
         changed["keep_memory"] = lambda: None
-        super().__init__(settings, surface)
+        super().__init__(settings, spec)
         for one in (self.network, self.target):
             whole: Any = one
             whole.to(memory_format=torch.contiguous_format)
@@ -94,7 +92,7 @@ def updates(plain: bool, seconds: float) -> float:
 
 
 class Joint(gymnasium.ActionWrapper[Any, Any, Any]):
-    """One number for a joint action, which is all that stable-baselines3's DQN has."""
+    """A joint action as one number: stable-baselines3's DQN supports only Discrete actions."""
 
     def __init__(self, env: gymnasium.Env[Any, Any]) -> None:
         super().__init__(env)
@@ -104,47 +102,47 @@ class Joint(gymnasium.ActionWrapper[Any, Any, Any]):
         return np.array(np.unravel_index(int(action), PAD.choices))
 
 
-def ours(path: Path, lanes: int, steps: int) -> float:
-    """Environment steps a second of so many steps of training."""
+def ours(path: Path, num_envs: int, steps: int) -> float:
+    """Environment steps a second while training for this many steps."""
     kept: dict[str, Any] = {"capacity": 50_000, "starts": 200, "epsilon_share": 1e-9, "device": "cpu"}
-    settings = Settings(steps=steps, lanes=lanes, leg=steps // lanes, **kept)
+    settings = Settings(steps=steps, num_envs=num_envs, segment=steps // num_envs, **kept)
 
-    class Clock(Teller):
-        """Counts from the first update to the last, since a run is set up before and saved after them."""
+    class Clock(Callback):
+        """Counts from the first update to the last, without the setup before and the checkpoint after."""
 
         begun, ended, waiting, counted = 0.0, 0.0, 0, 0
 
-        def updated(self, loss: float) -> None:
+        def on_update(self, loss: float) -> None:
             self.ended = time.process_time()
             self.begun = self.begun or self.ended
             self.counted, self.waiting = self.counted + self.waiting, 0
 
-        def stepped(self, lanes: Any, rewards: Any, over: Any) -> None:
-            self.waiting += len(lanes) if self.begun else 0
+        def on_step(self, indices: Any, rewards: Any, dones: Any) -> None:
+            self.waiting += len(indices) if self.begun else 0
 
     def open_vector(names: Sequence[str]) -> Any:
         return envcraft.make_vec([path] * len(names), trust=True, workers=0)
 
     clock = Clock()
     with tempfile.TemporaryDirectory() as folder:
-        own.train(settings, ["variant"], open_vector, Path(folder), teller=clock, every=1e9)
+        own.train(settings, ["variant"], open_vector, Path(folder), callback=clock, every=1e9)
         return clock.counted / (clock.ended - clock.begun)
 
 
-def theirs(path: Path, lanes: int, steps: int) -> float:
-    """The same of stable-baselines3's DQN."""
+def theirs(path: Path, num_envs: int, steps: int) -> float:
+    """The same for stable-baselines3's DQN."""
     from stable_baselines3 import DQN
     from stable_baselines3.common.vec_env import DummyVecEnv
 
-    vector = DummyVecEnv([lambda: Joint(envcraft.make(path, trust=True))] * lanes)
+    vector = DummyVecEnv([lambda: Joint(envcraft.make(path, trust=True))] * num_envs)
     model = DQN(
         "CnnPolicy",
         vector,
         batch_size=32,
         buffer_size=5_000,
         learning_starts=200,
-        train_freq=max(4 // lanes, 1),
-        gradient_steps=max(lanes // 4, 1),
+        train_freq=max(4 // num_envs, 1),
+        gradient_steps=max(num_envs // 4, 1),
         learning_rate=3e-4,
         exploration_fraction=1e-9,
         exploration_final_eps=0.1,
@@ -158,7 +156,7 @@ def theirs(path: Path, lanes: int, steps: int) -> float:
 
 
 def medians(ways: Mapping[str, Callable[[], float]], rounds: int) -> dict[str, float]:
-    """What each way gives, called in a process of its own."""
+    """The median result of each function, each called in its own process."""
     found: dict[str, list[float]] = {name: [] for name in ways}
     with contextlib.ExitStack() as stack:
         context = multiprocessing.get_context("spawn")
@@ -179,11 +177,11 @@ def show(console: Console, title: str, column: str, found: dict[str, float]) -> 
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Print the tables; give 1 where a limit does not hold."""
+    """Print the tables; return 1 if a limit is broken."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.learner", description=__doc__)
     parser.add_argument("--rounds", type=int, default=3)
-    parser.add_argument("--seconds", type=float, default=5.0, help="of updates in a round")
-    parser.add_argument("--steps", type=int, default=1_000, help="of training in a round")
+    parser.add_argument("--seconds", type=float, default=5.0, help="seconds of updates per round")
+    parser.add_argument("--steps", type=int, default=1_000, help="steps of training per round")
     parser.add_argument("--lanes", type=int, default=8)
     options = parser.parse_args(arguments)
     console = Console(width=120, file=sys.stdout)
@@ -192,22 +190,22 @@ def main(arguments: Sequence[str] | None = None) -> int:
     show(console, described(), "updates/s", found)
     broken = []
     if (ratio := found["EnvCraft"] / found["plain"]) < UPDATES:
-        broken.append(f"updates are {ratio:.2f} times as fast as written plainly, at least {UPDATES}")
+        broken.append(f"updates are {ratio:.2f} times as fast as plain ones; at least {UPDATES}")
     console.print(f"{ratio:.2f} times as fast")
     with tempfile.TemporaryDirectory() as folder:
         [variant] = TetrisFamily().generate(1, 0)
         path = Path(folder, f"{variant.name}.py")
         path.write_text(variant.source)
         ways = {
-            f"EnvCraft, {options.lanes} side by side": partial(ours, path, options.lanes, options.steps),
-            f"stable-baselines3, {options.lanes} side by side": partial(theirs, path, options.lanes, options.steps),
-            "stable-baselines3, one": partial(theirs, path, 1, options.steps),
+            f"EnvCraft, {options.lanes} environments": partial(ours, path, options.lanes, options.steps),
+            f"stable-baselines3, {options.lanes} environments": partial(theirs, path, options.lanes, options.steps),
+            "stable-baselines3, one environment": partial(theirs, path, 1, options.steps),
         }
         found = medians(ways, options.rounds)
     show(console, "training with an update every four steps", "environment steps/s", found)
     mine, *rest = found.values()
     if (ratio := mine / max(rest)) < END_TO_END:
-        broken.append(f"training is {ratio:.2f} times as fast as stable-baselines3's, at least {END_TO_END}")
+        broken.append(f"training is {ratio:.2f} times as fast as stable-baselines3; at least {END_TO_END}")
     console.print(f"{ratio:.2f} times as fast")
     for words in broken:
         console.print(f"limit broken: {words}")

@@ -1,8 +1,7 @@
-"""``python -m benchmarks.memory``: the most memory that the checker holds, however much an environment tells.
+"""``python -m benchmarks.memory``: the peak memory of the checker on an environment with much data.
 
-A game whose ``info`` is some 25 kB, and different at every step, is judged at the standard budget: more than a gigabyte
-goes through the checker, and its peak resident size is held to 300 MiB. The worker is not counted. Exit status 1 when
-the limit does not hold.
+The game has an ``info`` of some 25 kB that differs at every step. At the standard budget more than a gigabyte passes
+through the checker. The exit status is 1 if the peak resident size exceeds 300 MiB; the worker does not count.
 """
 
 from __future__ import annotations
@@ -21,11 +20,11 @@ from benchmarks.overhead import GAMES, working
 
 CHRONICLE = GAMES / "chronicle.py"
 LIMIT_MIB = 300
-#: The command itself, in a process that tells its own peak when it ends, in KiB; ``ru_maxrss`` would be that of the
-#: process that it was forked from where that held more.
+#: The command, in a process that prints its own peak in KiB at its end. ``ru_maxrss`` would include the process that
+#: forked it.
 _JUDGE = """
 import sys
-from envcraft.cli import cli
+from envcraft.cli.group import cli
 try:
     cli(["validate", *sys.argv[1:]], prog_name="envcraft")
 finally:
@@ -34,7 +33,10 @@ finally:
 
 
 def peak(path: Path, driver: str, budget: str = "standard") -> tuple[float, int]:
-    """Judge an environment; give the checker's peak resident size in MiB, and the steps judged. Raises RuntimeError."""
+    """Judge an environment; return the checker's peak resident size in MiB, and the number of steps.
+
+    Raises RuntimeError if the command fails.
+    """
     argv = [sys.executable, "-c", _JUDGE, str(path), "--sandbox", driver, "--budget", budget]
     done = subprocess.run(
         [*argv, "--format", "json", "--exit-zero"],
@@ -50,12 +52,12 @@ def peak(path: Path, driver: str, budget: str = "standard") -> tuple[float, int]
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Print the table; give 1 if the limit is broken."""
+    """Print the table; return 1 if the limit is broken."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.memory", description=__doc__)
-    parser.add_argument("--sandbox", default="auto", help="through this driver; the checker is the same with all")
+    parser.add_argument("--sandbox", default="auto", help="the driver; the checker is the same with each")
     parser.add_argument("--budget", default="standard")
     options = parser.parse_args(arguments)
-    table = Table(title=f"the checker's peak resident size on {CHRONICLE.name}, budget {options.budget}")
+    table = Table(title=f"peak resident size of the checker on {CHRONICLE.name}, budget {options.budget}")
     for column in ("", "steps", "MiB", "at most"):
         table.add_column(column, justify="right" if column else "left")
     (driver,) = working(options.sandbox)
@@ -64,7 +66,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     console = Console(width=120)
     console.print(table)
     if mebibytes > LIMIT_MIB:
-        console.print(f"limit broken: the checker held {mebibytes:.0f} MiB; at most {LIMIT_MIB}")
+        console.print(f"limit broken: the checker used {mebibytes:.0f} MiB; at most {LIMIT_MIB}")
     return int(mebibytes > LIMIT_MIB)
 
 

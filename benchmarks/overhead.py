@@ -1,16 +1,16 @@
-"""``python -m benchmarks.overhead``: the same rollouts in a plain loop and through each sandbox, side by side.
+"""``python -m benchmarks.overhead``: the same rollouts in a plain loop and in each sandbox.
 
-Each game is played bare, in one process of its own, and through every driver that works here, by one worker and one job
-at a time, in turns: each round plays the same episode in every way, and what is held against bare is the median over
-the rounds of the ratios within one, so that a machine which is now faster and now slower is so for both. A rollout
-through a sandbox is the whole of it: the fork, loading the file, every frame carried to the host and judged there.
+Each game runs in a plain loop ("bare") in a separate process, and in every available sandbox with one worker and one
+job at a time. They take turns: each round plays the same episode in every way, and a ratio is the median over the
+rounds of the ratios within one round, so a change in the speed of the machine affects both sides. A rollout in a
+sandbox includes the fork, loading the file, and carrying every frame to the host and checking it there.
 
-Speed is steps per second of wall-clock time, without the start of the bare process or the worker, which is what
-``benchmarks.cold`` measures. Processor time is all that was spent from start to end, the interpreter and the imports
-included: of the bare process; and for a sandbox of the worker, its jobs, what starts it (``bwrap``, the ``docker``
-client) and this process. The container engine's own is not counted.
+Speed is steps per wall-clock second, without the start of the process or the worker, which ``benchmarks.cold``
+measures. CPU time covers everything from start to end, with the interpreter and the imports: for bare, the process; for
+a sandbox, the worker, its jobs, the program that starts it (``bwrap``, the ``docker`` client) and this process. The CPU
+time of the container engine does not count.
 
-Exit status 1 when a limit does not hold.
+The exit status is 1 if a limit is broken.
 """
 
 from __future__ import annotations
@@ -34,21 +34,26 @@ from envcraft_sandbox.client import ForkServerWorker
 from rich.console import Console
 from rich.table import Table
 
-from envcraft import actions
-from envcraft.budget import BUDGETS
-from envcraft.contract import ARCADE
+from envcraft.contracts.builtin import ARCADE
+from envcraft.judging import actions
+from envcraft.judging.budget import BUDGETS
+from envcraft.judging.driver import Availability, Driver, Limits, Worker, choose
+from envcraft.judging.subject import Subject
+from envcraft.judging.worker_pool import WorkerPool
+from envcraft.model.rollout import Rollout
+from envcraft.model.target import read_target
 from envcraft.plugins import plugins
-from envcraft.rollout import Rollout
-from envcraft.sandbox import Availability, Driver, Limits, Worker, choose
-from envcraft.subject import Subject
-from envcraft.target import read_target
+from envcraft.spaces.spec import read_space
 
 GAMES = Path(__file__).parent / "games"
 
 
 @dataclass(frozen=True)
 class Game:
-    """What is played, an episode a round, and the limits: processor time at most, and speed at least, as times bare."""
+    """A game, its number of rounds with one episode each, and its limits as multiples of bare.
+
+    `cpu` is the most CPU time and `speed` the least speed; None is no limit.
+    """
 
     name: str
     file: str
@@ -62,10 +67,9 @@ class Game:
         return GAMES / self.file
 
     def rollouts(self) -> list[Rollout]:
-        """Random play, on one seed after the other."""
-        assert ARCADE.action is not None
+        """Random play, with one seed after the other."""
         seeds = range(self.episodes)
-        return [Rollout(seed, actions.random_actions(ARCADE.action, seed, self.length)) for seed in seeds]
+        return [Rollout(seed, actions.random_actions(read_space(ARCADE.action), seed, self.length)) for seed in seeds]
 
 
 CHOSEN = (
@@ -76,7 +80,7 @@ CHOSEN = (
 
 
 class Played(NamedTuple):
-    """Steps, and the seconds of wall-clock and processor time that they took."""
+    """The number of steps and their wall-clock and CPU seconds."""
 
     steps: int
     seconds: float
@@ -84,17 +88,17 @@ class Played(NamedTuple):
 
 
 class Way(Protocol):
-    """A way to play: bare, or through a driver."""
+    """A way to play: bare, or in a sandbox."""
 
     def play(self, rollout: Rollout) -> Played:
         """Play an episode."""
 
     def close(self) -> float:
-        """End it, and give all the seconds of processor time that it took."""
+        """End it; return its total CPU seconds."""
 
 
 class Bare:
-    """A plain loop in a process of its own."""
+    """A plain loop in a separate process."""
 
     def __init__(self, path: Path) -> None:
         self._process = subprocess.Popen(
@@ -119,13 +123,13 @@ class Bare:
 
 
 class Sandboxed:
-    """Rollouts through a driver, as the checks ask for them."""
+    """Rollouts in a sandbox, as the checks request them."""
 
     def __init__(self, driver: Driver, path: Path) -> None:
         self._started: list[int] = []
         with _Stopwatch() as self._own:
-            noting = _Noting(driver, self._started)
-            self._subject = Subject(read_target(str(path)), ARCADE, noting, BUDGETS["standard"])
+            recording = _RecordingDriver(driver, self._started)
+            self._subject = Subject(read_target(str(path)), ARCADE, WorkerPool(recording).lease(), BUDGETS["standard"])
             self._subject.load()
 
     def play(self, rollout: Rollout) -> Played:
@@ -139,7 +143,7 @@ class Sandboxed:
         return Played(trace.steps, seconds, self._own.seconds - before + trace.end.cpu)
 
     def close(self) -> float:
-        # Not by what is known of ended children: a worker that is killed on the way out leaves nothing behind.
+        # RUSAGE_CHILDREN misses a worker that is killed when it closes.
         started = sum(map(_tree_cpu, self._started))
         with self._own:
             self._subject.close()
@@ -147,7 +151,7 @@ class Sandboxed:
 
 
 class _Stopwatch:
-    """Sums up the processor time that passes within it, of this process or of the children that end meanwhile."""
+    """Adds up the CPU time of this process, or of the children that end, within its blocks."""
 
     def __init__(self, who: int = resource.RUSAGE_SELF) -> None:
         self.seconds = 0.0
@@ -165,8 +169,8 @@ class _Stopwatch:
         self.seconds += self._read()
 
 
-class _Noting(Driver):
-    """A driver that notes which processes each launch starts."""
+class _RecordingDriver(Driver):
+    """A driver that records the processes that each launch starts."""
 
     def __init__(self, driver: Driver, started: list[int]) -> None:
         self.name, self.isolation, self.rank = driver.name, driver.isolation, driver.rank
@@ -184,10 +188,10 @@ class _Noting(Driver):
 
 
 def _container(worker: Worker) -> list[int]:
-    """The fork server where it is no descendant of this process, as the kernel names the socket's other end."""
+    """The fork server, from the credentials of its socket, if it is not a descendant of this process."""
     assert isinstance(worker, ForkServerWorker)
-    told = worker._control.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, struct.calcsize("3i"))
-    pid: int = struct.unpack("3i", told)[0]
+    credentials = worker._control.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, struct.calcsize("3i"))
+    pid: int = struct.unpack("3i", credentials)[0]
     return [] if pid == os.getpid() else [pid]
 
 
@@ -199,16 +203,16 @@ def _children(pid: int) -> list[int]:
 
 
 def _tree_cpu(pid: int) -> float:
-    """Seconds of processor time of a process, its descendants, and those of them that have ended."""
+    """CPU seconds of a process and its descendants, with those that have ended."""
     fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-    # utime, stime, cutime and cstime are the fields from the 14th on, and two were cut off.
+    # utime, stime, cutime and cstime are fields 14 to 17; the first two fields are cut off.
     own = sum(map(int, fields[11:15])) / os.sysconf("SC_CLK_TCK")
     return own + sum(map(_tree_cpu, _children(pid)))
 
 
 @dataclass
 class Measured:
-    """What one way of playing one game took."""
+    """Steps, steps per second and CPU seconds of one way to play one game."""
 
     steps: int
     speed: float
@@ -216,7 +220,7 @@ class Measured:
 
 
 def measure(game: Game, drivers: Sequence[Driver]) -> dict[str, Measured]:
-    """Play one game bare (under the name ``bare``) and through each driver, in turns."""
+    """Play one game bare (named ``bare``) and in each sandbox, in turns."""
     ways: dict[str, Way] = {"bare": Bare(game.path)}
     played: dict[str, list[Played]] = {"bare": []}
     total: dict[str, float] = {}
@@ -231,13 +235,13 @@ def measure(game: Game, drivers: Sequence[Driver]) -> dict[str, Measured]:
         for name, way in ways.items():
             total[name] = way.close()
     if len({tuple(episode.steps for episode in episodes) for episodes in played.values()}) > 1:
-        raise RuntimeError(f"{game.file} was not played alike everywhere: {played}")
+        raise RuntimeError(f"the episodes of {game.file} differ in length: {played}")
     return {name: _summary(played[name], played["bare"], total[name]) for name in ways}
 
 
 def _summary(played: list[Played], bare: list[Played], total: float) -> Measured:
-    """What was spent outside the episodes counts as it is; an episode as what one usually takes bare, times the median
-    of what it took beside the bare one of its round.
+    """CPU time outside the episodes counts as measured. An episode counts as the median bare episode times the median
+    ratio to the bare episode of the same round.
     """
     pairs = list(zip(played, bare, strict=True))
     steps = sum(episode.steps for episode in played)
@@ -249,29 +253,29 @@ def _summary(played: list[Played], bare: list[Played], total: float) -> Measured
 
 
 def broken(game: Game, measured: dict[str, Measured]) -> list[str]:
-    """The limits that do not hold, each as a sentence."""
+    """The broken limits, one sentence each."""
     found = []
     bare = measured["bare"]
     for name, way in measured.items():
         cpu, speed = way.cpu / bare.cpu, way.speed / bare.speed
         if game.cpu is not None and cpu > game.cpu:
-            found.append(f"{game.name}, {name}: {cpu:.2f} times the processor time of bare; at most {game.cpu:g}")
+            found.append(f"{game.name}, {name}: {cpu:.2f} times the CPU time of bare; at most {game.cpu:g}")
         if game.speed is not None and speed < game.speed:
             found.append(f"{game.name}, {name}: {speed:.2f} times the speed of bare; at least {game.speed:g}")
     return found
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Print the table and the limits that are broken; give 1 if any is."""
+    """Print the table and the broken limits; return 1 if there are any."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.overhead", description=__doc__)
-    parser.add_argument("--episodes", type=int, help="how many, in place of the number that suits each game")
-    parser.add_argument("--game", choices=[game.name for game in CHOSEN], help="only this one")
+    parser.add_argument("--episodes", type=int, help="the number of episodes of each game")
+    parser.add_argument("--game", choices=[game.name for game in CHOSEN], help="only this game")
     parser.add_argument("--sandbox", help="only this driver")
     options = parser.parse_args(arguments)
     drivers = working(options.sandbox)
     console = Console(width=120)
-    table = Table(title=f"the same episodes bare and through {', '.join(driver.name for driver in drivers)}")
-    for column in ("game", "way", "steps", "steps/s", "of bare", "at least", "CPU s", "of bare", "at most"):
+    table = Table(title=f"the same episodes bare and in {', '.join(driver.name for driver in drivers)}")
+    for column in ("game", "way", "steps", "steps/s", "x bare", "at least", "CPU s", "x bare", "at most"):
         table.add_column(column, justify="left" if column in ("game", "way") else "right")
     wrong = []
     for game in CHOSEN:
@@ -295,17 +299,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def working(name: str | None = None) -> list[Driver]:
-    """The drivers that work here, weakest first, or the one of this name. Raises SandboxUnavailable without any."""
+    """The available drivers, weakest first, or the driver called `name`. Raises SandboxUnavailable if there is none."""
     drivers: list[Driver] = sorted(plugins().collect("envcraft_sandbox_drivers"), key=lambda driver: driver.rank)
     if name is not None:
         return [choose(drivers, name)]
     works = []
     for driver in drivers:
-        told = driver.probe()
-        if told.works:
+        available = driver.probe()
+        if available.works:
             works.append(driver)
         else:
-            print(f"without {driver.name}: {told.reason}; {told.fix}", file=sys.stderr)
+            print(f"without {driver.name}: {available.reason}; {available.fix}", file=sys.stderr)
     return works or [choose(drivers, "auto")]
 
 

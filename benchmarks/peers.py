@@ -1,4 +1,4 @@
-"""What Gymnasium's and stable-baselines3's ``check_env`` say of a file, each in a forked child with a deadline."""
+"""The results of Gymnasium's and stable-baselines3's ``check_env`` on a file, in a forked child with a deadline."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ _SECONDS = 15.0
 
 
 def complaints(paths: Sequence[Path]) -> dict[str, dict[str, str]]:
-    """Give each file's complaint by peer, "" for none. Raises ImportError without stable-baselines3."""
-    # Loaded once here, so that no forked child pays for them.
+    """The complaint of each peer about each file, "" for none. Raises ImportError without stable-baselines3."""
+    # Imported before the fork: each child would import them again.
     for module in ("gymnasium.utils.env_checker", "stable_baselines3.common.env_checker"):
         importlib.import_module(module)
 
@@ -33,15 +33,15 @@ def complaints(paths: Sequence[Path]) -> dict[str, dict[str, str]]:
             child = context.Process(target=_check, args=(peer, path, theirs), daemon=True)
             child.start()
             theirs.close()
-            said = f"no answer within {_SECONDS:.0f} s"
+            complaint = f"no result within {_SECONDS:.0f} s"
             if ours.poll(_SECONDS):
                 try:
-                    said = str(ours.recv_bytes().decode())
+                    complaint = str(ours.recv_bytes().decode())
                 except EOFError:
-                    said = "the process died"
+                    complaint = "the process died"
             child.kill()
             child.join()
-            found[str(path)][peer] = said
+            found[str(path)][peer] = complaint
     return found
 
 
@@ -51,10 +51,10 @@ def _check(peer: str, path: Path, answer: Connection) -> None:
         warnings.simplefilter("always")
         try:
             _run(peer, path)
-            said = "; ".join(str(warning.message) for warning in raised if _matters(str(warning.message)))
+            complaint = "; ".join(str(warning.message) for warning in raised if _matters(str(warning.message)))
         except BaseException as error:
-            said = f"{type(error).__name__}: {error}"
-    answer.send_bytes(said.encode("utf-8", "replace"))
+            complaint = f"{type(error).__name__}: {error}"
+    answer.send_bytes(complaint.encode("utf-8", "replace"))
     answer.close()
 
 
@@ -88,7 +88,7 @@ def _run(peer: str, path: Path) -> None:
 
 
 def _matters(message: str) -> bool:
-    """Leave out what the peers say of any environment that was not made by ``gymnasium.make``."""
+    """Ignore the warnings that any environment gets that ``gymnasium.make`` did not make."""
     return not any(
         words in message for words in ("not having a spec", "spec is None", "`check_env(", "unwrapped version")
     )

@@ -1,4 +1,4 @@
-"""``make picture``: draw the README's picture of the report, ``docs/report.svg``, from a real run on three examples."""
+"""``make picture``: draw ``docs/report.svg``, the README's picture of a report, from a real run on three examples."""
 
 from __future__ import annotations
 
@@ -10,10 +10,11 @@ from pathlib import Path
 
 from rich.console import Console
 
-from envcraft.budget import BUDGETS
-from envcraft.commands.choices import contract_named, default_checks, driver_named, rules_of
-from envcraft.commands.targets import resolve
-from envcraft.engine import Plan, validate
+from envcraft.cli.commands.targets import resolve
+from envcraft.contracts.lookup import contract_named
+from envcraft.judging.budget import BUDGETS
+from envcraft.judging.engine import Plan, validate
+from envcraft.judging.selection import default_checks, driver_named, rules_of
 from envcraft.reports.console import ConsoleReporter
 
 ROOT = Path(__file__).resolve().parent.parent

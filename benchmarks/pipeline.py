@@ -1,11 +1,11 @@
-"""``python -m benchmarks.pipeline``: what the pipeline itself costs, without the model and the checker.
+"""``python -m benchmarks.pipeline``: the cost of the generation pipeline without the model and the checker.
 
-Concepts go through every stage into a corpus, as ``envcraft generate`` takes them. Answers are there at once, judging
-takes nothing: every environment is repaired once and gets one policy. Each answer is kept in a journal, each source,
-diff, verdict and outcome in the corpus. The time is that of the processor in this process, with all its threads; making
-the concepts is part of it, starting Python is not.
+Concepts pass through every stage into a corpus, as with ``envcraft generate``. The model and the checker respond at
+once: every environment is repaired once and gets one policy. A journal keeps each response; the corpus keeps each
+source, diff, verdict and outcome. The time is the CPU time of all threads of this process; it includes making the
+concepts, but not the start of Python.
 
-More than 50 ms for an environment is exit status 1.
+The exit status is 1 if an environment takes more than 50 ms.
 """
 
 from __future__ import annotations
@@ -22,21 +22,21 @@ from typing import Any
 import msgspec
 from envcraft_llm.concepts.generation import concepts
 from envcraft_llm.endpoint.journal import Journal
-from envcraft_llm.model import Answer, Model, Request
-from envcraft_llm.pipeline.bench import Bench
-from envcraft_llm.pipeline.runner import Run
+from envcraft_llm.model import Completion, Model, Request
+from envcraft_llm.pipeline.context import CorpusContext
+from envcraft_llm.pipeline.runner import PipelineRunner
 from envcraft_llm.pipeline.tables import rows, stage_table
 from envcraft_llm.stages import STAGES
 from envcraft_llm.stages.briefs import SECTIONS
 from rich.console import Console
 
-from envcraft.contract import ARCADE
-from envcraft.corpus.history import History
-from envcraft.corpus.settings import Settings, contract_digest
-from envcraft.corpus.store import Store
-from envcraft.stages import Case, Stage, ordered
-from envcraft.target import Target
-from envcraft.verdict import CheckReport, Finding, Repro, Severity, SubjectReport, Verdict
+from envcraft.contracts.builtin import ARCADE
+from envcraft.corpus.store import Store, environments
+from envcraft.generation.history import History
+from envcraft.generation.stages import ConceptState, Stage, ordered
+from envcraft.judging.settings import Settings, contract_digest
+from envcraft.model.target import Target
+from envcraft.model.verdict import CheckReport, Finding, Repro, Severity, SubjectReport, Verdict
 
 LIMIT, NUMBER = 0.050, 200
 _GAME = Path(__file__).parent.parent / "examples" / "sokoban.py"
@@ -57,7 +57,7 @@ _POLICY = "class Policy:\n    def act(self, state):\n        return [0, 0, 0]\n"
 
 
 class Instant(Model):
-    """Answers at once, and keeps each answer in a journal."""
+    """Responds at once and keeps each response in a journal."""
 
     def __init__(self, journal: Journal) -> None:
         self._journal = journal
@@ -73,12 +73,12 @@ class Instant(Model):
         }
         self.requests = 0
 
-    async def ask(self, request: Request) -> Answer:
-        # Each concept has sources of its own, as it would.
+    async def generate(self, request: Request) -> Completion:
+        # Each concept gets a different source, as from a real model.
         text = self._texts[request.stage].replace('"""\n', f'"""\n# {request.concept}\n', 1)
-        answer = Answer(text, model="instant")
+        answer = Completion(text, model="instant")
         self.requests += 1
-        await self._journal.keep(request, answer)
+        await self._journal.put(request, answer)
         return answer
 
     async def close(self) -> None:
@@ -86,7 +86,7 @@ class Instant(Model):
 
 
 class Costless:
-    """Judges without looking: what is marked has a finding, everything else is well, and every policy wins."""
+    """JudgeExecutor without playing: a marked source has a finding, all others pass, and every policy wins."""
 
     workers, under_way = 2, 0
 
@@ -107,30 +107,30 @@ def _report(target: Target, faulty: bool) -> SubjectReport:
 
 
 def taken(number: int, folder: Path) -> tuple[float, float, int, list[str]]:
-    """Seconds of the processor and of the clock, requests, and the table, for so many concepts."""
+    """CPU seconds, wall-clock seconds, requests and the table for this many concepts."""
     clock, cpu = time.perf_counter(), time.process_time()
     stages: list[Stage] = ordered([kind() for kind in STAGES])
-    cases = [Case(one.id, one.title, one.text, msgspec.to_builtins(one)) for one in concepts(number, 0)]
+    states = [ConceptState(one.id, one.title, one.text, msgspec.to_builtins(one)) for one in concepts(number, 0)]
     with Store.create(folder / "corpus") as store:
         history = History(store, _SETTINGS)
-        history.keep_concepts(cases)
-        ids = [case.concept for case in cases]
+        history.keep_concepts(states)
+        ids = [state.concept for state in states]
         model = Instant(Journal(store.root))
-        bench = Bench(history, model, Costless(), lambda stage: "instant")  # type: ignore[arg-type]
+        context = CorpusContext(history, model, Costless(), lambda stage: "instant")  # type: ignore[arg-type]
 
-        async def through() -> None:
-            await Run(history, stages).run(ids, bench, 128)
+        async def run() -> None:
+            await PipelineRunner(history, stages).run(ids, context, 128)
             await model.close()
 
-        asyncio.run(through())
+        asyncio.run(run())
         table = stage_table(rows(history, stages, ids))
-        made = store.db.execute("SELECT count(*) FROM environments").fetchone()[0]
+        made = environments.count(store)
         assert made == number, f"{made} environments of {number} concepts: {table}"
     return time.process_time() - cpu, time.perf_counter() - clock, model.requests, table
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Print the figures; give 1 if the limit is broken."""
+    """Print the figures; return 1 if the limit is broken."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.pipeline", description=__doc__)
     parser.add_argument("--number", type=int, default=NUMBER, help="how many concepts")
     options = parser.parse_args(arguments)
@@ -142,7 +142,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     each = cpu / options.number
     console.print(
         f"{options.number:,} environments, {requests:,} requests: {cpu:.2f} s of CPU, {clock:.2f} s; "
-        f"{each * 1000:.1f} ms of CPU an environment, at most {LIMIT * 1000:.0f}"
+        f"{each * 1000:.1f} ms of CPU per environment; at most {LIMIT * 1000:.0f}"
     )
     return int(each > LIMIT)
 

@@ -1,14 +1,13 @@
-"""``python -m benchmarks.tetris_speed``: games of falling pieces with frames of 84x84x3, by whom they are played.
+"""``python -m benchmarks.tetris_speed``: steps per second of Tetris environments with frames of 84x84x3.
 
-Variants of the family `tetris`, each as its file in this process, and many of them in the fast lane, with copies of the
-frames and in place; beside them tetris-gymnasium and the Tetris of ale-py, whose frames are resized to 84x84 by
-Gymnasium's own wrapper. All play random actions and begin again when a game is over, all in this process, and a second
-is one of its processor time. They take turns in short rounds, and a ratio is the median of those within one round, so
-that other work on the machine hits all of them; of the files it is the median over the variants. The first round
-compiles and fills caches, and does not count.
+It measures variants of the family `tetris` as single environments, and many of them in the vectorized simulator, with
+copied and with shared observations. Peers are tetris-gymnasium and the Tetris of ale-py, resized to 84x84 by a wrapper
+of Gymnasium. All run in this process with random actions; rates are per second of processor time. They alternate in
+short rounds, and a ratio is the median over ratios within a round, so that other load affects all alike. For single
+environments, the rate is the median over variants. The first round compiles and fills caches, and is discarded.
 
-The files are held to be 4 times as fast as tetris-gymnasium, and the fast lane, with copies, 30 times: exit status 1
-where they are not. A peer that is not installed is left out, and says so; `pip install 'envcraft-rl[peers]'` has both.
+Exit status 1 unless single environments are 4 times and the simulator with copies 30 times as fast as tetris-gymnasium.
+A peer that is not installed is skipped with a message; `pip install 'envcraft-rl[peers]'` installs both.
 """
 
 from __future__ import annotations
@@ -29,20 +28,20 @@ from gymnasium.wrappers import ResizeObservation
 from rich.console import Console
 from rich.table import Table
 
-from envcraft.using.loading import open_trusted
-from envcraft.using.vector import VectorEnv
+from envcraft.environments.loading import open_trusted
+from envcraft.environments.vector import NamedVectorEnv
 
 SIZE = 84
 PEER = "tetris-gymnasium, resized"
-FILES, LANE, IN_PLACE = "files of the family", "fast lane", "fast lane, frames in place"
-#: At least so many times as fast as the peer.
-LIMITS = {FILES: 4.0, LANE: 30.0}
-#: Plays about so many steps, and gives how many there were.
-Player = Callable[[int], int]
+SINGLE, BATCH, SHARED = "single environments", "simulator", "simulator, copy=False"
+#: The least ratio to the peer.
+LIMITS = {SINGLE: 4.0, BATCH: 30.0}
+#: Plays about this many steps, and returns the exact number.
+Stepper = Callable[[int], int]
 
 
-def single(env: Any) -> Player:
-    """One environment in a plain loop."""
+def single(env: Any) -> Stepper:
+    """Step one environment in a plain loop."""
     env.reset(seed=0)
     env.action_space.seed(0)
     drawn = [env.action_space.sample() for _ in range(1000)]
@@ -56,20 +55,20 @@ def single(env: Any) -> Player:
     return play
 
 
-def files(generated: Sequence[Any]) -> list[Player]:
-    """Each file by itself."""
-    players = []
+def singles(generated: Sequence[Any]) -> list[Stepper]:
+    """Each generated source as one environment."""
+    steppers = []
     for one in generated:
         source = one.source.encode()
         digest = hashlib.sha256(source).hexdigest()
-        players.append(single(open_trusted(one.name, f"{one.name}.py", source, digest, None, {}, {})))
-    return players
+        steppers.append(single(open_trusted(one.name, f"{one.name}.py", source, digest, None, {}, {})))
+    return steppers
 
 
-def lane(generated: Sequence[Any], copy: bool) -> Player:
-    """All side by side."""
-    simulator = TetrisFamily().simulate(generated)
-    vector = VectorEnv([one.name for one in generated], simulator, AutoresetMode.NEXT_STEP, copy)
+def batch(generated: Sequence[Any], copy: bool) -> Stepper:
+    """All generated sources in one simulator."""
+    simulator = TetrisFamily().simulate(generated, AutoresetMode.NEXT_STEP, copy)
+    vector = NamedVectorEnv(simulator, [one.name for one in generated])
     vector.reset(seed=0)
     drawn = np.random.default_rng(0).integers(0, [5, 2, 2], (100, len(generated), 3))
 
@@ -99,8 +98,8 @@ def atari() -> Any:
     return ResizeObservation(env, (SIZE, SIZE))
 
 
-def peers() -> dict[str, Player]:
-    """Those that are installed; what is missing is told."""
+def peers() -> dict[str, Stepper]:
+    """The installed peers. Missing ones are reported."""
     found = {}
     for name, make in ((PEER, tetris_gymnasium), ("ale-py's Tetris, resized", atari)):
         try:
@@ -110,36 +109,36 @@ def peers() -> dict[str, Player]:
     return found
 
 
-def rate(player: Player, steps: int) -> float:
-    """Steps a second of processor time, all threads of this process together."""
+def rate(stepper: Stepper, steps: int) -> float:
+    """Steps per second of processor time, summed over the threads of this process."""
     started = time.process_time()
-    played = player(steps)
+    played = stepper(steps)
     return played / (time.process_time() - started)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Print the table; give 1 where a limit does not hold."""
+    """Print the table; return 1 if a limit is broken."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.tetris_speed", description=__doc__)
     parser.add_argument("--rounds", type=int, default=9)
-    parser.add_argument("--steps", type=int, default=1500, help="of each peer in a round, and of all files")
-    parser.add_argument("--files", type=int, default=40, help="how many variants are played as files")
-    parser.add_argument("--envs", type=int, default=256, help="how many variants are in the fast lane")
+    parser.add_argument("--steps", type=int, default=1500, help="steps per round of each peer")
+    parser.add_argument("--files", type=int, default=40, help="number of single environments")
+    parser.add_argument("--envs", type=int, default=256, help="number of environments in the simulator")
     options = parser.parse_args(arguments)
     generated = list(TetrisFamily().generate(max(options.files, options.envs), 0))
-    others, own = peers(), files(generated[: options.files])
-    lanes = {LANE: lane(generated[: options.envs], True), IN_PLACE: lane(generated[: options.envs], False)}
-    rates: dict[str, list[float]] = {name: [] for name in (FILES, *lanes, *others)}
+    others, own = peers(), singles(generated[: options.files])
+    batches = {BATCH: batch(generated[: options.envs], True), SHARED: batch(generated[: options.envs], False)}
+    rates: dict[str, list[float]] = {name: [] for name in (SINGLE, *batches, *others)}
     for number in range(options.rounds + 1):
-        found = {name: rate(player, options.steps) for name, player in others.items()}
-        each = [rate(player, options.steps // 5) for player in own]
-        found[FILES] = statistics.median(each)
-        found |= {name: rate(player, 40 * options.steps) for name, player in lanes.items()}
+        found = {name: rate(stepper, options.steps) for name, stepper in others.items()}
+        each = [rate(stepper, options.steps // 5) for stepper in own]
+        found[SINGLE] = statistics.median(each)
+        found |= {name: rate(stepper, 40 * options.steps) for name, stepper in batches.items()}
         if number:
             for name, value in found.items():
                 rates[name].append(value)
     console = Console(width=120)
     console.print(
-        table(rates, f"{options.files} files, {options.envs} games in the fast lane, {options.rounds} rounds")
+        table(rates, f"{options.files} single environments, {options.envs} in the simulator, {options.rounds} rounds")
     )
     slow = broken(rates)
     for line in slow:
@@ -164,11 +163,11 @@ def table(rates: dict[str, list[float]], title: str) -> Table:
 
 
 def broken(rates: dict[str, list[float]]) -> list[str]:
-    """The limits that do not hold; without the peer none can be told."""
+    """The broken limits; none without the peer."""
     if PEER not in rates:
         return []
     return [
-        f"{name}: {ratio(rates, name):.1f} times {PEER}, and at least {limit:g} are wanted"
+        f"{name}: {ratio(rates, name):.1f} times {PEER}, at least {limit:g} required"
         for name, limit in LIMITS.items()
         if ratio(rates, name) < limit
     ]

@@ -1,10 +1,9 @@
-"""``python -m benchmarks.third_party``: judge what others have published, and write ``docs/third-party.md``.
+"""``python -m benchmarks.third_party``: judge published environments and write ``docs/third-party.md``.
 
-Each environment is judged under the contract ``gymnasium``, one at a time. What was made of each finding is written
-down in ``benchmarks/third_party.toml``: a finding without such a note makes the command fail, and so does a note whose
-finding is gone. Results are kept in ``build/third-party.json``, so that a run that was interrupted goes on; ``--again``
-judges everything anew, and a part of a target's name only what matches. The page says how many rows are of an earlier
-state of the code than the one that wrote it.
+Each environment is judged alone under the contract ``gymnasium``. ``benchmarks/third_party.toml`` has a note on each
+finding; the command fails if a finding has no note, or a note has no finding. Results are kept in
+``build/third-party.json``, so an interrupted run continues. ``--again`` judges all environments again, and a part of a
+name only those that match. The page states how many rows come from an earlier version of the code.
 """
 
 from __future__ import annotations
@@ -19,25 +18,26 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from envcraft.budget import BUDGETS
-from envcraft.commands.choices import contract_named, default_checks, driver_named
-from envcraft.engine import Plan, validate
-from envcraft.events import Finished
-from envcraft.sandbox import Limits
-from envcraft.target import Kind, Target, kind_of
-from envcraft.verdict import SubjectReport, plain
+from envcraft.contracts.lookup import contract_named
+from envcraft.judging.budget import BUDGETS
+from envcraft.judging.driver import Limits
+from envcraft.judging.engine import Plan, validate
+from envcraft.judging.selection import default_checks, driver_named
+from envcraft.model.events import Finished
+from envcraft.model.target import Kind, Target, kind_of
+from envcraft.model.verdict import SubjectReport, plain
 
 ROOT = Path(__file__).resolve().parent.parent
 _NOTES = ROOT / "benchmarks" / "third_party.toml"
 _KEPT = ROOT / "build" / "third-party.json"
 _PAGE = ROOT / "docs" / "third-party.md"
 _LIMITS = Limits(loading=30.0, job=120.0, total=600.0)
-_HEAD = """# Environments of others
+_HEAD = """# Third-party environments
 
-What EnvCraft says of environments that others have published, under the contract `gymnasium` with the budget `quick`
-and seed 0. Written by `python -m benchmarks.third_party`. Each finding was read beside the package's source; what came
-of that is in the last column, and below, with a reproduction that needs no EnvCraft, where the package's authors should
-hear of it.
+The verdicts of EnvCraft on published environments, under the contract `gymnasium` with the budget `quick` and seed 0.
+`python -m benchmarks.third_party` writes this page. Each finding was compared with the package's source. The last
+column has the result. A finding that the package's authors should know of also has a reproduction below that does not
+need EnvCraft.
 
 """
 
@@ -62,7 +62,7 @@ def main(arguments: list[str]) -> int:
 
 
 def code_digest() -> str:
-    """Of everything that a verdict depends on."""
+    """The digest of all code that a verdict can depend on."""
     digest = hashlib.sha256()
     for folder in ("envcraft", "checks", "sandbox"):
         for path in sorted((ROOT / folder).rglob("*.py")):
@@ -85,12 +85,12 @@ def codes(report: dict[str, Any]) -> list[str]:
 
 
 def unread(notes: dict[str, Any], kept: dict[str, Any]) -> list[str]:
-    """Findings that nobody has judged, and notes on what is no finding any more."""
+    """Findings without a note, and notes without a finding."""
     listed = {name for package in notes["package"] for name in package["targets"]}
     found = {(name, code) for name, report in kept.items() if name in listed for code in codes(report)}
     read = {(name, note["code"]) for note in notes["note"] for name in note["targets"]}
-    return [f"{name} {code}: not judged yet" for name, code in sorted(found - read)] + [
-        f"{name} {code}: no such finding any more" for name, code in sorted(read - found)
+    return [f"{name} {code}: not reviewed" for name, code in sorted(found - read)] + [
+        f"{name} {code}: the note has no finding" for name, code in sorted(read - found)
     ]
 
 
@@ -99,8 +99,8 @@ def page(notes: dict[str, Any], kept: dict[str, Any]) -> str:
     listed = [name for package in notes["package"] for name in package["targets"]]
     now = code_digest()
     stale = sum(kept[name].get("code") != now for name in listed if name in kept)
-    note = f"{stale} of {len(listed)} rows were made by an earlier state of the code; `--again` judges all anew.\n\n"
-    heads = ("package", "environment", "verdict", "checks that were skipped", "findings", "judged")
+    note = f"{stale} of {len(listed)} rows come from an earlier version of the code; `--again` judges all again.\n\n"
+    heads = ("package", "environment", "verdict", "skipped checks", "findings", "review")
     lines = [_HEAD, note if stale else "", _row(heads), _row(["---"] * len(heads))]
     for package in notes["package"]:
         title = f"{package['name']} {importlib.metadata.version(package['name'])}"
@@ -109,8 +109,8 @@ def page(notes: dict[str, Any], kept: dict[str, Any]) -> str:
             if report is None:
                 continue
             reason = f" ({report['reason']})" if report["reason"] else ""
-            told = [(code, judged.get((name, code), {"verdict": "not judged yet"})) for code in codes(report)]
-            verdicts = "; ".join(f"{code} {note['verdict']}" for code, note in told)
+            reviewed = [(code, judged.get((name, code), {"verdict": "not reviewed"})) for code in codes(report)]
+            verdicts = "; ".join(f"{code} {note['verdict']}" for code, note in reviewed)
             skipped = [check["check"] for check in report["checks"] if check["verdict"] == "skip"]
             blocked = "all but source" if len(skipped) > 6 else ", ".join(skipped)
             verdict = f"{report['verdict']}{reason}"

@@ -1,20 +1,19 @@
-"""``make docs``: write the rule pages and the README's rule table from the checks, and the page on pytest from the
+"""``make docs``: write the rule pages, the README's rule table and counts, and the page on pytest from the
 plugin's docstring; with ``--check`` only compare.
 """
 
 from __future__ import annotations
 
 import inspect
-import re
 import sys
 from pathlib import Path
 
 from envcraft import pytest_plugin
-from envcraft.check import Check
+from envcraft.judging.check import Check
 from envcraft.plugins import plugins
+from evaluation.fixtures import fixtures
 
 ROOT = Path(__file__).resolve().parent.parent
-_TABLE = re.compile(r"(?<=<!-- rules -->\n).*?(?=<!-- /rules -->)", re.DOTALL)
 
 
 def main() -> int:
@@ -22,11 +21,14 @@ def main() -> int:
     pages = {ROOT / "docs" / "rules" / f"{check.name}.md": page(check) for check in checks}
     pages[ROOT / "docs" / "pytest.md"] = inspect.cleandoc(pytest_plugin.__doc__ or "") + "\n"
     readme = ROOT / "README.md"
-    text = readme.read_text("utf-8")
-    if not _TABLE.search(text):
-        print("README.md has no place for the rule table", file=sys.stderr)
-        return 1
-    pages[readme] = _TABLE.sub(lambda _: table(checks), text)
+    pages[readme] = readme.read_text("utf-8")
+    for name, block in (("counts", counts(checks)), ("rules", table(checks))):
+        head, start, rest = pages[readme].partition(f"<!-- {name} -->\n")
+        _, end, tail = rest.partition(f"<!-- /{name} -->")
+        if not end:
+            print(f"README.md has no block <!-- {name} -->", file=sys.stderr)
+            return 1
+        pages[readme] = head + start + block + end + tail
     stale = [path for path, wanted in pages.items() if not path.is_file() or path.read_text("utf-8") != wanted]
     stale += [path for path in (ROOT / "docs" / "rules").glob("*.md") if path not in pages]
     if "--check" in sys.argv[1:]:
@@ -46,13 +48,24 @@ def main() -> int:
 def page(check: Check) -> str:
     """A check's page: its module's docstring, and its rules."""
     rows = [f"| {rule.code} | `{rule.name}` | {rule.severity} | {rule.summary} | {rule.fix} |" for rule in check.rules]
-    head = "| code | name | severity | what is wrong | what usually mends it |\n|---|---|---|---|---|\n"
+    head = "| code | name | severity | problem | fix |\n|---|---|---|---|---|\n"
     return check.page.rstrip() + "\n\n## Rules\n" + head + "\n".join(rows) + "\n"
+
+
+def counts(checks: list[Check]) -> str:
+    """The README's sentence on how many checks, rules and fixtures there are."""
+    rules = sum(len(check.rules) for check in checks)
+    every = fixtures()
+    bad = sum(bool(fixture.codes) for fixture in every)
+    return (
+        f"EnvCraft has {len(checks)} checks with {rules} rules. "
+        f"The tests hold them to {bad} defective environments and {len(every) - bad} correct ones.\n"
+    )
 
 
 def table(checks: list[Check]) -> str:
     """The README's table: a row for each rule."""
-    lines = ["| check | code | what is wrong |", "|---|---|---|"]
+    lines = ["| check | code | problem |", "|---|---|---|"]
     for check in checks:
         for number, rule in enumerate(check.rules):
             name = "" if number else f"[{check.name}](docs/rules/{check.name}.md){' (opt-in)' * check.opt_in}"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 
-# Whatever is imported out here takes time in which Ctrl-C is a traceback.
+# During imports at module level, Ctrl-C would print a traceback.
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from types import FrameType
@@ -15,7 +15,7 @@ def main() -> None:
     try:
         _run()
     except KeyboardInterrupt:
-        # Where it comes before the command line is there to say so.
+        # The interrupt came before the command line could handle it.
         sys.stderr.write("interrupted\n")
         sys.exit(130)
 
@@ -24,13 +24,13 @@ def _run() -> None:
     import io
     import signal
 
-    from envcraft.cli import cli
+    from envcraft.cli.group import cli
 
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
-            # What an environment says may not fit the terminal's encoding, and that is no reason to stop.
+            # Text of an environment may not fit the terminal's encoding.
             stream.reconfigure(errors="backslashreplace")
-    # Ending politely is the same as Ctrl-C: the workers are closed on the way out.
+    # SIGTERM acts like Ctrl-C, so that the workers are closed.
     signal.signal(signal.SIGTERM, _interrupt)
     cli(prog_name="envcraft")
 

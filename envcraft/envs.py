@@ -1,24 +1,26 @@
-"""Importing this registers the environments of the corpus that ENVCRAFT_CORPUS or ``[tool.envcraft] corpus`` names, so
-that ``gymnasium.make("envcraft.envs:EnvCraft/<name>-v0")`` finds them; where neither names one, it warns.
+"""Registers the environments of a corpus with Gymnasium when it is imported, so that
+``gymnasium.make("envcraft.envs:EnvCraft/<name>-v0")`` makes them.
 
-:func:`envcraft.register` does it for any corpus.
+The corpus is the one that ENVCRAFT_CORPUS or ``corpus`` in ``[tool.envcraft]`` names; without one, a warning says so.
+:func:`envcraft.register` registers any corpus.
 """
 
 from __future__ import annotations
 
 import warnings
 
-from envcraft.using.ids import create, identifier, register
-from envcraft.using.sources import VARIABLE, default_corpus
+from envcraft.corpus.ids import identifier
+from envcraft.environments.registration import create, register
+from envcraft.environments.sources import VARIABLE, default_corpus
 
 __all__ = ["create", "identifier", "register"]
 
 if default_corpus() is not None:
     register()
 else:
-    # No error, since who imports this may register another corpus next.
+    # Not an error: the importing program may register another corpus next.
     warnings.warn(
-        f"envcraft.envs registers no environment: no corpus is named. Set {VARIABLE}, or corpus in [tool.envcraft] of "
-        "pyproject.toml, before it is imported",
+        f"envcraft.envs registers no environment, because no corpus is named. Set {VARIABLE}, or corpus in "
+        "[tool.envcraft] of pyproject.toml, before the import",
         stacklevel=2,
     )

@@ -1,4 +1,4 @@
-"""Errors that a person reads: one sentence with the value and the next step, printed without a traceback."""
+"""Errors for people: one sentence with the value and the next step, printed without a traceback."""
 
 from __future__ import annotations
 
@@ -15,27 +15,27 @@ class ExitCode(IntEnum):
 
 
 class EnvCraftError(Exception):
-    """Base of the errors that EnvCraft raises on purpose."""
+    """Base class of EnvCraft's own errors."""
 
     exit_code = ExitCode.ERROR
 
 
 class UsageError(EnvCraftError):
-    """What the user asked for does not exist or does not go together."""
+    """A name or an option does not exist, or options contradict each other."""
 
     exit_code = ExitCode.USAGE
 
 
 class SandboxUnavailable(EnvCraftError):
-    """No sandbox of the wanted kind works on this machine."""
+    """No sandbox of the requested kind works on this machine."""
 
 
 class WorkerLost(EnvCraftError):
-    """The worker itself, not the code that it ran, stopped answering."""
+    """The worker itself stopped answering, not the code that it ran."""
 
 
 class TargetLost(EnvCraftError):
-    """What is to be judged cannot be read any more: the target at `path`, whose source had the digest `sha256`."""
+    """The target at `path` cannot be read any more; its source had the digest `sha256`."""
 
     def __init__(self, path: str, env_class: str | None, sha256: str, reason: str) -> None:
         super().__init__(reason)
@@ -43,8 +43,12 @@ class TargetLost(EnvCraftError):
 
 
 class EnvironmentFailed(EnvCraftError):
-    """An environment that is in use raised, died, or gave what its spaces do not have."""
+    """An environment in use raised, died, or returned a value outside its spaces."""
 
 
 class MalformedValue(ValueError):
-    """A value from the worker, its layout or its bytes are not what the protocol allows."""
+    """The protocol does not allow a value from the worker, its layout or its bytes."""
+
+
+class Skip(Exception):
+    """A check does not apply to this subject, or cannot settle its question; the message is the reason."""

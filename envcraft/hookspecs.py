@@ -1,8 +1,8 @@
-"""Every hook of EnvCraft, in the order in which a run comes to them.
+"""Every hook of EnvCraft, in the order in which a run calls them.
 
-A plugin is a module or object with functions marked ``@envcraft.plugins.hookimpl``; a package offers one through the
-entry-point group ``envcraft``. Each hook gives a list of objects, and each object is run guarded, so that a plugin that
-breaks is named and the others go on.
+A plugin is a module or an object with functions marked ``@envcraft.hookimpl``. A package registers one through the
+entry-point group ``envcraft``. Each hook returns a list of objects. A plugin that raises is reported by name, and the
+others run.
 """
 
 from __future__ import annotations
@@ -16,70 +16,70 @@ if TYPE_CHECKING:
 
     import click
 
-    from envcraft.check import Check
-    from envcraft.contract import Contract
-    from envcraft.corpus.export import Exporter
+    from envcraft.corpus.executors import ExecutorPlugin
+    from envcraft.corpus.export.exporter import Exporter
     from envcraft.demonstrations.player import Player
-    from envcraft.executors import ExecutorPlugin
-    from envcraft.families import Family
-    from envcraft.generators import Generator
-    from envcraft.reports import Reporter
-    from envcraft.sandbox import Driver
-    from envcraft.stages import Stage
+    from envcraft.environments.families import Family
+    from envcraft.generation.generators import Generator
+    from envcraft.generation.stages import Stage
+    from envcraft.judging.check import Check
+    from envcraft.judging.driver import Driver
+    from envcraft.model.contract import Contract
+    from envcraft.reports.reporter import Reporter
 
 hookspec = pluggy.HookspecMarker("envcraft")
 
 
 @hookspec
 def envcraft_commands() -> Iterable[click.Command]:
-    """Commands for the command line. Called in most runs of ``envcraft``: import heavy libraries in the command."""
+    """Add commands. Most runs of ``envcraft`` call this hook, so import heavy libraries inside the command."""
 
 
 @hookspec
 def envcraft_contracts() -> list[Contract]:
-    """Contracts that ``--contract`` can name."""
+    """Add contracts for ``--contract``."""
 
 
 @hookspec
 def envcraft_sandbox_drivers() -> list[Driver]:
-    """Ways to isolate workers. Making a driver must not start anything."""
+    """Add sandboxes for ``--sandbox``. Constructing a driver must not start anything."""
 
 
 @hookspec
 def envcraft_checks() -> list[Check]:
-    """Rules that judge a subject. They run in the order of registration, those that always run last."""
+    """Add checks. They run in the order of registration; gates run first, and checks that always run come last."""
 
 
 @hookspec
 def envcraft_reporters() -> list[type[Reporter]]:
-    """Formats that ``--format`` can name."""
+    """Add report formats for ``--format``."""
 
 
 @hookspec
 def envcraft_executors() -> list[ExecutorPlugin]:
-    """Where else ``envcraft audit --executor`` can judge. Making one starts nothing, and imports no library."""
+    """Add executors for ``envcraft audit --executor``. Constructing one starts nothing and imports no library."""
 
 
 @hookspec
 def envcraft_families() -> list[Family]:
-    """Environments that a program writes, for ``envcraft generate --family`` to name."""
+    """Add families of generated environments for ``envcraft generate --family``."""
 
 
 @hookspec
 def envcraft_generators() -> list[Generator]:
-    """Other ways for ``envcraft generate`` to write environments, each with options of its own."""
+    """Add generators, whose options ``envcraft generate`` then has."""
 
 
 @hookspec
 def envcraft_stages() -> list[Stage]:
-    """Steps on the way from a concept to an environment: further ones, or ones in the place of others."""
+    """Add stages between a concept and an environment, or replace stages."""
 
 
 @hookspec
 def envcraft_players() -> list[Player]:
-    """Who plays for demonstrations, for ``envcraft demos --player`` to name."""
+    """Add players for ``envcraft demos --player``."""
 
 
 @hookspec
 def envcraft_exporters() -> list[Exporter]:
-    """What ``envcraft export --to`` can make of a corpus."""
+    """Add export formats for ``envcraft export --to``."""

@@ -1,4 +1,4 @@
-"""The plugin manager: built-in plugins by name, installed ones by entry point, each loaded and called guarded."""
+"""The plugin manager. It loads built-in plugins by name and installed ones by entry point, and isolates broken ones."""
 
 from __future__ import annotations
 
@@ -13,12 +13,14 @@ from typing import Any
 import pluggy
 
 GROUP = "envcraft"
+#: The hook specifications, by name: their types come from every layer, and this module stands below most of them.
+HOOKSPECS = "envcraft.hookspecs"
 
-#: The built-in plugins, named as strings, since the framework imports none of them, and the hooks that each fills: it
-#: is imported when one of them is asked.
+#: The built-in plugins with the hooks that each implements. They are strings because the framework imports none of
+#: them; a plugin is imported when one of its hooks is called.
 DEFAULT_PLUGINS: dict[str, tuple[str, ...]] = {
-    "envcraft.commands": ("envcraft_commands",),
-    "envcraft.contract": ("envcraft_contracts",),
+    "envcraft.cli.commands": ("envcraft_commands",),
+    "envcraft.contracts.builtin": ("envcraft_contracts",),
     "envcraft.reports.console": ("envcraft_reporters",),
     "envcraft.reports.json": ("envcraft_reporters",),
     "envcraft.reports.sarif": ("envcraft_reporters",),
@@ -52,7 +54,7 @@ hookimpl = pluggy.HookimplMarker(GROUP)
 
 @dataclass
 class Broken:
-    """A plugin that could not be loaded or called, with the error that it raised."""
+    """A plugin that failed to load or to run, with its error."""
 
     plugin: str
     error: str
@@ -69,7 +71,7 @@ class Plugin:
 
 @dataclass
 class Plugins:
-    """All plugins of this process, and those that broke."""
+    """All plugins of this process, and the broken ones."""
 
     manager: pluggy.PluginManager
     broken: list[Broken] = field(default_factory=list)
@@ -78,8 +80,10 @@ class Plugins:
     _order: dict[str, None] = field(default_factory=dict)
 
     def collect(self, hook: str) -> list[Any]:
-        """Call one hook of each plugin in turn and join what they give. A plugin that raises is noted, and so
-        is one that gives what has the name, or a code, of what an earlier one gives; that is left out.
+        """Call one hook of every plugin and join the results.
+
+        A plugin that raises is recorded as broken. So is a plugin whose object has the name or a code of an earlier
+        object; that object is left out.
         """
         found: list[Any] = []
         taken: dict[str, str] = {}
@@ -92,12 +96,12 @@ class Plugins:
         return found
 
     def find(self, hook: str, name: str) -> Any | None:
-        """What :meth:`collect` has of that name, or None. No plugin that comes after it is asked, or imported."""
+        """Find an object of :meth:`collect` by its name, or None, without importing any later plugin."""
         return next((item for _, names, item in self._given(hook) if names[0] == name), None)
 
     def _given(self, hook: str) -> Iterator[tuple[str, list[str], Any]]:
-        """What each plugin in turn gives for a hook: the plugin, the item's name and codes, the item."""
-        # Not in pluggy's order, which a plugin can push itself to the front of.
+        """Yield the objects of a hook in order: the plugin, the object's name and codes, the object."""
+        # In pluggy's order, a plugin could put itself first.
         for plugin in list(self._order):
             if hook in self._waiting.get(plugin, ()):
                 self._load(plugin)
@@ -110,11 +114,11 @@ class Plugins:
                         self.note(plugin, error)
 
     def note(self, plugin: str, error: BaseException) -> None:
-        """Remember that a plugin broke."""
+        """Record that a plugin is broken."""
         self.broken.append(Broken(plugin, f"{type(error).__name__}: {error}"))
 
     def defer(self, module: str, hooks: tuple[str, ...]) -> None:
-        """Register a built-in plugin in this place of the order, and import it when one of its hooks is asked."""
+        """Register a built-in plugin, to be imported when one of its hooks is called."""
         self._order[module] = None
         self._waiting[module] = hooks
 
@@ -123,26 +127,26 @@ class Plugins:
         self.register(module, "envcraft-rl", lambda: importlib.import_module(module))
 
     def register(self, name: str, distribution: str, load: Any) -> None:
-        """Load and register one plugin; a failure, or a hook that no specification knows, is noted."""
+        """Load and register one plugin; record it as broken if it fails or implements an unknown hook."""
         self._order[name] = None
         plugin = None
         try:
             plugin = load()
             self.manager.register(plugin, name)
-            # pluggy keeps quiet about a hook that no specification knows: most likely it is misspelt.
+            # pluggy does not report an unknown hook, which is most likely misspelt.
             unknown = [hook.name for hook in self.manager.get_hookcallers(plugin) or [] if not hook.has_spec()]
             if unknown:
-                raise LookupError(f"no hook is called {', '.join(unknown)}")
+                raise LookupError(f"there is no hook {', '.join(unknown)}")
         except (Exception, SystemExit) as error:
             if plugin is not None and self.manager.get_plugin(name) is plugin:
-                # pluggy keeps the hooks that came before the one that it refused.
+                # pluggy keeps the hooks that it accepted before the error.
                 self.manager.unregister(plugin)
             self.note(name, error)
         else:
             self._distributions[name] = distribution
 
     def list(self) -> list[Plugin]:
-        """Every registered plugin with its distribution and the hooks that it fills."""
+        """List every plugin with its distribution and hooks."""
         for module in list(self._waiting):
             self._load(module)
         listed = []
@@ -156,11 +160,9 @@ class Plugins:
 
 @cache
 def plugins() -> Plugins:
-    """The built-in plugins, each imported when it is needed, then those of installed packages, which are loaded."""
-    from envcraft import hookspecs
-
+    """Load the plugins of this process: built-in ones on demand, those of installed packages at once."""
     manager = pluggy.PluginManager(GROUP)
-    manager.add_hookspecs(hookspecs)
+    manager.add_hookspecs(importlib.import_module(HOOKSPECS))
     loaded = Plugins(manager)
     for name, hooks in DEFAULT_PLUGINS.items():
         loaded.defer(name, hooks)
@@ -171,8 +173,8 @@ def plugins() -> Plugins:
 
 
 def _entry_points() -> Iterator[Any]:
-    """The entry points of installed packages."""
-    # Mostly there are none, and the module that reads them takes a tenth of a command's whole start to import.
+    """Yield the entry points of installed packages."""
+    # Usually there are none, and importing importlib.metadata takes a tenth of a command's start.
     if any(_names_group(folder) for folder in sys.path):
         import importlib.metadata
 
@@ -180,7 +182,7 @@ def _entry_points() -> Iterator[Any]:
 
 
 def _names_group(folder: str) -> bool:
-    """Whether packages in a folder of ``sys.path`` may have entry points of the group; an archive may."""
+    """Say whether a folder of ``sys.path`` may hold a package with entry points of the group; an archive may."""
     try:
         names = os.listdir(folder or ".")
     except NotADirectoryError:

@@ -1,8 +1,9 @@
-"""Shared by all tests: what is skipped elsewhere must not be skipped where CI set it up.
+"""Hooks for all tests.
 
-``ENVCRAFT_REQUIRE_DRIVERS=docker,bubblewrap`` turns the skips of tests with these markers into failures.
+``ENVCRAFT_REQUIRE_DRIVERS=docker,bubblewrap`` turns the skips of tests with these markers into failures: CI installs
+the drivers, so nothing may skip their tests.
 
-``make test`` gives whole files to processes of pytest-xdist, in the order in which they are collected here.
+``make test`` distributes whole files to the processes of pytest-xdist, in the order that is defined here.
 """
 
 from __future__ import annotations
@@ -13,14 +14,18 @@ from collections.abc import Generator
 from pathlib import Path
 from typing import Any
 
+import hypothesis
 import pytest
 
-from envcraft.engine import cores
+from envcraft.judging.engine import cores
 
 ROOT = Path(__file__).resolve().parent.parent
+# Other tests may take the processor for seconds while Hypothesis draws one example.
+hypothesis.settings.register_profile("envcraft", deadline=None, suppress_health_check=[hypothesis.HealthCheck.too_slow])
+hypothesis.settings.load_profile("envcraft")
 _REQUIRED = {name for name in os.environ.get("ENVCRAFT_REQUIRE_DRIVERS", "").split(",") if name}
-#: Files that take long come before the others, so that none of them is the last. The slowest hostile programs are begun
-#: first, beside tests that wait for deadlines, too.
+#: Slow files run first, so that none of them is the last. The hostile programs start first of all, beside other tests
+#: that wait for deadlines.
 _FIRST = (
     "hostile/test_hostile.py",
     "sandbox/conformance/test_ends.py",
@@ -36,10 +41,10 @@ _SECTIONS = pytest.StashKey[dict[str, str]]()
 
 
 def pytest_configure() -> None:
-    # A shell lets what it starts in the background ignore Ctrl-C, and what the tests start would inherit that.
+    # A background job of a shell ignores SIGINT, and the child processes of the tests would inherit that.
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
-    # The size of somebody's own terminal, which would be that of every terminal that a test opens.
+    # The size of the developer's terminal would apply to every terminal that a test opens.
     for name in ("COLUMNS", "LINES"):
         os.environ.pop(name, None)
 
@@ -50,7 +55,7 @@ def pytest_runtest_makereport(
 ) -> Generator[None, pytest.TestReport, pytest.TestReport]:
     report: pytest.TestReport = yield
     needed = _REQUIRED & {mark.name for mark in item.iter_markers()}
-    # An expected failure is reported as skipped, too, and is none of this.
+    # pytest reports an expected failure as skipped, too.
     if report.skipped and needed and not hasattr(report, "wasxfail"):
         reason: Any = report.longrepr[2] if isinstance(report.longrepr, tuple) else report.longrepr
         report.outcome = "failed"
@@ -60,7 +65,7 @@ def pytest_runtest_makereport(
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_auto_num_workers() -> int:
-    """As many as there are cores: one of them waits for the hostile programs, which keep the cores busy meanwhile."""
+    """One process per core: one waits for the hostile programs, which keep the cores busy."""
     return max(cores(), 2)
 
 
@@ -73,7 +78,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_testnodedown(node: Any) -> None:
-    """What a process has to say at the end is said by the one that started it."""
+    """Collect the report sections of the pytest-xdist processes."""
     sections = node.config.stash.setdefault(_SECTIONS, {})
     sections.update((getattr(node, "workeroutput", None) or {}).get("sections", {}))
 

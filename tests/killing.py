@@ -1,4 +1,4 @@
-"""``kill -9`` at moments that are spread over all that a program does, and a program that is begun again each time."""
+"""``kill -9`` a program at moments spread over its whole run, and start it again each time."""
 
 from __future__ import annotations
 
@@ -9,25 +9,25 @@ import time
 from collections import Counter
 from collections.abc import Callable
 
-#: Of these kills so many hit while the program starts; the others while it works, and a few at its end.
+#: The number of kills; how many of them hit the start and the end of the program. The others hit its work.
 TIMES, STARTING, ENDING = 20, 5, 3
-#: No start, and no rest of the work, takes so many seconds.
+#: Neither the start nor the work takes this many seconds.
 _PATIENCE = 300.0
-#: So often a program that was too quick is begun once more.
+#: How often to start a program again that ended before its kill.
 _AGAIN = 5
 
 
 class Killed:
-    """A program that is killed `TIMES` times, each time begun anew.
+    """A program that is killed `TIMES` times and started again each time.
 
     Args:
-        start: begins it, with its standard output in a pipe.
-        working: whether the process with this number has begun its work.
-        seconds: that moments lie after the begin of the work, at most.
-        then: called after each kill.
+        start: Starts the program with its standard output in a pipe.
+        working: Whether the process with this id has started its work.
+        seconds: The latest kill after the start of the work, in seconds.
+        then: Called after each kill.
 
     Attributes:
-        moments: how many kills hit at the start, in the work, and at the end, when the first line was printed.
+        moments: The number of kills during the start, during the work, and at the end, after the first line of output.
     """
 
     def __init__(
@@ -40,33 +40,33 @@ class Killed:
     ) -> None:
         self._start, self._working, self._seconds, self._then = start, working, seconds, then
         self._random = random.Random(seed)
-        #: How long the last start took that was not cut off.
+        #: The duration of the last complete start, in seconds.
         self._starting = 0.3
         self.moments: Counter[str] = Counter()
 
     def run(self) -> None:
-        """Kill it so often. What has nothing left to do is killed while it starts."""
+        """Kill the program `TIMES` times. A program that has no work left is killed during its start."""
         kinds = ["start"] * STARTING + ["work"] * (TIMES - STARTING - ENDING)
         self._random.shuffle(kinds)
-        # Some of those in the work have to find it unfinished.
+        # The kills at the end come last, so that the earlier ones hit unfinished work.
         for kind in [*kinds, *["end"] * ENDING]:
             hit = next((hit for hit in (kind, *["start"] * _AGAIN) if self._once(hit)), None)
-            assert hit is not None, f"it has come to its end {_AGAIN + 1} times before it could be killed"
+            assert hit is not None, f"the program ended {_AGAIN + 1} times before the kill"
             self.moments[hit] += 1
             self._then()
 
     def _once(self, kind: str) -> bool:
-        """Begin it and kill it; give whether it had not yet come to its end."""
-        began = time.monotonic()
+        """Start the program and kill it; return whether it was still running."""
+        started = time.monotonic()
         with self._start() as process:
             if kind == "start":
                 self._wait(process, self._random.uniform(0.0, self._starting))
             elif kind == "work":
                 while process.poll() is None and not self._working(process.pid):
-                    assert time.monotonic() - began < _PATIENCE, "the work does not begin"
+                    assert time.monotonic() - started < _PATIENCE, "the work does not start"
                     time.sleep(0.005)
-                self._starting = time.monotonic() - began
-                # More of them soon after the begin, so that the work is not done before the kills are.
+                self._starting = time.monotonic() - started
+                # Early moments are more likely, so that the work does not end before the kills.
                 self._wait(process, self._seconds * self._random.random() ** 2)
             else:
                 assert process.stdout is not None

@@ -1,4 +1,4 @@
-"""A real browser for tests of pages, with patience: beside hostile programs a page may take long."""
+"""A real browser for tests of pages. The timeouts are long, because a page may be slow beside hostile programs."""
 
 from __future__ import annotations
 
@@ -18,20 +18,20 @@ _MILLISECONDS = 120_000
 
 @contextmanager
 def chromium() -> Iterator[Browser]:
-    """The browser, or a skip where there is none."""
+    """The browser. Skips the test if there is none."""
     if _CHROMIUM is None:
         pytest.skip("no chromium on this machine: apt-get install chromium")
     from playwright.sync_api import sync_playwright
 
     with sync_playwright() as playwright:
-        # Its own sandbox needs more than a container gives; the pages are ours.
+        # Its sandbox does not work in a container, and the pages are trusted.
         browser = playwright.chromium.launch(executable_path=_CHROMIUM, args=["--no-sandbox"], timeout=_MILLISECONDS)
         yield browser
         browser.close()
 
 
 def window(browser: Browser, **options: Any) -> BrowserContext:
-    """A window of its own."""
+    """A new browser context."""
     context = browser.new_context(**options)
     context.set_default_timeout(_MILLISECONDS)
     return context

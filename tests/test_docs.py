@@ -21,7 +21,7 @@ import click
 import pytest
 
 from envcraft import hookspecs
-from envcraft.own_contracts import own_contracts
+from envcraft.contracts.custom import custom_contracts
 from envcraft.plugins import plugins
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -34,12 +34,12 @@ PAGES = [
 NAMES = [str(page.relative_to(ROOT)) for page in PAGES]
 #: Where the classes live that the text names without their module.
 HOMES = {
-    "Subject": "envcraft.subject",
-    "Trace": "envcraft.trace",
-    "Check": "envcraft.check",
-    "Driver": "envcraft.sandbox",
-    "Worker": "envcraft.sandbox",
-    "Rollout": "envcraft.rollout",
+    "Subject": "envcraft.judging.subject",
+    "Trace": "envcraft.model.trace",
+    "Check": "envcraft.judging.check",
+    "Driver": "envcraft.judging.driver",
+    "Worker": "envcraft.judging.driver",
+    "Rollout": "envcraft.model.rollout",
 }
 
 
@@ -71,7 +71,7 @@ def test_code_can_be_read_by_what_it_is_for(page: Path, tmp_path: Path) -> None:
         elif kind == "toml":
             (tmp_path / "pyproject.toml").write_text(code)
             assert tomllib.loads(code)
-            own_contracts(tmp_path, plugins().collect("envcraft_contracts"))
+            custom_contracts(tmp_path, plugins().collect("envcraft_contracts"))
 
 
 @pytest.mark.parametrize("page", PAGES, ids=NAMES)

@@ -1,6 +1,6 @@
 """Blink: the trivial environment. One lamp; press the first button while it is lit, for one point.
 
-Nearly nothing happens in a step, so what is measured is what the sandbox adds to it.
+A step does almost nothing, so the overhead of the sandbox dominates.
 """
 
 from __future__ import annotations

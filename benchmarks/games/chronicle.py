@@ -1,6 +1,6 @@
-"""Chronicle: a game that tells everything in ``info``, which is large, and different at every step.
+"""Chronicle: a game with a large ``info`` that differs at every step.
 
-A courier walks between towns on a map and earns a point for each parcel that is brought to the town that it is for.
+A courier walks between towns on a map and earns a point for each parcel delivered to its town.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""First step: an environment that raises at its first step, so that the host hears of it at once."""
+"""First step: an environment that raises at its first step, so that the host receives it at once."""
 
 from __future__ import annotations
 

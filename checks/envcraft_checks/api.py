@@ -1,20 +1,20 @@
 """# api
 
 ## What it does
-Holds every value of every episode against the contract: both spaces, what `reset` takes and returns, the five parts of
-`step`, type, dtype, shape and range of each observation, `info`, `render()`, `close()` twice and before any reset, an
-instance that is made after another one was closed, a second reset, and one with `seed=None` and `options=None`, as
-wrappers call it. Looks whether a returned observation changes in the next four steps or by the next reset, and whether
-`step` writes into the action.
+Compares every value of every episode with the contract: both spaces, the parameters and result of `reset`, the five
+values of `step`, the type, dtype, shape and range of each observation, `info`, `render()`, and `close()` twice and
+before the first reset. It also resets once more after an episode, calls `reset(seed=None, options=None)` as wrappers
+do, and constructs an instance after another one was closed. It compares each returned observation with itself up to
+four steps later and after the next reset, and it compares each action before and after `step`.
 
-Exceptions are searched for: random play, held buttons, every action at every step in rotation, rare actions on
-copies of the states of the longest episode and of the last ones on the way to a win, and an exploration that returns
-to states seldom left.
+The check searches for exceptions: it plays random actions, holds single actions, plays every action at every step in
+rotation, tries rare actions on copies of states (those of the longest episode, and the last ones on the way to a win),
+and explores from states that few actions have left.
 
 ## Why is this bad?
-Agents batch, store and replay what an environment returns. One frame of another shape at the end of an episode, or a
-buffer that is overwritten later, corrupts a replay memory without any error; one rare exception ends a training run
-after days.
+Agents batch, store and replay the values that an environment returns. One frame of another shape at the end of an
+episode, or a buffer that is overwritten later, corrupts a replay memory without any error. One rare exception ends a
+training run after days.
 
 ## Example
 ```python
@@ -27,24 +27,25 @@ def step(self, action):
 
 from __future__ import annotations
 
+import itertools
 import re
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 import msgspec
 
-from envcraft.check import Check, Rule
+from envcraft.judging.check import Check, Rule
+from envcraft.judging.shrink import repro, shrink
+from envcraft.model.rollout import Conditions, Rollout
+from envcraft.model.verdict import Finding
 from envcraft.plugins import hookimpl
-from envcraft.rollout import Conditions, Rollout
-from envcraft.shrink import repro, shrink
-from envcraft.verdict import Finding
 
 from .source import ask_for_dependency
 
 if TYPE_CHECKING:
-    from envcraft.description import Outcome
-    from envcraft.subject import Subject
-    from envcraft.trace import Fault, Trace
+    from envcraft.judging.subject import Subject
+    from envcraft.model.job import SearchOutcome
+    from envcraft.model.trace import Fault, Trace
 
 _INSPECT = Conditions(reread=True, options=True, closed=True)
 _RENDER = Conditions(render=True)
@@ -53,7 +54,7 @@ _CALLS = {
     "reset": "EC104", "earlier reset": "EC104", "plain reset": "EC104", "step": "EC107", "before": "EC107",
     "render": "EC112", "close": "EC113", "early close": "EC113",
 }  # fmt: skip
-#: Phases that are calls of a method with another name, or with arguments that matter.
+#: How messages name phases that are not simply the name of a method.
 _NAMES = {
     "earlier reset": "reset()",
     "plain reset": "reset(seed=None, options=None)",
@@ -61,7 +62,7 @@ _NAMES = {
     "before": "step() in an earlier episode on the same instance",
 }
 
-#: What graphics libraries say where there is no screen: nothing about the environment.
+#: Messages of graphics libraries on a machine without a screen. They say nothing about the environment.
 _NO_SCREEN = re.compile(r"OpenGL|\bGL context|gladLoad|\bdisplay\b|\bEGL\b|OSMesa|GLFW", re.IGNORECASE)
 
 
@@ -79,9 +80,9 @@ class Api(Check):
             "EC103",
             "reset-parameters",
             "reset() does not take seed= and options=.",
-            "Write `def reset(self, *, seed=None, options=None)`.",
+            "Declare `def reset(self, *, seed=None, options=None)`.",
         ),
-        Rule("EC104", "reset-raises", "reset() raises.", "Mend the line that is named."),
+        Rule("EC104", "reset-raises", "reset() raises.", "Fix the line that the finding names."),
         Rule("EC105", "reset-result", "reset() does not return (observation, info).", "Return both."),
         Rule(
             "EC106",
@@ -89,14 +90,19 @@ class Api(Check):
             "step() does not return five values.",
             "Return observation, reward, two flags, info.",
         ),
-        Rule("EC107", "step-raises", "step() raises.", "Mend the line that is named; the reproduction reaches it."),
+        Rule(
+            "EC107",
+            "step-raises",
+            "step() raises.",
+            "Fix the line that the finding names; the reproduction reaches it.",
+        ),
         Rule(
             "EC108",
             "observation-type",
             "An observation has the wrong type, dtype or shape.",
             "Convert before returning it.",
         ),
-        Rule("EC109", "observation-range", "An observation lies outside its space.", "Clip it, or widen the space."),
+        Rule("EC109", "observation-range", "An observation is outside its space.", "Clip it, or widen the space."),
         Rule(
             "EC110",
             "observation-aliased",
@@ -104,14 +110,14 @@ class Api(Check):
             "Return `frame.copy()`, or draw each frame into a new array.",
         ),
         Rule("EC111", "action-modified", "step() writes into the action array.", "Work on a copy of the action."),
-        Rule("EC112", "render", "render() raises or gives no frame.", "Return the frame for render_mode rgb_array."),
+        Rule("EC112", "render", "render() raises or returns no frame.", "Return the frame for render_mode rgb_array."),
         Rule(
             "EC113",
             "close-raises",
-            "close() raises: before a reset, the first or the second time.",
-            "Let close() free what is this instance's and is there, and do nothing twice.",
+            "close() raises: before a reset, or when it is called once or twice.",
+            "In close(), free only resources that this instance has opened, and allow a second call.",
         ),
-        Rule("EC114", "info", "info is no dict with str keys.", "Return a dict, empty if need be."),
+        Rule("EC114", "info", "info is not a dict with str keys.", "Return a dict; it may be empty."),
     )
 
     def judge(self, subject: Subject) -> Iterator[Finding]:
@@ -127,7 +133,9 @@ class Api(Check):
             if seen & {"EC104", "EC105"}:
                 return
         if "EC107" not in seen and (crash := self._search_crash(subject)) is not None:
-            yield self._smallest(subject, crash, next(self.find(subject, crash)))
+            # The crash may be none of this check's: one for lack of memory belongs to the check sandbox.
+            for finding in itertools.islice(self.find(subject, crash), 1):
+                yield self._smallest(subject, crash, finding)
 
     def confirm(self, subject: Subject, finding: Finding) -> Finding | None:
         if finding.code in ("EC101", "EC102", "EC103"):
@@ -138,51 +146,48 @@ class Api(Check):
         return next((again for again in found if again.code == finding.code), None)
 
     def _judge_spaces(self, subject: Subject) -> Iterator[Finding]:
-        from envcraft import spaces
+        from envcraft.spaces.spec import Unknown, read_space
 
-        told = subject.load().description
+        description = subject.load().description
         for code, name, promised in (
             ("EC101", "observation_space", subject.contract.observation),
             ("EC102", "action_space", subject.contract.action),
         ):
-            given = told.get(name)
-            if not isinstance(given, dict) or "type" not in given:
+            if (given := description.get(name)) is None:
                 continue
-            if promised is None and given["type"] not in spaces.KNOWN and not given.get("custom"):
-                yield self.finding(
-                    code, f"{name} is {given['type']}, no space of Gymnasium", line=subject.line_of("__init__")
-                )
-            elif promised is not None and not spaces.same(promised, given):
-                words = f"{name} is {spaces.describe(given)}, not {spaces.describe(promised)}"
-                yield self.finding(code, words, line=subject.line_of("__init__"), given=given)
-        if "reset" in told and set(told["reset"]) != {"seed", "options"}:
-            lacking = " and ".join(name + "=" for name in ("seed", "options") if name not in told["reset"])
-            yield self.finding("EC103", f"reset() does not take {lacking}", line=subject.line_of("reset"))
+            space, line = read_space(given), subject.line_of("__init__")
+            if promised is None and isinstance(space, Unknown) and not space.custom:
+                yield self.finding(code, f"{name} is {space}, which is not a Gymnasium space", line=line)
+            elif promised is not None and space != (expected := read_space(promised)):
+                yield self.finding(code, f"{name} is {space}, not {expected}", line=line, given=given)
+        if "reset" in description and set(description["reset"]) != {"seed", "options"}:
+            missing = " and ".join(name + "=" for name in ("seed", "options") if name not in description["reset"])
+            yield self.finding("EC103", f"reset() does not take {missing}", line=subject.line_of("reset"))
 
     def _traces(self, subject: Subject) -> Iterator[Trace]:
-        """What every kind of play gives, the cheapest first, so that a plain defect is found at once."""
-        players = subject.players
-        first = players.random(0)
-        told = subject.load().description
+        """The traces of every kind of play, the cheapest first, so that a simple defect is reported at once."""
+        probes = subject.probes
+        first = probes.random(0)
+        description = subject.load().description
         base = first.cut(_INSPECTED)
-        inspect = msgspec.structs.replace(_INSPECT, options="options" in told.get("reset", ("options",)))
+        inspect = msgspec.structs.replace(_INSPECT, options="options" in description.get("reset", ("options",)))
         rollouts = [first, base.under(inspect)]
         if subject.renders:
             rollouts.append(base.under(_RENDER))
-        subject.foresee(rollouts)
-        # The longest jobs are not left to the end, where they would run alone.
-        subject.foresee(subject.searches.explorations())
-        rollouts += [*players.all, *players.rotations]
-        subject.foresee(rollouts)
+        subject.prefetch(rollouts)
+        # Start the longest jobs early: at the end they would run alone.
+        subject.prefetch(subject.searches.explorations())
+        rollouts += [*probes.all, *probes.rotations]
+        subject.prefetch(rollouts)
         yield from map(subject.rollout, rollouts)
         found = subject.searches.best()
-        later = [base.cut(5).under(Conditions(before=players.earlier(base, found)))]
+        later = [base.cut(5).under(Conditions(before=probes.earlier(base, found)))]
         if found is not None:
             later += [found.under(conditions) for conditions in ([_RENDER] if subject.renders else []) + [inspect]]
         yield from subject.rollouts(later)
 
     def _search_crash(self, subject: Subject) -> Trace | None:
-        """A trace that ends in an exception, found by search and confirmed by a rollout."""
+        """The rollout of an action sequence that raises, from a search; None if no search ends in an exception."""
         for number in range(subject.budget.explore[1]):
             if actions := subject.searches.explore(number).get("crash"):
                 trace = subject.searches.scripted(number, actions, "exploration")
@@ -193,27 +198,27 @@ class Api(Check):
             return None
         explored = [trace for trace in subject.searches.explored() if trace.usable]
         if explored:
-            # Some states are only met on the way to a win.
+            # Only play that comes near a win reaches some states.
             best = max(explored, key=lambda trace: (trace.positive, trace.total))
-            told = subject.searches.sweep_last(best.actions, best.rollout.seed, left // 2)
-            if (crash := self._rare(subject, best, told)) is not None:
+            outcome = subject.searches.sweep_last(best.actions, best.rollout.seed, left // 2)
+            if (crash := self._rare(subject, best, outcome)) is not None:
                 return crash
-            left -= min(max(told.get("steps", 0), 0), left // 2)
+            left -= min(max(outcome.get("steps", 0), 0), left // 2)
         longest = max(
             (trace for trace in subject.played() if trace.usable), key=lambda trace: trace.steps, default=None
         )
-        reached = min((trace.steps for trace in subject.rollouts(subject.players.rotations)), default=0)
-        # Where each rotation lives as long, every action has been tried at every step already.
+        reached = min((trace.steps for trace in subject.rollouts(subject.probes.rotations)), default=0)
+        # If each rotation lasts as long, it has tried every action at every step already.
         if longest is None or reached >= longest.steps:
             return None
         return self._rare(subject, longest, subject.searches.sweep(longest.actions, longest.rollout.seed, left))
 
-    def _rare(self, subject: Subject, path: Trace, told: Outcome) -> Trace | None:
-        trace = subject.rollout(Rollout(path.rollout.seed, list(told.get("crash") or []), player="a rare action"))
+    def _rare(self, subject: Subject, path: Trace, outcome: SearchOutcome) -> Trace | None:
+        trace = subject.rollout(Rollout(path.rollout.seed, list(outcome.get("crash") or []), player="a rare action"))
         return trace if trace.fault is not None else None
 
     def find(self, subject: Subject, trace: Trace) -> Iterator[Finding]:
-        """What is wrong with the values of one trace."""
+        """Judge the values of one trace."""
         who = trace.rollout.player
         if trace.fault is not None and not trace.fault.memory:
             finding = self._judge_fault(subject, trace, trace.fault)
@@ -226,8 +231,8 @@ class Api(Check):
             yield self.finding(code, f"{problem.words} ({_at(problem.step)}, under {who})", step=problem.step)
         if trace.overwritten:
             at, by = trace.overwritten[0]
-            words = f"the observation of {_at(at)} had changed after {'the next reset' if by is None else f'step {by}'}"
-            # What is said of a step that came later may show at once, in an episode that ends there.
+            words = f"the observation of {_at(at)} changed after {'the next reset' if by is None else f'step {by}'}"
+            # A change that is noticed later may show at once in an episode that ends here.
             yield self.finding("EC110", words, line=subject.line_of("reset" if by is None else "step"), step=at + 1)
         if trace.acted:
             step, now = trace.acted[0]
@@ -251,7 +256,7 @@ class Api(Check):
             words = f"{fault.phase}() returned {fault.malformed} ({_at(fault.step)})"
             return self.finding(code, words, line=line, step=fault.step)
         if closed and fault.phase == "construct":
-            return self.finding("EC113", f"no instance can be made{closed}: {fault}", line=line)
+            return self.finding("EC113", f"the constructor fails{closed}: {fault}", line=line)
         if fault.phase not in _CALLS:
             return None
         if fault.phase == "render" and _NO_SCREEN.search(f"{fault.type} {fault.message}"):
@@ -263,7 +268,7 @@ class Api(Check):
         return self.finding(code, words, line=line, step=fault.step, **raised)
 
     def _smallest(self, subject: Subject, trace: Trace, finding: Finding) -> Finding:
-        """The finding with a reproduction that is as short and as idle as a few tries make it."""
+        """Replace a finding's reproduction by the shortest and idlest one that a few tries give."""
 
         def shows(rollout: Rollout) -> bool:
             return any(found.code == finding.code for found in self.find(subject, subject.rollout(rollout)))
@@ -273,7 +278,7 @@ class Api(Check):
         if rollout.conditions.closed and shows(apart):
             rollout = apart
         small = shrink(rollout, finding.evidence.get("step", trace.steps), shows, subject.contract.noop)
-        # It may show at another step than the first time.
+        # The shorter episode may fail at another step.
         again = (found for found in self.find(subject, subject.rollout(small)) if found.code == finding.code)
         return msgspec.structs.replace(next(again, finding), repro=repro(small))
 

@@ -1,23 +1,25 @@
 """# determinism
 
 ## What it does
-Plays the same seed and actions again and compares whole traces bit by bit: frames, rewards, flags and info. First
-once more in another process, and once with everything else different at the same time: a fresh worker with another
-PYTHONHASHSEED, perturbed global random generators, a shifted and faster clock, empty options, other episodes before on
-the same instance, a second instance stepped alongside, `render()` in between. When that differs, each condition is
-tried alone, and the finding names the condition, the first step and the field. What is played is random, and the best
-that a search has found: a win, a key that is picked up. Among the episodes before are the very same one, that best one,
-one in which nothing is done until the end, and many resets.
+Plays the same seed and actions again and compares whole traces bit by bit: frames, rewards, flags and info. The first
+repetition runs in another process. The second changes all conditions at the same time: a new worker with another
+PYTHONHASHSEED, global random generators in another state, a shifted and faster clock, empty options, earlier episodes
+on the same instance, a second instance that is stepped alongside, and `render()` between the steps. If this trace
+differs, the check tries each condition alone. The finding names the condition, the first step and the field.
 
-Different seeds must give different traces; one fixed level for every seed is a legitimate design and only a warning.
-Training seeds the first reset and no other: what follows from it must come out the same again, and must not be one
-level for ever where seeds give many. An
-info value that follows nothing but the clock, or counts the episodes, is telemetry, and only a warning; all but info is
-then compared once more, so that telemetry hides nothing.
+The episodes are random play and the best episode of a search, such as a win. The earlier episodes include the same
+episode, the best one, one that does nothing until the end, and many resets.
+
+Different seeds must give different traces. One fixed level for every seed is a legitimate design and only a warning.
+Training passes a seed to the first reset only: the episodes that follow it must be the same when the program runs
+again, and must not all be one level if seeds give several.
+
+An info value that depends on nothing but the clock, or counts the episodes, is telemetry and only a warning. The check
+then compares again without info, so that telemetry hides no other difference.
 
 ## Why is this bad?
-An experiment that cannot be repeated cannot be debugged, compared or replayed from a seed. Agents that share a
-process with other environments, or draw their own random numbers, change what such an environment does.
+An experiment that cannot be repeated cannot be debugged, compared or replayed from a seed. Such an environment also
+behaves differently if an agent shares its process with other environments or draws random numbers of its own.
 
 ## Example
 ```python
@@ -35,28 +37,29 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
-from envcraft.check import Check, Rule, Skip
+from envcraft.errors import Skip
+from envcraft.judging.check import Check, Rule
+from envcraft.judging.shrink import repro
+from envcraft.model.rollout import ClockShift, Conditions, Episode, Rollout
+from envcraft.model.verdict import Finding, Severity
 from envcraft.plugins import hookimpl
-from envcraft.rollout import ClockShift, Conditions, Episode, Rollout
-from envcraft.shrink import repro
-from envcraft.verdict import Finding, Severity
 
 if TYPE_CHECKING:
-    from envcraft.subject import Subject
-    from envcraft.trace import Divergence, Trace
+    from envcraft.judging.subject import Subject
+    from envcraft.model.trace import Divergence, Trace
 
 _SHIFTED = ClockShift(offset=12_345_678.912_3, rate=7.3)
 _LOGICAL = ClockShift(offset=0.0, rate=0.0)
-#: What a difference in nothing but info is, by what it would be elsewhere.
+#: The code of a difference in info only, by the code of a difference elsewhere.
 _TELEMETRY = {"EC205": "EC210", "EC206": "EC211"}
 _OTHER_HASHES = 20_241
 _OTHER_STATE = 1_000_003
 _BESIDE_STEPS = 200
-#: A number drawn from a few comes out the same by chance: so often it is drawn again before that means anything.
-_AGAIN = 7
-#: So often the reset alone is repeated: it may draw only once, where steps draw many times.
+#: Repetitions before equality counts: a number drawn from a small range may be the same by chance.
+_REPEATS = 7
+#: Repetitions of the reset alone, which may draw only one random number.
 _RESETS = 4
-#: Steps of the episodes without a seed, how often the first is run again, and how many must be alike to be found so.
+#: For resets without a seed: steps of an episode, repetitions of the first, and episodes that must be equal for EC212.
 _UNSEEDED_STEPS, _UNSEEDED_AGAIN, _UNSEEDED = 10, 2, 8
 
 
@@ -65,13 +68,16 @@ class Determinism(Check):
     hash_seeds = (_OTHER_HASHES,)
     rules = (
         Rule(
-            "EC201", "run-again", "The same seed gives another trace when run again.", "Draw from self.np_random only."
+            "EC201",
+            "run-again",
+            "The same seed gives another trace when it is run again.",
+            "Draw from self.np_random only.",
         ),
         Rule(
             "EC202",
             "fresh-process",
             "The trace depends on the process.",
-            "Depend on no id(), process id, or order of a set of objects.",
+            "Do not depend on id(), the process id, or the order of a set of objects.",
         ),
         Rule(
             "EC203",
@@ -89,7 +95,7 @@ class Determinism(Check):
         Rule(
             "EC206",
             "earlier-episodes",
-            "The trace depends on the episodes before it.",
+            "The trace depends on earlier episodes.",
             "Let reset() set every attribute that step() changes.",
         ),
         Rule(
@@ -102,74 +108,74 @@ class Determinism(Check):
             "EC208",
             "render-between",
             "The trace depends on calls of render().",
-            "Draw in render(), and change nothing.",
+            "Only draw in render(); do not change the state.",
         ),
         Rule(
             "EC209",
             "seed-ignored",
             "Different seeds give the same trace.",
-            "Fine for one fixed level; else draw the level from self.np_random.",
+            "Fine for one fixed level; otherwise draw the level from self.np_random.",
             Severity.WARNING,
         ),
         Rule(
             "EC210",
             "clock-in-info",
-            "info follows the clock.",
-            "Fine for telemetry; agents must not read it.",
+            "info depends on the clock.",
+            "Fine for telemetry, as long as agents do not read it.",
             Severity.WARNING,
         ),
         Rule(
             "EC211",
             "episodes-in-info",
-            "info follows the episodes before it.",
-            "Fine for a count of episodes; agents must not read it.",
+            "info depends on earlier episodes.",
+            "Fine for a count of episodes, as long as agents do not read it.",
             Severity.WARNING,
         ),
         Rule(
             "EC212",
             "unseeded-alike",
-            "Without a seed each reset gives the same episode, though seeds give different ones.",
-            "Take no seed of your own when reset() gets none: super().reset(seed=seed), then self.np_random.",
+            "Every reset without a seed gives the same episode, although seeds give different ones.",
+            "Do not choose a seed if reset() receives none: call super().reset(seed=seed) and use self.np_random.",
             Severity.WARNING,
         ),
         Rule(
             "EC213",
             "unseeded-differs",
-            "Episodes that follow a seeded one without a seed come out otherwise when run again.",
-            "Keep the generator when reset() gets no seed: super().reset(seed=seed), then self.np_random.",
+            "Unseeded episodes after a seeded one differ when they are run again.",
+            "Keep the generator if reset() receives no seed: call super().reset(seed=seed) and use self.np_random.",
             Severity.WARNING,
         ),
         Rule(
             "EC214",
             "empty-options",
-            "The trace depends on whether reset() gets empty options or none.",
-            "Let options={} be as options=None: `options = options or {}`.",
+            "The trace depends on whether reset() receives empty options or None.",
+            "Treat options={} as options=None: `options = options or {}`.",
         ),
     )
 
     def judge(self, subject: Subject) -> Iterator[Finding]:
         if subject.load().description.get("nondeterministic"):
-            raise Skip("its registration says that it is nondeterministic")
+            raise Skip("the environment is registered as nondeterministic")
         seeds, length = subject.budget.probes
-        plays = subject.rollouts(subject.players.probes)
+        plays = subject.rollouts(subject.probes.determinism)
         reset = list(itertools.takewhile(lambda play: play.observations, plays))
         probes = [play.rollout.cut(min(length, max(play.steps, 1))) for play in reset]
         if len(reset) == seeds and (found := subject.searches.best()) is not None and self._differs(subject, found):
             probes.append(found)
         for rollout in probes:
-            subject.foresee([rollout, rollout.under(self._together(subject, rollout))], alone=True)
-            subject.foresee([rollout], again=True)
-        told: set[str] = set()
+            subject.prefetch([rollout, rollout.under(self._together(subject, rollout))], alone=True)
+            subject.prefetch([rollout], again=True)
+        reported: set[str] = set()
         for rollout in probes:
             for finding in self._probe(subject, rollout):
-                if finding.code not in told:
-                    told.add(finding.code)
+                if finding.code not in reported:
+                    reported.add(finding.code)
                     yield finding
-            if told.difference(_TELEMETRY.values()):
-                # What differs on one seed costs every further one all conditions again.
+            if reported.difference(_TELEMETRY.values()):
+                # Each further seed would try all conditions again for the same defect.
                 return
         if len(reset) < seeds:
-            raise Skip("reset() gives no observation")
+            raise Skip("reset() returns no observation")
         fixed = list(self._judge_seeds(subject))
         yield from fixed
         yield from self._judge_unseeded(subject, bool(fixed))
@@ -178,12 +184,12 @@ class Determinism(Check):
         if finding.code == "EC209":
             return next(self._judge_seeds(subject), None)
         if finding.code in ("EC212", "EC213"):
-            told = self._judge_unseeded(subject, fixed=False)
-            return next((again for again in told if again.code == finding.code), None)
+            findings = self._judge_unseeded(subject, fixed=False)
+            return next((again for again in findings if again.code == finding.code), None)
         conditions = Conditions.from_json(finding.repro.conditions)
         rollout = Rollout(finding.repro.seed, finding.repro.actions)
         info = finding.evidence.get("field") == "info"
-        for _ in range(_AGAIN):
+        for _ in range(_REPEATS):
             if conditions.again:
                 trace = subject.rerun(rollout.under(conditions))
                 found = _diverge(trace.earlier, trace, info) if trace.earlier else None
@@ -194,12 +200,12 @@ class Determinism(Check):
         return None
 
     def _differs(self, subject: Subject, rollout: Rollout) -> bool:
-        """Whether an episode is another one with everything different at the same time: worth a closer look."""
+        """Whether an episode differs when all conditions change at the same time."""
         everything = subject.rollout(rollout.under(self._together(subject, rollout)), alone=True)
         return _interrupted(everything) or _diverge(subject.rollout(rollout), everything, info=True) is not None
 
     def _probe(self, subject: Subject, rollout: Rollout) -> Iterator[Finding]:
-        """What is found with info, and all but that where info had telemetry and nothing else was found."""
+        """Compare traces with info, and once more without it if only telemetry differs."""
         for info in (True, False):
             codes = set()
             for finding in self._compare(subject, rollout, info):
@@ -220,7 +226,7 @@ class Determinism(Check):
         if found is None and not _interrupted(everything):
             return
         if found is not None:
-            again = self._redraw(subject, rollout.cut(found.step), _AGAIN, info)
+            again = self._redraw(subject, rollout.cut(found.step), _REPEATS, info)
             if again is not None:
                 yield self._attribute_repeat(subject, rollout, again, info)
                 return
@@ -231,7 +237,7 @@ class Determinism(Check):
                 yield self._found(subject, "EC202", rollout, fresh, again)
                 return
         alone = self._alone(subject, rollout)
-        subject.foresee((rollout.under(conditions) for _, conditions, _ in alone), alone=True)
+        subject.prefetch((rollout.under(conditions) for _, conditions, _ in alone), alone=True)
         for code, conditions, _ in alone:
             if (again := _diverge(base, subject.rollout(rollout.under(conditions), alone=True), info)) is not None:
                 reported = True
@@ -246,7 +252,7 @@ class Determinism(Check):
     def _fewer(
         self, subject: Subject, rollout: Rollout, base: Trace, conditions: Conditions, found: Divergence, info: bool
     ) -> tuple[Conditions, Divergence]:
-        """One of the episodes before, where one is enough, and how the trace differs then."""
+        """Reduce the earlier episodes to a single one that still changes the trace, if one does."""
         for episode in conditions.before:
             one = Conditions(before=[episode])
             if (again := _diverge(base, subject.rollout(rollout.under(one), alone=True), info)) is not None:
@@ -254,16 +260,17 @@ class Determinism(Check):
         return conditions, found
 
     def _reset_again(self, subject: Subject, rollout: Rollout, info: bool) -> Divergence | None:
-        """How a repetition of the reset differs from the first, if one of some does: first in one process, which is
-        quick, and only what differs there each in its own.
+        """How a repeated reset differs from the first; None if none does.
+
+        Repetitions share a process, which is quick. Only if one differs, each runs in a process of its own.
         """
         first = subject.rerun(rollout, alone=False)
         repeated = (subject.rerun(rollout, alone=False) for _ in range(_RESETS))
         differs = any(_diverge(first, trace, info) is not None for trace in repeated)
-        return self._redraw(subject, rollout, _AGAIN, info) if differs else None
+        return self._redraw(subject, rollout, _REPEATS, info) if differs else None
 
     def _redraw(self, subject: Subject, rollout: Rollout, times: int, info: bool) -> Divergence | None:
-        """How a repetition differs from the first run, if one of so many does."""
+        """How one of `times` repetitions differs from the first run; None if none does."""
         first = subject.rollout(rollout, alone=True)
         repeated = (_diverge(first, subject.rerun(rollout), info) for _ in range(times))
         return next((found for found in repeated if found is not None), None)
@@ -277,12 +284,12 @@ class Determinism(Check):
         )
 
     def _alone(self, subject: Subject, rollout: Rollout) -> list[tuple[str, Conditions, str]]:
-        """Each condition alone: the code that it would give, the condition, and its field."""
-        from envcraft import actions
+        """Each condition alone: the code of its finding, the condition, and its field."""
+        from envcraft.judging import actions
 
         seed = rollout.seed + 8_009
         beside = Episode(seed, actions.random_actions(subject.action_space, seed, _BESIDE_STEPS))
-        before = subject.players.earlier(rollout, subject.searches.best())
+        before = subject.probes.earlier(rollout, subject.searches.best())
         rendered = [("EC208", Conditions(render=True), "render")] if subject.renders else []
         taken = "options" in subject.load().description.get("reset", ("options",))
         optional = [("EC214", Conditions(options=True), "options")] if taken else []
@@ -297,19 +304,19 @@ class Determinism(Check):
         ]
 
     def _attribute_repeat(self, subject: Subject, rollout: Rollout, found: Divergence, info: bool) -> Finding:
-        """The plain repetition differs: is it the clock, the process, or the run itself?"""
+        """Name the cause of a difference between plain repetitions: the clock, the process, or the run itself."""
         short = rollout.cut(found.step)
         logical = short.under(Conditions(clock=_LOGICAL))
         first = subject.rerun(logical)
-        if all(_diverge(first, subject.rerun(logical), info) is None for _ in range(_AGAIN)):
-            # Addresses change from run to run only now and then, so they may all have been the same by chance.
+        if all(_diverge(first, subject.rerun(logical), info) is None for _ in range(_REPEATS)):
+            # Addresses change only in some runs, so all of them may have been equal by chance.
             moved = (short.under(Conditions(clock=_LOGICAL, heap=heap)) for heap in range(1, 4))
             if any(_diverge(first, subject.rerun(other), info) is not None for other in moved):
                 return self._found(subject, "EC202", rollout, Conditions(fresh=True, heap=1), found)
             code = _TELEMETRY["EC205"] if found.field == "info" else "EC205"
             return self._found(subject, code, rollout, Conditions(clock=_SHIFTED), found)
         again = Conditions(again=True)
-        for _ in range(_AGAIN):
+        for _ in range(_REPEATS):
             twice = subject.rerun(short.under(again))
             within = _diverge(twice.earlier, twice, info) if twice.earlier is not None else found
             if within is not None:
@@ -322,14 +329,14 @@ class Determinism(Check):
         self, subject: Subject, code: str, rollout: Rollout, conditions: Conditions, divergence: Divergence
     ) -> Finding:
         how = {
-            "EC201": "run again in the same process",
+            "EC201": "when it is run again in the same process",
             "EC202": "in a fresh process",
             "EC203": "under another PYTHONHASHSEED",
             "EC204": "with the global random generators in another state",
             "EC205": "under another clock",
             "EC206": "after other episodes on the same instance",
             "EC207": "with a second instance stepped alongside",
-            "EC208": "with render() called in between",
+            "EC208": "with render() between the steps",
             "EC210": "under another clock",
             "EC214": "with empty options",
             "EC211": "after other episodes on the same instance",
@@ -348,7 +355,7 @@ class Determinism(Check):
 
     def _judge_seeds(self, subject: Subject) -> Iterator[Finding]:
         length = subject.budget.probes[1]
-        plays = [subject.players.random(number).cut(length) for number in range(3)]
+        plays = [subject.probes.random(number).cut(length) for number in range(3)]
         same = [msgspec.structs.replace(play, actions=plays[0].actions) for play in plays]
         traces = subject.rollouts(same)
         alike = all(_diverge(traces[0], trace, info=False) is None for trace in traces[1:])
@@ -356,15 +363,15 @@ class Determinism(Check):
             seeds = [rollout.seed for rollout in same]
             yield self.finding(
                 "EC209",
-                f"the seeds {seeds} give the same frames, rewards and flags: fine for one fixed level",
+                f"the seeds {seeds} give the same frames, rewards and flags, which is fine for one fixed level",
                 line=subject.line_of("reset"),
                 repro=repro(same[0].cut(20)),
                 seeds=seeds,
             )
 
     def _judge_unseeded(self, subject: Subject, fixed: bool) -> Iterator[Finding]:
-        """Episodes without a seed after a seeded one, `fixed` where seeds give one and the same."""
-        plain = subject.players.random(0).cut(_UNSEEDED_STEPS)
+        """Judge unseeded episodes that follow a seeded one. `fixed` says that all seeds give the same episode."""
+        plain = subject.probes.random(0).cut(_UNSEEDED_STEPS)
 
         def after(count: int) -> Rollout:
             before = [Episode(plain.seed, plain.actions), *[Episode(None, plain.actions)] * count]
@@ -378,7 +385,7 @@ class Determinism(Check):
             alone = subject.rerun(after(0))
             if (found := _diverge(alone, subject.rerun(after(0)), info=False)) is not None:
                 words = (
-                    f"after reset(seed={plain.seed}) and an episode, reset() gives another one when run again: {found}"
+                    f"after reset(seed={plain.seed}) and an episode, reset() gives another episode in each run: {found}"
                 )
                 small = repro(after(0).cut(found.step))
                 yield self.finding("EC213", words, line=subject.line_of("reset"), repro=small, step=found.step)
@@ -387,24 +394,24 @@ class Determinism(Check):
         if fixed or not all(_diverge(first, trace, info=False) is None for trace in later):
             return
         seeded = [
-            msgspec.structs.replace(plain, seed=subject.players.random(number).seed) for number in range(_UNSEEDED)
+            msgspec.structs.replace(plain, seed=subject.probes.random(number).seed) for number in range(_UNSEEDED)
         ]
         traces = subject.rollouts(seeded)
         different = sum(_diverge(traces[0], trace, info=False) is not None for trace in traces)
         if 2 * different > _UNSEEDED:
-            words = f"after reset(seed={plain.seed}) {_UNSEEDED + 1} resets without a seed all give the same episode, "
-            words += f"and {_UNSEEDED} seeds {different + 1} different ones"
+            words = f"after reset(seed={plain.seed}) all {_UNSEEDED + 1} resets without a seed give the same episode, "
+            words += f"while {_UNSEEDED} seeds give {different + 1} different ones"
             yield self.finding("EC212", words, line=subject.line_of("reset"), repro=repro(after(1)))
 
 
 def _diverge(first: Trace, second: Trace, info: bool) -> Divergence | None:
-    from envcraft.trace import diverge
+    from envcraft.model.trace import diverge
 
     return None if _interrupted(first) or _interrupted(second) else diverge(first, second, info)
 
 
 def _interrupted(trace: Trace) -> bool:
-    """Whether an exception came from a call that is only a condition: that is the check api's to report."""
+    """Whether a call that is only part of a condition raised, which the check api reports."""
     calls = ["earlier reset", "before", "companion", "render"]
     if trace.rollout.conditions.options:
         calls.append("reset")

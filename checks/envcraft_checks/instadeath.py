@@ -1,12 +1,11 @@
 """# instadeath
 
 ## What it does
-Does nothing, on one seed after another, until it is settled whether that loses at once on most of them (more than 50%):
-terminated within 30 steps without success. Later losses, truncations and wins do not count.
+Does nothing, on one seed after another, until it is settled whether this loses at once on more than 50% of seeds. To
+lose at once is to terminate within 30 steps without success. Later losses, truncations and wins do not count.
 
 ## Why is this bad?
-Early in training an agent does not know what to do. Where every early episode is over before it can act, it sees
-nothing but the start and the loss.
+An untrained agent acts at random. If every early episode ends before it can act, it sees only the start and the loss.
 
 ## Example
 ```python
@@ -19,15 +18,15 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-from envcraft.check import Check, Rule
+from envcraft.judging.check import Check, Rule
+from envcraft.judging.shrink import repro
+from envcraft.judging.statistics import settle
+from envcraft.model.verdict import Finding
 from envcraft.plugins import hookimpl
-from envcraft.shrink import repro
-from envcraft.stats import settle
-from envcraft.verdict import Finding
 
 if TYPE_CHECKING:
-    from envcraft.subject import Subject
-    from envcraft.trace import Trace
+    from envcraft.judging.subject import Subject
+    from envcraft.model.trace import Trace
 
 _MOST = 0.5
 
@@ -39,7 +38,7 @@ class InstaDeath(Check):
             "EC701",
             "idle-loses",
             "Doing nothing loses at once on most seeds.",
-            "Give the agent a moment before anything can kill it.",
+            "Give the agent some steps before it can lose.",
         ),
     )
 
@@ -49,17 +48,17 @@ class InstaDeath(Check):
         def lost(number: int) -> bool:
             return _lost(subject.noop(number, within))
 
-        def foresee(numbers: range) -> None:
-            subject.foresee(subject.players.noop(number, within) for number in numbers)
+        def prefetch(numbers: range) -> None:
+            subject.prefetch(subject.probes.noop(number, within) for number in numbers)
 
-        verdict, rate = settle(lost, _MOST, subject.budget.looks, foresee)
-        # An episode that is over before anything can be done is the check termination's.
+        verdict, rate = settle(lost, _MOST, subject.budget.looks, prefetch)
+        # The check termination reports episodes that end before play is possible.
         if verdict is True:
             shortest = min((subject.noop(number, within) for number in range(rate.n)), key=lambda trace: trace.steps)
             yield self.finding(
                 "EC701",
-                f"doing nothing loses within {within} steps on {rate} seeds, more than {100 * _MOST:g}%, at step "
-                f"{shortest.steps} at the earliest",
+                f"doing nothing loses within {within} steps on {rate} seeds, more than {100 * _MOST:g}%, and at the "
+                f"earliest at step {shortest.steps}",
                 line=subject.line_of("step"),
                 repro=repro(shortest.rollout.cut(shortest.steps)),
                 rate=rate.evidence(),

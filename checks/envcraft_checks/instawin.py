@@ -1,15 +1,18 @@
 """# instawin
 
 ## What it does
-Plays at random until it is settled whether random play consistently wins (more than 80% of episodes): by
-`is_success` where info gives it; else by a positive return at a terminated end that no other play clearly beats. And
-looks whether every policy earns the very same positive return, so that reward is paid regardless of play; where info
-tells of success, only if some episode had it. Play that comes to no end counts there where it earns clearly more.
+Plays at random until it is settled whether random play consistently wins, that is in more than 80% of episodes. A win
+is `is_success` if info reports it; otherwise it is a positive return at a terminated end that no other play clearly
+exceeds.
 
-With `--policy FILE` the privileged policy is other play, too: its actions are stepped again without it.
+The check also compares the returns of all policies: if each earns the same positive return, the reward does not depend
+on play. If info reports success, this counts only after an episode with success. Play that reaches no end counts as
+different if it earns clearly more.
+
+With `--policy FILE` the check also plays the actions of the privileged policy.
 
 ## Why is this bad?
-Where random play wins there is nothing to learn, and a score on it says nothing about an agent.
+If random play wins, an agent has nothing to learn, and its score says nothing about it.
 
 ## Example
 ```python
@@ -23,36 +26,37 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-from envcraft.check import Check, Rule, Skip
+from envcraft.errors import Skip
+from envcraft.judging.check import Check, Rule
+from envcraft.judging.shrink import repro
+from envcraft.judging.statistics import settle
+from envcraft.model.verdict import Finding
 from envcraft.plugins import hookimpl
-from envcraft.shrink import repro
-from envcraft.stats import settle
-from envcraft.verdict import Finding
 
 if TYPE_CHECKING:
-    from envcraft.subject import Subject
-    from envcraft.trace import Trace
+    from envcraft.judging.subject import Subject
+    from envcraft.model.trace import Trace
 
 _CLEARLY = 1.25
-BY_SIGN = ": each ends with a positive return; info tells no success"
+BY_SIGN = ": each ends with a positive return; info reports no success"
 
 
 class InstaWin(Check):
     name = "instawin"
     rules = (
-        Rule("EC601", "random-wins", "Random play consistently wins.", "Make winning depend on what the agent does."),
+        Rule("EC601", "random-wins", "Random play consistently wins.", "Make winning depend on the agent's actions."),
         Rule(
             "EC602",
             "paid-regardless",
-            "The same positive reward is paid whatever the agent does.",
-            "Pay for what the agent achieves, not for the passing of time.",
+            "The same positive reward is paid under every policy.",
+            "Reward achievements of the agent, not the passing of time.",
         ),
     )
 
     def judge(self, subject: Subject) -> Iterator[Finding]:
         if not any(trace.ended for trace in subject.played()):
             raise Skip("no episode ends by itself")
-        if wins_told(subject):
+        if wins_known(subject):
             yield from self._judge_random(subject)
         yield from self._judge_paid(subject)
 
@@ -62,12 +66,12 @@ class InstaWin(Check):
             lambda number: bool(subject.random(number).success),
             consistently,
             subject.budget.looks,
-            lambda numbers: subject.foresee(map(subject.players.random, numbers)),
+            lambda numbers: subject.prefetch(map(subject.probes.random, numbers)),
         )
         if verdict is not True:
             return
         wins = [trace for trace in map(subject.random, range(rate.n)) if trace.success]
-        by_sign = not all(trace.told is not None for trace in wins)
+        by_sign = not all(trace.reported_success is not None for trace in wins)
         if by_sign:
             usual = sum(trace.total for trace in wins) / len(wins)
             best = max(
@@ -78,7 +82,7 @@ class InstaWin(Check):
         shortest = min(wins, key=lambda trace: trace.steps)
         yield self.finding(
             "EC601",
-            f"random play wins {rate}, more than {100 * consistently:g}%, in {shortest.steps} steps at the least"
+            f"random play wins {rate}, more than {100 * consistently:g}%, in at least {shortest.steps} steps"
             f"{BY_SIGN if by_sign else ''}",
             line=subject.line_of("step"),
             repro=repro(shortest.rollout.cut(shortest.steps)),
@@ -91,8 +95,10 @@ class InstaWin(Check):
         for trace in [*traces, *(trace for trace in subject.searches.explored() if trace.ended)]:
             by_seed.setdefault(trace.rollout.seed, []).append(trace)
         found = [trace for same in by_seed.values() for trace in same]
-        if any(trace.told is not None for trace in found) and not any(trace.told for trace in found):
-            # What nobody has seen may be paid otherwise.
+        if any(trace.reported_success is not None for trace in found) and not any(
+            trace.reported_success for trace in found
+        ):
+            # No episode has shown how a success is paid.
             return
         widest = max(by_seed.values(), key=len)
         policies = {trace.rollout.player for trace in widest}
@@ -115,9 +121,9 @@ class InstaWin(Check):
         )
 
 
-def wins_told(subject: Subject) -> bool:
-    """Whether anything tells a win: the return's sign, or else some episode's info."""
-    return subject.contract.success.sign or any(trace.told is not None for trace in subject.played())
+def wins_known(subject: Subject) -> bool:
+    """Whether wins are known: from the sign of the return, or from the info of some episode."""
+    return subject.contract.success.sign or any(trace.reported_success is not None for trace in subject.played())
 
 
 def _same_returns(traces: list[Trace]) -> bool:
@@ -125,10 +131,10 @@ def _same_returns(traces: list[Trace]) -> bool:
 
 
 def _paid_otherwise(trace: Trace, same: list[Trace]) -> bool:
-    """Whether a trace earns another return than those of its seed, which earn the same."""
+    """Whether a trace earns a different return than the other traces of its seed, which all earn the same."""
     if trace.ended:
         return not _same_returns([trace, *same])
-    # Play that comes to no end, where a goal is all that ends an episode, is not paid as play that does.
+    # If only a goal ends an episode, play that reaches no end is not paid like play that does.
     return trace.usable and trace.total > max(_CLEARLY * same[0].total, same[0].total + 1e-9)
 
 

@@ -1,23 +1,22 @@
 """# observation
 
 ## What it does
-Asks whether the picture tells an agent anything. It must change in some episode; it must not be independent noise;
-the same seed under different actions must give different pictures sooner or later; and `render()` must give the
-observation where the contract says so. A picture that stands still until the agent acts is fine, and so is one that
-changes rarely.
+Checks that the observation carries information. It must change in some episode. It must not be independent noise. The
+same seed under different actions must lead to different observations. `render()` must return the observation if the
+contract requires it. A picture that changes only when the agent acts, or changes rarely, is fine.
 
-A picture that freezes is one that changes for the last time at the very same step in episodes of several seeds and
-players, half of each of which follows that step. Whatever else is played must not change it later, neither holding a
-button, nor trying all in turn, nor exploration. A game that gets stuck does so sooner or later, and one that waits for
-the right action is moved by somebody.
+A picture is frozen if it changes for the last time at the same step in episodes of several seeds and policies, and at
+least half of each of these episodes follows that step. No other play may change it later: held actions, all actions in
+rotation, or exploration. A game that gets stuck does so at different steps, and a game that waits for the right action
+receives it from some policy.
 
-Noise is judged on the pixels that vary: each minus its mean over time, correlated with itself one to four steps
-later while one action is held. Where more than half of the picture changes at each step, no lag correlates, and no
-picture is the one before moved by some pixels, it is noise.
+Noise is measured on the pixels that vary: each one minus its mean over time, correlated with itself one to four steps
+later while one action is held. The picture is noise if more than half of it changes at each step, no lag correlates,
+and no picture is a shifted copy of the one before.
 
 ## Why is this bad?
-An agent sees nothing but the observation. Where that does not show the game, nothing can be learned from it, however
-good the game is.
+An agent sees only the observation. If it does not show the game, the agent can learn nothing from it, however good the
+game is.
 
 ## Example
 ```python
@@ -32,23 +31,25 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
-from envcraft.check import Check, Rule, Skip
+from envcraft.errors import Skip
+from envcraft.judging.check import Check, Rule
+from envcraft.judging.shrink import repro
+from envcraft.model.rollout import Conditions, Rollout
+from envcraft.model.verdict import Finding
 from envcraft.plugins import hookimpl
-from envcraft.rollout import Conditions, Rollout
-from envcraft.shrink import repro
-from envcraft.verdict import Finding
 
 if TYPE_CHECKING:
-    from envcraft.subject import Subject
-    from envcraft.trace import Trace
+    from envcraft.judging.subject import Subject
+    from envcraft.model.trace import Trace
+    from envcraft.spaces.spec import SpaceSpec
 
 _WATCHED = 64
 _RENDERED = 200
-#: Of independent noise the best shift matches to 0.05, where it comes in large blocks to 0.35 at the most; of a picture
-#: that scrolls by a quarter of itself to 0.65, and 1 is one that comes round again.
+#: The match of the best shift: 0.05 for independent noise and up to 0.35 if it has large blocks, 0.65 for a picture
+#: that scrolls by a quarter of its width, and 1 for one that wraps around.
 _MATCHES = 0.5
-#: A picture stands still for so many steps before it is said to have frozen; where it stopped changing after this share
-#: of the others' time, the last actions before may have done nothing.
+#: Steps without a change before a picture counts as frozen. If it stopped changing before this share of the last change
+#: of the others, its last actions may have had no effect.
 _STILL, _NEARLY = 30, 0.9
 
 
@@ -58,34 +59,34 @@ class Observation(Check):
         Rule(
             "EC401",
             "constant",
-            "The observation never changes, or no more from some step on.",
-            "Draw the frame after the state has changed.",
+            "The observation never changes, or stops changing at some step.",
+            "Draw the frame after the change of state.",
         ),
         Rule(
             "EC402", "noise", "The observation is independent noise.", "Draw the state of the game, not random pixels."
         ),
         Rule("EC403", "unresponsive", "The observation does not react to actions.", "Draw what the agent controls."),
-        Rule("EC404", "unlike-render", "The observation differs from render().", "Draw both by one method."),
+        Rule("EC404", "unlike-render", "The observation differs from render().", "Draw both with one method."),
     )
 
     def judge(self, subject: Subject) -> Iterator[Finding]:
         traces = [trace for trace in subject.played() if len(trace.observations) > 1]
         if not traces:
-            raise Skip("no episode came to a second observation")
+            raise Skip("no episode has a second observation")
         longest = max(traces, key=lambda trace: trace.steps)
-        subject.foresee(
-            [self._watch(subject, subject.choices[0]), self._rendered(traces[0])][: 1 + subject.contract.render]
+        subject.prefetch(
+            [self._watch(subject, subject.joint_actions[0]), self._rendered(traces[0])][: 1 + subject.contract.render]
         )
         if _only_value(subject.observation_space):
-            raise Skip("the observation space has one value only")
+            raise Skip("the observation space has only one value")
         if subject.contract.observation is None and longest.steps == 1:
-            raise Skip("every episode is a single decision, after which nobody looks")
+            raise Skip("every episode is one step long, and no agent acts on its last observation")
         seen = [trace for trace in traces if not trace.opaque]
         if len(seen) == len(traces) and all(len(set(trace.observations)) == 1 for trace in traces):
             yield self.finding(
                 "EC401",
-                f"no picture changes during any of {len(traces)} episodes, "
-                f"{sum(trace.steps for trace in traces)} steps in all",
+                f"the observation does not change in any of {len(traces)} episodes, "
+                f"{sum(trace.steps for trace in traces)} steps in total",
                 line=subject.line_of("step"),
                 repro=repro(longest.rollout.cut(20)),
             )
@@ -97,15 +98,13 @@ class Observation(Check):
             yield frozen
         yield from self._find_unlike_render(subject, traces[0])
         if len(seen) < len(traces):
-            raise Skip(
-                "not all of its observations can be looked into: of types that only its package knows, or too large"
-            )
+            raise Skip("some observations cannot be compared: they have types of another package, or are too large")
 
     def _find_noise(self, subject: Subject) -> Finding | None:
         if not _pictures(subject.observation_space):
             return None
         watched = []
-        for action in (subject.choices[0], subject.choices[-1]):
+        for action in (subject.joint_actions[0], subject.joint_actions[-1]):
             rollout = self._watch(subject, action)
             trace = subject.rollout(rollout)
             measured = noise(trace.frames)
@@ -115,8 +114,8 @@ class Observation(Check):
         rollout, (_, changing, correlation) = watched[0]
         return self.finding(
             "EC402",
-            f"{changing:.0%} of the picture changes at each step and has nothing to do with the steps before "
-            f"(correlation {correlation:.2f} at most)",
+            f"{changing:.0%} of the picture changes at each step, independently of the steps before "
+            f"(correlation at most {correlation:.2f})",
             line=subject.line_of("step"),
             repro=repro(rollout),
             changing=changing,
@@ -141,7 +140,7 @@ class Observation(Check):
                 if any(one != two for one, two in zip(same[0].observations, trace.observations, strict=False)):
                     return None
                 if subject.contract.observation is None and _paid_apart(same[0], trace):
-                    # As in a bandit, or where something is to be remembered: the reward tells what was done.
+                    # As in a bandit, or a memory task: the reward reflects the actions.
                     return None
                 compared += 1
                 longest = trace if longest is None or trace.steps > longest.steps else longest
@@ -149,7 +148,7 @@ class Observation(Check):
             return None
         return self.finding(
             "EC403",
-            f"under the same seed the pictures are the same whatever is done ({compared} comparisons, "
+            f"on the same seed the observations do not depend on the actions ({compared} comparisons, "
             f"up to {longest.steps} steps)",
             line=subject.line_of("step"),
             repro=repro(longest.rollout.cut(longest.steps)),
@@ -161,21 +160,21 @@ class Observation(Check):
             return None
         last = max(map(_last_change, traces))
         long = [trace for trace in traces if trace.usable and trace.steps >= max(2 * last, last + _STILL)]
-        # An idle player may well have seen the end of all motion before.
+        # An idle player may stop all motion by itself.
         busy = [trace for trace in long if len({str(action) for action in trace.actions[last : trace.steps]}) > 1]
         frozen = [trace for trace in busy if _last_change(trace) == last]
         if len(frozen) < 4 or 2 * len(frozen) < len(busy) or len({trace.rollout.seed for trace in frozen}) < 2:
             return None
         if any(_last_change(trace) < _NEARLY * last for trace in busy):
             return None
-        others = [*subject.rollouts(subject.players.rotations), *subject.searches.explored()]
+        others = [*subject.rollouts(subject.probes.rotations), *subject.searches.explored()]
         if any(trace.opaque or _last_change(trace) > last for trace in others):
             return None
         longest = max(frozen, key=lambda trace: trace.steps)
         return self.finding(
             "EC401",
-            f"the picture freezes: after step {last} it changes in none of {len(traces) + len(others)} episodes, up to "
-            f"step {longest.steps}",
+            f"the picture freezes: it does not change after step {last} in any of {len(traces) + len(others)} "
+            f"episodes, up to step {longest.steps}",
             line=subject.line_of("step"),
             repro=repro(longest.rollout.cut(longest.steps)),
             step=last,
@@ -188,7 +187,7 @@ class Observation(Check):
         rollout = self._rendered(play)
         trace = subject.rollout(rollout)
         differing = [problem for problem in trace.render_problems if problem.kind == "differs"]
-        # An observation that fails the contract's type is api's finding, not a disagreement of two good pictures.
+        # The check api reports an observation of the wrong type.
         bad = {problem.step for problem in trace.problems}
         differing = [problem for problem in differing if problem.step not in bad]
         if differing:
@@ -196,7 +195,7 @@ class Observation(Check):
             at = "the reset" if step == 0 else f"step {step}"
             yield self.finding(
                 "EC404",
-                f"after {at} render() gives another picture than the observation",
+                f"after {at} render() returns another picture than the observation",
                 line=subject.line_of("render"),
                 repro=repro(rollout.cut(step)),
                 step=step,
@@ -204,7 +203,7 @@ class Observation(Check):
 
 
 def _last_change(trace: Trace) -> int:
-    """The step that changed the observation for the last time; 0 where none did."""
+    """The last step that changed the observation; 0 if none did."""
     changes = (step for step in range(len(trace.observations) - 1, 0, -1) if _changed(trace, step))
     return next(changes, 0)
 
@@ -217,21 +216,30 @@ def _paid_apart(one: Trace, two: Trace) -> bool:
     return any(first != second for first, second in zip(one.rewards, two.rewards, strict=False))
 
 
-def _pictures(space: dict[str, Any]) -> bool:
-    """Whether observations are pictures: a few numbers may well be drawn anew at each step, as in a bandit."""
-    return bool(space["type"] == "Box" and len(space["shape"]) >= 2 and space["dtype"] == "uint8")
+def _pictures(space: SpaceSpec) -> bool:
+    """Whether observations are pictures. A short vector may be drawn anew at each step, as in a bandit."""
+    from envcraft.spaces.spec import Box
+
+    return isinstance(space, Box) and len(space.shape) >= 2 and space.dtype == "uint8"
 
 
-def _only_value(space: dict[str, Any]) -> bool:
-    if space["type"] == "Box":
-        return bool(space["low"] == space["high"] and space["low"] is not None) and not isinstance(space["low"], list)
-    return bool(space["type"] == "Discrete" and space["n"] == 1)
+def _only_value(space: SpaceSpec) -> bool:
+    from envcraft.spaces.spec import Box, Discrete
+
+    if isinstance(space, Box):
+        return space.bounded and space.low == space.high
+    return isinstance(space, Discrete) and space.n == 1
 
 
 def noise(frames: Sequence[Any]) -> tuple[bool, float, float] | None:
-    """Whether frames are independent in time: the verdict, the share of values that change, the highest correlation.
+    """Whether frames are independent in time.
 
-    `frames` are arrays of one shape. None with too few of them to say.
+    Args:
+        frames: consecutive frames, at least 12 arrays of one shape.
+
+    Returns:
+        The verdict, the share of values that change from frame to frame, and the highest correlation of a pixel with
+        itself one to four frames later; None if the frames are too few or differ in shape.
     """
     import numpy as np
 
@@ -248,10 +256,10 @@ def noise(frames: Sequence[Any]) -> tuple[bool, float, float] | None:
 
 
 def _moves(frames: Sequence[Any]) -> bool:
-    """Whether most pictures are the one before, moved: each pair has one shift by which it matches.
+    """Whether most pictures are a shifted copy of the one before.
 
-    By phase correlation (Kuglin and Hines, "The phase correlation image alignment method", 1975): of independent noise
-    no shift stands out, and what does not move at all is not counted.
+    The method is phase correlation (Kuglin and Hines, "The phase correlation image alignment method", 1975). For
+    independent noise no shift stands out; a shift by zero does not count.
     """
     import numpy as np
 

@@ -1,17 +1,18 @@
 """# reward
 
 ## What it does
-Looks at every reward of every episode: a real number (Python's or NumPy's; no array, no string, no None, no bool),
-finite, and inside the contract's range for one step. Rewards that grow in size as the episode lasts, whatever the
-agent does, and to at least 1, are growth without bound, be it from the start or from later on.
+Checks every reward of every episode. A reward must be a real number of Python or NumPy (not an array, string, None or
+bool), finite, and inside the contract's range for one step. Rewards grow without bound if their size rises over the
+whole episode, under every policy, at least fourfold and to at least 1. The growth may start in the first half.
 
-Where an episode is won and `info["is_success"]` says so, its return is held against that of doing nothing on the same
-seed. If no win that was found pays anything, neither in its last step nor all in all, nor more than doing nothing, that
-is a warning. Costs of time are fine: who wins pays less than who idles to the end.
+If `info["is_success"]` reports wins, the check compares the return of each win with the return of doing nothing on the
+same seed. It warns if no win has a positive last reward, a positive return, or a higher return than doing nothing.
+Step costs are fine: they make a win cheaper than idling to the end.
 
 ## Why is this bad?
-One NaN turns every weight of a network into NaN. A rare reward of a million swamps everything else that an agent
-could learn, and a reward that grows with time teaches it to wait. A win that pays nothing is nothing to learn for.
+One NaN turns every weight of a network into NaN. A rare reward of a million outweighs everything else that an agent
+could learn, and a reward that grows with time teaches the agent to wait. An agent has no reason to learn a win that
+pays nothing.
 
 ## Example
 ```python
@@ -29,36 +30,37 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
-from envcraft.check import Check, Rule, Skip
+from envcraft.errors import Skip
+from envcraft.judging.check import Check, Rule
+from envcraft.judging.shrink import repro
+from envcraft.model.rollout import Conditions, Rollout
+from envcraft.model.verdict import Finding, Severity
 from envcraft.plugins import hookimpl
-from envcraft.rollout import Conditions, Rollout
-from envcraft.shrink import repro
-from envcraft.verdict import Finding, Severity
 
 if TYPE_CHECKING:
-    from envcraft.subject import Subject
-    from envcraft.trace import Trace
+    from envcraft.judging.subject import Subject
+    from envcraft.model.trace import Trace
 
 _NUMBERS = ("int", "float", "numpy integer", "numpy floating")
 _LONG = 80
 _PARTS = 8
 _GROWTH = 4.0
-#: A reward of this size is one that most games pay, however it came about.
+#: Most games pay rewards of this size.
 _USUAL = 1.0
 
 
 class Reward(Check):
     name = "reward"
     rules = (
-        Rule("EC301", "not-finite", "A reward is NaN or infinite.", "Guard the division or logarithm that gives it."),
-        Rule("EC302", "not-a-number", "A reward is no real number.", "Return `float(reward)`."),
         Rule(
-            "EC303", "out-of-range", "A reward lies outside the contract's range.", "Scale the rewards, or clip them."
+            "EC301", "not-finite", "A reward is NaN or infinite.", "Guard the division or logarithm that produces it."
         ),
+        Rule("EC302", "not-a-number", "A reward is not a real number.", "Return `float(reward)`."),
+        Rule("EC303", "out-of-range", "A reward is outside the contract's range.", "Scale the rewards, or clip them."),
         Rule(
             "EC304",
             "grows-without-bound",
-            "Rewards grow in size as the episode lasts, whatever the agent does.",
+            "Rewards grow with the length of the episode under every policy.",
             "Do not multiply a reward by time.",
         ),
         Rule(
@@ -73,7 +75,7 @@ class Reward(Check):
     def judge(self, subject: Subject) -> Iterator[Finding]:
         traces = [*subject.played(), *subject.searches.explored()]
         if not any(trace.rewards for trace in traces):
-            raise Skip("no episode came to a reward")
+            raise Skip("no episode has a reward")
         seen: set[str] = set()
         for trace in traces:
             for finding in self.find(subject, trace):
@@ -92,7 +94,7 @@ class Reward(Check):
         return next((found for found in self.find(subject, trace) if found.code == finding.code), None)
 
     def find(self, subject: Subject, trace: Trace) -> Iterator[Finding]:
-        """What is wrong with single rewards of one trace, the first of each kind."""
+        """Judge the single rewards of one trace, and report the first of each kind."""
         low, high = subject.contract.reward_range
         seen: set[str] = set()
         for step, (reward, kind) in enumerate(zip(trace.rewards, trace.reward_types, strict=True), 1):
@@ -125,8 +127,8 @@ class Reward(Check):
             sizes = [abs(reward) for reward in longest.rewards]
             yield self.finding(
                 "EC304",
-                f"rewards grow throughout each of {len(long)} long episodes, whatever is played: "
-                f"{max(sizes[: _LONG // 2]):g} at the most in the first {_LONG // 2} steps, "
+                f"rewards grow throughout each of {len(long)} long episodes under every policy: "
+                f"at most {max(sizes[: _LONG // 2]):g} in the first {_LONG // 2} steps, "
                 f"{max(sizes):g} by step {longest.steps}",
                 line=subject.line_of("step"),
                 repro=repro(longest.rollout.cut(longest.steps)),
@@ -135,17 +137,17 @@ class Reward(Check):
             )
 
     def _judge_wins(self, subject: Subject, traces: list[Trace]) -> Iterator[Finding]:
-        won = list({trace.rollout.key(): trace for trace in traces if trace.ended and trace.told}.values())
+        won = list({trace.rollout.key(): trace for trace in traces if trace.ended and trace.reported_success}.values())
         if not won or subject.contract.noop is None:
             return
         if any(not trace.total <= 0 or not trace.rewards[-1] <= 0 for trace in won):
             return
-        idle = subject.players.noop()
+        idle = subject.probes.noop()
         seeds = list(dict.fromkeys(trace.rollout.seed for trace in won))
         idlers = subject.rollouts([msgspec.structs.replace(idle, seed=seed) for seed in seeds])
         idled = dict(zip(seeds, idlers, strict=True))
-        # Where idling wins, too, it is losing that is paid for.
-        if any(not trace.usable or trace.told for trace in idlers):
+        # If idling wins as well, the reward is for losing.
+        if any(not trace.usable or trace.reported_success for trace in idlers):
             return
         if any(trace.total > idled[trace.rollout.seed].total for trace in won):
             return
@@ -153,7 +155,7 @@ class Reward(Check):
         yield self.finding(
             "EC305",
             f"winning pays {shown.total:g} in {shown.steps} steps (under {shown.rollout.player}), and doing nothing "
-            f"{idled[shown.rollout.seed].total:g}, with the same seed; so it is in each of {len(won)} episodes won",
+            f"{idled[shown.rollout.seed].total:g} on the same seed; none of {len(won)} won episodes pays more",
             line=subject.line_of("step"),
             repro=repro(shown.rollout.cut(shown.steps)),
             won=len(won),
@@ -161,8 +163,9 @@ class Reward(Check):
 
 
 def _late(traces: list[Trace]) -> list[Trace]:
-    """The episodes of at least half the longest's steps, for growth that begins too late to show in the others: none
-    where these say otherwise, or where none but those who hold one action live so long.
+    """The episodes with at least half the steps of the longest, for growth that begins too late for the others.
+
+    Empty if rewards fall in some episode, or if only held actions last so long.
     """
     half = max(trace.steps for trace in traces) / 2
     long = [trace for trace in traces if trace.steps >= half]
@@ -171,10 +174,14 @@ def _late(traces: list[Trace]) -> list[Trace]:
 
 
 def growth(rewards: list[float]) -> float | None:
-    """How many times larger rewards are in an episode's last eighth than in its first, when each tops the one before.
+    """How many times larger rewards are in the last eighth of an episode than in the first eighth that pays.
 
-    None where they do not grow all the time, less than fourfold, or to no more than is usual. It may begin within the
-    first half, before which nothing is paid: then the first eighth is that in which it begins.
+    Args:
+        rewards: all rewards of an episode, shape ``(steps,)``.
+
+    Returns:
+        The ratio; None if some eighth does not exceed the one before, if growth starts in the second half, or if the
+        ratio or the last rewards are small.
     """
     sizes = _sizes(rewards)
     paid = sizes[next((number for number, size in enumerate(sizes) if size), _PARTS) :]
@@ -189,7 +196,7 @@ def _falls(rewards: list[float]) -> bool:
 
 
 def _sizes(rewards: list[float]) -> list[float]:
-    """The median size of each eighth of an episode's rewards, so that single prizes do not count."""
+    """The median size of rewards in each eighth of an episode: single large rewards do not count."""
     part = len(rewards) // _PARTS
     parts = (sorted(map(abs, rewards[number * part : (number + 1) * part])) for number in range(_PARTS))
     return [window[len(window) // 2] for window in parts]

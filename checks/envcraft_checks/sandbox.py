@@ -1,17 +1,17 @@
 """# sandbox
 
 ## What it does
-Reports what the sandbox had to stop while the other checks ran: a call beyond its deadline, memory or process
-limits, floods of output, network attempts, a process that died, messages that the worker would not have sent. It
-always runs, since no other verdict means anything without it.
+Reports events that the sandbox stopped while the other checks ran: a call that exceeded its deadline, memory or process
+limits, floods of output, network access, a process that died, messages that the worker does not send. The check always
+runs, since other verdicts have no meaning after such an event.
 
-Where nine in ten steps of an episode take a millisecond or more, it is played again in a process of its own. If so many
-also give up the processor, and the process has used it for less than half of its time, the steps wait: a game that is
-paced for people, as `clock.tick(30)` does, whoever plays. What is slow because it computes is let be.
+If at least nine in ten steps of an episode take a millisecond or more, the check plays the episode again in a process
+of its own. The steps wait if as many of them also give up the processor and the process uses it for less than half of
+its time, as in a game that `clock.tick(30)` slows down for people. Steps that are slow because they compute are fine.
 
 ## Why is this bad?
-An environment that hangs, exhausts memory or ends its process takes down the training run that it is part of. One that
-waits 33 ms at each step gives an agent 30 steps a second, on any machine.
+An environment that hangs, exhausts memory or ends its process stops the training run that uses it. One that waits 33 ms
+at each step gives an agent 30 steps a second on any machine.
 
 ## Example
 ```python
@@ -26,32 +26,33 @@ import errno
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-from envcraft.check import Check, Rule, Skip
+from envcraft.errors import Skip
+from envcraft.judging.check import Check, Rule
+from envcraft.judging.shrink import repro
+from envcraft.model.job import ExitReason
+from envcraft.model.rollout import Conditions, Rollout
+from envcraft.model.verdict import Finding
 from envcraft.plugins import hookimpl
-from envcraft.rollout import Conditions, Rollout
-from envcraft.sandbox import How
-from envcraft.shrink import repro
-from envcraft.verdict import Finding
 
 if TYPE_CHECKING:
-    from envcraft.subject import Subject
-    from envcraft.trace import Trace
+    from envcraft.judging.subject import Subject
+    from envcraft.model.trace import Trace
 
-#: Exceptions of code that asks for the network, and the errors of sockets that are refused.
+#: Exceptions of code that uses the network, and the error numbers of refused sockets.
 _NETWORK = ("gaierror", "herror", "URLError", "ConnectionRefusedError", "ConnectionError")
 _NO_NETWORK = (errno.ENETUNREACH, errno.ENETDOWN)
 _NO_PROCESS = errno.EAGAIN
 _NO_SPACE = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
-#: Episodes of so many steps tell whether they wait, the share that has to, and the microseconds that one looks.
+#: Steps that an episode needs to judge waiting, the share of them that must wait, and the microseconds to measure.
 _STEPS, _NEARLY_ALL, _LOOK = 20, 0.9, 1_000_000
 _ENDS = {
-    How.TIMEOUT: "EC901",
-    How.MEMORY: "EC902",
-    How.PROCESSES: "EC903",
-    How.FLOOD: "EC904",
-    How.DISK: "EC904",
-    How.DIED: "EC906",
-    How.FORGED: "EC907",
+    ExitReason.TIMEOUT: "EC901",
+    ExitReason.MEMORY: "EC902",
+    ExitReason.PROCESSES: "EC903",
+    ExitReason.FLOOD: "EC904",
+    ExitReason.DISK: "EC904",
+    ExitReason.DIED: "EC906",
+    ExitReason.FORGED: "EC907",
 }
 
 
@@ -59,18 +60,20 @@ class SandboxEvents(Check):
     name = "sandbox"
     always = True
     rules = (
-        Rule("EC901", "deadline", "A call did not end within its deadline.", "Bound the loop that the call is in."),
-        Rule("EC902", "memory", "The memory limit was reached.", "Keep no more than an episode needs."),
-        Rule("EC903", "processes", "A process was started, or too many threads.", "Start no processes or threads."),
-        Rule("EC904", "output", "More was printed or written than the limit.", "Print and write nothing in step()."),
-        Rule("EC905", "network", "The network was asked for.", "Bring what is needed in the file."),
+        Rule("EC901", "deadline", "A call did not end within its deadline.", "Bound the loop that the call runs."),
+        Rule("EC902", "memory", "The memory limit was reached.", "Keep only data that the episode needs."),
+        Rule(
+            "EC903", "processes", "The code started a process, or too many threads.", "Start no processes or threads."
+        ),
+        Rule("EC904", "output", "The code printed or wrote more than the limit.", "Do not print or write in step()."),
+        Rule("EC905", "network", "The code used the network.", "Put all data into the file."),
         Rule("EC906", "died", "The process died.", "Never call os._exit or native code that crashes."),
-        Rule("EC907", "forged", "Messages broke the protocol.", "Leave the worker's descriptors alone."),
+        Rule("EC907", "forged", "Messages violated the protocol.", "Do not use the worker's file descriptors."),
         Rule(
             "EC908",
             "waits",
-            "Steps wait for the clock, or for something else.",
-            "Sleep and tick in render_mode human only.",
+            "Steps wait, for the clock or for something else.",
+            "Sleep and tick only in render_mode human.",
         ),
     )
 
@@ -81,8 +84,8 @@ class SandboxEvents(Check):
                 if finding.code not in seen:
                     seen.add(finding.code)
                     yield finding
-        if subject.overrun and "EC901" not in seen:
-            words = f"all episodes together took {subject.seconds:.0f} s, and the rest was not played"
+        if subject.out_of_time and "EC901" not in seen:
+            words = f"all episodes together took {subject.seconds:.0f} s, so the remaining ones were not played"
             slowest = sorted(subject.traces, key=lambda trace: trace.end.seconds if trace.end else 0.0)[-1:]
             shown = repro(slowest[0].rollout) if slowest else None
             yield self.finding("EC901", words, line=subject.line_of("step"), repro=shown, seconds=subject.seconds)
@@ -99,7 +102,7 @@ class SandboxEvents(Check):
         if finding.code == "EC908":
             return next(self._waiting(subject, Rollout(finding.repro.seed, finding.repro.actions)), None)
         if "seconds" in finding.evidence:
-            raise Skip("it took all episodes together; validate again to see it")
+            raise Skip("only all episodes together exceed the time limit; validate again to reproduce it")
         conditions = Conditions.from_json(finding.repro.conditions)
         found = self.find(subject, subject.rollout(Rollout(finding.repro.seed, finding.repro.actions, conditions)))
         return next((again for again in found if again.code == finding.code), None)
@@ -113,7 +116,7 @@ class SandboxEvents(Check):
         return trace.steps >= _STEPS and trace.slow >= _NEARLY_ALL * trace.steps
 
     def _waiting(self, subject: Subject, rollout: Rollout) -> Iterator[Finding]:
-        """What there is to find when the rollout is played in a process of its own, whose waits are counted."""
+        """Judge waiting on a rollout in a process of its own, whose waits are counted."""
         trace = subject.measured(rollout)
         end, taken = trace.end, trace.micros / 1e6
         if end is None or not self._slow(trace):
@@ -123,7 +126,7 @@ class SandboxEvents(Check):
         words = f"{end.waits} of {trace.steps} steps wait: they took {taken:.3g} s, and"
         yield self.finding(
             "EC908",
-            f"{words} their whole process {end.cpu:.2g} s of processor time (under {rollout.player})",
+            f"{words} the process used {end.cpu:.2g} s of processor time (under {rollout.player})",
             line=subject.line_of("step"),
             repro=repro(rollout.cut(trace.steps)),
             steps=trace.steps,
@@ -141,22 +144,22 @@ class SandboxEvents(Check):
                 subject, trace, "EC903", f"{fault.phase} started a process, or too many threads: {fault}"
             )
         if fault is not None and fault.errno in _NO_SPACE:
-            return self._found(subject, trace, "EC904", f"{fault.phase} wrote more than it may: {fault}")
+            return self._found(subject, trace, "EC904", f"{fault.phase} wrote more than the limit: {fault}")
         if fault is not None and (fault.errno in _NO_NETWORK or fault.type.rpartition(".")[2] in _NETWORK):
-            return self._found(subject, trace, "EC905", f"{fault.phase} asked for the network: {fault}")
-        if end is None or end.how in (How.DONE, How.STOPPED) or trace.choosing:
+            return self._found(subject, trace, "EC905", f"{fault.phase} used the network: {fault}")
+        if end is None or end.reason in (ExitReason.DONE, ExitReason.STOPPED) or trace.choosing:
             return None
-        code = _ENDS[end.how]
+        code = _ENDS[end.reason]
         where = f"step {trace.steps + 1}" if end.phase == "step" else end.phase
         words = {
-            How.TIMEOUT: f"{where} did not end: {end.detail}",
-            How.DIED: f"the process died in {where} ({end.detail})",
-            How.FORGED: f"messages were forged in {where}: {end.detail}",
-            How.FLOOD: f"{where} printed {end.detail}",
-            How.MEMORY: f"{where} took {end.detail}",
-            How.PROCESSES: f"{where} ran {end.detail}",
-            How.DISK: f"{where} wrote {end.detail}",
-        }[end.how]
+            ExitReason.TIMEOUT: f"{where} did not end: {end.detail}",
+            ExitReason.DIED: f"the process died in {where} ({end.detail})",
+            ExitReason.FORGED: f"messages in {where} violate the protocol: {end.detail}",
+            ExitReason.FLOOD: f"{where} printed {end.detail}",
+            ExitReason.MEMORY: f"{where} took {end.detail}",
+            ExitReason.PROCESSES: f"{where} ran {end.detail}",
+            ExitReason.DISK: f"{where} wrote {end.detail}",
+        }[end.reason]
         return self._found(subject, trace, code, words)
 
     def _found(self, subject: Subject, trace: Trace, code: str, words: str) -> Finding:

@@ -1,14 +1,14 @@
 """# termination
 
 ## What it does
-Plays random, held, idle and mixed episodes to the contract's limit. Each must have ended by itself by then; the end
-at the limit must be `truncated`, not `terminated`; flags must be booleans (Python's or NumPy's); and not every
-episode may end before play is possible. What an environment does when it is stepped past its end is undefined: that
-the flags go back to false there is only a warning.
+Plays random, held, idle and mixed episodes to the contract's limit. Each episode must end by itself by then. The end at
+the limit must be `truncated`, not `terminated`. Flags must be booleans of Python or NumPy. Some episode must last long
+enough to play. Gymnasium leaves open what `step` does after an episode's end, so flags that become false again are only
+a warning.
 
-A limit of the game's own, sooner than the contract's, may be a rule of the game, such as a torch that burns out. It is
-taken for a limit that is reported as termination where all episodes that end before it are truncated, and only those
-that come to it are terminated: then the flags are swapped.
+An end of its own before the contract's limit may be a rule of the game, such as a torch that burns out. The check takes
+it for a time limit with swapped flags if all episodes that reach this step are terminated and all that end sooner are
+truncated.
 
 ## Why is this bad?
 An episode that never ends fills a replay memory with one situation and hangs evaluations. A time limit that is
@@ -28,16 +28,17 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
-from envcraft.check import Check, Rule, Skip
+from envcraft.errors import Skip
+from envcraft.judging.check import Check, Rule
+from envcraft.judging.shrink import repro
+from envcraft.model.rollout import Conditions
+from envcraft.model.verdict import Finding, Severity
 from envcraft.plugins import hookimpl
-from envcraft.reports import plural
-from envcraft.rollout import Conditions
-from envcraft.shrink import repro
-from envcraft.verdict import Finding, Severity
+from envcraft.text import plural
 
 if TYPE_CHECKING:
-    from envcraft.subject import Subject
-    from envcraft.trace import Trace
+    from envcraft.judging.subject import Subject
+    from envcraft.model.trace import Trace
 
 _FLAGS = ("bool", "numpy.bool")
 _PLAYABLE = 5
@@ -51,29 +52,29 @@ class Termination(Check):
             "EC502",
             "limit-as-termination",
             "The time limit is reported as termination.",
-            "Set truncated at the limit, and terminated only where the game itself ends.",
+            "Set truncated at the limit, and terminated only when the game itself ends.",
         ),
         Rule(
             "EC503",
             "ends-at-once",
             "Every episode ends before play is possible.",
-            "Check the condition of the end, and what reset() sets.",
+            "Check the condition that ends an episode, and the state that reset() sets.",
         ),
-        Rule("EC504", "flag-type", "terminated or truncated is no boolean.", "Return `bool(...)`."),
+        Rule("EC504", "flag-type", "terminated or truncated is not a boolean.", "Return `bool(...)`."),
         Rule(
             "EC505",
             "goes-on",
-            "The episode goes on after its end.",
-            "Keep the flags set until reset().",
+            "The episode continues after its end.",
+            "Keep both flags unchanged until reset().",
             Severity.WARNING,
         ),
     )
 
     def judge(self, subject: Subject) -> Iterator[Finding]:
-        traces = subject.rollouts([*subject.players.all, *subject.players.rotations[:4]])
+        traces = subject.rollouts([*subject.probes.all, *subject.probes.rotations[:4]])
         usable = [trace for trace in traces if trace.usable and trace.steps]
         if not usable:
-            raise Skip("no episode could be stepped")
+            raise Skip("no episode has a step")
         yield from self._judge_flags(subject, usable)
         limit = subject.contract.limit
         if limit is not None:
@@ -102,30 +103,30 @@ class Termination(Check):
             players = list(dict.fromkeys(trace.rollout.player for trace in endless))
             yield self.finding(
                 "EC501",
-                f"{len(endless)} of {len(traces)} episodes had not ended after {limit} steps: {', '.join(players[:4])}",
+                f"{len(endless)} of {len(traces)} episodes do not end within {limit} steps: {', '.join(players[:4])}",
                 line=subject.line_of("step"),
                 repro=repro(endless[0].rollout),
                 episodes=len(endless),
                 of=len(traces),
             )
-        # One game may be lost at the very last step; several, all by termination, are the limit itself.
+        # One episode may be lost at the last step by chance; several are ended by the limit.
         last = [trace for trace in traces if trace.ended and trace.steps == limit]
-        mistaken = [trace for trace in last if not trace.truncated[-1] and not trace.told]
+        mistaken = [trace for trace in last if not trace.truncated[-1] and not trace.reported_success]
         if len(mistaken) >= 2 and len(mistaken) == len(last):
             yield self.finding(
                 "EC502",
-                f"all {len(mistaken)} episodes that last to step {limit} are terminated there, not truncated",
+                f"all {len(mistaken)} episodes that reach step {limit} are terminated there, not truncated",
                 line=subject.line_of("step"),
                 repro=repro(mistaken[0].rollout),
                 episodes=len(mistaken),
             )
 
     def _judge_own_limit(self, subject: Subject, traces: list[Trace], limit: int) -> Iterator[Finding]:
-        """A limit of the game's own, by which the longest episodes are terminated where all others are truncated."""
+        """Report a limit of the game's own with swapped flags: the longest episodes terminate, all others truncate."""
         longest = max(trace.steps for trace in traces)
         last = [trace for trace in traces if trace.steps == longest]
         short = [trace for trace in traces if trace.steps < longest]
-        mistaken = all(trace.ended and not trace.truncated[-1] and not trace.told for trace in last)
+        mistaken = all(trace.ended and not trace.truncated[-1] and not trace.reported_success for trace in last)
         if longest >= limit or not mistaken or len({trace.rollout.seed for trace in last}) < 2:
             return
         short += [trace for trace in subject.searches.explored() if trace.ended and trace.steps < longest]
@@ -133,7 +134,7 @@ class Termination(Check):
         if cut and len({trace.steps for trace in short}) >= 2:
             yield self.finding(
                 "EC502",
-                f"all {len(last)} episodes that last to step {longest} are terminated there, and all {len(short)} that "
+                f"all {len(last)} episodes that reach step {longest} are terminated there, and all {len(short)} that "
                 "end sooner are truncated",
                 line=subject.line_of("step"),
                 repro=repro(last[0].rollout.cut(longest)),
@@ -147,18 +148,18 @@ class Termination(Check):
             return
         by_seed: dict[int, set[tuple[float, int]]] = {}
         for trace in ended:
-            # Where a contract knows no length, a short game is one as long as what is played decides how long.
+            # Without a limit, a short game is fine if the actions decide how long it lasts.
             length = trace.steps if subject.contract.limit is None else 0
             by_seed.setdefault(trace.rollout.seed, set()).add((trace.total, length))
-        # A game of one decision ends at once by itself, and its return tells choices apart; a limit far from the
-        # contract's is no game.
+        # A game of one decision ends at once, and its returns depend on the choice. A truncation this far from the
+        # contract's limit is a defect.
         cut = subject.contract.limit is not None and any(trace.truncated[-1] for trace in ended)
         if any(len(totals) > 1 for totals in by_seed.values()) and not cut:
             return
         longest = max(ended, key=lambda trace: trace.steps)
         yield self.finding(
             "EC503",
-            f"all {len(ended)} episodes end within {longest.steps} steps, whatever is played",
+            f"all {len(ended)} episodes end within {longest.steps} steps under every policy",
             line=subject.line_of("step"),
             repro=repro(longest.rollout.cut(longest.steps)),
             episodes=len(ended),
@@ -176,7 +177,7 @@ class Termination(Check):
         if alive:
             yield self.finding(
                 "EC505",
-                f"{plural(alive[0], 'step')} after its end at step {trace.steps} the episode goes on: both flags are "
+                f"{plural(alive[0], 'step')} after its end at step {trace.steps} the episode continues: both flags are "
                 "false again",
                 line=subject.line_of("step"),
                 repro=repro(rollout),

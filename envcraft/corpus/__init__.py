@@ -1,4 +1,1 @@
-"""Corpora: folders with thousands of environments and every verdict on them, judged anew only where something changed.
-
-Imported only by the commands that need it.
-"""
+"""Corpora: the store of environments and verdicts, audits, duplicates, records, reports and exports."""

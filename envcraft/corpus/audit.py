@@ -1,52 +1,35 @@
-"""One audit: which environments are meant, which of them have a verdict already, and the judging of the others.
+"""One audit: which environments it selects, which of them have a verdict already, and the judging of the others.
 
-Everything that grows with the corpus stays in the database or is read one by one; in memory are the names of what is to
-be judged.
+Whatever grows with the corpus stays in the database or is read row by row; in memory are only the names of the
+environments to judge.
 """
 
 from __future__ import annotations
 
 import contextlib
 import os
-import random
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
-from typing import Any
 
 import msgspec
 
-from envcraft.corpus.store import LEADS, CorpusDamaged, Environment, Store, decode, now
+from envcraft.corpus.store import CorpusDamaged, Environment, Store, audits, decode
+from envcraft.corpus.store.audits import FindingRow, Selection
 from envcraft.errors import EnvCraftError, TargetLost
-from envcraft.events import Event, SubjectFinished
-from envcraft.target import LazyTargets, Target
-from envcraft.verdict import SubjectReport, Verdict
-
-#: What an audit is about: one row for each environment, in the temporary database of its connection.
-_CHOSEN = "CREATE TEMP TABLE chosen (name TEXT PRIMARY KEY) WITHOUT ROWID"
-_VERDICTS = (
-    "chosen JOIN environments USING (name) LEFT JOIN verdicts ON verdicts.source = environments.source "
-    "AND verdicts.class = environments.class AND verdicts.settings = ?"
-)
+from envcraft.model.events import Event, SubjectFinished
+from envcraft.model.target import LazyTargets, Target
+from envcraft.model.verdict import SubjectReport, Verdict
 
 
-class Choice(msgspec.Struct, frozen=True):
-    """Which environments an audit is about: all of them, unless told otherwise.
+def stored_targets(store: Store, environments: Sequence[Environment], folder: str = "") -> LazyTargets[Environment]:
+    """Environments of a corpus as targets.
 
-    Attributes:
-        only_failed: those whose last verdict was no pass, whatever their source has become since.
-        changed: those that are new, or whose source or class is, since the last audit that came to its end and left
-            nothing of that out, and those without a verdict under the same settings.
-        sample: so many of what is left, picked by `seed`.
-    """
+    Args:
+        store: the corpus.
+        environments: the environments in order.
+        folder: the folder that paths start with.
 
-    only_failed: bool = False
-    changed: bool = False
-    sample: int | None = None
-    seed: int = 0
-
-
-def stored(store: Store, environments: Sequence[Environment], folder: str = "") -> LazyTargets[Environment]:
-    """Environments as targets whose names lead from `folder`. Asking for one raises TargetLost where its source is gone
-    or has changed.
+    Returns:
+        The targets. Reading one raises TargetLost if its source is missing or has changed.
     """
 
     def read(environment: Environment) -> Target:
@@ -61,56 +44,50 @@ def stored(store: Store, environments: Sequence[Environment], folder: str = "") 
 
 
 class Audit:
-    """An audit of `store` under settings. `folder` goes before names, so that they lead to the files.
+    """An audit of a corpus, which is inserted into the store when this object is made.
+
+    Args:
+        store: the corpus, open for writing.
+        settings: the row number of the settings.
+        selection: which environments.
+        folder: the folder that paths in reports start with.
+        resume: whether to keep the verdicts that exist; otherwise all selected environments are judged.
 
     Attributes:
-        number: of the audit in the store.
-        selected: how many environments it is about.
-        pending: those that have to be judged: one for each source, with verdicts of which all that have it are served.
-        kept: of those that could not be judged again, the reports; the verdicts of before stay.
+        number: the row number of the audit.
+        selected: how many environments are selected.
+        pending: the environments to judge: one for each source and class.
+        kept: the reports on environments that could not be judged again; their earlier verdicts stay.
     """
 
-    def __init__(self, store: Store, settings: int, choice: Choice, folder: str = "", resume: bool = True) -> None:
-        """Choose, and write down that the audit has begun; without `resume`, nothing counts as judged."""
+    def __init__(
+        self, store: Store, settings: int, selection: Selection, folder: str = "", resume: bool = True
+    ) -> None:
         self.store, self.settings, self.folder = store, settings, folder
         self.kept: list[SubjectReport] = []
-        self.selected, complete = _choose(store, choice, settings)
-        found = store.db.execute(
-            # The first name of each source, so that it does not matter where an earlier run ended.
-            f"SELECT min(name), environments.source, environments.class FROM {_VERDICTS} "
-            "WHERE verdicts.id IS NULL OR verdicts.verdict = 'error' OR ? "
-            "GROUP BY environments.source, environments.class ORDER BY 1",
-            (settings, not resume),
-        )
-        self.pending = [Environment(*row) for row in found]
-        with store.transaction():
-            # What is known already is the last verdict of these, too.
-            store.db.execute(
-                "UPDATE environments SET verdict = v.id FROM verdicts AS v WHERE v.source = environments.source "
-                "AND v.class = environments.class AND v.settings = ? "
-                f"AND environments.name IN (SELECT name FROM chosen) AND {LEADS}",
-                (settings, settings),
-            )
-            cursor = store.db.execute(
-                "INSERT INTO audits (settings, started, selected, known, complete) VALUES (?, ?, ?, ?, ?)",
-                (settings, now(), self.selected, self.known, complete),
-            )
-        assert cursor.lastrowid is not None
-        self.number = cursor.lastrowid
+        self.selected, complete = audits.select(store, selection, settings)
+        self.pending = audits.pending(store, settings, everything=not resume)
+        self.number = audits.start(store, settings, self.selected, self.known, complete)
 
     @property
     def known(self) -> int:
-        """How many environments have a verdict that stands, or share one that is to come."""
+        """How many environments have a verdict already, or share one that is pending."""
         return self.selected - len(self.pending)
 
     @property
     def targets(self) -> LazyTargets[Environment]:
-        """What is to be judged."""
-        return stored(self.store, self.pending, self.folder)
+        """The pending environments as targets."""
+        return stored_targets(self.store, self.pending, self.folder)
 
-    def run(self, judging: Generator[tuple[int, Event], None, None], tell: Callable[[Event], None]) -> None:
-        """Take in the judging of what is pending, whose events come with its numbers, from 1: each verdict is written
-        down before `tell` hears of it. Raises what ends the judging.
+    def run(self, judging: Generator[tuple[int, Event], None, None], report: Callable[[Event], None]) -> None:
+        """Store the verdicts on the pending environments.
+
+        Args:
+            judging: events, each with the number of its environment, from 1. It is closed at the end.
+            report: called with each event after its verdict is stored.
+
+        Raises:
+            Exception: the judging failed.
         """
         with contextlib.closing(judging) as events:
             for number, event in events:
@@ -118,113 +95,69 @@ class Audit:
                     self.pending[number - 1], self.settings, event.report
                 ):
                     self.kept.append(event.report)
-                tell(event)
+                report(event)
 
     def end(self) -> None:
-        """Write down that the audit has come to its end."""
-        self.store.db.execute("UPDATE audits SET ended = ? WHERE id = ?", (now(), self.number))
-
-    # What came out, each environment in the order of its name
+        """Store that the audit is complete."""
+        audits.end(self.store, self.number)
 
     def reports(self) -> Iterator[SubjectReport]:
-        """Every verdict, with the environment's own path."""
-        for name, report in self._rows("name, report", "report IS NOT NULL ORDER BY name"):
-            yield msgspec.structs.replace(decode(report), path=self.path(name))
+        """The verdicts on all selected environments, sorted by name, each with the path of its environment."""
+        for name, text in audits.reports(self.store, self.settings):
+            yield msgspec.structs.replace(decode(text), path=self.path(name))
 
     def report(self, name: str) -> SubjectReport | None:
-        """The verdict on one environment."""
-        for (report,) in self._rows("report", "name = ? AND report IS NOT NULL", name):
-            return decode(report)
-        return None
+        """The verdict on one environment; None if there is none."""
+        text = audits.report(self.store, self.settings, name)
+        return None if text is None else decode(text)
 
-    def findings(self) -> Iterator[tuple[str, str, str, str]]:
-        """The path, check, code and message of each finding, those of one environment in their order."""
-        rows = self.store.db.execute(
-            f"SELECT name, rule_check, code, message FROM {_VERDICTS} JOIN findings ON findings.verdict = verdicts.id "
-            "ORDER BY name, number",
-            (self.settings,),
-        )
-        for name, check, code, message in rows:
-            yield self.path(name), check, code, message
+    def findings(self) -> Iterator[FindingRow]:
+        """The findings of all selected environments, sorted by name; names are paths."""
+        for row in audits.findings(self.store, self.settings):
+            yield row._replace(name=self.path(row.name))
 
     def verdicts(self) -> dict[str, int]:
-        """How many environments have which verdict."""
-        found = dict(self._rows("verdicts.verdict, count(*)", "verdicts.id IS NOT NULL GROUP BY verdicts.verdict"))
-        return {verdict.value: found[verdict] for verdict in Verdict if verdict in found}
+        """The number of environments with each verdict that occurs."""
+        counts = audits.verdict_counts(self.store, self.settings)
+        return {verdict.value: counts[verdict] for verdict in Verdict if verdict in counts}
 
     def codes(self) -> dict[str, int]:
-        """In how many environments each code was found, the most frequent first."""
-        rows = self.store.db.execute(
-            f"SELECT code, count(DISTINCT name) AS times FROM {_VERDICTS} JOIN findings "
-            "ON findings.verdict = verdicts.id GROUP BY code ORDER BY times DESC, code",
-            (self.settings,),
-        )
-        return dict(rows)
+        """The number of environments with each code, the most frequent code first."""
+        return audits.code_counts(self.store, self.settings)
 
     def totals(self) -> tuple[int, float]:
-        """Environment steps, and seconds of judging, of all verdicts whenever they were given."""
-        found: tuple[int, float] = next(self._rows("coalesce(sum(steps), 0), coalesce(sum(seconds), 0.0)", "1"))
-        return found
+        """The environment steps and the seconds of all verdicts, including those of earlier audits."""
+        return audits.totals(self.store, self.settings)
 
     def path(self, name: str) -> str:
-        """What an environment is called in reports."""
+        """The path of an environment in reports."""
         return os.path.join(self.folder, name)
 
     def name(self, path: str) -> str | None:
-        """The environment that is meant by a path in a report; None where this audit is not about it."""
+        """The name of the selected environment with this path in reports; None if there is none."""
         name = os.path.relpath(path, self.folder) if self.folder else path
-        row = self.store.db.execute("SELECT name FROM chosen WHERE name = ?", (name,)).fetchone()
-        return row[0] if row else None
-
-    def _rows(self, columns: str, condition: str, *values: Any) -> Iterator[Any]:
-        yield from self.store.db.execute(
-            f"SELECT {columns} FROM {_VERDICTS} WHERE {condition}", (self.settings, *values)
-        )
+        return name if audits.is_selected(self.store, name) else None
 
 
 def follow(store: Store, files: Iterable[tuple[str, Target]]) -> None:
-    """Make the store's environments those of a folder: names with targets. Verdicts on what is gone are kept.
+    """Make the environments of a corpus those of a folder. The verdicts on removed environments stay.
 
-    Raises EnvCraftError where a source cannot be written.
+    Args:
+        store: the corpus of the folder, open for writing.
+        files: the names and targets of the folder's environments.
+
+    Raises:
+        EnvCraftError: if a source cannot be written.
     """
-    db = store.db
-    db.execute("CREATE TEMP TABLE IF NOT EXISTS present (name TEXT PRIMARY KEY) WITHOUT ROWID")
-    with store.transaction():
-        db.execute("DELETE FROM present")
+
+    def added() -> Iterator[str]:
         for name, target in files:
             try:
                 store.add(name, target.source, target.env_class or "")
             except OSError as error:
-                raise EnvCraftError(f"{target.path} cannot be kept in {store.root}: {error.strerror}") from None
-            db.execute("INSERT INTO present VALUES (?)", (name,))
-        gone = "name NOT IN (SELECT name FROM present)"
-        for (sha256,) in db.execute(f"SELECT source FROM environments WHERE {gone}"):
-            store.leave(sha256)
-        db.execute(f"DELETE FROM environments WHERE {gone}")
+                raise EnvCraftError(f"cannot copy {target.path} to {store.root}: {error.strerror}") from None
+            yield name
+
+    with store.transaction():
+        audits.replace_environments(store, added())
     store.prune()
-
-
-def _choose(store: Store, choice: Choice, settings: int) -> tuple[int, bool]:
-    """Fill the table of what an audit is about; give how many, and whether all that had changed is among them."""
-    db = store.db
-    conditions, complete = ["1"], not choice.only_failed
-    if choice.only_failed:
-        conditions.append("verdict IN (SELECT id FROM verdicts WHERE verdict IN ('fail', 'error'))")
-    if choice.changed:
-        conditions.append(
-            "(changed > (SELECT coalesce(max(id), 0) FROM audits WHERE ended IS NOT NULL AND complete) "
-            "OR NOT EXISTS (SELECT 1 FROM verdicts AS v WHERE v.source = environments.source "
-            f"AND v.class = environments.class AND v.settings = {settings:d} AND v.verdict != 'error'))"
-        )
-    names = f"SELECT name FROM environments WHERE {' AND '.join(conditions)}"
-    db.execute("DROP TABLE IF EXISTS chosen")
-    db.execute(_CHOSEN)
-    if choice.sample is None:
-        db.execute(f"INSERT INTO chosen {names}")
-    else:
-        found = [name for (name,) in db.execute(f"{names} ORDER BY name")]
-        complete = complete and len(found) <= choice.sample
-        picked = random.Random(choice.seed).sample(found, min(choice.sample, len(found)))
-        db.executemany("INSERT INTO chosen VALUES (?)", [(name,) for name in picked])
-    count: int = db.execute("SELECT count(*) FROM chosen").fetchone()[0]
-    return count, complete

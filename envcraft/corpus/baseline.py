@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING
 import msgspec
 
 from envcraft.errors import UsageError
-from envcraft.reports import fingerprint, one_line
-from envcraft.verdict import SCHEMA, Verdict
+from envcraft.model.verdict import SCHEMA, Verdict
+from envcraft.reports.summary import fingerprint
+from envcraft.text import one_line
 
 if TYPE_CHECKING:
     from envcraft.corpus.audit import Audit

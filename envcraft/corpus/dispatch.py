@@ -10,11 +10,11 @@ from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, 
 import msgspec
 
 from envcraft.corpus import tasks
-from envcraft.engine import Plan, not_judged
+from envcraft.corpus.executors import ExecutorPlugin, Opened
 from envcraft.errors import EnvCraftError, TargetLost
-from envcraft.events import Event, SubjectFinished, SubjectStarted
-from envcraft.executors import ExecutorPlugin, Opened
-from envcraft.verdict import SubjectReport
+from envcraft.judging.engine import Plan, not_judged
+from envcraft.model.events import Event, SubjectFinished, SubjectStarted
+from envcraft.model.verdict import SubjectReport
 
 #: Tasks out for each that can run: a worker that has done one finds the next, and no more sources are held than these.
 _EACH = 2
@@ -33,8 +33,8 @@ _Events = Generator[tuple[int, Event], None, None]
 def stream(
     plugin: ExecutorPlugin, workers: int | None, scheduler: str | None, order: tasks.Order, plan: Plan
 ) -> _Events:
-    """Judge every target of `plan` on an executor, as :func:`envcraft.engine.stream` does in this process; `order` is
-    the same plan as data. Each subject is started once and finished once, whatever is lost in between.
+    """Judge every target of `plan` on an executor, as :func:`envcraft.judging.engine.stream` does in this process;
+    `order` is the same plan as data. Each subject starts once and finishes once, even if tasks are lost.
 
     Closing the iterator, or an exception such as KeyboardInterrupt, takes back what has not begun.
 

@@ -1,33 +1,27 @@
-"""Validation records: of each environment what was judged, under what, and what came out, as one line of JSON.
-
-Each line has the digest of the one before it and one of its own, the SHA-256 of its canonical JSON without ``digest``:
-keys sorted, no spaces, UTF-8. The last line has their number. So a line that is changed, left out or moved shows.
-Nothing in there is secret: who can write the file can write another one as a whole, which only its last digest, kept
-elsewhere, tells from this one.
-"""
+"""Validation records: for each environment what was judged, how, and the result, as one line of JSON."""
 
 from __future__ import annotations
 
 import hashlib
 import shlex
-from collections.abc import Iterable, Iterator
-from typing import Any, TypeVar
+from collections.abc import Iterator
+from typing import Any
 
 import msgspec
 
-from envcraft.corpus.settings import Settings
-from envcraft.corpus.store import Store, decode
+from envcraft.corpus.store import Store, decode, verdicts
 from envcraft.errors import UsageError
-from envcraft.reports import one_line
-from envcraft.verdict import CheckReport, SubjectReport, Verdict, plain
+from envcraft.judging.settings import Settings
+from envcraft.model.verdict import CheckReport, SubjectReport, Verdict, plain
+from envcraft.text import one_line
 
 SCHEMA = 1
-#: Findings by which a trace need not be the same when it is played again, but for one that says it always is.
-_UNSTEADY, _SAME_LEVEL = "EC2", "EC209"
+#: Codes of environments whose traces may differ from run to run, except for one code.
+_NOT_DETERMINISTIC, _DETERMINISTIC = "EC2", "EC209"
 
 
-class Checked(msgspec.Struct, frozen=True):
-    """One check's verdict, the codes that it found, and a digest of their evidence (:func:`evidence`)."""
+class CheckRecord(msgspec.Struct, frozen=True):
+    """The verdict of one check, the codes of its findings, and a digest of their evidence (:func:`evidence`)."""
 
     check: str
     verdict: Verdict
@@ -36,20 +30,21 @@ class Checked(msgspec.Struct, frozen=True):
 
 
 class Record(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", tag="record"):
-    """What was judged, and what came out.
+    """What was judged, and the result.
 
     Attributes:
-        path: the environment's name in its corpus.
-        source_sha256: the digest of its file.
-        env_class: picks one of several classes of the file.
+        schema: the version of this format.
+        path: the name of the environment in its corpus.
+        source_sha256: the digest of its source.
+        env_class: the class to judge; None unless the source has several.
         envcraft: the version that judged.
         settings: contract, rules, seed, budget, driver, and the image or the libraries.
-        isolation: that of the driver.
+        isolation: the isolation of the driver.
+        verdict: the verdict.
         steps: environment steps.
-        traces: a digest of all that was played, empty where that is not known.
-        command: what judges it again by hand, in the folder of the corpus, or in the one that the corpus follows.
-        previous: the digest of the line before, empty in the first.
-        digest: of all the rest.
+        traces: a digest of all rollouts; empty if it is unknown.
+        checks: the verdict of each check.
+        command: the command that judges it again, in the folder of the corpus or in the folder that it follows.
     """
 
     schema: int = SCHEMA
@@ -62,53 +57,42 @@ class Record(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", tag="r
     verdict: Verdict
     steps: int
     traces: str
-    checks: list[Checked]
+    checks: list[CheckRecord]
     command: str
-    previous: str = ""
-    digest: str = ""
 
     @property
-    def unsteady(self) -> bool:
-        """Whether it was found not to be deterministic, so that evidence and traces may differ from run to run."""
+    def deterministic(self) -> bool:
+        """Whether no finding says that evidence and traces may differ from run to run."""
         codes = {code for check in self.checks for code in check.codes}
-        return any(code.startswith(_UNSTEADY) and code != _SAME_LEVEL for code in codes)
-
-
-class End(msgspec.Struct, frozen=True, tag_field="kind", tag="end"):
-    """The last line: how many `records` there are."""
-
-    records: int
-    previous: str = ""
-    digest: str = ""
-
-
-_Line = TypeVar("_Line", Record, End)
+        return not any(code.startswith(_NOT_DETERMINISTIC) and code != _DETERMINISTIC for code in codes)
 
 
 def records_of(store: Store) -> Iterator[Record]:
-    """The last verdict on each present source and class, in the order of names, not chained yet; what could not be
-    judged is left out.
-    """
-    rows = store.db.execute(
-        "SELECT name, environments.source, environments.class, report, contract, contract_sha256, rules, seed, budget, "
-        "driver, image, settings.checks, offered FROM environments JOIN verdicts ON verdicts.id = environments.verdict "
-        "AND verdicts.source = environments.source AND verdicts.class = environments.class "
-        "JOIN settings ON settings.id = verdicts.settings "
-        "WHERE verdicts.verdict != ? ORDER BY name",
-        (Verdict.ERROR.value,),
-    )
-    for name, source, env_class, report, *settings in rows:
-        # A corpus has its files by their digests, and only who follows a folder has them by their names.
+    """The records of the last verdicts on present sources, sorted by name; errors are left out."""
+    for row in verdicts.last(store):
+        if row.report is None or row.settings is None or row.verdict == Verdict.ERROR:
+            continue
+        name, source, env_class = row.environment
+        # Only a folder has its files by their names; a corpus has them by their digests.
         file = name if store.follows_folder else str(store.place(source).relative_to(store.root))
-        yield record(name, file, source, env_class or None, Settings(*settings), decode(report))
+        yield record(name, file, source, env_class or None, row.settings, decode(row.report))
 
 
 def record(
     name: str, file: str, source: str, env_class: str | None, settings: Settings, report: SubjectReport
 ) -> Record:
-    """The record of one verdict; `file` is where the source lies."""
+    """The record of one verdict.
+
+    Args:
+        name: the name of the environment in its corpus.
+        file: the path of its source, for the command.
+        source: the digest of its source.
+        env_class: the class to judge; None unless the source has several.
+        settings: how it was judged.
+        report: the verdict.
+    """
     checks = [
-        Checked(check.check, check.verdict, [finding.code for finding in check.findings], evidence(check))
+        CheckRecord(check.check, check.verdict, [finding.code for finding in check.findings], evidence(check))
         for check in report.checks
     ]
     words = ["envcraft", "validate", file, "--contract", settings.contract, "--budget", settings.budget]
@@ -131,94 +115,55 @@ def record(
 
 
 def evidence(check: CheckReport) -> str:
-    """The SHA-256 of the canonical JSON of what a check found: codes, evidence, reproductions; without wall times."""
-    told = [
-        (found.code, {name: value for name, value in found.evidence.items() if name != "seconds"}, found.repro)
-        for found in check.findings
+    """The SHA-256 of the canonical JSON of codes, evidence and reproductions of a check, without wall times."""
+    found = [
+        (finding.code, {name: value for name, value in finding.evidence.items() if name != "seconds"}, finding.repro)
+        for finding in check.findings
     ]
-    return _digest(plain(told))
-
-
-def chain(records: Iterable[Record]) -> Iterator[Record | End]:
-    """The lines of a file: each record with its place in the chain, then the end."""
-    previous, count = "", 0
-    for line in records:
-        sealed = _seal(line, previous)
-        previous, count = sealed.digest, count + 1
-        yield sealed
-    yield _seal(End(count), previous)
-
-
-def encode(line: Record | End) -> bytes:
-    """A line of a file."""
-    return msgspec.json.encode(line) + b"\n"
+    return hashlib.sha256(msgspec.json.encode(plain(found), order="sorted")).hexdigest()
 
 
 def read(path: str) -> list[Record]:
-    """The records of a file whose chain is whole. Raises UsageError, naming the line where it is not."""
+    """Read a file of records.
+
+    Raises:
+        UsageError: if the file cannot be read, or a line is not a record.
+    """
     hint = "give a file that `envcraft corpus records` wrote, or a corpus"
-    found: list[Record] = []
-    previous, number, ended = "", 0, False
     try:
         with open(path, "rb") as stream:
-            for number, data in enumerate(stream, 1):
-                line = _line(data, f"{path}, line {number}", hint)
-                if ended or line.previous != previous:
-                    raise UsageError(
-                        f"{path}, line {number}: it does not follow the line before; one was moved or removed"
-                    )
-                previous, ended = line.digest, isinstance(line, End)
-                if isinstance(line, Record):
-                    found.append(line)
-                elif line.records != len(found):
-                    raise UsageError(
-                        f"{path}, line {number}: it counts {line.records} records, and there are {len(found)}"
-                    )
+            lines = [_line(data, f"{path}, line {number}", hint) for number, data in enumerate(stream, 1)]
     except OSError as error:
-        raise UsageError(f"the records {path} cannot be read ({error.strerror}); {hint}") from None
-    if not ended:
-        raise UsageError(f"{path} ends after line {number} without the line that counts the records: it was cut off")
-    return found
+        raise UsageError(f"cannot read the records {path} ({error.strerror}); {hint}") from None
+    return [line for line in lines if line is not None]
 
 
-def drift(known: Record, report: SubjectReport) -> tuple[list[str], list[str]]:
-    """In words, what is not as it was recorded: in the verdicts, and in evidence and traces."""
+def drift(recorded: Record, report: SubjectReport) -> tuple[list[str], list[str]]:
+    """The differences of a new report from a record: in the verdicts, and in evidence and traces."""
     verdicts, details = [], []
-    if report.verdict != known.verdict:
-        verdicts.append(f"{report.verdict.value}, was {known.verdict.value}")
+    if report.verdict != recorded.verdict:
+        verdicts.append(f"{report.verdict.value}, was {recorded.verdict.value}")
     present = {check.check: check for check in report.checks}
-    for recorded in known.checks:
-        check = present.get(recorded.check)
-        if check is None or check.verdict != recorded.verdict:
+    for before in recorded.checks:
+        check = present.get(before.check)
+        if check is None or check.verdict != before.verdict:
             now = "not run" if check is None else check.verdict.value
-            verdicts.append(f"{one_line(recorded.check)} {now}, was {recorded.verdict.value}")
-        elif evidence(check) != recorded.evidence:
-            details.append(f"{one_line(recorded.check)} with other evidence")
-    if known.traces and report.traces != known.traces:
+            verdicts.append(f"{one_line(before.check)} {now}, was {before.verdict.value}")
+        elif evidence(check) != before.evidence:
+            details.append(f"{one_line(before.check)} with other evidence")
+    if recorded.traces and report.traces != recorded.traces:
         details.append("other traces")
     return verdicts, details
 
 
-def _line(data: bytes, where: str, hint: str) -> Record | End:
-    """Raises UsageError on what is no line of such a file, or has another digest than it says."""
+def _line(data: bytes, where: str, hint: str) -> Record | None:
+    """The record in a line; None for the last line of files that earlier versions wrote."""
     try:
         raw = msgspec.json.decode(data, type=dict[str, Any])
+        if raw.get("kind") == "end":
+            return None
         if raw.get("kind") == "record" and raw.get("schema") != SCHEMA:
-            raise UsageError(f"{where} has schema {raw.get('schema')}, and this version of EnvCraft reads {SCHEMA}")
-        line: Record | End = msgspec.convert(raw, Record | End)
+            raise UsageError(f"{where} has schema {raw.get('schema')}, but this version of EnvCraft reads {SCHEMA}")
+        return msgspec.convert(raw, Record)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
-        raise UsageError(f"{where} is no record ({one_line(error)}); {hint}") from None
-    # Of all that is there, so that nothing can be added either.
-    if _digest({name: value for name, value in raw.items() if name != "digest"}) != line.digest:
-        raise UsageError(f"{where}: it was changed, its digest is another one")
-    return line
-
-
-def _seal(line: _Line, previous: str) -> _Line:
-    told = msgspec.to_builtins(msgspec.structs.replace(line, previous=previous))
-    del told["digest"]
-    return msgspec.structs.replace(line, previous=previous, digest=_digest(told))
-
-
-def _digest(told: Any) -> str:
-    return hashlib.sha256(msgspec.json.encode(told, order="sorted")).hexdigest()
+        raise UsageError(f"{where} is not a record ({one_line(error)}); {hint}") from None

@@ -13,18 +13,18 @@ import platform
 
 import msgspec
 
-from envcraft.budget import BUDGETS
-from envcraft.commands.choices import checks_named, driver_named
-from envcraft.contract import Contract
-from envcraft.corpus.settings import Settings, settings_of
-from envcraft.engine import Plan
-from envcraft.engine import judge as judge_here
 from envcraft.errors import EnvCraftError
-from envcraft.events import SubjectFinished
-from envcraft.pool import Pool
-from envcraft.sandbox import Limits, ensure
-from envcraft.target import Target
-from envcraft.verdict import plain
+from envcraft.judging.budget import BUDGETS
+from envcraft.judging.driver import Limits, ensure
+from envcraft.judging.engine import Plan
+from envcraft.judging.engine import judge as judge_here
+from envcraft.judging.selection import checks_named, driver_named
+from envcraft.judging.settings import Settings, settings_of
+from envcraft.judging.worker_pool import WorkerPool
+from envcraft.model.contract import Contract
+from envcraft.model.events import SubjectFinished
+from envcraft.model.target import Target
+from envcraft.model.verdict import plain
 
 
 class Order(msgspec.Struct, frozen=True):
@@ -65,14 +65,14 @@ def encode(order: bytes, target: Target) -> bytes:
 
 
 def judge(task: bytes) -> bytes:
-    """Judge one environment: a :class:`Task` in, a :class:`envcraft.verdict.SubjectReport` as JSON out.
+    """Judge one environment: a :class:`Task` in, a :class:`envcraft.model.verdict.SubjectReport` as JSON out.
 
     Raises EnvCraftError where this process cannot judge as the one that sent the task would.
     """
     told = msgspec.msgpack.decode(task, type=Task)
     plan = _plan(told.order)
     target = Target(told.path, told.source, told.env_class)
-    with Pool(plan.driver, plan.limits, 1) as pool, contextlib.closing(judge_here(plan, target, pool)) as events:
+    with WorkerPool(plan.driver, plan.limits, 1) as pool, contextlib.closing(judge_here(plan, target, pool)) as events:
         report = next(event.report for event in events if isinstance(event, SubjectFinished))
     return msgspec.json.encode(plain(report))
 
@@ -95,4 +95,6 @@ def _plan(order: bytes) -> Plan:
         # Wrong use here is none of the person who audits.
         raise EnvCraftError(f"the worker on {platform.node()} cannot judge as this process does: {error}") from None
     # Tasks are what is run side by side.
-    return Plan([], told.contract, driver, checks, BUDGETS[wanted.budget], wanted.seed, limits=told.limits, lanes=1)
+    return Plan(
+        [], told.contract, driver, checks, BUDGETS[wanted.budget], wanted.seed, limits=told.limits, parallel_jobs=1
+    )

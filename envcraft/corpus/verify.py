@@ -1,6 +1,6 @@
-"""Whether a corpus is what was written: each source's digest, each row's references, each verdict's own rows.
+"""Whether a corpus is as it was written: the digest of each source, the references of each row, the rows of verdicts.
 
-What is taken out goes into ``lost+found`` in the corpus: files as they are, rows as lines of ``rows.jsonl``.
+Damaged files and rows are moved to ``lost+found`` in the corpus: files as they are, rows as lines of ``rows.jsonl``.
 """
 
 from __future__ import annotations
@@ -8,36 +8,50 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-import sqlite3
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import msgspec
 
 from envcraft.corpus.report import media
-from envcraft.corpus.store import SOURCES, Store, decode, finding_rows
-from envcraft.demonstrations import keeping
-from envcraft.verdict import SubjectReport, plain
+from envcraft.corpus.store import SOURCES, Store, decode, environments, generation, integrity, verdicts
+from envcraft.corpus.store.rows import finding_rows
+from envcraft.model.verdict import SubjectReport, plain
 
 LOST = "lost+found"
+#: Verifies files beside the sources: yields what is wrong, and with True removes it.
+Verifier = Callable[[Store, bool], Iterator[str]]
 
 
 class Damage(NamedTuple):
-    """Something that is not as it was written, in words; what was done about it, empty where nothing was."""
+    """A difference from what was written: `what` is wrong, and what was `done` about it; empty if nothing."""
 
     what: str
     done: str = ""
 
 
-def verify(store: Store, repair: bool = False) -> Iterator[Damage]:
-    """Give each damage, and with `repair` mend it. Raises sqlite3.Error, OSError."""
+def verify(store: Store, repair: bool = False, others: Mapping[str, Verifier] | None = None) -> Iterator[Damage]:
+    """Find damage and optionally repair it.
+
+    Args:
+        store: the corpus, open for writing.
+        repair: whether to repair.
+        others: verifiers of further files, by what restores a removed file.
+
+    Yields:
+        Each damage, after its repair.
+
+    Raises:
+        sqlite3.Error: if the database cannot be read.
+        OSError: if a file cannot be read or moved.
+    """
     damaged = False
     for damage in _database(store, repair):
         damaged = damaged or not damage.done
         yield damage
     if damaged and repair:
-        # Rows of a database that is torn say nothing about the files.
+        # The rows of a damaged database say nothing reliable about the files.
         return
     yield from _references(store, repair)
     restored: set[str] = set()
@@ -45,79 +59,64 @@ def verify(store: Store, repair: bool = False) -> Iterator[Damage]:
     yield from _environments(store, repair, restored)
     yield from _attempts(store, repair, restored)
     yield from _verdicts(store, repair)
-    yield from (
-        Damage(words, "the next report makes it anew" if repair else "") for words in media.verify(store, repair)
-    )
-    yield from (
-        Damage(words, "the next `envcraft demos` records it again" if repair else "")
-        for words in keeping.verify(store, repair)
-    )
+    for done, verifier in {"the next report makes it again": media.verify, **(others or {})}.items():
+        yield from (Damage(what, done if repair else "") for what in verifier(store, repair))
 
 
 def _database(store: Store, repair: bool) -> Iterator[Damage]:
-    wrong = _integrity(store)
-    if wrong and repair:
-        # Only what is told from other rows can be made again.
-        store.db.execute("REINDEX")
-        if not _integrity(store):
-            yield from (Damage(f"the database: {words}", "its indexes were made anew") for words in wrong)
+    errors = integrity.errors(store)
+    if errors and repair:
+        # Only indexes can be computed from other data.
+        integrity.reindex(store)
+        if not integrity.errors(store):
+            yield from (Damage(f"the database: {words}", "its indexes were rebuilt") for words in errors)
             return
-    yield from (Damage(f"the database: {words}") for words in wrong)
-
-
-def _integrity(store: Store) -> list[str]:
-    try:
-        found = [" ".join(str(words).split()) for (words,) in store.db.execute("PRAGMA integrity_check(20)")]
-    except sqlite3.DatabaseError as error:
-        found = [str(error)]
-    return [] if found == ["ok"] else found
+    yield from (Damage(f"the database: {words}") for words in errors)
 
 
 def _references(store: Store, repair: bool) -> Iterator[Damage]:
-    found = store.db.execute("SELECT * FROM pragma_foreign_key_check").fetchall()
-    # One without row numbers is told of once for all its rows.
-    for table, row, parent, _ in dict.fromkeys(found):
+    for table, row, parent in integrity.violations(store):
         if table == "environments":
-            words = f"the environment in row {row} names a verdict that there is not"
+            words = f"the environment in row {row} refers to a verdict that does not exist"
             condition, done = f"rowid = {row}", "it counts as not judged"
         elif table == "attempts" and parent == "verdicts":
-            words = "attempts at environments name verdicts that there are not"
+            words = "attempts refer to verdicts that do not exist"
             condition, done = "verdict NOT IN (SELECT id FROM verdicts)", "they count as not judged"
         elif parent == "concepts":
-            words = f"{table} belong to a concept that there is not"
-            condition, done = "concept NOT IN (SELECT id FROM concepts)", "they were set aside"
+            words = f"{table} refer to a concept that does not exist"
+            condition, done = "concept NOT IN (SELECT id FROM concepts)", f"they were moved to {LOST}"
         elif table == "episodes":
-            words = "episodes belong to a recording that there is not"
-            condition, done = "demonstration NOT IN (SELECT id FROM demonstrations)", "they were set aside"
+            words = "episodes refer to a recording that does not exist"
+            condition, done = "demonstration NOT IN (SELECT id FROM demonstrations)", f"they were moved to {LOST}"
         elif row is None:
-            words = "findings belong to a verdict that there is not"
-            condition, done = "verdict NOT IN (SELECT id FROM verdicts)", "they were set aside"
+            words = "findings refer to a verdict that does not exist"
+            condition, done = "verdict NOT IN (SELECT id FROM verdicts)", f"they were moved to {LOST}"
         else:
-            words = f"row {row} of {table} names a row of {parent} that there is not"
-            condition, done = f"rowid = {row}", "it was set aside"
+            words = f"row {row} of {table} refers to a row of {parent} that does not exist"
+            condition, done = f"rowid = {row}", f"it was moved to {LOST}"
         if repair and parent == "verdicts" and table in ("environments", "attempts"):
-            store.db.execute(f"UPDATE {table} SET verdict = NULL WHERE {condition}")
+            integrity.clear_verdicts(store, table, condition)
         elif repair:
-            _set_rows_aside(store, table, condition)
+            _move_rows(store, table, condition)
         yield Damage(words, done if repair else "")
 
 
 def _files(store: Store, repair: bool, restored: set[str]) -> Iterator[Damage]:
-    """Every file among the sources; digests of those that lie where they do not belong are put into `restored`."""
+    """Check every file among the sources, and add the digests of misplaced ones that are needed to `restored`."""
     waiting = _walk(store.root / SOURCES)
     displaced: list[Path] = []
     while (file := displaced.pop() if displaced else next(waiting, None)) is not None:
         sha256 = _sha256(file)
         place = store.place(sha256)
-        needed = store.named(sha256)
+        needed = store.is_referenced(sha256)
         if file == place and needed:
             continue
-        parked = file.is_relative_to(store.root / LOST)
+        moved = file.is_relative_to(store.root / LOST)
         name = file.relative_to(store.root)
         if file == place:
-            words = f"{name} belongs to no environment, no verdict and no attempt"
+            words = f"{name} belongs to no environment, verdict or attempt"
         elif file.stem == sha256:
-            words = f"{name} lies in the wrong folder"
+            words = f"{name} is in the wrong folder"
         else:
             words = f"{name} has the digest {sha256}"
         back = needed and not (place.exists() and _sha256(place) == sha256)
@@ -126,68 +125,55 @@ def _files(store: Store, repair: bool, restored: set[str]) -> Iterator[Damage]:
         if repair and back:
             place.parent.mkdir(parents=True, exist_ok=True)
             if place.exists():
-                # The next writer empties the folder for what is not finished.
-                displaced.append(_set_file_aside(store, place))
+                displaced.append(_move_file(store, place))
             file.rename(place)
-        elif repair and not parked:
-            _set_file_aside(store, file)
+        elif repair and not moved:
+            _move_file(store, file)
         done = f"it was moved to {place.relative_to(store.root)}" if back else f"it was moved to {LOST}"
         yield Damage(words, done if repair else "")
 
 
 def _environments(store: Store, repair: bool, restored: set[str]) -> Iterator[Damage]:
-    cursor = store.db.execute("SELECT name, source FROM environments ORDER BY name")
-    missing = [row for row in cursor if row[1] not in restored and not store.place(row[1]).is_file()]
-    if not repair:
-        # A file with other contents in its place has been told of.
-        yield from (Damage(f"the source of {name} is missing") for name, _ in missing)
-        return
-    for name, _ in missing:
-        _set_rows_aside(store, "environments", "name = ?", name)
-        yield Damage(f"the source of {name} is missing", f"it was taken out, its row is in {LOST}/rows.jsonl")
+    missing = [
+        one.name
+        for one in environments.every(store)
+        if one.source not in restored and not store.place(one.source).is_file()
+    ]
+    for name in missing:
+        if repair:
+            _move_rows(store, "environments", "name = ?", name)
+        yield Damage(f"the source of {name} is missing", f"its row was moved to {LOST}/rows.jsonl" if repair else "")
 
 
 def _attempts(store: Store, repair: bool, restored: set[str]) -> Iterator[Damage]:
-    cursor = store.db.execute("SELECT concept, number, source FROM attempts ORDER BY concept, number")
-    for concept, number, source in cursor.fetchall():
+    for concept, number, source, _ in generation.attempt_sources(store):
         if source in restored or store.place(source).is_file():
             continue
         if repair:
-            _set_rows_aside(store, "attempts", "concept = ? AND number = ?", concept, number)
-        done = f"it was taken out, its row is in {LOST}/rows.jsonl" if repair else ""
-        yield Damage(f"the source of attempt {number} at the concept {concept} is missing", done)
+            _move_rows(store, "attempts", "concept = ? AND number = ?", concept, number)
+        words = f"the source of attempt {number} at the concept {concept} is missing"
+        yield Damage(words, f"its row was moved to {LOST}/rows.jsonl" if repair else "")
 
 
 def _verdicts(store: Store, repair: bool) -> Iterator[Damage]:
-    """Every verdict: its report, and what the columns and the findings say of it."""
-    # By number, since a repair writes meanwhile.
-    numbers = [number for (number,) in store.db.execute("SELECT id FROM verdicts ORDER BY id")]
-    for number in numbers:
-        source, verdict, steps, text = store.db.execute(
-            "SELECT source, verdict, steps, report FROM verdicts WHERE id = ?", (number,)
-        ).fetchone()
-        report = _decoded(text)
+    """Check that the columns and the findings of every verdict are those of its report."""
+    for row in verdicts.rows(store):
+        report = _decoded(row.report)
         if report is None:
             if repair:
-                _set_rows_aside(store, "verdicts", "id = ?", number)
-            yield Damage(f"verdict {number}: its report is no report", "it will be judged again" if repair else "")
+                _move_rows(store, "verdicts", "id = ?", row.number)
+            yield Damage(f"verdict {row.number}: its report is invalid", "it will be judged again" if repair else "")
             continue
-        rows = store.db.execute(
-            "SELECT rule_check, code, severity, line, message FROM findings WHERE verdict = ? ORDER BY number",
-            (number,),
-        ).fetchall()
-        if (verdict, steps) == (report.verdict, report.steps) and rows == list(finding_rows(report)):
+        findings = verdicts.findings(store, row.number)
+        if (row.verdict, row.steps) == (report.verdict, report.steps) and findings == list(finding_rows(report)):
             continue
         if repair:
             with store.transaction():
-                store.db.execute(
-                    "UPDATE verdicts SET verdict = ?, steps = ?, seconds = ? WHERE id = ?",
-                    (report.verdict.value, report.steps, report.seconds, number),
-                )
-                store.write_findings(number, report)
+                verdicts.rewrite(store, row.number, report.verdict.value, report.steps, report.seconds)
+                store.write_findings(row.number, report)
         yield Damage(
-            f"verdict {number}, on source {source[:12]}: its rows are not what its report says",
-            "they were made anew from it" if repair else "",
+            f"verdict {row.number}, on source {row.source[:12]}: its rows differ from its report",
+            "they were written again from it" if repair else "",
         )
 
 
@@ -205,30 +191,27 @@ def _decoded(text: Any) -> SubjectReport | None:
 def _walk(folder: Path) -> Iterator[Path]:
     for parent, folders, files in os.walk(folder):
         folders.sort()
-        # All at once: a repair moves files meanwhile.
+        # A list, because a repair moves files meanwhile.
         yield from [Path(parent, name) for name in sorted(files)]
 
 
-def _set_file_aside(store: Store, file: Path) -> Path:
-    """Give where it lies then."""
+def _move_file(store: Store, file: Path) -> Path:
+    """Move a file to ``lost+found`` and return its new path."""
     folder = store.root / LOST
     folder.mkdir(exist_ok=True)
     number = 0
-    while (aside := folder / (f"{file.name}.{number}" if number else file.name)).exists():
+    while (moved := folder / (f"{file.name}.{number}" if number else file.name)).exists():
         number += 1
-    return file.rename(aside)
+    return file.rename(moved)
 
 
-def _set_rows_aside(store: Store, table: str, condition: str, *values: Any) -> None:
-    """Write rows to the file of those that were lost, then delete them."""
+def _move_rows(store: Store, table: str, condition: str, *values: Any) -> None:
+    """Append rows to ``lost+found/rows.jsonl``, then delete them."""
     folder = store.root / LOST
     folder.mkdir(exist_ok=True)
-    cursor = store.db.execute(f"SELECT * FROM {table} WHERE {condition}", values)
-    columns = [column[0] for column in cursor.description]
     with open(folder / "rows.jsonl", "a", encoding="utf-8") as stream:
-        for row in cursor:
-            told = {"table": table, "row": dict(zip(columns, map(plain, row), strict=True))}
-            stream.write(json.dumps(told) + "\n")
+        for row in integrity.rows(store, table, condition, values):
+            stream.write(json.dumps({"table": table, "row": {key: plain(value) for key, value in row.items()}}) + "\n")
         stream.flush()
         os.fsync(stream.fileno())
-    store.db.execute(f"DELETE FROM {table} WHERE {condition}", values)
+    integrity.delete(store, table, condition, values)

@@ -1,6 +1,6 @@
-"""Demonstrations: what players did in the environments of a corpus, and the trajectories to learn from.
+"""Demonstrations: recorded play of the environments of a corpus, and the transitions to learn from.
 
-The canonical form (:mod:`~envcraft.demonstrations.form`) is seeds and actions, with a digest of every frame: small, and
-exact by playing it again. Frames are kept in a cache beside (:mod:`~envcraft.demonstrations.cache`), which can be made
-anew at any time, and which :class:`~envcraft.demonstrations.reading.Demonstrations` reads.
+A recording (:mod:`~envcraft.demonstrations.format`) has seeds, actions and a digest of every frame: it is small, and
+playing the actions again gives exactly the same frames. A cache (:mod:`~envcraft.demonstrations.cache`) has the frames
+and can always be made again. :class:`~envcraft.demonstrations.dataset.Demonstrations` reads caches.
 """

@@ -1,12 +1,12 @@
-"""The frames of a recording in one file that is mapped into memory: each frame once, compressed by itself.
+"""The frame cache of a recording: a file that is mapped into memory and has each different frame once, compressed.
 
-A file is a magic number, the length of a header and the header (JSON), then arrays and the frames, all little-endian::
+A file has a magic number, the length of a header, the header (JSON), arrays and the frames, all little-endian::
 
     ECFRAME1 · u64 · {"arrays": {name: [dtype, shape, offset]}, "frame": [dtype, shape], ...} · arrays · frames
 
-Zstandard with a dictionary of some of the environment's own frames, which the others mostly repeat: quicker to read
-than without, than Blosc and than any palette, and about a third of the size of the former two. Indices into a palette
-are a little smaller still, but take ten times as long to become a picture (``python -m benchmarks.demonstrations``).
+Frames are compressed by Zstandard with a dictionary of some frames of the same recording, because most frames repeat
+parts of others. Reading is faster than without a dictionary, with Blosc or with a palette, and the size is a third of
+that of the first two (``python -m benchmarks.demonstrations``).
 """
 
 from __future__ import annotations
@@ -23,28 +23,27 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from envcraft.check import Skip
-from envcraft.demonstrations.form import FRAME, Episode, Recording, rewards
-from envcraft.errors import UsageError
+from envcraft.demonstrations.format import DIGEST_SIZE, Episode, Recording, rewards
+from envcraft.errors import Skip, UsageError
 
 MAGIC = b"ECFRAME1"
-#: Zstandard's level, and the frames that its dictionary is made of.
+#: The level of compression, and the number of frames in the dictionary.
 LEVEL, SAMPLES = 12, 12
 _ALIGN = 64
 
 
 class CacheDamaged(ValueError):
-    """A cache is not what it was when it was written."""
+    """A cache has changed since it was written, or is incomplete."""
 
 
-def ensure() -> None:
-    """Raises UsageError where frames can be neither written nor read."""
+def ensure_zstandard() -> None:
+    """Raises UsageError if zstandard is not installed."""
     if importlib.util.find_spec("zstandard") is None:
-        raise UsageError("frames are kept by zstandard: pip install 'envcraft-rl[demos]'")
+        raise UsageError("frame caches need zstandard: pip install 'envcraft-rl[demos]'")
 
 
 class Writer:
-    """Takes in the episodes of a recording, in their order, with their frames."""
+    """Builds the cache of a recording from its episodes, in order, and their frames."""
 
     def __init__(self, recording: Recording) -> None:
         self._recording = recording
@@ -54,14 +53,18 @@ class Writer:
         self._after: list[int] = []
 
     def add(self, episode: Episode, frames: Sequence[NDArray[Any]]) -> None:
-        """Take in an episode of T steps with its T + 1 frames. Raises Skip where it has not as many, or others."""
+        """Add an episode of T steps with its T + 1 frames.
+
+        Raises:
+            Skip: Frames are missing or differ in shape, so that the recording can have no cache.
+        """
         if len(frames) != episode.steps + 1:
-            raise Skip("its observations are no arrays of moderate size, so that no frames can be kept")
+            raise Skip("its observations are not arrays of moderate size, so its frames cannot be cached")
         if self._frames and any(frame.shape != self._frames[0].shape for frame in frames):
-            raise Skip("its observations differ in shape, so that no frames can be kept")
+            raise Skip("its observations differ in shape, so its frames cannot be cached")
         numbers = []
-        for place, frame in enumerate(frames):
-            digest = episode.frames[place * FRAME : (place + 1) * FRAME]
+        for step, frame in enumerate(frames):
+            digest = episode.frames[step * DIGEST_SIZE : (step + 1) * DIGEST_SIZE]
             if digest not in self._numbers:
                 self._numbers[digest] = len(self._frames)
                 self._frames.append(frame)
@@ -70,20 +73,20 @@ class Writer:
         self._after += numbers[1:]
 
     def to_bytes(self) -> bytes:
-        """The whole file."""
-        ensure()
+        """The content of the file."""
+        ensure_zstandard()
         recording, frames = self._recording, self._frames
-        kept = dictionary(frames)
-        packed = _compress(frames, kept)
+        shared = dictionary(frames)
+        packed = _compress(frames, shared)
         offsets = np.cumsum([0, *map(len, packed)])
         episodes = recording.episodes
         steps = np.array([episode.steps for episode in episodes])
         last = np.cumsum(steps) - 1
         ended = np.zeros((2, recording.steps), np.uint8)
-        for place, episode in zip(last, episodes, strict=True):
-            ended[0, place], ended[1, place] = episode.terminated, episode.truncated
+        for step, episode in zip(last, episodes, strict=True):
+            ended[0, step], ended[1, step] = episode.terminated, episode.truncated
         arrays: dict[str, NDArray[Any]] = {
-            "dictionary": np.frombuffer(_packed(kept), np.uint8),
+            "dictionary": np.frombuffer(_compress_dictionary(shared), np.uint8),
             "offsets": offsets.astype("<u8"),
             "observation": np.array(self._shown, "<u4"),
             "next_observation": np.array(self._after, "<u4"),
@@ -99,12 +102,12 @@ class Writer:
 
 
 def dictionary(frames: Sequence[NDArray[Any]]) -> bytes:
-    """Frames spread over the recording; the compressor looks for what repeats among them."""
+    """The bytes of frames that are spread evenly over the recording."""
     picked = np.linspace(0, len(frames) - 1, min(SAMPLES, len(frames))).round().astype(int)
-    return b"".join(frames[place].tobytes() for place in picked)
+    return b"".join(frames[number].tobytes() for number in picked)
 
 
-def _packed(data: bytes) -> bytes:
+def _compress_dictionary(data: bytes) -> bytes:
     import zstandard
 
     return zstandard.ZstdCompressor(level=LEVEL).compress(data)
@@ -113,38 +116,39 @@ def _packed(data: bytes) -> bytes:
 def _compress(frames: Sequence[NDArray[Any]], dictionary: bytes) -> list[bytes]:
     import zstandard
 
-    kept = zstandard.ZstdCompressionDict(dictionary, dict_type=zstandard.DICT_TYPE_RAWCONTENT)
-    kept.precompute_compress(level=LEVEL)
-    compressor = zstandard.ZstdCompressor(dict_data=kept)
+    shared = zstandard.ZstdCompressionDict(dictionary, dict_type=zstandard.DICT_TYPE_RAWCONTENT)
+    shared.precompute_compress(level=LEVEL)
+    compressor = zstandard.ZstdCompressor(dict_data=shared)
     return [compressor.compress(frame.tobytes()) for frame in frames]
 
 
-def _file(arrays: dict[str, NDArray[Any]], about: dict[str, Any]) -> bytes:
-    body, told = bytearray(), {}
+def _file(arrays: dict[str, NDArray[Any]], extra: dict[str, Any]) -> bytes:
+    body, layout = bytearray(), {}
     for name, array in arrays.items():
         body += bytes(-len(body) % _ALIGN)
-        told[name] = [array.dtype.str, list(array.shape), len(body)]
+        layout[name] = [array.dtype.str, list(array.shape), len(body)]
         body += array.tobytes()
     digest = hashlib.sha256(body).hexdigest()
-    header = json.dumps({"arrays": told, "size": len(body), "sha256": digest, **about}).encode()
-    # The arrays begin at a multiple of what they are aligned to.
+    header = json.dumps({"arrays": layout, "size": len(body), "sha256": digest, **extra}).encode()
+    # Pads the header, so that the arrays are aligned in the file too.
     header += b" " * (-(len(MAGIC) + 8 + len(header)) % _ALIGN)
     return MAGIC + len(header).to_bytes(8, "little") + header + body
 
 
 class Cache:
-    """A file of frames, mapped into memory.
+    """A frame cache, mapped into memory.
 
     Attributes:
-        arrays: views of the file: ``observation``, ``next_observation``, ``action``, ``reward``, ``terminated``,
-            ``truncated`` and ``episode``, one value for each of the T transitions; ``table``, whose rows the actions
-            number; and those that the frames are read by.
-        frame: the shape of a frame, and `dtype` the type of its values.
+        arrays: Views of the file: ``observation``, ``next_observation`` (numbers of frames), ``action`` (rows of
+            ``table``), ``reward``, ``terminated``, ``truncated`` and ``episode``, each of shape (T,) for T transitions;
+            ``table``, the different actions; and the arrays that locate the frames.
+        frame: The shape of a frame.
+        dtype: The dtype of a frame.
     """
 
     def __init__(self, file: Path) -> None:
-        """Raises CacheDamaged where the file is none, OSError."""
-        ensure()
+        """Map a file into memory. Raises CacheDamaged if it is not a complete cache, OSError."""
+        ensure_zstandard()
         import zstandard
 
         with open(file, "rb") as stream:
@@ -162,29 +166,29 @@ class Cache:
         self._frames = self.arrays["frames"]
         self._offsets = self.arrays["offsets"]
         dictionary = zstandard.ZstdDecompressor().decompress(self.arrays["dictionary"].tobytes())
-        kept = zstandard.ZstdCompressionDict(dictionary, dict_type=zstandard.DICT_TYPE_RAWCONTENT)
-        self._decompressor = zstandard.ZstdDecompressor(dict_data=kept)
+        shared = zstandard.ZstdCompressionDict(dictionary, dict_type=zstandard.DICT_TYPE_RAWCONTENT)
+        self._decompressor = zstandard.ZstdDecompressor(dict_data=shared)
 
     def __len__(self) -> int:
         return len(self.arrays["observation"])
 
     def read(self, number: int) -> NDArray[Any]:
-        """A frame by its number, to be read only."""
+        """The frame with this number, as a read-only array."""
         start, end = self._offsets[number : number + 2].tolist()
         data = self._decompressor.decompress(self._frames[start:end].data, max_output_size=self._size)
         return np.frombuffer(data, self.dtype).reshape(self.frame)
 
 
 def check(file: Path) -> None:
-    """Raises CacheDamaged where a file is not what was written, OSError."""
+    """Raises CacheDamaged if a file differs from what was written, OSError."""
     data = file.read_bytes()
     header, start = _header(data)
     if hashlib.sha256(memoryview(data)[start:]).hexdigest() != header["sha256"]:
-        raise CacheDamaged("is not what was written")
+        raise CacheDamaged("has changed since it was written")
 
 
 def _header(data: bytes | mmap.mmap) -> tuple[dict[str, Any], int]:
-    """The header, and where the arrays begin. Raises CacheDamaged."""
+    """The header, and the offset of the arrays. Raises CacheDamaged."""
     start = len(MAGIC) + 8
     end = start + int.from_bytes(data[len(MAGIC) : start], "little")
     try:
@@ -193,5 +197,5 @@ def _header(data: bytes | mmap.mmap) -> tuple[dict[str, Any], int]:
     except (ValueError, KeyError, TypeError):
         whole = False
     if not whole:
-        raise CacheDamaged("is no cache of frames, or not a whole one")
+        raise CacheDamaged("is not a complete frame cache")
     return header, end

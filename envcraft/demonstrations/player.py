@@ -1,4 +1,4 @@
-"""Who plays for demonstrations: each player is a plugin's, and gives the traces of episodes."""
+"""The base classes of players, which plugins offer and ``envcraft demos`` lets play."""
 
 from __future__ import annotations
 
@@ -7,21 +7,22 @@ from abc import ABC, abstractmethod
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from envcraft.subject import Subject
-    from envcraft.target import PolicyFile
-    from envcraft.trace import Trace
+    from envcraft.judging.subject import Subject
+    from envcraft.model.target import PolicyFile
+    from envcraft.model.trace import Trace
 
 
 class Player(ABC):
-    """Plays episodes of one environment after the other. It sees no environment: it asks the subject for rollouts and
-    searches, or gives the text of a policy that runs in the worker, beside the environment.
+    """Plays episodes of environments. It has no access to the environment object: it requests rollouts and searches
+    from the subject, or provides the text of a policy that runs in the worker beside the environment.
 
     Attributes:
-        name: how ``--player`` names it.
-        summary: one line for the help.
-        families: the families whose environments it knows how to play; none: it plays any.
-        policy: the privileged policy that :meth:`envcraft.subject.Subject.act` is to play by.
-        version: another one where the same name plays otherwise: recordings are kept apart by it.
+        name: The value of ``--player``.
+        summary: One line for the help.
+        families: The families whose environments it can play; empty if it can play any.
+        policy: The privileged policy for :meth:`envcraft.judging.subject.Subject.act`.
+        version: Changes when the player plays differently under the same name; recordings of different versions are
+            stored separately.
     """
 
     name: str
@@ -32,16 +33,28 @@ class Player(ABC):
 
     @abstractmethod
     def play(self, subject: Subject, number: int) -> Trace:
-        """The episode with this number, on its seed (``subject.episode_seed(number)``). Raises Skip, EnvCraftError."""
+        """Play an episode.
+
+        Args:
+            subject: The environment.
+            number: The number of the episode, which gives its seed (``subject.episode_seed(number)``).
+
+        Returns:
+            The trace of the episode.
+
+        Raises:
+            Skip: The player cannot play it.
+            EnvCraftError: The sandbox fails.
+        """
 
     @property
     def digest(self) -> str:
-        """What tells two players of one name apart."""
+        """Distinguishes players of the same name."""
         text = self.policy.source if self.policy is not None else self.version
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
     def plays(self, family: str | None) -> bool:
-        """Whether it knows how to play environments of this family."""
+        """Whether it can play environments of this family."""
         return not self.families or family in self.families
 
 

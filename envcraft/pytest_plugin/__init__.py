@@ -1,10 +1,10 @@
 """# In a test suite, with pytest
 
-Environments judged by pytest, one test a check, each environment in one sandbox run. `pip install envcraft-rl` brings
-the plugin; without its options, its marker and its fixture it imports nothing of EnvCraft's and does nothing.
+The plugin makes one pytest test of each check; all checks of an environment share one sandbox run. `pip install
+envcraft-rl` installs the plugin. Without its options, marker or fixture it does nothing.
 
 ## Files
-`pytest --envcraft games/` collects every environment below the folder, one test for each check:
+`pytest --envcraft games/` collects every environment in the folder, with one test for each check:
 
 ```console
 $ pytest --envcraft games/ -v
@@ -12,24 +12,24 @@ games/snake.py::source PASSED
 games/snake.py::determinism FAILED
 ```
 
-All of pytest's own works on them: `games/snake.py::determinism`, `-k`, `-x`, `--lf`, `--collect-only`, `-m envcraft`,
-`--junit-xml`, xdist's `-n`. A file is an environment when its source, which is parsed and never imported here, imports
-gymnasium and has an environment class. A test module (`conftest.py`, `test_*.py`, `*_test.py` and what `python_files`
-adds) stays pytest's, **and runs in this process**, as in any run of pytest: use `envcraft validate` on a folder in
-which nobody has read those. Nothing else imports an environment file, neither `--doctest-modules` nor the `__init__.py`
-of its folder; one that is named on the command line and holds neither an environment nor tests is judged, too, rather
-than imported.
+pytest's own features work: `games/snake.py::determinism`, `-k`, `-x`, `--lf`, `--collect-only`, `-m envcraft`,
+`--junit-xml`, xdist's `-n`. A file is an environment if its source imports gymnasium and defines an environment
+class. The plugin parses the source and never imports it. A test module (`conftest.py`, `test_*.py`, `*_test.py` and
+the patterns of `python_files`) belongs to pytest **and runs in this process**, as in any run of pytest: for a folder
+whose test modules nobody has read, use `envcraft validate`. Nothing else imports an environment file, neither
+`--doctest-modules` nor the `__init__.py` of its folder. A file that is named on the command line and holds neither an
+environment nor tests is judged and not imported.
 
 ## Outcomes
-A finding fails its check, and is printed with the usual fix, the reproduction, and the commands that show it again. A
-check that cannot say anything about an environment is skipped, with its reason. One that could not judge, or a sandbox
-that is not there, is an error with the next step, never a failure of the environment. Findings of severity warning are
-pytest warnings of the category `EnvCraftWarning`, so that `-W error::envcraft.pytest_plugin.EnvCraftWarning` makes them
-fail. What the checks `source` and `sandbox` find, without which no verdict can be trusted, shows in another test of the
-environment when they are not selected.
+A finding fails its check. pytest prints it with the usual fix, the reproduction, and the commands that show it again.
+A check that does not apply is skipped with its reason. A check that could not judge, or a missing sandbox, is an
+error with the next step, never a failure of the environment. Findings of severity warning are pytest warnings of the
+category `EnvCraftWarning`, so that `-W error::envcraft.pytest_plugin.EnvCraftWarning` turns them into failures. The
+checks `source` and `sandbox` always run, because every verdict depends on them. If they are not selected, another
+test of the environment shows their findings.
 
 ## Classes
-The marker `envcraft` makes a test function into one test for each check of a target. Its body runs where the check
+The marker `envcraft` turns a test function into one test for each check of a target. Its body runs if the check
 passes:
 
 ```python
@@ -37,25 +37,25 @@ passes:
 def test_snake(): ...
 ```
 
-gives `test_snake[source]`, `test_snake[api]`, and so on. `target` is a class, whose file is read and judged, or
-whatever `envcraft validate` takes, a path being relative to pytest's root folder. `checks`, `skip`, `contract`,
-`budget`, `seed` and `sandbox` may be given besides. On a test class (or as `pytestmark`) the marker goes for those
-tests that take the fixture `envcraft`, so that a class can have others.
+gives `test_snake[source]`, `test_snake[api]`, and so on. `target` is a class, whose file is judged, or a TARGET of
+`envcraft validate`; a path is relative to pytest's root folder. `checks`, `skip`, `contract`, `budget`, `seed` and
+`sandbox` are optional. On a test class, or as `pytestmark`, the marker applies to the tests that take the fixture
+`envcraft`.
 
 ## The fixture
-`envcraft` judges from within a test:
+The fixture `envcraft` judges from within a test:
 
 ```python
 def test_every_level(envcraft):
-    envcraft.check("games/snake.py", checks=["api"])        # fails the test as the checks do
-    report = envcraft.judge(Snake, budget="quick")          # or gives the report, to be looked at
+    envcraft.check("games/snake.py", checks=["api"])        # fails the test if a check fails
+    report = envcraft.judge(Snake, budget="quick")          # returns the report
     assert report.verdict == "pass" and report.steps > 1000
 ```
 
-Marker and fixture work without `--envcraft`, which only asks for the files.
+The marker and the fixture work without `--envcraft`, which only collects files.
 
 ## Settings
-From the strongest: the marker or the call, the command line (`--envcraft-contract` and so on), pytest's own
+In order of precedence: the marker or the call, the command line (`--envcraft-contract` and so on), pytest's
 configuration, and `[tool.envcraft]` of `pyproject.toml`:
 
 ```toml
@@ -69,14 +69,13 @@ envcraft_skip = []
 ```
 
 ## Reports
-Each test that stands for a check has, once it is judged, properties whose names begin with `envcraft_`: `subject`,
-`class`, `source_sha256`, `contract`, `budget`, `seed`, `isolation`, `driver`, `steps` (of the whole environment) and
-`codes` (of its findings). JUnit XML carries them.
-The first test of an environment that runs judges it; the durations that pytest reports are nevertheless each check's
-own.
+The test of a check has properties, which JUnit XML contains. Their names begin with `envcraft_`: `subject`, `class`,
+`source_sha256`, `contract`, `budget`, `seed`, `isolation`, `driver`, `steps` (of the whole environment) and `codes`
+(of its findings). The first test of an environment judges it; the durations that pytest reports are still those of
+each check.
 
 ## xdist
-The workers of `-n` share results, so that each environment is run once whatever `--dist` is; with `--dist loadfile` no
+The workers of `-n` share results, so each environment runs once under every `--dist`. With `--dist loadfile` no
 worker waits for another.
 """
 
@@ -91,31 +90,22 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-if TYPE_CHECKING:
-    from .fixture import EnvCraft
+from envcraft.pytest_plugin.settings import SETTINGS, EnvCraftWarning
 
-#: Options of the command line and of pytest's configuration, each with its help.
-SETTINGS = {
-    "contract": "what the environments promise",
-    "budget": "how much a validation spends: quick, standard or thorough",
-    "sandbox": "where the environments run",
-    "seed": "same seed, same episodes",
-    "checks": "run only these checks, separated by commas, and source, which the others rest on",
-    "skip": "leave out these checks, separated by commas",
-}
+if TYPE_CHECKING:
+    from envcraft.pytest_plugin.fixture import EnvCraft
+
+__all__ = ["EnvCraftWarning"]
+
 _MARKER = (
     "envcraft(target, checks=None, skip=None, contract=None, budget=None, seed=None, sandbox=None): "
-    "judge the environment that target is or names, one test for each check"
+    "validate the environment target, with one test for each check"
 )
 _SHARED = pytest.StashKey[str]()
 
 
-class EnvCraftWarning(UserWarning):
-    """A finding of severity warning."""
-
-
 def pytest_addoption(parser: pytest.Parser) -> None:
-    group = parser.getgroup("envcraft", "environments judged by EnvCraft")
+    group = parser.getgroup("envcraft", "validation of environments by EnvCraft")
     group.addoption("--envcraft", action="store_true", help="collect environment files, one test for each check")
     for name, text in SETTINGS.items():
         if name in ("checks", "skip"):
@@ -130,9 +120,8 @@ def pytest_configure(config: pytest.Config) -> None:
     config.addinivalue_line("markers", _MARKER)
     if config.getoption("envcraft"):
         from envcraft.errors import EnvCraftError
-
-        from .collection import Collection
-        from .judging import settings
+        from envcraft.pytest_plugin.collection import Collection
+        from envcraft.pytest_plugin.judging import settings
 
         try:
             config.pluginmanager.register(Collection(settings(config)), "envcraft-collection")
@@ -149,7 +138,7 @@ def pytest_unconfigure(config: pytest.Config) -> None:
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_configure_node(node: Any) -> None:
-    """In xdist's controller: give each worker the folder in which they share results."""
+    """In xdist's controller, give each worker the folder of shared results."""
     stash = node.config.stash
     if _SHARED not in stash:
         stash[_SHARED] = tempfile.mkdtemp(prefix="envcraft-")
@@ -168,7 +157,7 @@ def pytest_pycollect_makeitem(obj: object) -> None:
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
     if "envcraft" in metafunc.fixturenames and metafunc.definition.get_closest_marker("envcraft"):
-        from .fixture import cases
+        from envcraft.pytest_plugin.fixture import cases
 
         if found := cases(metafunc.definition):
             metafunc.parametrize("envcraft", found, indirect=True, ids=[case.check for case in found])
@@ -176,8 +165,8 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
 
 @pytest.fixture
 def envcraft(request: pytest.FixtureRequest) -> EnvCraft:
-    """Judges environments; in a test with the marker `envcraft`, knows what was found."""
-    from .fixture import EnvCraft
+    """Judge environments from within a test; with the marker `envcraft`, hold the check's report."""
+    from envcraft.pytest_plugin.fixture import EnvCraft
 
     return EnvCraft(request)
 
@@ -199,7 +188,7 @@ def pytest_runtest_makereport(
 
 
 def pytest_terminal_summary(terminalreporter: Any) -> None:
-    """Say how far what was judged was isolated, from the reports alone: with xdist the workers judge."""
+    """Summarise the isolation of the judged environments. With xdist only the reports are known here."""
     subjects: dict[str, dict[str, str]] = {}
     for reports in terminalreporter.stats.values():
         for report in reports:
@@ -207,11 +196,11 @@ def pytest_terminal_summary(terminalreporter: Any) -> None:
             if path := properties.get("envcraft_subject"):
                 subjects[path] = properties
     if subjects and terminalreporter.verbosity >= 0:
-        from .words import summary
+        from envcraft.pytest_plugin.words import summary
 
         terminalreporter.write_line(summary(list(subjects.values())))
 
 
 def _loaded(name: str) -> Any:
-    """A module of the plugin if anything has needed it yet."""
+    """Give a module of the plugin if it is already imported."""
     return sys.modules.get(f"{__name__}.{name}")

@@ -1,4 +1,4 @@
-"""Environment files as pytest collects them: told by their source, which is parsed and never imported."""
+"""Collect environment files by parsing their source, without importing it."""
 
 from __future__ import annotations
 
@@ -11,23 +11,22 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from envcraft.commands.choices import select_checks
-
-from .items import CheckItem
-from .judging import CASE, Case, Spec
+from envcraft.judging.selection import select_checks
+from envcraft.pytest_plugin.items import CheckItem
+from envcraft.pytest_plugin.judging import CASE, Case, Spec
 
 if TYPE_CHECKING:
-    from .judging import Settings
+    from envcraft.pytest_plugin.judging import Settings
 
 _TESTS = ("conftest.py", "test_*.py", "*_test.py")
-#: Patterns of ``python_files`` that would leave nothing to be judged.
+#: Patterns of ``python_files`` that would match every environment.
 _EVERYTHING = ("*", "*.py")
-#: As :data:`envcraft.subject.MAX_SOURCE`, whose module takes longer to load than a folder to collect.
+#: As :data:`envcraft.model.target.MAX_SOURCE`, whose module takes longer to load than a folder to collect.
 _MAX_SOURCE = 2 * 1024**2
 
 
 class Collection:
-    """Makes pytest collect environment files; registered under ``--envcraft``."""
+    """The plugin that ``--envcraft`` registers to collect environment files."""
 
     def __init__(self, settings: Settings) -> None:
         self.settings = settings
@@ -48,8 +47,7 @@ class Collection:
             line = 1
         if line is None:
             return collectors
-        # In place of all others, which would import it; and below the session, since setting up a folder that is a
-        # package would import its __init__.py.
+        # Other collectors would import the file, and a package as the parent would import its __init__.py.
         file: EnvironmentFile = EnvironmentFile.from_parent(parent.session, path=file_path)
         file.line, file.settings = line, self.settings
         return [file]
@@ -73,15 +71,15 @@ class EnvironmentFile(pytest.File):
 
 
 def is_test_module(path: Path, config: pytest.Config) -> bool:
-    """Whether a file is pytest's by its name."""
+    """Say whether a file's name makes it a test module."""
     added = [pattern for pattern in config.getini("python_files") if pattern not in _EVERYTHING]
     return any(fnmatch(str(path) if "/" in pattern else path.name, pattern) for pattern in (*_TESTS, *added))
 
 
 def environment_line(path: Path) -> int | None:
-    """The line of the first class that looks like an environment, in a file that imports gymnasium; else None.
+    """Give the line of the first environment class of a file that imports gymnasium, or None.
 
-    A file that does not parse, but speaks of both, is taken for one: the check ``source`` says what is wrong.
+    A file that does not parse but mentions both counts as an environment: the check ``source`` reports the error.
     """
     source = _read(path)
     if b"gym" not in source or b"class" not in source:
@@ -96,7 +94,7 @@ def environment_line(path: Path) -> int | None:
 
 
 def defines_tests(path: Path) -> bool:
-    """Whether a file defines functions or classes that pytest would run."""
+    """Say whether a file defines functions or classes that pytest would run."""
     tree = _parse(_read(path))
     return tree is not None and any(
         isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef) and node.name.lower().startswith("test")
@@ -115,7 +113,7 @@ def _read(path: Path) -> bytes:
 def _parse(source: bytes) -> ast.Module | None:
     try:
         with warnings.catch_warnings():
-            # Of somebody else's escape sequences, and the check source judges those.
+            # Invalid escape sequences of an environment are not a matter of this run.
             warnings.simplefilter("ignore")
             return ast.parse(source)
     except (SyntaxError, ValueError, RecursionError, MemoryError):

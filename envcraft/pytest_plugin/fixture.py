@@ -10,19 +10,19 @@ from typing import Any, NoReturn, TypedDict, Unpack
 
 import pytest
 
-from envcraft.commands.choices import select_checks
 from envcraft.errors import EnvCraftError, UsageError
-from envcraft.verdict import CheckReport, SubjectReport, Verdict
-
-from . import SETTINGS, words
-from .items import could_not_judge, settle
-from .judging import Case, Judged, judge_of, settings, spec_of
+from envcraft.judging.selection import select_checks
+from envcraft.model.verdict import CheckReport, SubjectReport, Verdict
+from envcraft.pytest_plugin import words
+from envcraft.pytest_plugin.items import could_not_judge, settle
+from envcraft.pytest_plugin.judging import Case, Judged, judge_of, settings, spec_of
+from envcraft.pytest_plugin.settings import SETTINGS
 
 Judgeable = type | str | PathLike[str]
 
 
 class Options(TypedDict, total=False):
-    """What a call may set; names of checks in a list, or with commas between them."""
+    """The options of a call. Checks are a list, or names separated by commas."""
 
     checks: str | Iterable[str]
     skip: str | Iterable[str]
@@ -33,9 +33,9 @@ class Options(TypedDict, total=False):
 
 
 class EnvCraft:
-    """Judges environments from within a test.
+    """Judge environments from within a test.
 
-    What the test's marker gives is the default of each call. Calls that ask the same share one sandbox run.
+    The test's marker gives the defaults of each call. Equal calls share one sandbox run.
 
     Attributes:
         report: in a test that stands for one check, what the check found; else None.
@@ -48,13 +48,13 @@ class EnvCraft:
             self.report = settle(self._node, case).own
 
     def judge(self, target: Judgeable | None = None, **options: Unpack[Options]) -> SubjectReport:
-        """Judge an environment, and leave it to the test what to make of the report."""
+        """Judge an environment and return its report."""
         return self._judge(target, options).report
 
     def check(self, target: Judgeable | None = None, **options: Unpack[Options]) -> SubjectReport:
-        """Judge an environment, and fail the test if it fails.
+        """Judge an environment and fail the test if it fails.
 
-        A check that could not judge makes the test an error.
+        The test is an error if a check could not judge.
         """
         judged = self._judge(target, options)
         if judged.report.verdict is Verdict.FAIL:
@@ -72,30 +72,32 @@ class EnvCraft:
             raise TypeError(f"there is no option {unknown[0]!r}; there are {', '.join(SETTINGS)}")
         try:
             if target is None:
-                raise UsageError("there is no target: give one here or in the marker envcraft")
+                raise UsageError("the target is missing: pass one, or name one in the marker envcraft")
             return judge_of(config).subject(spec_of(target, config.rootpath), settings(config, given))
         except EnvCraftError as error:
             raise could_not_judge(words.unjudged(error)) from None
 
 
 def cases(test: pytest.Item) -> list[Case]:
-    """What a test with the marker becomes: one case for each check, none where the marker names no target."""
+    """Give one case for each check of a marked test, or none if the marker names no target."""
     marker = marked(test)
     target = marker.pop("target", None)
     if target is None:
         if not _asks(test):
-            _wrong_marker(test, "names no target, and the test does not take the fixture envcraft: nothing is judged")
+            _wrong_marker(
+                test, "names no target, and the test does not take the fixture envcraft, so nothing is judged"
+            )
         return []
     try:
         chosen = settings(test.config, marker)
         spec = spec_of(target, test.config.rootpath)
         return [Case(spec, chosen.for_one(), check.name) for check in select_checks(chosen.checks, chosen.skip)]
     except EnvCraftError as error:
-        _wrong_marker(test, f"cannot be followed: {error}")
+        _wrong_marker(test, f"is invalid: {error}")
 
 
 def _asks(test: Any) -> bool:
-    """Whether a test, or a fixture of it, takes the fixture itself."""
+    """Say whether a test, or a fixture of it, takes the fixture envcraft."""
     definitions = itertools.chain.from_iterable(test._fixtureinfo.name2fixturedefs.values())
     return any(
         "envcraft" in names
@@ -104,7 +106,7 @@ def _asks(test: Any) -> bool:
 
 
 def marked(test: pytest.Item) -> dict[str, Any]:
-    """What a test's markers say, the nearest first: the target and settings."""
+    """Join the arguments of a test's markers; the nearest marker wins."""
     found: dict[str, Any] = {}
     for marker in test.iter_markers("envcraft"):
         given = dict(marker.kwargs)

@@ -1,4 +1,4 @@
-"""The tests that stand for one check: judged in their setup, concluded when they are called."""
+"""Tests that stand for one check: the setup judges, the call fails or skips."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from pathlib import Path
 import pytest
 
 from envcraft.errors import EnvCraftError
-from envcraft.reports import one_line
-from envcraft.verdict import Severity, Verdict
-
-from . import EnvCraftWarning, words
-from .judging import CASE, Case, Outcome, judge_of
+from envcraft.model.verdict import Severity, Verdict
+from envcraft.pytest_plugin import words
+from envcraft.pytest_plugin.judging import CASE, Case, Outcome, judge_of
+from envcraft.pytest_plugin.settings import EnvCraftWarning
+from envcraft.text import one_line
 
 _OUTCOME = pytest.StashKey[Outcome]()
 _UNJUDGED = "envcraft_unjudged"
@@ -27,20 +27,20 @@ class CheckItem(pytest.Item):
         settle(self, self.stash[CASE])
 
     def runtest(self) -> None:
-        """Nothing: the plugin's ``pytest_runtest_call`` concludes every test that stands for a check."""
+        """Do nothing: ``pytest_runtest_call`` of the plugin fails or skips the test."""
 
     def reportinfo(self) -> tuple[Path, int, str]:
         return self.path, self.line - 1, f"{self.name} of {self.parent.nodeid if self.parent else self.path}"
 
 
 def settle(item: pytest.Item, case: Case) -> Outcome:
-    """Judge what a test stands for; what could not be judged is an error."""
+    """Judge the case of a test; make the test an error if that is impossible."""
     try:
         outcome = judge_of(item.config).case(item.session, case)
     except EnvCraftError as error:
         raise could_not_judge(words.unjudged(error)) from None
     item.stash[_OUTCOME] = outcome
-    # Once, also where a test is run again.
+    # A test that runs again has its properties already.
     known = [*item.user_properties]
     item.user_properties += [pair for pair in words.properties(outcome.judged, outcome.reports) if pair not in known]
     if outcome.verdict is Verdict.ERROR:
@@ -49,7 +49,7 @@ def settle(item: pytest.Item, case: Case) -> Outcome:
 
 
 def conclude(item: pytest.Item) -> None:
-    """Fail or skip a test as its check does, and show warnings, before its own code runs."""
+    """Fail or skip a test as its check does, and issue warnings, before its own code runs."""
     outcome = item.stash.get(_OUTCOME, None)
     if outcome is None:
         return
@@ -59,7 +59,7 @@ def conclude(item: pytest.Item) -> None:
             try:
                 warnings.warn_explicit(message, EnvCraftWarning, outcome.judged.report.path, finding.line or 1)
             except EnvCraftWarning as error:
-                # As a filter wants it.
+                # A filter turns the warning into an error.
                 pytest.fail(str(error), pytrace=False)
     if outcome.verdict is Verdict.FAIL:
         pytest.fail(words.failure(outcome.judged, outcome.reports), pytrace=False)
@@ -68,16 +68,16 @@ def conclude(item: pytest.Item) -> None:
 
 
 def could_not_judge(message: str) -> BaseException:
-    """What to raise where nothing can be said about the environment: the test is then an error, in any phase."""
+    """Make an exception that turns the test into an error in any phase."""
     failed = pytest.fail.Exception(message, pytrace=False)
     setattr(failed, _UNJUDGED, True)
     return failed
 
 
 def amend(item: pytest.Item, call: pytest.CallInfo[None], report: pytest.TestReport) -> None:
-    """Give a report the check's own time and place, and make what could not be judged an error."""
+    """Give a report the check's own time and place, and turn a test without a verdict into an error."""
     if call.excinfo is not None and hasattr(call.excinfo.value, _UNJUDGED):
-        # pytest calls a failure an error in every phase but the call.
+        # pytest reports a failure as an error in every phase except the call.
         report.when = "setup"
     outcome = item.stash.get(_OUTCOME, None)
     if outcome is None:

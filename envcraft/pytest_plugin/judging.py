@@ -1,4 +1,4 @@
-"""One sandbox run a subject: what was judged is remembered, and under xdist shared by the workers."""
+"""Judge each subject once per session, and share the reports among xdist's workers."""
 
 from __future__ import annotations
 
@@ -16,25 +16,26 @@ import click
 import msgspec
 import pytest
 
-from envcraft.budget import BUDGETS
-from envcraft.cli import configuration, offered, unknown
-from envcraft.commands.choices import contract_named, driver_named, select_checks, split
-from envcraft.commands.targets import resolve
+from envcraft.cli.commands.targets import resolve
+from envcraft.cli.configured import configuration
+from envcraft.contracts.lookup import contract_named
 from envcraft.errors import EnvCraftError, UsageError
-from envcraft.reports import relative
-from envcraft.verdict import CheckReport, SubjectReport, Verdict, overall, plain
-
-from . import SETTINGS
+from envcraft.judging.budget import BUDGETS
+from envcraft.judging.selection import driver_named, select_checks, split
+from envcraft.model.verdict import CheckReport, SubjectReport, Verdict, overall, plain
+from envcraft.pytest_plugin.settings import SETTINGS
+from envcraft.registry import did_you_mean, offered
+from envcraft.text import relative
 
 if TYPE_CHECKING:
-    from envcraft.sandbox import Driver
-    from envcraft.target import Target
+    from envcraft.judging.driver import Driver
+    from envcraft.model.target import Target
 
 _MAX_SEED = 2**31 - 1
 
 
 class Settings(NamedTuple):
-    """How to judge. `checks` and `skip` are names that commas separate, None for all and none."""
+    """How to judge. `checks` and `skip` are names separated by commas; None means all checks and no check."""
 
     contract: str = "arcade"
     budget: str = "standard"
@@ -46,12 +47,12 @@ class Settings(NamedTuple):
     least: str | None = None
 
     def for_one(self) -> Settings:
-        """The same but for the selection of checks: what a single check is judged under."""
+        """Give the same settings without a selection of checks."""
         return self._replace(checks=None, skip=None)
 
 
 class Spec(NamedTuple):
-    """What to judge: an absolute path or whatever else ``envcraft validate`` takes, and the class in it."""
+    """What to judge: an absolute path or another TARGET of ``envcraft validate``, and the class in it."""
 
     target: str
     env_class: str | None = None
@@ -66,7 +67,7 @@ class Case(NamedTuple):
 
 
 class Judged(NamedTuple):
-    """A subject's report, and what gave it."""
+    """A subject's report with its target and settings."""
 
     spec: Spec
     settings: Settings
@@ -74,8 +75,10 @@ class Judged(NamedTuple):
 
 
 class Outcome(NamedTuple):
-    """What a case came to. `riders` are the reports of checks that ran though nobody selected them, since every
-    verdict rests on them, and that do not pass.
+    """The result of a case.
+
+    `riders` are reports of checks that nobody selected and that do not pass; they run because every verdict depends on
+    them.
     """
 
     judged: Judged
@@ -93,7 +96,7 @@ class Outcome(NamedTuple):
 
 
 class Judge:
-    """Judges subjects for one session of pytest, each with all the checks that its tests want, once."""
+    """Judge subjects for one session of pytest, each once with all checks that its tests need."""
 
     def __init__(self, config: pytest.Config) -> None:
         self._config = config
@@ -105,7 +108,7 @@ class Judge:
         self._shared = _usable(worker.get("envcraft_shared"))
 
     def case(self, session: pytest.Session, case: Case) -> Outcome:
-        """One check's outcome. Raises EnvCraftError where nothing could be judged."""
+        """Give one check's outcome. Raises EnvCraftError if nothing could be judged."""
         if self._wanted is None:
             self._wanted = {}
             for found in filter(None, map(case_of, session.items)):
@@ -117,7 +120,7 @@ class Judge:
         return Outcome(judged, own, riders(reports, wanted, case.check))
 
     def subject(self, spec: Spec, settings: Settings) -> Judged:
-        """A whole subject. Raises EnvCraftError where nothing could be judged."""
+        """Judge a whole subject. Raises EnvCraftError if nothing could be judged."""
         target = self._target(spec)
         names = [check.name for check in select_checks(settings.checks, settings.skip)]
         asked = (target, settings.for_one(), names)
@@ -133,7 +136,7 @@ class Judge:
         return Judged(spec, settings, found)
 
     def close(self) -> None:
-        """End what the sandboxes hold."""
+        """Close the sandbox drivers."""
         for driver in self._drivers.values():
             if not isinstance(driver, EnvCraftError):
                 driver.close()
@@ -142,18 +145,18 @@ class Judge:
         targets = resolve(spec.target, spec.env_class)
         if len(targets) != 1:
             raise UsageError(
-                f"{spec.target} holds {len(targets)} environments, and a test judges one: name its file, or let "
-                "`pytest --envcraft` collect the folder"
+                f"{spec.target} holds {len(targets)} environments, and a test judges one: name its file, or collect "
+                "the folder with `pytest --envcraft`"
             )
         [target] = targets
         if os.path.isabs(target.path):
-            # As somebody would type it where pytest was started.
+            # As a person would type it in the folder where pytest started.
             return msgspec.structs.replace(target, path=relative(target.path, str(self._config.invocation_params.dir)))
         return target
 
     def _judge(self, target: Target, settings: Settings) -> SubjectReport:
-        from envcraft.engine import Plan, cores, validate
-        from envcraft.events import Finished
+        from envcraft.judging.engine import Plan, cores, validate
+        from envcraft.model.events import Finished
 
         plan = Plan(
             [target],
@@ -162,10 +165,10 @@ class Judge:
             select_checks(settings.checks, settings.skip),
             BUDGETS[settings.budget],
             settings.seed,
-            lanes=max(cores() // self._lanes_of, 1),
+            parallel_jobs=max(cores() // self._lanes_of, 1),
         )
         with warnings.catch_warnings():
-            # pytest's filters are for the tests' own code; no verdict may depend on them.
+            # pytest's filters are for the tests' own code and must not change a verdict.
             warnings.simplefilter("ignore")
             with contextlib.closing(validate(plan, 1)) as events:
                 [report] = [event.report for event in events if isinstance(event, Finished)]
@@ -177,7 +180,7 @@ class Judge:
             try:
                 self._drivers[key] = driver_named(*key)
             except EnvCraftError as error:
-                # Asking again takes as long, and the answer is the same.
+                # Another attempt would take as long and fail again.
                 self._drivers[key] = error
         found = self._drivers[key]
         if isinstance(found, EnvCraftError):
@@ -185,14 +188,14 @@ class Judge:
         return found
 
     def _share(self, key: str, judge: Callable[[], SubjectReport]) -> SubjectReport:
-        """Judge, or take over what another worker of xdist has judged or is just judging."""
+        """Judge, or take the report of another xdist worker, waiting for it if needed."""
         if self._shared is None:
             return judge()
         import fcntl
 
         file = self._shared / f"{key}.json"
         with (self._shared / f"{key}.lock").open("w") as lock:
-            # Let go by the system should this process die.
+            # The system releases the lock if this process dies.
             fcntl.flock(lock, fcntl.LOCK_EX)
             if file.exists():
                 return msgspec.json.decode(file.read_bytes(), type=SubjectReport)
@@ -208,28 +211,29 @@ CASE = pytest.StashKey[Case]()
 
 
 def judge_of(config: pytest.Config) -> Judge:
-    """The judge of this session."""
+    """Give the judge of this session."""
     if _JUDGE not in config.stash:
         config.stash[_JUDGE] = Judge(config)
     return config.stash[_JUDGE]
 
 
 def close(config: pytest.Config) -> None:
-    """End what the session's judge holds, if there is one."""
+    """Close the session's judge, if there is one."""
     if judge := config.stash.get(_JUDGE, None):
         judge.close()
 
 
 def case_of(item: pytest.Item) -> Case | None:
-    """The check that a test stands for, if it does."""
+    """Give the check that a test stands for, or None."""
     callspec = getattr(item, "callspec", None)
     found = item.stash.get(CASE, None) or (callspec and callspec.params.get("envcraft"))
     return found if isinstance(found, Case) else None
 
 
 def riders(reports: Iterable[CheckReport], wanted: set[str], check: str) -> list[CheckReport]:
-    """The reports that the test of `check` carries besides its own: of each check that is not wanted and does not
-    pass, in the test of the next one that is, or else of the last.
+    """Give the reports that the test of `check` shows besides its own.
+
+    A check that is not selected and does not pass is shown by the next selected check, or by the last one.
     """
     reports = list(reports)
     order = [report.check for report in reports if report.check in wanted]
@@ -243,11 +247,13 @@ def riders(reports: Iterable[CheckReport], wanted: set[str], check: str) -> list
 
 
 def spec_of(target: object, root: Path) -> Spec:
-    """What a class, path or name stands for; paths are taken from `root`. Raises UsageError."""
+    """Resolve a class, a path relative to `root`, or a name. Raises UsageError."""
     if inspect.isclass(target):
         return _class_spec(target)
     if not isinstance(target, str | os.PathLike) or not os.fspath(target):
-        raise UsageError(f"{target!r} is no target: give an environment class, a path, or a name as envcraft validate")
+        raise UsageError(
+            f"{target!r} is not a target: pass an environment class, a path, or another TARGET of envcraft validate"
+        )
     path = os.path.join(root, target)
     return Spec(path if os.path.exists(path) else os.fspath(target))
 
@@ -257,14 +263,14 @@ def _class_spec(target: type) -> Spec:
     module = sys.modules.get(target.__module__)
     file = getattr(module, "__file__", None)
     if file is None or not os.path.isfile(file):
-        raise UsageError(f"{name} is defined in no file that could be judged; save it in one")
+        raise UsageError(f"{name} is not defined in a file; save it in one")
     if target.__qualname__ != target.__name__:
-        raise UsageError(f"{name} is defined within a function or class; move it to the top of its file")
+        raise UsageError(f"{name} is defined inside a function or class; move it to the top level of its file")
     return Spec(os.path.abspath(file), target.__name__)
 
 
 def settings(config: pytest.Config, given: dict[str, Any] | None = None) -> Settings:
-    """The settings that hold, those `given` first. Raises UsageError on a value that does not exist."""
+    """Resolve the settings; `given` ones win. Raises UsageError if a value does not exist."""
     found = _of_project(config.rootpath)
     for name in SETTINGS:
         for value in (
@@ -279,18 +285,18 @@ def settings(config: pytest.Config, given: dict[str, Any] | None = None) -> Sett
     contract_named(chosen.contract)
     select_checks(chosen.checks, chosen.skip)
     if chosen.budget not in BUDGETS:
-        raise UsageError(f"there is no budget {unknown(chosen.budget, BUDGETS)}")
+        raise UsageError(f"there is no budget {did_you_mean(chosen.budget, BUDGETS)}")
     if chosen.sandbox != "auto":
-        # Only then: loading the drivers takes longer than collecting a folder.
+        # Loading the drivers takes longer than collecting a folder.
         drivers = ["auto", *(driver.name for driver in offered("envcraft_sandbox_drivers"))]
         if chosen.sandbox not in drivers:
-            raise UsageError(f"there is no sandbox {unknown(chosen.sandbox, drivers)}")
+            raise UsageError(f"there is no sandbox {did_you_mean(chosen.sandbox, drivers)}")
     return chosen
 
 
 def _of_project(folder: Path) -> dict[str, Any]:
-    """What ``[tool.envcraft]`` says for ``envcraft validate`` and goes for tests, too."""
-    from envcraft.commands.validate import validate
+    """Read the settings of ``envcraft validate`` in ``[tool.envcraft]`` that apply to tests."""
+    from envcraft.cli.commands.validate import validate
 
     options = {
         option.removeprefix("--"): str(param.name)
@@ -304,21 +310,21 @@ def _of_project(folder: Path) -> dict[str, Any]:
 
 
 def _plain(name: str, value: Any) -> Any:
-    """A setting in its own type."""
+    """Convert a setting to its type."""
     if name == "seed":
         if not str(value).isdecimal() or int(value) > _MAX_SEED:
-            raise UsageError(f"the seed {value!r} is no whole number from 0 to {_MAX_SEED}")
+            raise UsageError(f"the seed {value!r} is not a whole number from 0 to {_MAX_SEED}")
         return int(value)
     names = [value] if isinstance(value, str) else value
     if name in ("checks", "skip"):
         return ",".join(split(",".join(map(str, names)))) or None
     if not isinstance(value, str):
-        raise UsageError(f"{name} must be a name, and is {value!r}")
+        raise UsageError(f"{name} must be a name, not {value!r}")
     return value
 
 
 def _usable(folder: str | None) -> Path | None:
-    """The folder that xdist's workers share, unless this one runs on another machine."""
+    """Give the folder that xdist's workers share, or None on another machine."""
     if folder is None:
         return None
     with contextlib.suppress(OSError):

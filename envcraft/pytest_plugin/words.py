@@ -1,4 +1,4 @@
-"""What is printed of findings, and what reports carry of them."""
+"""Text and report properties of findings."""
 
 from __future__ import annotations
 
@@ -7,15 +7,15 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from itertools import chain
 
-from envcraft.commands.choices import all_checks, default_checks, rules_of
-from envcraft.reports import one_line, plural, printable, repro_words
-from envcraft.verdict import CheckReport, Finding, Severity, Verdict
-
-from .judging import Judged
+from envcraft.judging.selection import all_checks, default_checks, rules_of
+from envcraft.model.verdict import CheckReport, Finding, Severity, Verdict
+from envcraft.pytest_plugin.judging import Judged
+from envcraft.reports.summary import repro_words
+from envcraft.text import one_line, plural, printable
 
 
 def failure(judged: Judged, reports: Iterable[CheckReport]) -> str:
-    """The findings that fail `reports`, each with its fix and reproduction, and the commands that show them again."""
+    """Describe the findings that fail `reports`, with fixes, reproductions and the commands that show them again."""
     numbers = {id(finding): number for number, finding in enumerate(_findings(judged.report.checks), 1)}
     failing = [finding for finding in _findings(reports) if finding.severity is Severity.ERROR]
     blocks = [_block(judged, finding) for finding in failing]
@@ -28,10 +28,10 @@ def failure(judged: Judged, reports: Iterable[CheckReport]) -> str:
 
 
 def error(judged: Judged, reports: Iterable[CheckReport]) -> str:
-    """Why checks could not judge, and what to do."""
+    """Say why checks could not judge, and the next step."""
     lines = [
-        f"the check {report.check} could not judge {one_line(judged.report.path)}, which says nothing against it: "
-        f"{one_line(report.reason)}"
+        f"the check {report.check} could not judge {one_line(judged.report.path)}, which is no failure of the "
+        f"environment: {one_line(report.reason)}"
         for report in reports
         if report.verdict is Verdict.ERROR
     ]
@@ -39,19 +39,19 @@ def error(judged: Judged, reports: Iterable[CheckReport]) -> str:
 
 
 def unjudged(reason: Exception) -> str:
-    """Why nothing could be judged at all."""
+    """Say why nothing could be judged."""
     return f"nothing was judged: {one_line(reason)}"
 
 
 def warning(judged: Judged, finding: Finding) -> str:
-    """A finding in one line."""
+    """Describe a finding in one line."""
     rule = rules_of(all_checks()).get(finding.code)
     fix = f" (fix: {rule.fix})" if rule else ""
     return f"{_head(judged, finding)}: {one_line(finding.message)}{fix}"
 
 
 def command(judged: Judged) -> str:
-    """What to type to judge the same again."""
+    """Give the command that judges the same again."""
     settings, path = judged.settings, judged.report.path
     words = ["envcraft", "validate", f"./{path}" if path.startswith("-") else path]
     words += ["--class", judged.spec.env_class] if judged.spec.env_class else []
@@ -64,7 +64,7 @@ def command(judged: Judged) -> str:
 
 
 def properties(judged: Judged, reports: Iterable[CheckReport]) -> Iterator[tuple[str, str]]:
-    """What JUnit XML carries."""
+    """Yield the properties for JUnit XML."""
     report, settings = judged.report, judged.settings
     found = {
         "subject": report.path,
@@ -83,12 +83,12 @@ def properties(judged: Judged, reports: Iterable[CheckReport]) -> Iterator[tuple
 
 
 def summary(subjects: Sequence[dict[str, str]]) -> str:
-    """How many environments were judged, and how far they were isolated, from the properties of each."""
+    """Summarise the number of environments and their isolation, from the properties of each."""
     levels = Counter((subject["envcraft_isolation"], subject["envcraft_driver"]) for subject in subjects)
     isolated = ", ".join(
         f"{isolation} isolation" + (f" by {driver}" if driver != isolation else "") for isolation, driver in levels
     )
-    weak = "; that holds against accidents, not against malice: `envcraft doctor` tells what is missing"
+    weak = "; this protects against accidents, not against malice: `envcraft doctor` lists what is missing"
     process = any(isolation == "process" for isolation, _ in levels)
     return f"envcraft: {plural(len(subjects), 'environment')} judged, {isolated}{weak if process else ''}"
 

@@ -1,4 +1,4 @@
-"""The report for people: a block for each subject as it ends, and a summary."""
+"""The report for people: a block for each finished subject, and a summary."""
 
 from __future__ import annotations
 
@@ -8,16 +8,18 @@ from functools import cached_property
 from itertools import groupby
 from typing import TYPE_CHECKING, TextIO
 
-from envcraft.events import Event, Finished, SubjectFinished, SubjectStarted
+from envcraft.model.events import Event, Finished, SubjectFinished, SubjectStarted
+from envcraft.model.verdict import CheckReport, Finding, Report, Severity, SubjectReport, Verdict
 from envcraft.plugins import hookimpl
-from envcraft.reports import Reporter, one_line, plural, repro_words
-from envcraft.verdict import CheckReport, Finding, Report, Severity, SubjectReport, Verdict
+from envcraft.reports.reporter import Reporter
+from envcraft.reports.summary import repro_words
+from envcraft.text import one_line, plural
 
 if TYPE_CHECKING:
     from rich.console import Console
     from rich.text import Text
 
-    from envcraft.check import Rule
+    from envcraft.judging.check import Rule
 
 STYLES = {Verdict.PASS: "green", Verdict.FAIL: "red", Verdict.SKIP: "bright_black", Verdict.ERROR: "magenta"}
 _BADGES = {verdict: f"bold white on {style}" for verdict, style in STYLES.items()}
@@ -27,7 +29,7 @@ _PRINTED_LINES, _PRINTED_WIDTH = 3, 200
 
 
 class ConsoleReporter(Reporter):
-    """Colours on a terminal, plain text elsewhere, one line a sentence where nothing needs wrapping."""
+    """Print colours and wrapped text on a terminal, plain unwrapped text elsewhere."""
 
     name = "console"
     summary = "for people: a block for each environment (default)"
@@ -42,7 +44,7 @@ class ConsoleReporter(Reporter):
 
     @cached_property
     def _console(self) -> Console:
-        # Slow to import, and there is time once something is judged.
+        # Slow to import, so only once something is judged.
         from rich.console import Console
 
         return self._given or Console(file=self.output, highlight=False, markup=False, emoji=False)
@@ -55,7 +57,7 @@ class ConsoleReporter(Reporter):
         if isinstance(event, SubjectStarted):
             self._numbers[event.path] = event.number
         elif isinstance(event, SubjectFinished):
-            # In the order of the report, whichever ends first: findings are numbered through.
+            # In the order of the report, because findings are numbered across subjects.
             self._waiting[self._numbers.get(event.report.path, self._shown + 1)] = event.report
             while (report := self._waiting.pop(self._shown + 1, None)) is not None:
                 self._shown += 1
@@ -76,7 +78,9 @@ class ConsoleReporter(Reporter):
         ]
         self._say(_text(f" {self._dot} ".join(facts), "bright_black"), 2)
         if missing := report.sandbox.missing:
-            self._say(_text(f"not in force on this machine: {one_line('; '.join(missing))}", _WARNING), 2, hang=2)
+            self._say(
+                _text(f"missing protections on this machine: {one_line('; '.join(missing))}", _WARNING), 2, hang=2
+            )
         for reason, group in groupby(report.checks, lambda check: check.verdict is Verdict.SKIP and check.reason):
             checks = list(group)
             if reason and len(checks) > 1:
@@ -87,7 +91,7 @@ class ConsoleReporter(Reporter):
         self._say(_text())
 
     def _skipped(self, checks: list[CheckReport]) -> None:
-        """Checks skipped for the same reason, in one paragraph."""
+        """Print checks that were skipped for one reason as one paragraph."""
         names = ", ".join(check.check for check in checks)
         sign = SIGNS[Verdict.SKIP] if self._signs else f"{Verdict.SKIP:<5}"
         self._say(_text(f"{sign} {names}: {one_line(checks[0].reason)}", STYLES[Verdict.SKIP]), 2, hang=2)
@@ -140,23 +144,23 @@ class ConsoleReporter(Reporter):
         )
         self._say(line)
         if findings:
-            how = "To see finding #K again: add --format json --output report.json, then envcraft replay report.json "
-            self._say(_text(how + "--finding K. To read about a rule: envcraft explain CODE.", "bright_black"))
+            how = "Show finding #K again: add --format json --output report.json, then envcraft replay report.json "
+            self._say(_text(how + "--finding K. Read about a rule: envcraft explain CODE.", "bright_black"))
 
     @property
     def _dot(self) -> str:
         return "·" if self._signs else "-"
 
     def _say(self, text: Text, indent: int = 0, hang: int = 0) -> None:
-        """Print a paragraph, on a terminal wrapped with its indent (and further lines `hang` more)."""
+        """Print a paragraph; on a terminal wrap it with `indent`, and further lines with `hang` more."""
         console = self._console
         if not self._signs:
-            # One for one, so that styles stay where they are.
+            # Replace character by character, so that styles keep their places.
             text.plain = text.plain.encode(console.encoding, "replace").decode(console.encoding)
         if not console.is_terminal:
             console.print(_text(" " * indent) + text, soft_wrap=True)
             return
-        # A hang that leaves no room is worse than none.
+        # A hanging indent must leave room for text.
         hang = hang if indent + hang < console.width // 2 else 2
         lines = text.wrap(console, max(console.width - indent, 20)) or [text]
         if len(lines) > 1:
@@ -169,7 +173,7 @@ class ConsoleReporter(Reporter):
 
 
 def printed(finding: Finding) -> list[str]:
-    """The last lines that the code printed before the finding, where it tells; the JSON has more of them."""
+    """Give the last lines that the code printed before the finding; the JSON report has more."""
     lines = [line for line in str(finding.evidence.get("output", "")).splitlines() if line.strip()]
     return [one_line(line)[:_PRINTED_WIDTH] for line in lines[-_PRINTED_LINES:]]
 

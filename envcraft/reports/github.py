@@ -1,14 +1,16 @@
-"""The report as workflow commands, which GitHub Actions shows as annotations at the lines that they are about."""
+"""The report as workflow commands, which GitHub Actions shows as annotations of lines."""
 
 from __future__ import annotations
 
 import os
 
-from envcraft.events import Event, Finished, SubjectFinished
+from envcraft.model.events import Event, Finished, SubjectFinished
+from envcraft.model.target import Kind
+from envcraft.model.verdict import Finding, Severity, SubjectReport, Verdict
 from envcraft.plugins import hookimpl
-from envcraft.reports import Reporter, one_line, relative, summary_words
-from envcraft.target import Kind
-from envcraft.verdict import Finding, Severity, SubjectReport, Verdict
+from envcraft.reports.reporter import Reporter
+from envcraft.reports.summary import summary_words
+from envcraft.text import one_line, relative
 
 
 class GitHubReporter(Reporter):
@@ -31,7 +33,7 @@ class GitHubReporter(Reporter):
             self._annotate("notice", words, title="EnvCraft")
 
     def _subject(self, report: SubjectReport) -> None:
-        # What is installed has no file in the repository to annotate: there the message names it.
+        # An installed environment has no file in the repository, so the message names it.
         own = report.kind is Kind.SOURCE
         file = one_line(relative(report.path, os.environ.get("GITHUB_WORKSPACE"))) if own else ""
         named = "" if own else f"{one_line(report.path)}: "
@@ -62,7 +64,7 @@ class GitHubReporter(Reporter):
 
     def _annotate(self, command: str, message: str, **properties: str) -> None:
         given = ",".join(f"{name}={_property(value)}" for name, value in properties.items() if value)
-        # An empty message is none, and would not be shown.
+        # GitHub does not show an empty message.
         self.write(f"::{command} {given}::{_data(message or 'no message')}\n")
 
 

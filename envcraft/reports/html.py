@@ -1,4 +1,4 @@
-"""The report as one HTML file that asks nothing of any other: to be opened in a browser, kept, or sent along."""
+"""The report as one self-contained HTML file."""
 
 from __future__ import annotations
 
@@ -10,41 +10,34 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
-from envcraft.events import Event, Finished
+from envcraft.model.events import Event, Finished
+from envcraft.model.frame import Frame
+from envcraft.model.verdict import CheckReport, Report, Severity, SubjectReport, Verdict, plain
 from envcraft.plugins import hookimpl
-from envcraft.reports import (
-    Frame,
-    Numbered,
-    Reporter,
-    numbered,
-    one_line,
-    plural,
-    printable,
-    repro_words,
-    summary_words,
-)
-from envcraft.verdict import CheckReport, Report, Severity, SubjectReport, Verdict, plain
+from envcraft.reports.reporter import Reporter
+from envcraft.reports.summary import Numbered, numbered, repro_words, summary_words
+from envcraft.text import one_line, plural, printable
 
 _WORDS = {Verdict.FAIL: "failed", Verdict.ERROR: "not judged", Verdict.SKIP: "skipped", Verdict.PASS: "passed"}
-#: With more environments than this, only those that a reader asks for are unfolded.
+#: With more environments than this, all are folded.
 _UNFOLDED = 3
 
 
 class HtmlReporter(Reporter):
-    """Everything in one page: a summary, the environments with a filter, and each finding with its frames as a film.
+    """Write a summary, the environments with a filter, and each finding with its frames as an animation.
 
-    Every string in a report may come from hostile code. All of them are escaped, and the page's content security policy
-    lets nothing run but the page's own script and nothing load but the pictures in it.
+    Every string in a report may come from hostile code, so all are escaped. The page's content security policy runs
+    only the page's own script and loads only the pictures in it.
     """
 
     name = "html"
-    summary = "one self-contained page, with the findings as films"
+    summary = "one self-contained page, with the findings as animations"
     wants_frames = True
 
     def handle(self, event: Event) -> None:
         if isinstance(event, Finished):
             page = self._page(event.report)
-            # References to characters beyond ASCII can be written to any stream.
+            # Character references can be written to a stream of any encoding.
             self.output.write(page.encode("ascii", "xmlcharrefreplace").decode())
 
     def _page(self, report: Report) -> str:
@@ -216,7 +209,7 @@ def _facts(**facts: Any) -> str:
 
 
 def _text(words: Any) -> str:
-    """One line of any words, for an element or a quoted attribute."""
+    """Escape any text as one line, for an element or a quoted attribute."""
     return escape(one_line(words))
 
 
@@ -225,7 +218,7 @@ def _lines(words: str) -> str:
 
 
 def _prose(words: str) -> str:
-    """Words of a rule, in which backticks mark code."""
+    """Escape the text of a rule, in which backticks mark code."""
     parts = enumerate(_text(words).split("`"))
     return "".join(f"<code>{part}</code>" if index % 2 else part for index, part in parts)
 
@@ -235,12 +228,12 @@ def _value(value: Any) -> str:
 
 
 def _data(value: Any) -> str:
-    """JSON that no HTML parser takes for the end of a script."""
+    """Encode JSON so that no HTML parser sees the end of a script in it."""
     return json.dumps(plain(value)).replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
 
 
 def _digest(source: str) -> str:
-    """What the content security policy allows to run or to style."""
+    """Give the digest by which the content security policy admits a script or a style."""
     return f"sha256-{base64.b64encode(hashlib.sha256(source.encode()).digest()).decode()}"
 
 

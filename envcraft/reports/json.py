@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from envcraft.events import Event, Finished
+from envcraft.model.events import Event, Finished
 from envcraft.plugins import hookimpl
-from envcraft.reports import Reporter
+from envcraft.reports.reporter import Reporter
 
 
 class JsonReporter(Reporter):
-    """Writes everything at the end: half a report is none."""
+    """Write the whole report at the end, because half a JSON object is useless."""
 
     name = "json"
     summary = "one JSON object, which `envcraft replay` reads"

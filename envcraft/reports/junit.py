@@ -1,4 +1,4 @@
-"""The report as JUnit XML, for continuous integration: a suite for each environment, a case for each check."""
+"""The report as JUnit XML, with a suite for each environment and a case for each check."""
 
 from __future__ import annotations
 
@@ -8,10 +8,12 @@ from collections.abc import Iterator
 from itertools import islice
 from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
-from envcraft.events import Event, Finished
+from envcraft.model.events import Event, Finished
+from envcraft.model.verdict import CheckReport, Report, Severity, SubjectReport, Verdict, plain
 from envcraft.plugins import hookimpl
-from envcraft.reports import Numbered, Reporter, numbered, one_line, plural, printable, replay_command, repro_words
-from envcraft.verdict import CheckReport, Report, Severity, SubjectReport, Verdict, plain
+from envcraft.reports.reporter import Reporter
+from envcraft.reports.summary import Numbered, numbered, replay_command, repro_words
+from envcraft.text import one_line, plural, printable
 
 _COUNTED = {"failure": "failures", "error": "errors", "skipped": "skipped"}
 
@@ -29,7 +31,7 @@ class JUnitReporter(Reporter):
         if isinstance(event, Finished):
             root = self._suites(event.report)
             indent(root)
-            # References to characters beyond ASCII can be written to any stream.
+            # Character references can be written to a stream of any encoding.
             xml = tostring(root, encoding="us-ascii", xml_declaration=True)
             self.output.write(xml.decode("ascii") + "\n")
 
@@ -119,7 +121,7 @@ def _count(element: Element, seconds: float) -> None:
 
 
 def _value(value: object) -> str:
-    """Evidence: text as it is, anything else as JSON."""
+    """Format evidence: text unchanged, anything else as JSON."""
     text = value if isinstance(value, str) else json.dumps(plain(value))
     return f"\n{printable(text)}" if "\n" in text else one_line(text)
 

@@ -1,4 +1,4 @@
-"""The report as Markdown of GitHub's flavour, for a comment on a pull request."""
+"""The report as GitHub-flavoured Markdown, for a comment on a pull request."""
 
 from __future__ import annotations
 
@@ -8,38 +8,31 @@ from collections import Counter
 from collections.abc import Iterator
 from typing import Any
 
-from envcraft.events import Event, Finished
+from envcraft.model.events import Event, Finished
+from envcraft.model.verdict import CheckReport, Report, Severity, SubjectReport, Verdict, plain
 from envcraft.plugins import hookimpl
-from envcraft.reports import (
-    Numbered,
-    Reporter,
-    numbered,
-    one_line,
-    printable,
-    replay_command,
-    repro_words,
-    summary_words,
-)
-from envcraft.verdict import CheckReport, Report, Severity, SubjectReport, Verdict, plain
+from envcraft.reports.reporter import Reporter
+from envcraft.reports.summary import Numbered, numbered, replay_command, repro_words, summary_words
+from envcraft.text import one_line, printable
 
-#: GitHub refuses comments beyond 65,536 characters; what is left of that is for a line of the caller's own.
+#: GitHub refuses comments of more than 65,536 characters; the rest is for a line of the caller.
 LIMIT = 65_000
-#: What the table may take of it: the findings matter more than the names of what passes.
+#: Characters for the table: findings matter more than the names of passing environments.
 _TABLE = LIMIT // 3
-#: What one field may take: a message is a sentence, a traceback a page.
+#: Characters of one field: a message is a sentence, a traceback a page.
 _WORDS, _BLOCK = 1_000, 4_000
 _SIGNS = {Verdict.PASS: "✅", Verdict.FAIL: "❌", Verdict.SKIP: "⏭️", Verdict.ERROR: "⚠️"}
-#: The worst first.
+#: Worst first.
 _ORDER = (Verdict.FAIL, Verdict.ERROR, Verdict.SKIP, Verdict.PASS)
-#: What means something to Markdown or HTML within a line.
+#: Characters with a meaning in Markdown or HTML.
 _SPECIAL = re.compile(r"[&<>\"'`*_\[\]|~\\#$!]")
-#: What GitHub makes a mention, a reference or a link of, which a zero-width space in it prevents.
+#: GitHub turns these into mentions, references or links; a zero-width space prevents it.
 _LINKED = re.compile(r"(?=@)|@|#(?=\w)|\bGH-(?=\d)|:(?=//)|\bwww\.", re.IGNORECASE)
 _GAP = "\u200b"
 
 
 class MarkdownReporter(Reporter):
-    """A sentence, a table of the environments and the findings folded away, never longer than a comment may be."""
+    """Write a sentence, a table of the environments and folded findings, never longer than a comment may be."""
 
     name = "markdown"
     summary = "Markdown, for a comment on a pull request"
@@ -57,7 +50,7 @@ class MarkdownReporter(Reporter):
             f"budget {_text(report.budget)}, seed {report.seed}. "
             "To read about a rule: <code>envcraft explain CODE</code></sub>\n"
         )
-        # The note on what was left out has to fit as well.
+        # The note about omitted sections must fit, too.
         room = LIMIT - len(head) - len(foot) - 250
         sections = [section for _, section in sorted(self._sections(report), key=lambda ranked: ranked[0])]
         kept = 0
@@ -65,15 +58,15 @@ class MarkdownReporter(Reporter):
             room -= len(sections[kept])
             kept += 1
         note = (
-            f"**{len(sections) - kept:,} more findings and errors are left out:** a comment has no room for them. "
-            "The formats json, html and sarif hold everything.\n\n"
+            f"**{len(sections) - kept:,} more findings and errors are left out**: a comment has no room for them. "
+            "The formats json, html and sarif contain everything.\n\n"
             if kept < len(sections)
             else ""
         )
         return head + "".join(sections[:kept]) + note + foot
 
     def _sections(self, report: Report) -> Iterator[tuple[int, str]]:
-        """A folded paragraph for each finding and each check that could not judge, with its rank."""
+        """Yield a folded paragraph with its rank for each finding and each check that could not judge."""
         for item in numbered(report):
             rank = 0 if item.finding.severity is Severity.ERROR else 2
             yield rank, self._finding(report, item)
@@ -96,7 +89,7 @@ class MarkdownReporter(Reporter):
 
 
 def _table(report: Report) -> str:
-    """The environments, the worst first, as many as there is room for."""
+    """List the environments, worst first, as far as there is room."""
     lines = ["| | environment | findings | steps | time |\n|---|---|---|--:|--:|\n"]
     ranked = sorted(report.reports, key=lambda subject: _ORDER.index(subject.verdict))
     room = _TABLE
@@ -123,7 +116,7 @@ def _table(report: Report) -> str:
 
 
 def _lost(subject: SubjectReport) -> list[CheckReport]:
-    """The checks that could not judge; one made up where the subject was lost before any."""
+    """Give the checks that could not judge, or a placeholder if the subject was lost before any check."""
     broken = [check for check in subject.checks if check.verdict is Verdict.ERROR]
     if not broken and subject.verdict is Verdict.ERROR:
         return [CheckReport("everything", Verdict.ERROR, reason=subject.reason)]
@@ -136,12 +129,12 @@ def _folded(title: str, message: str, details: str = "") -> str:
 
 
 def _text(words: str, most: int = _WORDS) -> str:
-    """Words as they are, in Markdown and in HTML: one line without markup, links, mentions and references."""
+    """Escape text for Markdown and HTML: one line without markup, links, mentions and references."""
     return _escape(_cut(one_line(words), most))
 
 
 def _prose(words: str) -> str:
-    """Words of a rule, in which backticks mark code."""
+    """Escape the text of a rule, in which backticks mark code."""
     parts = one_line(words).split("`")
     return "".join(_code(part) if index % 2 else _escape(part) for index, part in enumerate(parts))
 
@@ -149,17 +142,17 @@ def _prose(words: str) -> str:
 def _escape(line: str) -> str:
     line = _LINKED.sub(lambda found: found[0] + _GAP, line)
     escaped = _SPECIAL.sub(lambda found: f"&#{ord(found[0])};", line)
-    # GitHub looks for these while it reads the source.
+    # GitHub matches these in the source.
     return re.sub(r"\bwww\.", lambda found: found[0][:-1] + "&#46;", escaped, flags=re.IGNORECASE)
 
 
 def _code(words: str) -> str:
-    """Words in a typewriter's letters; backticks would not do within HTML."""
+    """Format text as code; inside HTML, backticks do not work."""
     return f"<code>{_text(words, 200)}</code>"
 
 
 def _block(words: str, language: str = "") -> str:
-    """A code block, whose fence is longer than any in it."""
+    """Format a code block with a fence that is longer than any in it."""
     words = _cut(printable(words), _BLOCK)
     fence = "`" * max([3, *(len(run) + 1 for run in re.findall("`+", words))])
     return f"{fence}{language}\n{words}\n{fence}\n\n"

@@ -9,17 +9,19 @@ from typing import TYPE_CHECKING, Any
 from urllib.parse import quote
 
 from envcraft.errors import ExitCode
-from envcraft.events import Event, Finished
+from envcraft.model.events import Event, Finished
+from envcraft.model.verdict import Report, SubjectReport, Verdict, plain
 from envcraft.plugins import hookimpl
-from envcraft.reports import Numbered, Reporter, fingerprint, numbered, one_line, relative
-from envcraft.verdict import Report, SubjectReport, Verdict, plain
+from envcraft.reports.reporter import Reporter
+from envcraft.reports.summary import Numbered, fingerprint, numbered
+from envcraft.text import one_line, relative
 
 if TYPE_CHECKING:
-    from envcraft.check import Rule
+    from envcraft.judging.check import Rule
 
-#: The schema's name, which consumers ask for; nothing is fetched from there.
+#: The schema's identifier, which consumers require; nothing is fetched from it.
 SCHEMA = "https://docs.oasis-open.org/sarif/sarif/v2.1.0/errata01/os/schemas/sarif-schema-2.1.0.json"
-#: What relative locations count from; its place on this machine is nobody's business.
+#: The base of relative locations; the report does not reveal its path on this machine.
 _BASE = "SRCROOT"
 _STATUS = {
     ExitCode.PASS: "every environment passes",
@@ -47,7 +49,7 @@ class SarifReporter(Reporter):
         seen: Counter[tuple[str, str]] = Counter()
         results = []
         for item in numbered(report):
-            # The same rule broken twice gives two results, told apart by their order.
+            # Two violations of one rule are distinguished by their order.
             nth = (item.subject.path, item.finding.code)
             results.append(_result(item, codes, seen[nth]))
             seen[nth] += 1
@@ -86,7 +88,7 @@ def _result(item: Numbered, codes: dict[str, int], nth: int) -> dict[str, Any]:
     finding, subject = item.finding, item.subject
     location = _location(subject, item.place)
     if subject.module is not None:
-        # Lines are those of a file that the report's reader need not have.
+        # The reader of the report may not have the file of these lines.
         location["logicalLocations"] = [{"fullyQualifiedName": f"{subject.module}.{subject.env_class}"}]
     elif finding.line is not None and finding.line > 0:
         location["physicalLocation"]["region"] = {"startLine": finding.line}
@@ -125,7 +127,7 @@ def _invocation(report: Report) -> dict[str, Any]:
 
 
 def _troubles(subject: SubjectReport) -> list[str]:
-    """Why a subject, or some of it, could not be judged."""
+    """Say why a subject, or a check of it, could not be judged."""
     broken = [check for check in subject.checks if check.verdict is Verdict.ERROR]
     if not broken and subject.verdict is Verdict.ERROR:
         return [f"could not be judged: {subject.reason or 'no reason was given'}"]
@@ -162,14 +164,14 @@ def _place(subject: SubjectReport) -> dict[str, Any]:
 
 
 def _uri(path: str) -> tuple[str, bool]:
-    """A path as a URI, and whether that is relative to the working directory."""
+    """Give a path as a URI, and whether it is relative to the working directory."""
     seen = relative(path)
     encoded = quote(os.fsencode(seen))
     return (f"file://{encoded}", False) if os.path.isabs(seen) else (encoded, True)
 
 
 def _message(text: str) -> dict[str, str]:
-    """Words of an environment, which must not become a link."""
+    """Escape text of an environment, so that it does not become a link."""
     return {"text": one_line(text).replace("](", "] (")}
 
 

@@ -1,5 +1,5 @@
-"""What makes two environments the same one: four layers, each with a key of its own, and the measure of what is left.
+"""Similarity of environments: four layers, each with its own key.
 
-Sources are tokenised and parsed here, never run; how an environment behaves is known from the sandbox only. What a
-layer cannot read has no key in it, and is alike to nothing there.
+Sources are tokenised and parsed here, never run. The behaviour of an environment comes from the sandbox. An environment
+that a layer cannot read has no key there, and is similar to no other.
 """

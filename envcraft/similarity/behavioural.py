@@ -1,15 +1,14 @@
-"""The layer ``behavioural``: the same game, however it is written.
+"""The layer ``behavioural``: games that behave the same.
 
-What an environment does is known from the sandbox: of one episode that every audit plays (random actions, each held for
-a while, on the first seed, which are the same for all environments with one action space), the first 256 steps are a
-*fingerprint*: a perceptual hash of every fourth observation (:mod:`.perceptual`), the sum of the rewards between two of
-them, and when and how the episode ended. Two environments are the same here if they were given the same actions, ended
-alike, were paid the same between all frames, and their hashes agree in 19 of 20 bits: a game written anew, in other
-words or other colours. One that draws its random numbers in another order has other levels, and is another game here.
+Every audit plays one episode of random actions, each held for some steps, on the first seed. All environments with the
+same action space receive the same actions. A *fingerprint* describes the first 256 steps: a perceptual hash of every
+fourth observation (:mod:`.perceptual`), the sum of the rewards between two of these, and the step and kind of the end.
+Two environments are equal in this layer if they received the same actions, ended alike, paid the same rewards between
+all frames, and 19 of 20 bits of their hashes agree. This covers a game that was rewritten, or has other colours. A game
+that draws its random numbers in another order has other levels, and counts as another game.
 
-An environment has no key if a check did not ask for the episode or it did not come through whole, if it is over within
-eight steps, if most of its frames are blank, or if neither frames nor rewards ever change: nothing of that says what it
-is, and broken environments would all be the same.
+An environment has no key if no check requested the episode, if the episode has a fault or at most eight steps, if most
+of its frames are blank, or if neither frames nor rewards change. Otherwise all broken environments would be equal.
 """
 
 from __future__ import annotations
@@ -25,16 +24,16 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from .perceptual import BLANK
+from envcraft.similarity.perceptual import BLANK
 
 if TYPE_CHECKING:
-    from envcraft.trace import Trace
+    from envcraft.model.trace import Trace
 
-#: So many steps are looked at, and every so many-th observation.
+#: Steps that a fingerprint covers, and the distance between two observations in it.
 STEPS, EVERY = 256, 4
-#: A shorter episode has no key.
+#: The steps of the shortest episode with a key.
 FEWEST = 8
-#: The share of bits in which the frames of the same game agree.
+#: The share of equal bits from which the frames of two games count as the same.
 AGREE = 0.95
 _VERSION = 1
 _HEAD = struct.Struct("<BBHH8s")
@@ -42,14 +41,14 @@ _ENDS = {"terminated": 1, "truncated": 2}
 
 
 class Series(msgspec.Struct, frozen=True):
-    """A fingerprint, read.
+    """The content of a fingerprint.
 
     Attributes:
-        script: a digest of the seed and the actions: only what was given the same can be compared.
-        end: 1 terminated, 2 truncated, 0 still going on.
-        steps: how many of :data:`STEPS` there were.
+        script: a digest of the seed and the actions; only episodes with the same script are comparable.
+        end: 1 terminated, 2 truncated, 0 not ended.
+        steps: steps of the episode, at most :data:`STEPS`.
         frames: hashes of the observations at the reset and every :data:`EVERY` steps, shape ``(F,)``, uint64.
-        rewards: their sum between these, and from the last one to the end, shape ``(R,)``, to four decimals.
+        rewards: sums between these observations, the last up to the end, shape ``(R,)``, to four decimals.
     """
 
     script: bytes
@@ -59,25 +58,25 @@ class Series(msgspec.Struct, frozen=True):
     rewards: NDArray[np.float32]
 
     @property
-    def told(self) -> tuple[bytes, int, int, bytes]:
-        """What two of the same game have in common to the bit."""
+    def exact_part(self) -> tuple[bytes, int, int, bytes]:
+        """The fields that must be equal for two fingerprints of the same game."""
         return self.script, self.end, self.steps, self.rewards.tobytes()
 
     @property
-    def telling(self) -> bool:
-        """Whether it says anything about the game."""
+    def informative(self) -> bool:
+        """Whether the fingerprint identifies a game."""
         blank = np.count_nonzero(self.frames == BLANK) > len(self.frames) / 2
         still = bool((self.frames == self.frames[0]).all() and (self.rewards == self.rewards[0]).all())
         return self.steps >= FEWEST and not blank and not still
 
 
 def fingerprint(trace: Trace) -> str:
-    """The fingerprint of an episode of which the first :data:`STEPS` were watched, in base64."""
+    """The fingerprint of an episode whose first :data:`STEPS` steps were hashed, in base64."""
     steps = min(trace.steps, STEPS)
     frames = np.array(trace.watched, "<u8")
     sums = [sum(trace.rewards[start : min(start + EVERY, steps)]) for start in range(0, steps, EVERY)]
     with np.errstate(over="ignore"):
-        # Adding makes one zero of two.
+        # Adding 0 turns -0.0 into 0.0.
         rewards = np.round(np.array(sums, np.float64), 4).astype("<f4") + np.float32(0)
     end = _ENDS.get(trace.ending.value, 0) if trace.steps <= STEPS else 0
     script = hashlib.blake2b(
@@ -88,7 +87,7 @@ def fingerprint(trace: Trace) -> str:
 
 
 def read(text: str) -> Series | None:
-    """What :func:`fingerprint` wrote; None where it is none of this version, or tells nothing."""
+    """Read the text of :func:`fingerprint`; None for another version, or if it identifies no game."""
     try:
         data = base64.b64decode(text, validate=True)
         version, end, steps, count, script = _HEAD.unpack_from(data)
@@ -99,14 +98,14 @@ def read(text: str) -> Series | None:
         series = Series(script, end, steps, frames, np.frombuffer(data, "<f4", -1, _HEAD.size + 8 * count))
     except (binascii.Error, struct.error, ValueError):
         return None
-    return series if series.telling else None
+    return series if series.informative else None
 
 
 def pairs(found: Sequence[Series]) -> Iterator[tuple[int, int]]:
-    """Pairs of the same game, each with the first that it is the same as."""
+    """Yield the indices of each two fingerprints of the same game, the lower first."""
     alike: dict[Any, list[int]] = {}
     for number, series in enumerate(found):
-        alike.setdefault((*series.told, len(series.frames)), []).append(number)
+        alike.setdefault((*series.exact_part, len(series.frames)), []).append(number)
     for numbers in alike.values():
         signs = _signs([found[number].frames for number in numbers])
         for place in range(1, len(numbers)):
@@ -115,11 +114,14 @@ def pairs(found: Sequence[Series]) -> Iterator[tuple[int, int]]:
 
 
 def kernel(found: Sequence[Series]) -> NDArray[np.float64]:
-    """How alike all pairs are: the mean over their frames of how far the hashes agree (1 all bits, 0 half of them),
-    counted only where the reward before was the same; 0 under other actions.
+    """The similarity of all pairs of fingerprints.
 
-    Episodes of different lengths agree in no more than the shorter one has, over the geometric mean of both. Each
-    factor is an inner product, so that the result is positive semidefinite.
+    It is the mean agreement of their hashes over the frames (1 for all bits, 0 for half of them), counted only if the
+    rewards before a frame are equal, and 0 for different scripts. Episodes of different lengths share at most the
+    frames of the shorter one, divided by the geometric mean of both lengths.
+
+    Returns:
+        A matrix of shape ``(n, n)``. Each factor is an inner product, so it is positive semidefinite.
     """
     count = len(found)
     total = np.zeros((count, count))
@@ -133,7 +135,7 @@ def kernel(found: Sequence[Series]) -> NDArray[np.float64]:
             rewards = np.array([found[number].rewards[place - 1] for number in there]).view(np.uint32)
             agree *= rewards[:, None] == rewards
         total[np.ix_(there, there)] += agree
-    ends = [series.told[1:3] for series in found]
+    ends = [series.exact_part[1:3] for series in found]
     _, kinds = np.unique(np.array(ends).reshape(count, 2), axis=0, return_inverse=True)
     kinds = kinds.ravel()
     total += kinds[:, None] == kinds

@@ -1,6 +1,8 @@
-"""How many different environments there are, by the Vendi score: the exponential of the entropy of the eigenvalues of
-``K / n``, where ``K`` has how alike each pair of n is, with ones on its diagonal [1]_. It is n where nothing is like
-anything else, 1 where all are the same, and k where there are k equally frequent kinds.
+"""The effective number of different environments, by the Vendi score [1]_.
+
+It is the exponential of the entropy of the eigenvalues of ``K / n``. ``K`` holds the similarity of each pair of n
+items, with ones on its diagonal. The score is n if all items differ, 1 if all are the same, and k for k equally
+frequent kinds.
 
 .. [1] Friedman and Dieng, The Vendi Score: A Diversity Evaluation Metric for Machine Learning, 2022.
 """
@@ -15,12 +17,12 @@ from numpy.typing import ArrayLike, NDArray
 
 
 def vendi(kernel: NDArray[np.floating[Any]]) -> float:
-    """The score of a positive semidefinite kernel, shape ``(n, n)``; 0 of nothing."""
+    """The score of a positive semidefinite kernel of shape ``(n, n)``; 0 for an empty one."""
     return _effective(np.linalg.eigvalsh(kernel / len(kernel))) if len(kernel) else 0.0
 
 
 def vendi_of_kinds(kinds: Iterable[Hashable]) -> float:
-    """The score where things are alike only if they are of one kind: the eigenvalues are then the kinds' shares."""
+    """The score of items that are similar only within a kind: the eigenvalues are the shares of the kinds."""
     counts: dict[Hashable, int] = {}
     for kind in kinds:
         counts[kind] = counts.get(kind, 0) + 1

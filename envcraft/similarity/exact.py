@@ -1,17 +1,17 @@
-"""The layer ``exact``: the same text, but for what says nothing to Python.
+"""The layer ``exact``: the same tokens.
 
-Two sources are the same here if they have the same tokens in the same statements. Comments, docstrings, blank lines,
-trailing space, the width of indents and the breaks within a statement make no difference; every name and every constant
-does. What is no Python text is compared byte by byte.
+Two sources are equal in this layer if they have the same tokens in the same statements. Comments, docstrings, blank
+lines, trailing spaces, the width of indents and line breaks within a statement do not count; every name and every
+constant does. Sources that cannot be tokenised are compared byte by byte.
 """
 
 from __future__ import annotations
 
 import hashlib
 
-from .reading import read_tokens
+from envcraft.similarity.reading import read_tokens
 
-#: Of the keys: another one makes those that were kept worthless.
+#: Version of the keys. A new version invalidates stored keys.
 VERSION = 1
 
 

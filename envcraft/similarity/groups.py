@@ -1,16 +1,16 @@
-"""Groups of numbers that grow together (union-find)."""
+"""Disjoint sets of numbers (union-find)."""
 
 from __future__ import annotations
 
 
 class Groups:
-    """The numbers below `size`, each in a group of its own until it is joined with another."""
+    """The numbers below `size`, each in a group of its own at first."""
 
     def __init__(self, size: int) -> None:
         self._above = list(range(size))
 
     def join(self, one: int, two: int) -> None:
-        """Make one group of the groups of two numbers."""
+        """Merge the groups of two numbers."""
         one, two = self._top(one), self._top(two)
         self._above[max(one, two)] = min(one, two)
 
@@ -18,11 +18,11 @@ class Groups:
         return self._top(one) == self._top(two)
 
     def one(self, numbers: list[int]) -> bool:
-        """Whether all of them are in one group."""
+        """Whether all numbers are in one group."""
         return len({self._top(number) for number in numbers}) < 2
 
     def all(self) -> list[list[int]]:
-        """The groups, each in order, by their least numbers."""
+        """All groups in the order of their lowest numbers, each sorted."""
         found: dict[int, list[int]] = {}
         for number in range(len(self._above)):
             found.setdefault(self._top(number), []).append(number)

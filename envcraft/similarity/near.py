@@ -1,17 +1,15 @@
-"""The layer ``near``: mostly the same text, measured by the tokens that stand together.
+"""The layer ``near``: mostly the same text.
 
-A source is the set of its 5-grams of tokens (as :mod:`.reading` gives them), and two sources are as alike as the
-Jaccard index of their sets: the share that both have of what either has. From 0.7 on they are near-duplicates, the
-threshold with which the BigCode project deduplicated its corpus of code [1]_.
+A source is the set of its 5-grams of tokens, called shingles. The similarity of two sources is the Jaccard index of
+their sets. From 0.7 on they are near-duplicates, the threshold of the BigCode project for its corpus of code [1]_.
 
-Generated environments share a scaffold: imports, spaces, the frame of ``reset`` and ``step``. So shingles that stand in
-more than a tenth of the corpus, and at least in five, are taken out of every set first. What is counted are families,
-not files: sources that are alike by 0.85 with the scaffold count once, or a game that makes up a fifth of the corpus
-would be taken for scaffold. A source with fewer than :data:`FEWEST` shingles of its own has no key, since there is
-nothing to judge by.
+Generated environments share a scaffold: imports, spaces, the skeleton of ``reset`` and ``step``. The layer first
+removes shingles that occur in more than a tenth of the corpus and in at least five sources. It counts families instead
+of files: sources with a similarity of 0.85, scaffold included, count once. Otherwise a game that makes up a fifth of
+the corpus would count as scaffold. A source with fewer than :data:`FEWEST` shingles of its own has no key.
 
-Pairs are looked for by MinHash [2]_ (of `rensa`) with locality-sensitive hashing, whose bands are chosen so that 99 of
-100 pairs at the threshold are found; each is then measured on the sets themselves, so that no pair is below it.
+MinHash [2]_ (of `rensa`) with locality-sensitive hashing proposes pairs; its bands find 99 of 100 pairs at the
+threshold. Each proposed pair is measured on the sets themselves, so no reported pair is below the threshold.
 
 .. [1] Kocetkov et al., The Stack: 3 TB of permissively licensed source code, 2022.
 .. [2] Broder, On the resemblance and containment of documents, 1997.
@@ -27,18 +25,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from envcraft.errors import UsageError
+from envcraft.similarity.groups import Groups
+from envcraft.similarity.reading import END, IN, OUT, read_tokens
 
-from .groups import Groups
-from .reading import END, IN, OUT, read_tokens
-
-#: Of the keys: another one makes those that were kept worthless.
+#: Version of the keys. A new version invalidates stored keys.
 VERSION = 1
 THRESHOLD = 0.7
 #: Tokens of a shingle.
 LENGTH = 5
-#: A source with fewer shingles of its own has no key.
+#: Shingles of its own that a source needs for a key.
 FEWEST = 20
-#: Scaffold is what stands in more than this share of the families, and in so many at the least.
+#: Shingles are scaffold in more than this share of the families, and in at least this number.
 SHARE, LEAST = 0.1, 5
 _FAMILY = 0.85
 _PERMUTATIONS, _SEED = 128, 7
@@ -48,7 +45,7 @@ Shingles: TypeAlias = NDArray[np.uint32]
 
 
 def key(source: bytes) -> bytes | None:
-    """The digests of a source's shingles, sorted, four bytes each; None where it cannot be cut into tokens."""
+    """The digests of a source's shingles, sorted, four bytes each; None if it cannot be tokenised."""
     tokens = read_tokens(source)
     if tokens is None:
         return None
@@ -67,16 +64,16 @@ def key(source: bytes) -> bytes | None:
 
 
 def shingles(stored: bytes) -> Shingles:
-    """The set that a key stands for."""
+    """The set of digests in a key."""
     return np.frombuffer(stored, "<u4")
 
 
 def own(sets: Sequence[Shingles]) -> list[Shingles | None]:
-    """Each set without the corpus's scaffold; None where too little is left. Raises UsageError without rensa."""
+    """Each set without the corpus's scaffold; None if too few shingles are left. Raises UsageError without rensa."""
     families = Groups(len(sets))
     for one, two in pairs(sets, _FAMILY, families):
         families.join(one, two)
-    # Of a family, all that any of its members has, once.
+    # The union of the members' sets.
     merged = [np.unique(np.concatenate([sets[member] for member in family])) for family in families.all()]
     limit = max(SHARE * len(merged), LEAST - 1)
     if merged:
@@ -89,7 +86,7 @@ def own(sets: Sequence[Shingles]) -> list[Shingles | None]:
 
 
 def pairs(sets: Sequence[Shingles], threshold: float, joined: Groups) -> Iterator[tuple[int, int]]:
-    """Pairs that are alike by `threshold`, but for those that `joined` has in one group when their turn comes."""
+    """Yield pairs with at least the similarity `threshold`, except those that are in one group of `joined` by then."""
     rows = signatures(sets)
     width = _rows(threshold)
     refused: set[tuple[int, int]] = set()
@@ -112,7 +109,7 @@ def pairs(sets: Sequence[Shingles], threshold: float, joined: Groups) -> Iterato
 
 
 def jaccard(one: Shingles, two: Shingles) -> float:
-    """The share that both have of what either has; 0 for two empty sets."""
+    """The Jaccard index of two sets; 0 for two empty sets."""
     both = len(np.intersect1d(one, two, assume_unique=True))
     either = len(one) + len(two) - both
     return both / either if either else 0.0
@@ -136,9 +133,9 @@ def signatures(sets: Sequence[Shingles]) -> NDArray[np.uint32]:
 
 
 def kernel(sets: Sequence[Shingles]) -> NDArray[np.float64]:
-    """How alike all pairs are, as the share of equal MinHash values: the Jaccard index within 0.09 in 19 of 20 pairs.
+    """The similarity of all pairs as the share of equal MinHash values: within 0.09 of Jaccard for 19 of 20 pairs.
 
-    Unlike rounded Jaccard indices the result is positive semidefinite, as a kernel has to be.
+    Unlike rounded Jaccard indices the result is positive semidefinite, as a kernel must be.
     """
     rows = signatures(sets)
     return np.array([(rows == row).mean(axis=1) for row in rows]).reshape(len(rows), len(rows))

@@ -1,4 +1,4 @@
-"""Sources as tokens and as trees, guarded: whatever a file holds, it is read or it is not, and never run."""
+"""Read untrusted sources as tokens and syntax trees, without running them. A failure gives None."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ import tokenize
 import warnings
 from functools import lru_cache
 
-from envcraft.target import parse
+from envcraft.model.target import parse
 
-#: Larger sources are not looked into: environments have a few thousand bytes, and a token takes microseconds.
+#: Larger sources are not read: an environment has a few thousand bytes, and each token takes microseconds.
 MAX_BYTES = 512 * 1024
-#: What stands for the end of a statement, a step in and a step out: no token of a source has these.
+#: Markers for the end of a statement, an indent and a dedent. No token of a source equals them.
 END, IN, OUT = "\n", "\x01", "\x02"
 
 _UNREADABLE = (SyntaxError, ValueError, RecursionError, MemoryError, tokenize.TokenError)
@@ -20,10 +20,10 @@ _UNREADABLE = (SyntaxError, ValueError, RecursionError, MemoryError, tokenize.To
 
 @lru_cache(1)
 def read_tokens(source: bytes) -> tuple[str, ...] | None:
-    """The tokens of a source, with :data:`END`, :data:`IN` and :data:`OUT`; None where it is no text or cannot be cut.
+    """The tokens of a source, with :data:`END`, :data:`IN` and :data:`OUT`; None if it cannot be tokenised.
 
     Comments, blank lines, spaces, breaks within a statement, and statements that are nothing but a string (docstrings)
-    are left out. The last answer is remembered, since two layers ask for it.
+    are left out. The last result is cached, since two layers use it.
     """
     text = _text(source)
     if text is None:
@@ -50,13 +50,13 @@ def read_tokens(source: bytes) -> tuple[str, ...] | None:
 
 
 def read_tree(source: bytes) -> ast.Module | None:
-    """The tree of a source; None where it does not parse."""
+    """The syntax tree of a source; None if it does not parse."""
     text = _text(source)
     if text is None:
         return None
     try:
         with warnings.catch_warnings():
-            # Of strings with stray backslashes: nobody asked.
+            # Invalid escape sequences in strings warn.
             warnings.simplefilter("ignore")
             return parse(text)
     except _UNREADABLE:

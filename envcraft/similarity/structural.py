@@ -1,12 +1,12 @@
 """The layer ``structural``: the same program under other names.
 
-The syntax tree is written out with names in place of which their number stands: the names that a function binds, in the
-order in which it mentions them, likewise those of the module, and the attributes that the file itself defines (methods,
-what a class body binds, what is assigned to). Names from elsewhere, such as ``range``, ``np.zeros`` or the module of an
-import, stay as they are. Docstrings, annotations and comments are left out.
+The key is a digest of the syntax tree in which numbers replace names: the names that a function or the module binds, in
+the order of first use, and the attributes that the file defines (methods, names in a class body, assignment targets).
+Other names, such as ``range``, ``np.zeros`` or the module of an import, stay. Docstrings, annotations and comments are
+left out.
 
-Constants are kept: numbers and strings are where levels, speeds and rewards are written, so that two games on one
-engine often differ in nothing else. How much a few of them matter is for the layer ``near`` to say.
+Constants stay: they hold levels, speeds and rewards, and two games on one engine often differ in nothing else. The
+layer ``near`` measures how much a few constants matter.
 """
 
 from __future__ import annotations
@@ -15,20 +15,20 @@ import ast
 import hashlib
 from collections.abc import Iterator
 
-from .reading import read_tree
+from envcraft.similarity.reading import read_tree
 
-#: Of the keys: another one makes those that were kept worthless.
+#: Version of the keys. A new version invalidates stored keys.
 VERSION = 1
 
 _Function = ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda
-#: Nodes with names that the file binds as plain words.
+#: Nodes that hold bound names as strings.
 _NAMING = ast.ExceptHandler | ast.Global | ast.Nonlocal | ast.MatchAs | ast.MatchStar
-#: Fields that say nothing about what a program does.
+#: Fields that do not affect what a program does.
 _LEFT_OUT = frozenset({"ctx", "type_comment", "type_ignores", "kind", "annotation", "returns"})
 
 
 def key(source: bytes) -> bytes | None:
-    """The key of a source, 16 bytes; None where it does not parse, or nests too deeply to be walked."""
+    """The key of a source, 16 bytes; None if it does not parse or is nested too deeply."""
     tree = read_tree(source)
     if tree is None:
         return None
@@ -36,13 +36,13 @@ def key(source: bytes) -> bytes | None:
     try:
         writer.write(tree)
     except (RecursionError, ValueError):
-        # The latter: an integer of more digits than Python writes.
+        # ValueError: an integer with more digits than Python converts to text.
         return None
     return hashlib.blake2b("\0".join(writer.words).encode("utf-8", "surrogatepass"), digest_size=16).digest()
 
 
 class _Scope:
-    """Names that a function or the module binds, numbered as they are met."""
+    """Names that a function or the module binds, numbered in the order of first use."""
 
     def __init__(self, names: set[str]) -> None:
         self.names = names
@@ -53,12 +53,12 @@ class _Scope:
 
 
 class _Writer:
-    """Writes a tree out as `words`."""
+    """Writes a tree as a list of `words`."""
 
     def __init__(self, tree: ast.Module) -> None:
         self.words: list[str] = []
-        told = {name for node in ast.walk(tree) if isinstance(node, ast.Global) for name in node.names}
-        self._scopes = [_Scope(_bound(tree.body) | told)]
+        declared = {name for node in ast.walk(tree) if isinstance(node, ast.Global) for name in node.names}
+        self._scopes = [_Scope(_bound(tree.body) | declared)]
         self._attributes = _Scope(set(_defined(tree)))
         self._callables = {node.name for node in ast.walk(tree) if isinstance(node, ast.FunctionDef | ast.ClassDef)}
         self._keywords = _Scope({node.arg for node in ast.walk(tree) if isinstance(node, ast.arg)})
@@ -105,7 +105,7 @@ class _Writer:
                 self._item(node, value)
 
     def _item(self, node: ast.AST, item: object) -> None:
-        """What stands in a field: a node, or a word that may be a name."""
+        """Write the value of a field: a node, or a string that may be a name."""
         if isinstance(item, ast.AST):
             self.write(item)
         elif isinstance(item, str) and isinstance(node, _NAMING):
@@ -119,7 +119,7 @@ class _Writer:
         called = getattr(node.func, "id", getattr(node.func, "attr", None))
         for keyword in node.keywords:
             name = keyword.arg
-            # Only what the file itself defines has parameters that it may call otherwise.
+            # Only functions of the file itself have parameters that it can rename.
             own = called in self._callables and name in self._keywords.names
             self.words.append(f"%={self._keywords.number(str(name))}" if own else f"{name}=")
             self.write(keyword.value)
@@ -132,7 +132,7 @@ class _Writer:
         else:
             self.words.append("Lambda")
         arguments = node.args
-        # Defaults are those of the scope around.
+        # Defaults are evaluated in the enclosing scope.
         self._fields(arguments, ("defaults", "kw_defaults"))
         given = _arguments(arguments)
         body = node.body if isinstance(node.body, list) else [node.body]
@@ -149,7 +149,7 @@ class _Writer:
         self._scopes.pop()
 
     def _class_body(self, node: ast.ClassDef) -> None:
-        # What is bound here is reached as an attribute, by the methods too.
+        # Methods reach names of the class body as attributes.
         self._scopes.append(self._attributes)
         self.words.append("{")
         for part in node.body:
@@ -175,7 +175,7 @@ def _arguments(arguments: ast.arguments) -> list[ast.arg]:
 
 
 def _defined(tree: ast.Module) -> Iterator[str]:
-    """The attributes that a file defines: those assigned to, and what its class bodies bind."""
+    """The attributes that a file defines: assignment targets, and names that class bodies bind."""
     for node in ast.walk(tree):
         if isinstance(node, ast.Attribute) and not isinstance(node.ctx, ast.Load):
             yield node.attr
@@ -184,7 +184,7 @@ def _defined(tree: ast.Module) -> Iterator[str]:
 
 
 def _bound(body: list[ast.stmt] | list[ast.expr]) -> set[str]:
-    """The names that statements bind in their own scope; those of comprehensions are counted to it."""
+    """The names that statements bind in their own scope, comprehensions included."""
     found: set[str] = set()
     elsewhere: set[str] = set()
     waiting: list[ast.AST] = list(body)

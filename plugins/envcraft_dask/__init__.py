@@ -1,1 +1,1 @@
-"""``envcraft audit --executor dask``: environments are judged by the workers of a Dask cluster."""
+"""The executor ``dask``: judges environments on the workers of a Dask cluster."""

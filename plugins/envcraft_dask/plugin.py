@@ -1,4 +1,4 @@
-"""The executor ``dask``: a cluster that ``--scheduler`` leads to, or worker processes of this machine."""
+"""The executor ``dask``: the cluster that ``--scheduler`` names, or worker processes on this machine."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ import logging
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
+from envcraft.corpus.executors import ExecutorPlugin, Opened
 from envcraft.errors import EnvCraftError, UsageError
-from envcraft.executors import ExecutorPlugin, Opened
 from envcraft.plugins import hookimpl
 
 if TYPE_CHECKING:
@@ -19,12 +19,12 @@ _CONNECT_SECONDS = 20.0
 
 
 class DaskExecutor(ExecutorPlugin):
-    """Dask runs a task again whose worker is gone, so a worker that is killed costs what it was doing."""
+    """Runs tasks on Dask, which reruns the task of a worker that was killed."""
 
     name = "dask"
 
     def ensure(self) -> None:
-        # Without cryptography there are no certificates for a cluster of this machine.
+        # A cluster on this machine needs certificates, which cryptography makes.
         if not all(map(importlib.util.find_spec, ("distributed", "cryptography"))):
             raise UsageError("--executor dask needs Dask; install it with `pip install 'envcraft-rl[dask]'`")
 
@@ -40,11 +40,11 @@ class DaskExecutor(ExecutorPlugin):
                         n_workers=workers or _cores(),
                         threads_per_worker=1,
                         dashboard_address=None,
-                        # Whoever reaches a scheduler has its workers run anything, and all users of a machine reach
-                        # its loopback: certificates of this run's own let in nobody else.
+                        # A scheduler runs the code of every client, and all users of a machine can reach its loopback
+                        # interface. Temporary certificates admit only this client.
                         security=True,
                         silence_logs=logging.CRITICAL,
-                        # The sandbox holds what environments use; a worker itself has little.
+                        # The sandbox limits the memory of environments; a worker itself uses little.
                         memory_limit=0,
                         preload=["envcraft_dask.worker"],
                     )
@@ -52,22 +52,22 @@ class DaskExecutor(ExecutorPlugin):
                 client = stack.enter_context(Client(cluster, set_as_default=False))
             else:
                 client = stack.enter_context(_connected(scheduler))
-            # The same task twice is two tasks: one that could not be judged is tried again.
+            # With pure=True, Dask would answer the retry of a task with the first result.
             yield Opened(client.get_executor(pure=False), lambda: sum(client.nthreads().values()))
 
 
 def _connected(scheduler: str) -> Client:
-    """Raises UsageError on what is no address, EnvCraftError where no scheduler answers there."""
+    """Connect to a scheduler. Raises UsageError for an invalid address, EnvCraftError if no scheduler answers."""
     from distributed import Client
     from distributed.comm.addressing import resolve_address
 
     try:
-        # A client that has not come to an address waits for its own end, long after the command's.
+        # A client with an invalid address would delay the exit of the command.
         resolve_address(scheduler)
         return Client(scheduler, timeout=_CONNECT_SECONDS, set_as_default=False)
     except ValueError as error:
         raise UsageError(
-            f"--scheduler {scheduler} is no address of a Dask scheduler, such as tcp://10.0.0.1:8786: {error}"
+            f"--scheduler {scheduler} is not the address of a Dask scheduler, such as tcp://10.0.0.1:8786: {error}"
         ) from None
     except OSError as error:
         raise EnvCraftError(
@@ -76,7 +76,7 @@ def _connected(scheduler: str) -> Client:
 
 
 def _cores() -> int:
-    from envcraft.engine import cores
+    from envcraft.judging.engine import cores
 
     return cores()
 

@@ -1,4 +1,4 @@
-"""What Dask loads in each worker process that EnvCraft starts."""
+"""Dask loads this module in each worker process that EnvCraft starts."""
 
 from __future__ import annotations
 
@@ -7,5 +7,5 @@ from typing import Any
 
 
 def dask_setup(worker: Any) -> None:
-    """Leave Ctrl-C, which a terminal sends to all processes, to the one that audits: it ends the workers."""
+    """Ignore Ctrl-C, which a terminal sends to all processes: the auditing process ends the workers."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)

@@ -1,1 +1,1 @@
-"""``envcraft train`` and ``envcraft evaluate``: one vision agent over many environments, a duelling double DQN."""
+"""Training and evaluation of DQN agents, the learnability check, and studies of generalisation."""

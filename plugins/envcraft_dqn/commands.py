@@ -1,4 +1,4 @@
-"""``envcraft train`` and ``envcraft evaluate``. Importing this imports no torch."""
+"""The commands ``envcraft train`` and ``envcraft evaluate``. Importing this module does not import torch."""
 
 from __future__ import annotations
 
@@ -11,84 +11,115 @@ from typing import Any, TypeVar
 
 import click
 
-from envcraft.cli import uninterrupted
+from envcraft.cli.signals import uninterrupted
 from envcraft.errors import UsageError
-from envcraft_dqn.lock import alone
-from envcraft_dqn.settings import HEADS, PRECISIONS, REPLAYS, SIZES, Settings
+from envcraft_dqn.files import exclusive
+from envcraft_dqn.settings import HEADS, PRECISIONS, RENAMED, REPLAYS, SIZES, Settings
 
 _F = TypeVar("_F", bound=Callable[..., Any])
 _DEFAULT = Settings()
 
 
-def _where(command: _F) -> _F:
-    """Which environments, and where their code runs."""
+def _environment_options(command: _F) -> _F:
+    """Options that select environments and where their code runs."""
     for option in reversed(
         (
             click.option(
-                "--select", multiple=True, metavar="PATTERN", help="Environments whose names fit, such as 'tetris_*'."
+                "--select",
+                multiple=True,
+                metavar="PATTERN",
+                help="Select environments whose names match, such as 'tetris_*'.",
             ),
-            click.option("--contract", metavar="NAME", help="What they promise  [default: what they have passed]"),
-            click.option("--trust", is_flag=True, help="Run also what has not passed in this process."),
-            click.option("--sandbox", metavar="NAME", help="Run them in a sandbox, whatever was judged of them."),
-            click.option("--workers", type=click.IntRange(0, 64), help="Processes  [default: one a core]"),
+            click.option(
+                "--contract",
+                metavar="NAME",
+                help="Contract of the environments.  [default: the contract that they passed]",
+            ),
+            click.option("--trust", is_flag=True, help="Run code in this process that has not passed."),
+            click.option("--sandbox", metavar="NAME", help="Run the environments in this sandbox."),
+            click.option("--workers", type=click.IntRange(0, 64), help="Number of processes.  [default: one per core]"),
             click.option(
                 "--fast/--no-fast",
                 default=None,
-                help="By the program of the family that wrote them, running none of their code  [default: if it can]",
+                help="Use the simulator of the environments' family instead of their code.  [default: if possible]",
             ),
-            click.option("--seed", type=click.IntRange(0, 2**31 - 1), default=0, show_default=True),
-            click.option("--device", default="auto", show_default=True, metavar="NAME", help="Such as cpu or cuda."),
+            click.option(
+                "--seed", type=click.IntRange(0, 2**31 - 1), default=0, show_default=True, help="Random seed."
+            ),
+            click.option(
+                "--device", default="auto", show_default=True, metavar="NAME", help="Torch device, such as cpu or cuda."
+            ),
         )
     ):
         command = option(command)
     return command
 
 
-def _number(name: str, words: str, least: float = 1) -> Callable[[_F], _F]:
-    """An option for the setting of this name."""
+def _number(name: str, text: str, minimum: float = 1) -> Callable[[_F], _F]:
+    """An option for the numeric setting with this attribute name."""
     default = getattr(_DEFAULT, name)
-    kind = click.IntRange(int(least)) if isinstance(default, int) else click.FloatRange(least)
-    return click.option(f"--{name.replace('_', '-')}", type=kind, default=default, show_default=True, help=words)
+    kind = click.IntRange(int(minimum)) if isinstance(default, int) else click.FloatRange(minimum)
+    option = RENAMED.get(name, name).replace("_", "-")
+    return click.option(f"--{option}", name, type=kind, default=default, show_default=True, help=text)
 
 
 @click.command()
 @click.argument("corpus", metavar="CORPUS", type=click.Path(path_type=Path))
-@click.option("--output", required=True, metavar="DIR", type=click.Path(path_type=Path), help="Where the run is kept.")
-@_where
-@click.option("--size", type=click.Choice(list(SIZES)), default=_DEFAULT.size, show_default=True)
-@click.option("--head", type=click.Choice(HEADS), default=_DEFAULT.head, show_default=True)
-@_number("steps", "Environment steps, over all environments.", 0)
-@_number("pretrain_updates", "Updates on demonstrations alone, before.", 0)
+@click.option("--output", required=True, metavar="DIR", type=click.Path(path_type=Path), help="Folder of the run.")
+@_environment_options
+@click.option(
+    "--size", type=click.Choice(list(SIZES)), default=_DEFAULT.size, show_default=True, help="Size of the network."
+)
+@click.option(
+    "--head", type=click.Choice(HEADS), default=_DEFAULT.head, show_default=True, help="Output head of the network."
+)
+@_number("steps", "Environment steps, summed over all environments.", 0)
+@_number("pretrain_updates", "Updates on demonstrations alone, before online training.", 0)
 @click.option(
     "--demos",
     metavar="PLAYER|CORPUS[:PLAYER]",
-    help="Whose demonstrations: random, noop, checkpoint:PATH, a player that `envcraft demos` has, or what it recorded "
+    help="Player of the demonstrations: random, noop, checkpoint:PATH, a player of `envcraft demos`, or its recordings "
     "in a corpus.",
 )
-@_number("demonstrations", "Steps of them from each environment.")
-@_number("lanes", "Environments side by side.")
-@_number("cycle", "Steps of an environment before the next one's turn.")
-@_number("leg", "Steps before episodes are begun anew, and a checkpoint can be taken.")
-@_number("batch", "Transitions an update.")
-@_number("learning_rate", "Of Adam.", 0.0)
-@_number("gamma", "What a reward is worth a step later.", 0.0)
-@_number("n_step", "Steps of a return.")
-@_number("train_every", "Steps for each update.")
-@_number("target_every", "Updates before the target network is brought up to date.")
-@_number("epsilon_first", "Random actions at first.", 0.0)
-@_number("epsilon_last", "And in the end.", 0.0)
-@_number("epsilon_share", "Share of the steps in which they become fewer.", 0.0)
+@_number("demonstrations", "Demonstrated steps in each environment.")
+@_number("num_envs", "Number of environments to step in parallel.")
+@_number("cycle", "Steps of an environment before another takes its turn.")
+@_number("segment", "Steps of an environment between forced resets, at which checkpoints are possible.")
+@_number("batch", "Transitions in an update.")
+@_number("learning_rate", "Learning rate of Adam.", 0.0)
+@_number("gamma", "Discount factor.", 0.0)
+@_number("n_step", "Length of n-step returns.")
+@_number("train_every", "Steps per update.")
+@_number("target_every", "Updates between two copies to the target network.")
+@_number("epsilon_first", "Initial rate of random actions.", 0.0)
+@_number("epsilon_last", "Final rate of random actions.", 0.0)
+@_number("epsilon_share", "Share of the steps in which the rate of random actions falls.", 0.0)
 @_number("capacity", "Slots of the replay.")
 @_number("starts", "Steps before the first update, without pretraining.", 0)
 @click.option(
     "--demonstration-share",
     type=click.FloatRange(0, 1),
-    help="Of the draws online; importance weights take it back as beta rises  [default: as priorities have it]",
+    help="Share of demonstrations in online batches; importance weights correct for it as beta rises.  [default: by "
+    "priority]",
 )
-@click.option("--replay", type=click.Choice(REPLAYS), default=_DEFAULT.replay, show_default=True)
-@click.option("--precision", type=click.Choice(PRECISIONS), default=_DEFAULT.precision, show_default=True)
-@click.option("--compiled", is_flag=True, help="Compile the loss by torch.compile.")
-@click.option("--checkpoint-minutes", type=click.FloatRange(0), default=5.0, show_default=True)
+@click.option(
+    "--replay", type=click.Choice(REPLAYS), default=_DEFAULT.replay, show_default=True, help="Storage of frames."
+)
+@click.option(
+    "--precision",
+    type=click.Choice(PRECISIONS),
+    default=_DEFAULT.precision,
+    show_default=True,
+    help="Floating-point precision of the network.",
+)
+@click.option("--compiled", is_flag=True, help="Compile the loss with torch.compile.")
+@click.option(
+    "--checkpoint-minutes",
+    type=click.FloatRange(0),
+    default=5.0,
+    show_default=True,
+    help="Approximate minutes between two checkpoints.",
+)
 def train(
     corpus: Path,
     output: Path,
@@ -100,34 +131,34 @@ def train(
     fast: bool | None,
     demos: str | None,
     checkpoint_minutes: float,
-    **given: Any,
+    **options: Any,
 ) -> None:
-    """Train one agent on the environments of a corpus, by their frames.
+    """Train one agent on the frames of many environments.
 
-    The same command goes on with a run that was ended, from its last checkpoint. The agent is DIR/agent.safetensors.
+    The same command resumes an interrupted run from its last checkpoint. The agent is DIR/agent.safetensors.
     """
-    settings = Settings(**given)
+    settings = Settings(**options)
     settings.check()
-    from envcraft_dqn.places import environments, sources
+    from envcraft_dqn.selection import select_environments, source_digests
 
-    names, open_vector = environments(corpus, select, contract, trust, sandbox, workers, fast)
+    selection = select_environments(corpus, select, contract, trust, sandbox, workers, fast)
     with uninterrupted():
-        _needed()
+        _require_libraries()
+        from envcraft_dqn.callbacks import ProgressLogger
+        from envcraft_dqn.demo_sources import source_named
         from envcraft_dqn.learner import train as run
-        from envcraft_dqn.sources import Where, source_named
-        from envcraft_dqn.telling import Shown
-    there = Where(corpus, names, open_vector, contract, sandbox, workers)
-    source = None if demos is None else source_named(demos, there, settings, output)
-    _writable(output)
-    click.echo(f"{len(names):,} environments; the run is kept in {output}", err=True)
-    every, told = checkpoint_minutes * 60, sources(corpus, names, contract)
+    source = None if demos is None else source_named(demos, selection, settings, output)
+    _ensure_writable(output)
+    names = selection.names
+    click.echo(f"{len(names):,} environments; output in {output}", err=True)
+    every, sources = checkpoint_minutes * 60, source_digests(corpus, names, contract)
     try:
-        with alone(output), Shown(output / "tensorboard") as teller:
-            agent = run(settings, names, open_vector, output, source, teller, every, told)
+        with exclusive(output), ProgressLogger(output / "tensorboard") as callback:
+            agent = run(settings, names, selection.open_vector, output, source, callback, every, sources)
     except KeyboardInterrupt:
-        kept = (output / "checkpoint" / "state.json").is_file()
-        again = "goes on from the last checkpoint" if kept else "begins anew, since there was no checkpoint yet"
-        click.echo(f"the same command {again}", err=True)
+        resumable = (output / "checkpoint" / "state.json").is_file()
+        effect = "resumes from the last checkpoint" if resumable else "starts over, because there is no checkpoint yet"
+        click.echo(f"the same command {effect}", err=True)
         raise
     click.echo(agent)
 
@@ -138,20 +169,33 @@ def train(
     "--player",
     required=True,
     metavar="NAME",
-    help="random, noop, checkpoint:PATH, or one that `envcraft demos` has, which plays in a sandbox.",
+    help="Player: random, noop, checkpoint:PATH, or a player of `envcraft demos`, which plays in a sandbox.",
 )
-@click.option("--episodes", type=click.IntRange(2), default=1000, show_default=True, help="Of each environment.")
-@click.option("--lanes", type=click.IntRange(1), default=64, show_default=True, help="Episodes side by side.")
 @click.option(
-    "--epsilon", type=click.FloatRange(0, 1), default=0.0, show_default=True, help="Random actions of a checkpoint."
+    "--episodes", type=click.IntRange(2), default=1000, show_default=True, help="Episodes of each environment."
 )
-@click.option("--output", metavar="FILE", type=click.Path(path_type=Path), help="Where the JSON goes, too.")
-@_where
+@click.option(
+    "--lanes",
+    "num_envs",
+    type=click.IntRange(1),
+    default=64,
+    show_default=True,
+    help="Number of environments to step in parallel.",
+)
+@click.option(
+    "--epsilon",
+    type=click.FloatRange(0, 1),
+    default=0.0,
+    show_default=True,
+    help="Rate of random actions of a checkpoint.",
+)
+@click.option("--output", metavar="FILE", type=click.Path(path_type=Path), help="Also write the JSON to this file.")
+@_environment_options
 def evaluate(
     target: Path,
     player: str,
     episodes: int,
-    lanes: int,
+    num_envs: int,
     epsilon: float,
     output: Path | None,
     select: tuple[str, ...],
@@ -163,41 +207,44 @@ def evaluate(
     seed: int,
     device: str,
 ) -> None:
-    """Play whole episodes, and give mean return and length of each environment as JSON, with their intervals."""
+    """Play whole episodes; print mean returns and lengths as JSON.
+
+    Each environment has its means with standard errors and 95% confidence intervals.
+    """
     import json
 
     from envcraft_dqn import privileged
-    from envcraft_dqn.places import environments
+    from envcraft_dqn.selection import select_environments
 
-    seeing = privileged.players().get(player)
-    if seeing is not None:
-        # Their own code runs beside the environment's: nowhere else than in a sandbox.
+    privileged_player = privileged.players().get(player)
+    if privileged_player is not None:
+        # The code of such a player runs beside that of the environment, so it needs the sandbox too.
         sandbox = sandbox or "auto"
-    names, open_vector = environments(target, select, contract, trust, sandbox, workers, fast)
+    selection = select_environments(target, select, contract, trust, sandbox, workers, fast)
     if output is not None:
-        _writable(output.parent)
+        _ensure_writable(output.parent)
     with uninterrupted():
-        _needed()
+        _require_libraries()
+        from envcraft_dqn.env_spec import EnvSpec
         from envcraft_dqn.evaluation import evaluate as play
-        from envcraft_dqn.evaluation import player_named
-        from envcraft_dqn.spaces import Surface
-    if seeing is not None:
-        found = privileged.evaluate(seeing, target, names, contract, episodes, seed, sandbox, workers or None)
-        done = [one.told() for one in found]
+        from envcraft_dqn.policies import policy_named
+    if privileged_player is not None:
+        results = [one.summary() for one in privileged.evaluate(privileged_player, selection, episodes, seed)]
     else:
-        who = player_named(player, Surface.of(open_vector, names[0]), seed, epsilon, device)
-        playing = play(names, open_vector, who, episodes, lanes, seed)
+        names, open_vector = selection.names, selection.open_vector
+        policy = policy_named(player, EnvSpec.of(open_vector, names[0]), seed, epsilon, device)
+        playing = play(names, open_vector, policy, episodes, num_envs, seed)
         with click.progressbar(playing, length=len(names), label="environments", file=sys.stderr) as played:
-            done = [one.told() for one in played]
-    told = {
+            results = [one.summary() for one in played]
+    report = {
         "format": 1,
         "target": str(target),
         "player": player,
         "epsilon": epsilon,
         "seed": seed,
-        "environments": done,
+        "environments": results,
     }
-    text = json.dumps(told, indent=1)
+    text = json.dumps(report, indent=1)
     click.echo(text)
     if output is not None:
         try:
@@ -206,8 +253,8 @@ def evaluate(
             raise UsageError(f"{output} cannot be written: {error.strerror or error}") from None
 
 
-def _writable(folder: Path) -> None:
-    """Make a folder that is written to, before anything has taken time. Raises UsageError."""
+def _ensure_writable(folder: Path) -> None:
+    """Create a folder, and check before long work that files can be written to it. Raises UsageError."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
@@ -216,7 +263,7 @@ def _writable(folder: Path) -> None:
         raise UsageError(f"{folder} cannot be written to: {error.strerror or error}") from None
 
 
-def _needed() -> None:
+def _require_libraries() -> None:
     """Raises UsageError without the libraries of the extra ``train``."""
     for name in ("numba", "safetensors", "tensorboard", "torch", "zstandard"):
         if importlib.util.find_spec(name) is None:

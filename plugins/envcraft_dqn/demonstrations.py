@@ -1,4 +1,4 @@
-"""Demonstrations: episodes of somebody who plays well, which a replay is seeded with."""
+"""Demonstrations, which fill a replay before training."""
 
 from __future__ import annotations
 
@@ -9,19 +9,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from envcraft.errors import UsageError
+from envcraft_dqn.env_spec import EnvSpec
 from envcraft_dqn.replay import Replay
 from envcraft_dqn.settings import Settings
-from envcraft_dqn.spaces import Surface
 
 
 class Episode(NamedTuple):
-    """Steps of one episode, from its beginning or not, in order.
+    """Consecutive steps of one episode.
 
     Attributes:
-        frames: what was seen before each step, and after the last: uint8 [steps + 1, *shape].
-        actions: as the environment takes them, [steps, parts].
-        rewards: [steps].
-        terminated: whether the last step ended the episode for good; otherwise it was cut there.
+        frames: The observations before each step and after the last, uint8 [steps + 1, *shape].
+        actions: The actions in the form of the environment, [steps, parts].
+        rewards: The rewards, [steps].
+        terminated: Whether the last step terminated the episode; otherwise it is truncated there.
     """
 
     frames: NDArray[np.uint8]
@@ -31,77 +31,87 @@ class Episode(NamedTuple):
 
 
 class DemonstrationSource(Protocol):
-    """Where demonstrations come from. It may be :class:`Identified`, too."""
+    """A source of demonstrations. It may be :class:`Identified`."""
 
     def episodes(self, name: str) -> Iterable[Episode]:
-        """Demonstrations in the environment `name`, in the same order each time."""
+        """The episodes in an environment, always in the same order."""
 
 
 @runtime_checkable
 class Identified(Protocol):
-    """A source that can be told from others, so that a run goes on only with the one that it began with."""
+    """A source with an identity, so that a run resumes only with the same source."""
 
     def identity(self, names: Sequence[str]) -> str:
-        """In words, whose demonstrations in these environments they are."""
+        """The identity of the demonstrations in these environments, as text."""
 
 
 def identity(source: DemonstrationSource, names: Sequence[str]) -> str:
-    """What tells a source from others, as far as it tells."""
+    """The identity of a source, or "some" if it has none."""
     return source.identity(names) if isinstance(source, Identified) else "some"
 
 
 def seed_replay(
-    replay: Replay, surface: Surface, names: Sequence[str], source: DemonstrationSource, settings: Settings
+    replay: Replay, spec: EnvSpec, names: Sequence[str], source: DemonstrationSource, settings: Settings
 ) -> int:
-    """Put demonstrations in these environments into an empty replay, to stay, of each environment as many transitions
-    as the settings say; give how many in all.
+    """Fill an empty replay with demonstrations and protect them.
 
-    Raises UsageError where one does not fit the environments, or they leave no room.
+    Args:
+        replay: The empty replay.
+        spec: The spaces of the environments.
+        names: The environments.
+        source: The demonstrations.
+        settings: The settings, with the number of transitions of each environment.
+
+    Returns:
+        The number of transitions.
+
+    Raises:
+        UsageError: A demonstration does not match the spaces, there is none, or the replay is too small.
     """
-    replay.lanes(1)
+    replay.reset(1)
     count = 0
     for name in names:
-        wanted = settings.demonstrations
+        missing = settings.demonstrations
         for episode in source.episodes(name):
-            if not wanted:
+            if not missing:
                 break
-            part = _first(episode, wanted)
+            part = _first(episode, missing)
             steps = len(part.actions)
-            # A slot for the frame of a cut.
-            if replay.added + steps + 1 + settings.room > replay.size:
-                raise UsageError(f"a replay of {replay.size:,} has no room for all demonstrations: raise --capacity")
-            _add(replay, surface, name, part)
-            wanted -= steps
+            # One more slot for the last frame of a truncated episode.
+            if replay.added + steps + 1 + settings.online_slots > replay.size:
+                raise UsageError(f"a replay of {replay.size:,} is too small for all demonstrations: raise --capacity")
+            _add(replay, spec, name, part)
+            missing -= steps
             count += steps
     if not count:
-        raise UsageError("there is no demonstration in any of the environments")
-    replay.keep()
+        raise UsageError("there are no demonstrations in any of the environments")
+    replay.protect()
     return count
 
 
 def _first(episode: Episode, steps: int) -> Episode:
-    """Its first steps, cut there where it is longer."""
+    """The first steps of an episode, truncated there if it is longer."""
     if len(episode.actions) <= steps:
         return episode
     return Episode(episode.frames[: steps + 1], episode.actions[:steps], episode.rewards[:steps], False)
 
 
-def _add(replay: Replay, surface: Surface, name: str, episode: Episode) -> None:
+def _add(replay: Replay, spec: EnvSpec, name: str, episode: Episode) -> None:
     frames, actions, rewards, terminated = episode
     steps = len(actions)
-    if frames.shape != (steps + 1, *surface.shape) or frames.dtype != np.uint8 or len(rewards) != steps:
+    if frames.shape != (steps + 1, *spec.shape) or frames.dtype != np.uint8 or len(rewards) != steps:
         raise UsageError(
             f"a demonstration of {name} has {len(actions)} actions, {len(rewards)} rewards and frames of "
-            f"{frames.dtype} {frames.shape}, where frames of uint8 {(steps + 1, *surface.shape)} are wanted"
+            f"{frames.dtype} {frames.shape}; expected frames of uint8 {(steps + 1, *spec.shape)}"
         )
     try:
-        joint = surface.join(np.asarray(actions))
+        joint = spec.join(np.asarray(actions))
     except ValueError as error:
-        raise UsageError(f"a demonstration of {name} has an action that there is not: {error}") from None
-    lane = np.zeros(1, np.int64)
+        raise UsageError(f"a demonstration of {name} has an invalid action: {error}") from None
+    index = np.zeros(1, np.int64)
     for step in range(steps):
         last = np.array([step == steps - 1])
-        ends, cut = (last & terminated), (last & (not terminated))
+        terminated_here, truncated_here = (last & terminated), (last & (not terminated))
         reward = np.array([rewards[step]], np.float64)
-        here, there = frames[step : step + 1], frames[step + 1 : step + 2]
-        replay.add(lane, here, joint[step : step + 1], reward, ends, cut, there)
+        frame, next_frame = frames[step : step + 1], frames[step + 1 : step + 2]
+        replay.add(index, frame, joint[step : step + 1], reward, terminated_here, truncated_here, next_frame)

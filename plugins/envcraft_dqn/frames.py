@@ -1,6 +1,6 @@
-"""Where a replay keeps its frames: raw or packed, in memory or in a mapped file, or on the device that learns.
+"""Storage for the frames of a replay: raw or compressed, in memory, in a mapped file, or on the learning device.
 
-Each store has numbered slots for one frame; what was written into a slot is there until it is written again.
+A store has numbered slots for one frame each. A slot keeps its frame until it is written again.
 """
 
 from __future__ import annotations
@@ -13,12 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from envcraft.errors import UsageError
-from envcraft_dqn import codec
 
 Frames = NDArray[np.uint8]
 Slots = NDArray[np.int64]
-#: Bytes of a packed frame on average, for which there is room; what goes beyond is kept apart.
-MEAN = 768
+#: Bytes per object and per reference of CPython, which a compressed frame takes besides its data.
+_OVERHEAD = 33 + 8
 
 
 class FrameStore(Protocol):
@@ -27,24 +26,24 @@ class FrameStore(Protocol):
     shape: tuple[int, ...]
 
     def write(self, slots: Slots, frames: Frames) -> None:
-        """Keep `frames`, [n, *shape], in `slots`, no two of which are the same."""
+        """Store `frames` [n, *shape] in distinct `slots` [n]."""
 
     def read(self, slots: Slots) -> Any:
-        """The frames in `slots`, [n, *shape]: an array that the next call may overwrite, or a tensor."""
+        """The frames in `slots`, [n, *shape]: a tensor, or an array that the next call may overwrite."""
 
     def dump(self, first: int, end: int) -> dict[str, NDArray[Any]]:
-        """What is in the slots from `first` to before `end`, as arrays."""
+        """The contents of the slots from `first` up to `end`, as named arrays."""
 
     def load(self, first: int, arrays: dict[str, NDArray[Any]]) -> None:
-        """Put back what :meth:`dump` gave."""
+        """Restore what :meth:`dump` returned."""
 
     @property
     def nbytes(self) -> int:
-        """Bytes that all slots take, those of frames kept apart included."""
+        """The size of the store in bytes."""
 
 
 class RawFrames:
-    """Frames as they are, in memory, or in the file `path`, which is overwritten."""
+    """Uncompressed frames, in memory or in the file `path`, which is overwritten."""
 
     def __init__(self, size: int, shape: tuple[int, ...], path: Path | None = None) -> None:
         self.shape = shape
@@ -73,65 +72,59 @@ class RawFrames:
         return int(self._frames.nbytes)
 
 
-class PackedFrames:
-    """Frames encoded by :mod:`envcraft_dqn.codec` in an arena; those that it leaves out, compressed by Zstandard,
-    apart.
-    """
+class CompressedFrames:
+    """Frames in memory, each compressed by Zstandard."""
 
-    def __init__(self, size: int, shape: tuple[int, ...], mean: int = MEAN) -> None:
+    def __init__(self, size: int, shape: tuple[int, ...]) -> None:
         import zstandard
 
-        if len(shape) != 3 or shape[2] != 3 or max(shape) > codec.LONGEST:
-            raise UsageError(f"frames of shape {shape} cannot be packed: keep them with --replay ram or mapped")
-        self.shape: tuple[int, ...] = shape
-        self._arena = codec.Arena(size, mean)
-        self._apart: dict[int, bytes] = {}
-        self._compressor = zstandard.ZstdCompressor(level=1)
+        self.shape = shape
+        self._data: list[bytes] = [b""] * size
+        self._compressor = zstandard.ZstdCompressor()
         self._decompressor = zstandard.ZstdDecompressor()
         self._buffers: dict[int, Frames] = {}
 
     def write(self, slots: Slots, frames: Frames) -> None:
-        self._arena.write(slots, frames)
-        lengths = self._arena.lengths[slots]
-        if self._apart or not lengths.all():
-            for slot, length, frame in zip(slots.tolist(), lengths.tolist(), frames, strict=True):
-                self._apart.pop(slot, None)
-                if not length:
-                    self._apart[slot] = self._compressor.compress(np.ascontiguousarray(frame).tobytes())
+        for slot, frame in zip(slots.tolist(), np.ascontiguousarray(frames), strict=True):
+            self._data[slot] = self._compressor.compress(frame.data)
 
     def read(self, slots: Slots) -> Frames:
         buffer = _buffer(self._buffers, len(slots), self.shape)
-        self._arena.read(slots, buffer)
-        for at in np.flatnonzero(self._arena.lengths[slots] == 0) if self._apart else ():
-            data = self._decompressor.decompress(self._apart[int(slots[at])])
-            buffer[at] = np.frombuffer(data, np.uint8).reshape(self.shape)
+        for row, slot in zip(buffer.reshape(len(slots), -1), slots.tolist(), strict=True):
+            row[:] = np.frombuffer(self._decompressor.decompress(self._data[slot]), np.uint8)
         return buffer
 
     def dump(self, first: int, end: int) -> dict[str, NDArray[Any]]:
-        apart = [self._apart.get(slot, b"") for slot in range(first, end)]
+        data = self._data[first:end]
         return {
-            "encoded": self._arena.dump(first, end),
-            "lengths": self._arena.lengths[first:end],
-            "apart": np.frombuffer(b"".join(apart), np.uint8),
-            "apart_lengths": np.array([len(data) for data in apart], np.int64),
+            "zstd": np.frombuffer(b"".join(data), np.uint8),
+            "zstd_lengths": np.array([len(one) for one in data], np.int64),
         }
 
     def load(self, first: int, arrays: dict[str, NDArray[Any]]) -> None:
-        self._arena.load(first, arrays["lengths"], arrays["encoded"])
-        apart = arrays["apart"].tobytes()
-        ends = np.cumsum(arrays["apart_lengths"]).tolist()
-        for slot, begin, stop in zip(itertools.count(first), [0, *ends], ends, strict=False):
-            self._apart.pop(slot, None)
-            if stop > begin:
-                self._apart[slot] = apart[begin:stop]
+        if "encoded" in arrays:
+            arrays = self._migrated(arrays)
+        for slot, data in zip(itertools.count(first), _split(arrays["zstd"], arrays["zstd_lengths"]), strict=False):
+            self._data[slot] = data
+
+    def _migrated(self, arrays: dict[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
+        """Convert a dump of version 0.1, which has palettes and runs, and Zstandard where these are longer."""
+        from envcraft_dqn.palette import decode
+
+        data = _split(arrays["apart"], arrays["apart_lengths"])
+        for slot, encoded in enumerate(_split(arrays["encoded"], arrays["lengths"])):
+            if encoded:
+                data[slot] = self._compressor.compress(decode(np.frombuffer(encoded, np.uint8), self.shape).data)
+        lengths = np.array([len(one) for one in data], np.int64)
+        return {"zstd": np.frombuffer(b"".join(data), np.uint8), "zstd_lengths": lengths}
 
     @property
     def nbytes(self) -> int:
-        return self._arena.nbytes + sum(len(data) for data in self._apart.values())
+        return sum(map(len, self._data)) + _OVERHEAD * len(self._data)
 
 
 class DeviceFrames:
-    """Frames as they are, in the memory of the device that learns: reading them copies nothing to it."""
+    """Uncompressed frames in the memory of the learning device, so that reading needs no transfer."""
 
     def __init__(self, size: int, shape: tuple[int, ...], device: Any) -> None:
         import torch
@@ -164,20 +157,39 @@ class DeviceFrames:
 
 
 def make_store(kind: str, size: int, shape: tuple[int, ...], folder: Path, device: Any) -> FrameStore:
-    """The store ``packed``, ``ram``, ``mapped`` (a file in `folder`) or ``device``. Raises UsageError, OSError."""
+    """Make a frame store.
+
+    Args:
+        kind: ``packed`` (compressed), ``ram``, ``mapped`` (a file in `folder`) or ``device``.
+        size: The number of slots.
+        shape: The shape of a frame.
+        folder: The folder of a mapped file.
+        device: The learning device.
+
+    Raises:
+        UsageError: The kind does not exist.
+        OSError: The file cannot be written.
+    """
     if kind == "packed":
-        return PackedFrames(size, shape)
+        return CompressedFrames(size, shape)
     if kind == "mapped":
         return RawFrames(size, shape, folder / "frames.bin")
     if kind == "device":
         return DeviceFrames(size, shape, device)
     if kind == "ram":
         return RawFrames(size, shape)
-    raise UsageError(f"there is no replay {kind!r}; there are packed, ram, mapped, device")
+    raise UsageError(f"unknown replay {kind!r}; choose from packed, ram, mapped, device")
+
+
+def _split(data: NDArray[np.uint8], lengths: NDArray[Any]) -> list[bytes]:
+    """Cut concatenated byte strings at their lengths."""
+    ends = np.cumsum(lengths, dtype=np.int64).tolist()
+    text = data.tobytes()
+    return [text[start:end] for start, end in itertools.pairwise([0, *ends])]
 
 
 def _buffer(known: dict[int, Frames], count: int, shape: tuple[int, ...]) -> Frames:
-    # A new array of this size has to be fetched from the system page by page, each time.
+    # A new array of this size costs page faults on every call.
     if count not in known:
         known.clear()
         known[count] = np.empty((count, *shape), np.uint8)

@@ -1,4 +1,4 @@
-"""The commands ``train``, ``evaluate`` and ``study``, and the check ``learnability``."""
+"""The plugin with the commands ``train``, ``evaluate`` and ``study``, and the check ``learnability``."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from envcraft.plugins import hookimpl
 if TYPE_CHECKING:
     import click
 
-    from envcraft.check import Check
+    from envcraft.judging.check import Check
 
 
 @hookimpl

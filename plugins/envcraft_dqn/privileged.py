@@ -1,150 +1,153 @@
-"""Players of the hook ``envcraft_players``: they see more than the frame, and play in the sandbox."""
+"""Players of the hook ``envcraft_players``, which see the state of an environment and play in the sandbox."""
 
 from __future__ import annotations
 
 import contextlib
 import io
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from envcraft.cli import offered
 from envcraft.errors import EnvCraftError, UsageError
+from envcraft.registry import offered
+from envcraft_dqn.policies import NAMES
 
 if TYPE_CHECKING:
     from envcraft.demonstrations.player import Player
-    from envcraft.demonstrations.recording import Tell
-    from envcraft.sandbox import Driver
-    from envcraft.using.sources import Found
-    from envcraft.verdict import SubjectReport
+    from envcraft.demonstrations.recorder import EventHandler
+    from envcraft.environments.sources import EnvSource
+    from envcraft.judging.driver import Driver
+    from envcraft.model.verdict import SubjectReport
     from envcraft_dqn.evaluation import Evaluation
-
-#: Those that play by the frame alone, in batches (:func:`envcraft_dqn.evaluation.player_named`).
-OWN = ("random", "noop")
+    from envcraft_dqn.selection import Selection
 
 
 def players() -> dict[str, Player]:
-    """The players of the plugins, by name, but for those that this package has itself."""
-    return {player.name: player for player in offered("envcraft_players") if player.name not in OWN}
+    """The players of all plugins by name, except those whose names this package uses for policies."""
+    return {player.name: player for player in offered("envcraft_players") if player.name not in NAMES}
 
 
-def evaluate(
-    player: Player,
-    target: Path,
-    names: Sequence[str],
-    contract: str | None,
-    episodes: int,
-    seed: int,
-    sandbox: str | None,
-    workers: int | None,
-) -> list[Evaluation]:
-    """Have a player play so many episodes, at least two, in each of these environments of a corpus, or in a file.
+def evaluate(player: Player, selection: Selection, episodes: int, seed: int) -> list[Evaluation]:
+    """Play episodes in each selected environment.
 
-    A word on stderr tells which are left out, for what reason. Raises UsageError where none is left, and what the
-    sandbox raises.
+    Skipped environments are reported on stderr with the reason.
+
+    Args:
+        player: The player.
+        selection: The environments.
+        episodes: The episodes of each environment, at least two.
+        seed: The seed of the episodes.
+
+    Raises:
+        UsageError: The player supports none of the environments.
+        EnvCraftError: The player fails in all environments, or the sandbox fails.
     """
-    from envcraft.demonstrations.recording import episodes as play
-    from envcraft.stats import Mean
-    from envcraft.target import Target
+    from envcraft.demonstrations.recorder import episodes as play
+    from envcraft.judging.statistics import Mean
+    from envcraft.model.target import Target
     from envcraft_dqn.evaluation import Evaluation
 
     done: dict[str, Evaluation] = {}
-    for found in _by_contract(_playable(player, target, names, contract)):
+    for found in _by_contract(_playable(player, selection)):
         targets = [Target(one.name, one.source, one.env_class) for one in found]
-        with _driver(sandbox) as driver, _shown() as tell:
+        with _driver(selection.sandbox) as driver, _progress() as tell:
             for number, outcomes, report in play(
-                targets, player, found[0].contract, driver, episodes, seed, workers, tell
+                targets, player, found[0].contract, driver, episodes, seed, selection.workers or None, tell
             ):
                 name = found[number].name
                 if not outcomes:
-                    _tell_wrong(report)
+                    _report_failure(report)
                     continue
                 lengths, returns = [one.steps for one in outcomes], [one.total for one in outcomes]
                 done[name] = Evaluation(name, episodes, Mean.of(lengths), Mean.of(returns), lengths, returns)
     if not done:
-        raise EnvCraftError(f"{player.name} could play none of the environments")
-    return [done[name] for name in names if name in done]
+        raise EnvCraftError(f"{player.name} could not play any of the environments")
+    return [done[name] for name in selection.names if name in done]
 
 
-def record(
-    player: Player,
-    target: Path,
-    names: Sequence[str],
-    contract: str | None,
-    folder: Path,
-    steps: int,
-    seed: int,
-    sandbox: str | None,
-    workers: int | None,
-) -> None:
-    """Have a player play so many steps in each of these environments, and keep what it does in a corpus in `folder`;
-    what is there already stays. As :func:`evaluate` otherwise.
+def record(player: Player, selection: Selection, folder: Path, steps: int, seed: int) -> None:
+    """Record steps of a player in each selected environment, into a corpus in `folder`.
+
+    Existing recordings stay. Failures are handled as in :func:`evaluate`.
     """
     from envcraft.corpus.store import Environment, Store, is_corpus
-    from envcraft.demonstrations import recording
+    from envcraft.demonstrations import recorder
 
-    chosen = _playable(player, target, names, contract)
+    chosen = _playable(player, selection)
     with Store(folder, write=True) if is_corpus(folder) else Store.create(folder) as store:
         for one in chosen:
             store.add(one.name, one.source, one.env_class or "", one.origin)
         for found in _by_contract(chosen):
             environments = [Environment(one.name, one.sha256, one.env_class or "") for one in found]
-            with _driver(sandbox) as driver, _shown() as tell:
-                outcome = recording.record(
-                    store, environments, player, found[0].contract, driver, steps, seed, workers, tell
+            with _driver(selection.sandbox) as driver, _progress() as tell:
+                outcome = recorder.record(
+                    store,
+                    environments,
+                    player,
+                    found[0].contract,
+                    driver,
+                    steps,
+                    seed,
+                    selection.workers or None,
+                    tell,
                 )
-            for report in outcome.bad:
-                _tell_wrong(report)
+            for report in outcome.failed:
+                _report_failure(report)
 
 
-def _playable(player: Player, target: Path, names: Sequence[str], contract: str | None) -> list[Found]:
-    """The environments that the player knows how to play."""
-    from envcraft.using.sources import locate
+def failure(report: SubjectReport) -> str:
+    """The findings of a report as text, or the reasons why a check could not judge."""
+    findings = [f"{finding.code} {finding.message}" for check in report.checks for finding in check.findings]
+    reasons = [check.reason for check in report.checks if check.reason]
+    return "; ".join(findings or reasons) or report.reason or "the player failed"
 
-    every = [locate(target, None if target.is_file() else name, contract) for name in names]
+
+def _playable(player: Player, selection: Selection) -> list[EnvSource]:
+    """The environments that the player supports. Raises UsageError if there are none."""
+    from envcraft.environments.sources import resolve
+
+    target = selection.target
+    every = [resolve(target, None if target.is_file() else name, selection.contract) for name in selection.names]
     found = [one for one in every if player.plays(one.origin.get("family"))]
     if not found:
-        raise UsageError(
-            f"{player.name} plays only the family {' and '.join(player.families)}, and there is none of it"
-        )
-    if left := len(every) - len(found):
+        families = " and ".join(player.families)
+        raise UsageError(f"{player.name} supports only the family {families}, and no environment belongs to it")
+    if skipped := len(every) - len(found):
         click.echo(
-            f"{left:,} of {len(every):,} environments left out, whose family {player.name} does not play", err=True
+            f"skipped {skipped:,} of {len(every):,} environments of families that {player.name} does not support",
+            err=True,
         )
     return found
 
 
-def _by_contract(found: Iterable[Found]) -> list[list[Found]]:
-    """Those that have the same contract together: one run has one."""
-    groups: dict[str, list[Found]] = {}
+def _by_contract(found: Iterable[EnvSource]) -> list[list[EnvSource]]:
+    """Group environments by contract, since a run has a single contract."""
+    groups: dict[str, list[EnvSource]] = {}
     for one in found:
         groups.setdefault(one.contract.name, []).append(one)
     return list(groups.values())
 
 
-def _tell_wrong(report: SubjectReport) -> None:
-    from envcraft.reports import one_line
+def _report_failure(report: SubjectReport) -> None:
+    from envcraft.text import one_line
 
-    found = [f"{finding.code} {finding.message}" for check in report.checks for finding in check.findings]
-    reasons = [check.reason for check in report.checks if check.reason]
-    words = "; ".join(found or reasons) or report.reason or "it could not be played"
-    click.echo(f"{one_line(report.path)} is left out: {one_line(words)}", err=True)
+    click.echo(f"skipped {one_line(report.path)}: {one_line(failure(report))}", err=True)
 
 
 @contextlib.contextmanager
 def _driver(sandbox: str | None) -> Iterator[Driver]:
-    from envcraft.commands.choices import driver_named
+    from envcraft.judging.selection import driver_named
 
     with contextlib.closing(driver_named(sandbox or "auto")) as driver:
         yield driver
 
 
 @contextlib.contextmanager
-def _shown() -> Iterator[Tell]:
-    """Progress on standard error."""
-    from envcraft.progress import Progress
+def _progress() -> Iterator[EventHandler]:
+    """Show progress on stderr."""
+    from envcraft.cli.progress import Progress
 
     with Progress(io.StringIO()) as progress:
         yield progress.handle

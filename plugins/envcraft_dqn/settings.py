@@ -1,4 +1,4 @@
-"""What a run of training is made of, as plain data: the same settings, environments and machine give the same run."""
+"""The settings of a training run, as plain data. Equal settings, environments and machines give equal runs."""
 
 from __future__ import annotations
 
@@ -8,44 +8,55 @@ import msgspec
 
 from envcraft.errors import UsageError
 
-#: Channels of the five convolutions, and the width of each stream behind them.
+#: The channels of the five convolutions, and the width of each stream of the head.
 SIZES = {
     "tiny": ((8, 16, 16, 32, 32), 64),
-    # As many parameters as the DQN of stable-baselines3 has for these frames.
+    # About as many parameters as the DQN of stable-baselines3 has for these frames.
     "small": ((8, 8, 16, 16, 32), 723),
     "reference": ((16, 32, 64, 128, 128), 1290),
 }
 HEADS = ("joint", "branching")
 REPLAYS = ("packed", "ram", "mapped", "device")
 PRECISIONS = ("auto", "fp32", "bf16")
-_LEAST = {
-    1: ("lanes", "cycle", "leg", "batch", "n_step", "train_every", "target_every"),
+#: Options and keys in files whose attributes have other names.
+RENAMED = {"num_envs": "lanes", "segment": "leg"}
+_MINIMUM = {
+    1: ("num_envs", "cycle", "segment", "batch", "n_step", "train_every", "target_every"),
     0: ("seed", "steps", "pretrain_updates", "demonstrations", "starts"),
 }
-_SHARES = ("gamma", "epsilon_first", "epsilon_last", "epsilon_share", "alpha", "beta", "demonstration_share")
+_FRACTIONS = ("gamma", "epsilon_first", "epsilon_last", "epsilon_share", "alpha", "beta", "demonstration_share")
 
 
-class Settings(msgspec.Struct, frozen=True, kw_only=True):
-    """Settings of one run. Steps are transitions of single environments, over all lanes.
+class Settings(msgspec.Struct, frozen=True, kw_only=True, rename=RENAMED):
+    """The settings of one run. Steps are transitions of single environments, summed over all environments.
 
     Attributes:
-        size, head: of the network.
-        seed: of everything that is drawn.
-        steps: how many are taken online.
-        pretrain_updates: before that, on demonstrations alone.
-        lanes: environments side by side.
-        cycle: steps of an environment before another takes its lane.
-        leg: steps of a lane after which its episode is cut and begun anew, and a checkpoint can be taken.
-        batch, learning_rate, gamma, n_step, train_every: as DQNs have them; an update every `train_every` steps.
-        target_every: updates after which the target network is brought up to date.
-        epsilon_first, epsilon_last, epsilon_share: of actions at random; falls within this share of the steps.
-        alpha, beta: of the prioritised replay; beta rises to 1 over all updates.
-        capacity: slots of the replay.
-        demonstrations: transitions of each environment that the replay is seeded with, at most.
-        starts: steps before the first online update, where there was no pretraining.
-        demonstration_share: of what is drawn online, though by importance weights demonstrations count for their part
-            of the replay as beta goes to 1; None leaves it to the priorities.
-        replay, precision, compiled, device: where frames are, in what numbers, and on what it runs.
+        size, head: The network: a key of :data:`SIZES`, and one of :data:`HEADS`.
+        seed: The seed of all random numbers.
+        steps: The number of online steps.
+        pretrain_updates: The updates on demonstrations alone, before the first online step.
+        num_envs: The environments stepped in parallel; ``lanes`` in files and options.
+        cycle: The steps of an environment before another takes its place.
+        segment: The steps of an environment between forced resets, at which checkpoints are possible; ``leg`` in files
+            and options.
+        batch: The transitions in an update.
+        learning_rate: The learning rate of Adam.
+        gamma: The discount factor.
+        n_step: The length of n-step returns.
+        train_every: The steps per update.
+        target_every: The updates between two copies to the target network.
+        epsilon_first, epsilon_last, epsilon_share: The rate of random actions falls linearly from the first value to
+            the last within this share of the steps.
+        alpha, beta: The exponents of prioritised replay; beta rises to 1 over all updates.
+        capacity: The slots of the replay.
+        demonstrations: The maximum number of demonstrated transitions of each environment.
+        starts: The steps before the first online update, without pretraining.
+        demonstration_share: The share of demonstrations in online batches; None leaves it to the priorities.
+            Importance weights correct for it as beta rises to 1.
+        replay: The storage of frames, one of :data:`REPLAYS`.
+        precision: One of :data:`PRECISIONS`.
+        compiled: Whether torch compiles the loss.
+        device: The torch device, or ``auto``.
     """
 
     size: str = "small"
@@ -53,9 +64,9 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True):
     seed: int = 0
     steps: int = 1_000_000
     pretrain_updates: int = 0
-    lanes: int = 16
+    num_envs: int = 16
     cycle: int = 10_000
-    leg: int = 1_000
+    segment: int = 1_000
     batch: int = 32
     learning_rate: float = 3e-4
     gamma: float = 0.99
@@ -77,37 +88,37 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True):
     device: str = "auto"
 
     def check(self) -> None:
-        """Raises UsageError on what does not exist or does not go together."""
+        """Raises UsageError for unknown, invalid or incompatible values."""
         for name, known in (("size", SIZES), ("head", HEADS), ("replay", REPLAYS), ("precision", PRECISIONS)):
-            if (given := getattr(self, name)) not in known:
-                raise UsageError(f"there is no {name} {given!r}; there are {', '.join(known)}")
-        for least, names in _LEAST.items():
+            if (value := getattr(self, name)) not in known:
+                raise UsageError(f"unknown {name} {value!r}; choose from {', '.join(known)}")
+        for minimum, names in _MINIMUM.items():
             for name in names:
-                if getattr(self, name) < least:
-                    raise UsageError(f"{name} is {getattr(self, name)}; it must be {least} or more")
-        for name in _SHARES:
-            if (given := getattr(self, name)) is not None and not 0 <= given <= 1:
-                raise UsageError(f"{name} is {given}; it must lie between 0 and 1")
+                if (value := getattr(self, name)) < minimum:
+                    raise UsageError(f"{RENAMED.get(name, name)} is {value}; it must be {minimum} or more")
+        for name in _FRACTIONS:
+            if (value := getattr(self, name)) is not None and not 0 <= value <= 1:
+                raise UsageError(f"{name} is {value}; it must be between 0 and 1")
         if not 0 < self.learning_rate < math.inf:
-            raise UsageError(f"learning_rate is {self.learning_rate}; it must be above 0, and finite")
-        if self.room > self.capacity:
-            raise UsageError(f"a replay of {self.capacity:,} is too small for {self.lanes} environments side by side")
+            raise UsageError(f"learning_rate is {self.learning_rate}; it must be positive and finite")
+        if self.online_slots > self.capacity:
+            raise UsageError(f"a replay of {self.capacity:,} slots is too small for {self.num_envs} environments")
 
     def epsilon(self, steps: int) -> float:
-        """The share of random actions after so many steps."""
+        """The rate of random actions after this many steps."""
         done = min(steps / max(self.epsilon_share * self.steps, 1.0), 1.0)
         return self.epsilon_first + done * (self.epsilon_last - self.epsilon_first)
 
     @property
-    def room(self) -> int:
-        """Slots that the lanes need at the least."""
-        return 2 * self.lanes * (self.n_step + 1)
+    def online_slots(self) -> int:
+        """The minimum number of slots for online transitions."""
+        return 2 * self.num_envs * (self.n_step + 1)
 
     @property
     def updates(self) -> int:
-        """About how many updates there are in all."""
+        """The approximate number of updates of the run."""
         return self.pretrain_updates + self.steps // self.train_every
 
-    def annealed(self, updates: int) -> float:
-        """The exponent beta of the importance weights after so many updates."""
+    def annealed_beta(self, updates: int) -> float:
+        """The exponent of the importance weights after this many updates."""
         return self.beta + min(updates / max(self.updates, 1), 1.0) * (1.0 - self.beta)

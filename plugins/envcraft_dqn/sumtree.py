@@ -1,8 +1,8 @@
-"""A sum tree over priorities: draws in proportion to them, and changes them, a batch at a call.
+"""A sum tree over priorities for batched sampling and updates (Schaul et al. 2016, arXiv:1511.05952).
 
-Each node has sixteen children that lie side by side, so a million leaves take five levels, of which all but the lowest
-two stay in the processor's cache; a binary tree takes twenty. Inner nodes are always the sum of their children in order
-and never a sum that was added to, so a tree that is built anew from its leaves is the same bit by bit.
+Each node has sixteen adjacent children. A million leaves need five levels, of which all but the lowest two stay in the
+cache of the processor; a binary tree needs twenty. Inner nodes are always recomputed as the sum of their children in
+order, so that a tree rebuilt from its leaves is equal bit by bit.
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ _Integers = NDArray[np.int64]
 
 
 class SumTree:
-    """`size` leaves, whose priorities are 0 at first."""
+    """A tree with `size` leaves, whose priorities start at 0."""
 
     def __init__(self, size: int) -> None:
         counts = [_blocks(size) * _FAN]
         while counts[-1] > _FAN:
             counts.append(_blocks(counts[-1] // _FAN) * _FAN)
         self.size = size
-        #: Where each level begins, leaves first, and at the end how many nodes there are.
+        #: The first node of each level, leaves first, followed by the number of nodes.
         self._starts = np.cumsum([0, *counts])
         self._nodes = np.zeros(self._starts[-1])
 
@@ -36,15 +36,16 @@ class SumTree:
 
     @property
     def leaves(self) -> _Floats:
-        """A view of all priorities, of shape [size], to be read."""
+        """A view of all priorities, [size]. Do not write to it."""
         return self._nodes[: self.size]
 
     @property
     def nbytes(self) -> int:
+        """The size of the tree in bytes."""
         return int(self._nodes.nbytes)
 
     def fill(self, priorities: _Floats) -> None:
-        """Take the priorities of all leaves."""
+        """Set the priorities of all leaves, [size]."""
         self._nodes[: self.size] = priorities
         for level in range(len(self._starts) - 2):
             first, above, end = self._starts[level : level + 3]
@@ -53,18 +54,23 @@ class SumTree:
             assert above + len(parents) <= end
 
     def set(self, indices: _Integers, priorities: _Floats) -> None:
-        """Give the leaves at `indices` these priorities, none below 0; of an index that comes twice the last counts."""
+        """Set non-negative priorities [n] of leaves [n]. For repeated indices, the last priority counts."""
         _set(self._nodes, self._starts, indices, priorities)
 
     def before(self, index: int) -> float:
-        """The sum of the priorities of all leaves before the one at `index`."""
+        """The sum of the priorities before a leaf."""
         return float(_before(self._nodes, self._starts, index))
 
     def draw(self, uniforms: _Floats, low: float = 0.0, high: float | None = None) -> tuple[_Integers, _Floats]:
-        """Draw one leaf from each of as many equal parts of the sums from `low` to `high` as there are `uniforms`,
-        which lie in [0, 1): stratified sampling (Schaul et al. 2016, arXiv:1511.05952, appendix B.2.1).
+        """Sample leaves by stratified sampling (Schaul et al. 2016, arXiv:1511.05952, appendix B.2.1).
 
-        Gives indices in ascending order, and their priorities. A leaf of priority 0 is never drawn, unless all are.
+        Args:
+            uniforms: Uniform random numbers in [0, 1), one per leaf to sample, [n].
+            low, high: The range of cumulative priorities to sample from; by default, all of it.
+
+        Returns:
+            The indices in ascending order [n], and their priorities [n]. A leaf with priority 0 is sampled only if all
+            priorities are 0.
         """
         indices = np.empty(len(uniforms), np.int64)
         priorities = np.empty(len(uniforms))
@@ -86,7 +92,7 @@ def _total(nodes: _Floats, starts: _Integers) -> float:
 
 @numba.njit(cache=True, nogil=True)
 def _sum_children(nodes: _Floats, first: int, above: int, parents: _Integers, count: int) -> None:
-    """Sum the children of `count` parents, which are numbered within their level; it begins at `above`."""
+    """Sum the children of `count` parents, numbered within their level, which starts at `above`."""
     for at in range(count):
         child = first + parents[at] * _FAN
         total = 0.0
@@ -102,7 +108,7 @@ def _set(nodes: _Floats, starts: _Integers, indices: _Integers, priorities: _Flo
     for at in range(len(indices)):
         nodes[indices[at]] = priorities[at]
         parent = indices[at] // _FAN
-        # Neighbours in the batch are often neighbours in the tree, and then share their parents.
+        # Neighbours in the batch often share their parents.
         if count == 0 or parents[count - 1] != parent:
             parents[count] = parent
             count += 1
@@ -143,7 +149,7 @@ def _draw(
     for at in range(count):
         left[at] = low + (at + uniforms[at]) * part
         indices[at] = 0
-    # Level by level: the searches of one level do not wait for each other's memory.
+    # Level by level, so that memory accesses of independent searches overlap.
     for level in range(len(starts) - 2, -1, -1):
         first = starts[level]
         for at in range(count):
@@ -153,7 +159,7 @@ def _draw(
             for child in range(node, node + _FAN):
                 priority = nodes[child]
                 if priority > 0.0 and not done:
-                    # Rounding can leave a rest behind the last child: that one is chosen then.
+                    # Rounding can leave a remainder after the last child, which is then chosen.
                     chosen, rest = child, wanted
                     done = wanted < priority
                     wanted -= priority

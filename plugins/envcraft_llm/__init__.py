@@ -1,1 +1,1 @@
-"""Environments written by language models. So far the first stage: concepts, which need no model."""
+"""Generation of environments with language models: concepts, stages, endpoints, and data for fine-tuning."""

@@ -1,4 +1,4 @@
-"""The program in a model's answer: out of prose, out of one of several fences, without channel markers."""
+"""Extraction of the program from a completion with prose, fences and channel markers."""
 
 from __future__ import annotations
 
@@ -8,69 +8,68 @@ from collections.abc import Callable, Iterator
 from functools import lru_cache
 from typing import NamedTuple
 
-from envcraft.target import parse
+from envcraft.model.target import parse
 
 _FENCE = re.compile(r"^[ \t]*(`{3,}|~{3,})[ \t]*([\w+#.-]*)[^\n]*$", re.MULTILINE)
 _MARKER = re.compile(r"<\|(?:start|end|message|return|call|channel|constrain)\|>")
 _CHANNEL = re.compile(r"<\|channel\|>\s*(\w+)[^<]*<\|message\|>")
 _THINKING = re.compile(r"<think(?:ing)?>.*?(?:</think(?:ing)?>|\Z)", re.DOTALL)
 _PYTHON = {"", "python", "py", "python3"}
-#: How a Python file begins, where no fence says so.
-_BEGINS = re.compile(r'^(?:from [\w.]+ import |import \w|"""|\'\'\'|class \w+|def \w+\(|#!|@)', re.MULTILINE)
+#: The first line of Python code outside a fence.
+_CODE_START = re.compile(r'^(?:from [\w.]+ import |import \w|"""|\'\'\'|class \w+|def \w+\(|#!|@)', re.MULTILINE)
 _BASES = {"Env", "GameEnv", "BaseEnv", "ArcadeEnv"}
 
 
-class Extracted(NamedTuple):
-    """A file, and the class in it that is the environment or the policy: "" where there is one, or none that shows."""
+class ExtractedFile(NamedTuple):
+    """A file, and its environment class if it has several; otherwise the name is ""."""
 
     source: str
     name: str = ""
 
 
-def environment(text: str) -> Extracted | None:
-    """The environment in an answer; None where nothing looks like one. A file that does not parse is given all the
-    same, where it looks like one: the repair is told what is wrong with it.
+def environment(text: str) -> ExtractedFile | None:
+    """Return the environment in a completion; None if nothing looks like one.
+
+    A file that looks like an environment but does not parse is returned too, so that it can be repaired.
     """
     best = _best(text, _environments, r"^class\s+\w+\s*\(.*Env\w*\s*\)|def\s+step\s*\(")
     if best is None:
         return None
     names = _environments(best)
-    return Extracted(best, _chosen(names) if len(names) > 1 else "")
+    return ExtractedFile(best, _preferred(names) if len(names) > 1 else "")
 
 
-def policy(text: str) -> Extracted | None:
-    """The privileged policy in an answer; None where nothing looks like one."""
+def policy(text: str) -> ExtractedFile | None:
+    """Return the privileged policy in a completion; None if nothing looks like one."""
     best = _best(text, _policies, r"def\s+(act|policy)\s*\(")
-    return None if best is None else Extracted(best)
+    return None if best is None else ExtractedFile(best)
 
 
-def unfinished(text: str) -> bool:
-    """Whether an answer ends within a fence."""
-    fences = list(_fences(clean(text)))
+def is_unfinished(text: str) -> bool:
+    """Whether a completion ends within a fence."""
+    fences = list(_fences(strip_markup(text)))
     return bool(fences) and not fences[-1][2]
 
 
-def joined(first: str, more: str) -> str:
-    """An answer that was cut off, and its continuation: without a fence that it opens anew, without the lines that it
-    says again.
-    """
-    more = clean(more)
+def join(first: str, more: str) -> str:
+    """Join a completion that was cut off with its continuation, without a reopened fence and repeated lines."""
+    more = strip_markup(more)
     opened = _FENCE.search(more)
-    # Words before the fence, such as "Here is the rest", are none of the file.
-    if opened is not None and unfinished(first) and _fence_opens(more, opened):
+    # Prose before the fence, such as "Here is the rest", is not part of the file.
+    if opened is not None and is_unfinished(first) and _fence_opens(more, opened):
         more = more[opened.end() :].removeprefix("\n")
     for size in range(min(len(first), len(more), 4000), 15, -1):
         if first.endswith(more[:size]):
             return first + more[size:]
-    # The last line may have been cut in the middle and be said again from its start.
-    begun = first.rsplit("\n", 1)[-1]
-    if len(begun.strip()) > 3 and more.lstrip().startswith(begun.strip()):
-        return first[: len(first) - len(begun)] + more
+    # The continuation may repeat the last line from its start.
+    last = first.rsplit("\n", 1)[-1]
+    if len(last.strip()) > 3 and more.lstrip().startswith(last.strip()):
+        return first[: len(first) - len(last)] + more
     return first + more
 
 
-def clean(text: str) -> str:
-    """An answer without what was thought, and without the markers of channels."""
+def strip_markup(text: str) -> str:
+    """Return a completion without reasoning and channel markers."""
     text = text.replace("\r\n", "\n").lstrip("\ufeff")
     if _MARKER.search(text):
         channels = list(_CHANNEL.finditer(text))
@@ -83,41 +82,48 @@ def clean(text: str) -> str:
     return _THINKING.sub("", text)
 
 
-def _best(text: str, names: Callable[[str], list[str]], looks: str) -> str | None:
-    """Of all pieces that may be the program, the one that is most like it; of several as good, the longest, then the
-    last. All fences of Python together are one where none is the program by itself: some models tell it in parts.
+def _best(text: str, names: Callable[[str], list[str]], pattern: str) -> str | None:
+    """Return the best candidate: by score, then by length, then the last one.
+
+    If no fence is the program by itself, all Python fences together are a candidate: some models split the program.
+
+    Args:
+        text: The completion.
+        names: Returns the names of matching definitions in a piece that parses.
+        pattern: Matches a piece that looks like the program.
     """
-    for pieces in _places(clean(text)):
-        scores = [_score(piece, names, looks) for piece in pieces]
+    for pieces in _candidates(strip_markup(text)):
+        scores = [_score(piece, names, pattern) for piece in pieces]
         if max(scores, default=0) < 2 and len(pieces) > 1:
             pieces.append("\n\n".join(pieces))
-            scores.append(_score(pieces[-1], names, looks))
+            scores.append(_score(pieces[-1], names, pattern))
         good = [(score, len(pieces[number]), number) for number, score in enumerate(scores) if score > 0]
         if good:
             return _tidy(pieces[max(good)[2]])
     return None
 
 
-def _score(piece: str, names: Callable[[str], list[str]], looks: str) -> int:
-    """2 for what parses and defines what is looked for, 1 for what looks like it, 0 for anything else."""
+def _score(piece: str, names: Callable[[str], list[str]], pattern: str) -> int:
+    """Return 2 if the piece parses and has a matching definition, 1 if it looks like one, else 0."""
     if names(piece):
         return 2
-    return int(re.search(looks, piece, re.MULTILINE) is not None)
+    return int(re.search(pattern, piece, re.MULTILINE) is not None)
 
 
-def _places(text: str) -> Iterator[list[str]]:
-    """The pieces of each place where the program may be, the likeliest first: the fences of Python, those of other
-    languages, and everything from the first line of code on.
+def _candidates(text: str) -> Iterator[list[str]]:
+    """Yield groups of pieces that may be the program, the most likely group first.
+
+    The groups are Python fences, other fences, and the text from the first line of code on.
     """
     fences = list(_fences(text))
     for python in (True, False):
         yield [body for language, body, _ in fences if (language.lower() in _PYTHON) is python]
-    if (begins := _BEGINS.search(text)) is not None:
-        yield [*_shrinking(text[begins.start() :])]
+    if (start := _CODE_START.search(text)) is not None:
+        yield [*_shrinking(text[start.start() :])]
 
 
 def _shrinking(text: str) -> Iterator[str]:
-    """Code with prose after it: as it is, and up to the last line from which on it parses."""
+    """Yield code that prose may follow: the whole text, and the longest prefix of it that parses."""
     yield text
     lines = text.rstrip().split("\n")
     for end in range(len(lines) - 1, max(len(lines) - 40, 1), -1):
@@ -128,8 +134,8 @@ def _shrinking(text: str) -> Iterator[str]:
 
 
 def _fences(text: str) -> Iterator[tuple[str, str, bool]]:
-    """Language, content and whether it is closed, of each fence."""
-    # Each mark once: a model that says the same over and over writes tens of thousands of them.
+    """Yield the language and the content of each fence, and whether the fence is closed."""
+    # One pass over the marks: a model that repeats itself writes tens of thousands of them.
     marks = _FENCE.finditer(text)
     for opened in marks:
         closed = next(
@@ -140,13 +146,13 @@ def _fences(text: str) -> Iterator[tuple[str, str, bool]]:
 
 
 def _fence_opens(text: str, mark: re.Match[str]) -> bool:
-    """Whether the first fence of a continuation opens one, rather than closing that of the answer before."""
+    """Whether the first fence of a continuation opens a block, rather than closing the open one."""
     return bool(mark[2]) or (not text[: mark.start()].strip() and bool(text[mark.end() :].strip()))
 
 
 def _tidy(piece: str) -> str:
     lines = piece.strip("\n").split("\n")
-    # A fence in a list is indented as a whole.
+    # A fence within a list item is indented.
     least = min((len(line) - len(line.lstrip(" ")) for line in lines if line.strip()), default=0)
     return "\n".join(line[least:] for line in lines).rstrip() + "\n"
 
@@ -160,9 +166,7 @@ def _tree(piece: str) -> ast.Module | None:
 
 @lru_cache(maxsize=8)
 def _environments(piece: str) -> list[str]:
-    """The names of classes with ``step`` and ``reset``, in the order of the file; those that others derive from, and
-    private ones, are none.
-    """
+    """Return the names of public classes with ``step`` and ``reset``, in file order, without base classes of others."""
     tree = _tree(_tidy(piece))
     if tree is None:
         return []
@@ -196,6 +200,6 @@ def _last_name(node: ast.expr) -> str:
     return node.attr if isinstance(node, ast.Attribute) else node.id if isinstance(node, ast.Name) else ""
 
 
-def _chosen(names: list[str]) -> str:
-    """Of several environments the one that is called as was asked, else the last: helpers come first."""
+def _preferred(names: list[str]) -> str:
+    """Return ``GameEnv``, the name that the prompt requires, else the last class, since helpers come first."""
     return "GameEnv" if "GameEnv" in names else names[-1]

@@ -1,4 +1,4 @@
-"""What the checks found, told to a model: in plain words, with the trace around it, the reproduction and the lines."""
+"""Findings as text for a model: message, rule, lines of the source, reproduction and measured values."""
 
 from __future__ import annotations
 
@@ -6,20 +6,20 @@ import json
 from collections.abc import Iterator
 from typing import Any
 
-from envcraft.check import Rule
-from envcraft.cli import offered
-from envcraft.verdict import Finding, Severity, SubjectReport, Verdict, plain
+from envcraft.judging.check import Rule
+from envcraft.model.verdict import Finding, Severity, SubjectReport, Verdict, plain
+from envcraft.registry import offered
 
-#: What the later stages judge: nothing of this is repaired.
-LATER = frozenset({"instawin", "instadeath", "difficulty"})
-#: So many findings are told of, and so many lines and actions of each.
-_MOST, _AROUND, _ACTIONS = 6, 4, 40
-#: So many characters of a value that is evidence.
+#: Checks that later stages decide; their findings are not repaired.
+FILTER_CHECKS = frozenset({"instawin", "instadeath", "difficulty"})
+#: Maximum number of findings, of lines before and after a finding, and of actions.
+_FINDINGS, _AROUND, _ACTIONS = 6, 4, 40
+#: Maximum length of a value of the evidence, in characters.
 _VALUE = 1200
 
 
 def findings(report: SubjectReport | None, of: frozenset[str] | None = None) -> list[Finding]:
-    """The findings that fail a check; of these checks alone, where `of` names some."""
+    """Return the findings that fail a check; only of the checks in `of`, unless it is None."""
     checks = report.checks if report is not None else []
     return [
         finding
@@ -31,24 +31,24 @@ def findings(report: SubjectReport | None, of: frozenset[str] | None = None) -> 
 
 
 def to_repair(report: SubjectReport | None) -> list[Finding]:
-    """The findings that a repair is for."""
+    """Return the findings that a repair has to remove."""
     checks = frozenset(check.check for check in report.checks) if report is not None else frozenset()
-    return findings(report, checks - LATER)
+    return findings(report, checks - FILTER_CHECKS)
 
 
-def verdict_of(report: SubjectReport, check: str) -> Verdict | None:
-    """What one check said; None where it did not run."""
-    return next((found.verdict for found in report.checks if found.check == check), None)
+def check_verdict(report: SubjectReport, check: str) -> Verdict | None:
+    """Return the verdict of one check; None if it did not run."""
+    return next((result.verdict for result in report.checks if result.check == check), None)
 
 
-def brief_words(found: list[Finding]) -> str:
-    """The findings in one line, for a reason."""
+def summary_line(found: list[Finding]) -> str:
+    """Return the findings in one line, as the reason of an outcome."""
     return "; ".join(f"{finding.code} {finding.message}" for finding in found[:3])
 
 
-def told(found: list[Finding], source: str) -> str:
-    """The findings as Markdown, each with what it takes to understand it."""
-    return "\n\n".join(_one(finding, source) for finding in found[:_MOST])
+def findings_markdown(found: list[Finding], source: str) -> str:
+    """Return the findings as Markdown, with rule, lines, reproduction and evidence."""
+    return "\n\n".join(_one(finding, source) for finding in found[:_FINDINGS])
 
 
 def _one(finding: Finding, source: str) -> str:
@@ -97,11 +97,11 @@ def _value(value: Any) -> str:
 
 
 def rules() -> dict[str, Rule]:
-    """All rules by code, of whichever plugin they come."""
+    """Return the rules of all plugins by code."""
     return {rule.code: rule for check in offered("envcraft_checks") for rule in check.rules}
 
 
-def lines_of(found: list[Finding]) -> Iterator[str]:
-    """The findings, a line each."""
+def finding_lines(found: list[Finding]) -> Iterator[str]:
+    """Yield one line for each finding."""
     for finding in found:
         yield f"{finding.code}: {finding.message}"

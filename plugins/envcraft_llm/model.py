@@ -1,7 +1,7 @@
-"""What a stage asks of a language model, and what comes back: the seam between the stages and any endpoint.
+"""The interface between the stages and language models: a request, a completion, and the errors in between.
 
-A stage knows `Request`, `Answer` and `Model`, and nothing of networks. Whatever answers (an endpoint behind its
-journal, the journal alone, the demo) is a `Model`.
+A stage uses `Request`, `Completion` and `Model` and nothing of the network. An endpoint behind its journal, the journal
+alone and the recorded demo are all a `Model`.
 """
 
 from __future__ import annotations
@@ -14,12 +14,12 @@ import msgspec
 
 from envcraft.errors import EnvCraftError
 
-#: How one request may end without a usable answer. Each is counted as the outcome of its concept.
+#: Why one request has no usable completion. Each kind is counted as the outcome of its concept.
 FailureKind = Literal["refused", "empty", "garbage", "context-overflow", "disconnected", "timeout", "server-error"]
 
 
 class Message(msgspec.Struct, frozen=True):
-    """One turn of a conversation. `role` is ``system``, ``user`` or ``assistant``."""
+    """One message of a conversation. `role` is ``system``, ``user`` or ``assistant``."""
 
     role: Literal["system", "user", "assistant"]
     content: str
@@ -29,16 +29,16 @@ class Request(msgspec.Struct, frozen=True):
     """One call of a model.
 
     Attributes:
-        model: its name at the endpoint.
-        messages: the conversation so far.
-        effort: of reasoning (``low``, ``medium``, ``high``), or empty for the endpoint's own.
-        max_tokens: of the answer, reasoning included; 0 for the endpoint's own limit.
-        temperature: of sampling, or None for the endpoint's own.
-        schema: the JSON Schema that the answer should follow, or None for text.
-        sample: tells apart requests that are otherwise the same.
-        stage: which stage asks, for the accounts.
-        concept: the id of the concept that it is about.
-        attempt: the number of the attempt at it, from 0.
+        model: Name of the model at the endpoint.
+        messages: The conversation so far.
+        effort: Reasoning effort (``low``, ``medium``, ``high``), or empty for the endpoint's default.
+        max_tokens: Limit on completion tokens, reasoning included; 0 for the endpoint's default.
+        temperature: Sampling temperature, or None for the endpoint's default.
+        schema: JSON Schema of the completion, or None for text.
+        sample: Distinguishes requests that are otherwise equal.
+        stage: Stage that sends the request, for usage statistics.
+        concept: Id of the concept that the request is about.
+        attempt: Number of the attempt at the concept, from 0.
     """
 
     model: str
@@ -53,8 +53,11 @@ class Request(msgspec.Struct, frozen=True):
     attempt: int = 0
 
     def key(self) -> str:
-        """The SHA-256, in hex, of all that the answer depends on: of everything but stage, concept and attempt."""
-        asked = (
+        """Return the SHA-256, in hex, of everything that the completion depends on.
+
+        That is every attribute except `stage`, `concept` and `attempt`.
+        """
+        content = (
             self.model,
             self.messages,
             self.effort,
@@ -63,19 +66,20 @@ class Request(msgspec.Struct, frozen=True):
             self.schema,
             self.sample,
         )
-        return hashlib.sha256(msgspec.json.encode(asked, order="sorted")).hexdigest()
+        return hashlib.sha256(msgspec.json.encode(content, order="sorted")).hexdigest()
 
 
-class Answer(msgspec.Struct, frozen=True):
+class Completion(msgspec.Struct, frozen=True):
     """What a model wrote.
 
     Attributes:
-        text: the answer, without reasoning and channel markers.
-        reasoning: what it thought, where the endpoint tells.
-        finish: ``stop``, or ``length`` where the limit cut it off.
-        prompt_tokens, completion_tokens: as the endpoint counts them, reasoning included.
-        seconds: from sending the request to the end of the answer.
-        model: what the endpoint says answered.
+        text: The text, without reasoning and channel markers.
+        reasoning: The reasoning, if the endpoint returns it.
+        finish: ``stop``, or ``length`` if a token limit cut the text off.
+        prompt_tokens: Tokens of the prompt, as the endpoint counts them.
+        completion_tokens: Tokens of the completion, reasoning included.
+        seconds: Time from sending the request to the end of the completion.
+        model: Name of the model that the endpoint reports.
     """
 
     text: str
@@ -87,25 +91,30 @@ class Answer(msgspec.Struct, frozen=True):
     model: str = ""
 
 
-class ModelFailure(Exception):
-    """One request came to nothing, after all retries; other requests may go on."""
+class RequestFailed(Exception):
+    """One request failed after all retries; other requests may succeed."""
 
     def __init__(self, kind: FailureKind, message: str) -> None:
         super().__init__(message)
         self.kind = kind
 
 
-class ModelStopped(EnvCraftError):
-    """No request can be answered any more: the endpoint is down, the model's name is wrong, or the budget is spent."""
+class ModelUnavailable(EnvCraftError):
+    """No request can succeed any more: the endpoint is down, the model does not exist, or the budget is exceeded."""
 
 
 class Model(ABC):
-    """Answers requests. `ask` is called from many tasks of one event loop at once."""
+    """Completes requests. Many tasks of one event loop call `generate` concurrently."""
 
     @abstractmethod
-    async def ask(self, request: Request) -> Answer:
-        """The answer. Raises ModelFailure for this request alone, ModelStopped where none can be answered."""
+    async def generate(self, request: Request) -> Completion:
+        """Return the completion of a request.
+
+        Raises:
+            RequestFailed: If this request failed.
+            ModelUnavailable: If no request can succeed.
+        """
 
     async def close(self) -> None:
-        """Let go of connections and files."""
+        """Close connections and files."""
         return

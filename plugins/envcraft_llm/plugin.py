@@ -1,4 +1,4 @@
-"""The commands and stages that generate, and what they made as data to fine-tune models on."""
+"""Hook implementations: commands, generators, stages, and the exporter of data for fine-tuning."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ import click
 from envcraft.plugins import hookimpl
 
 if TYPE_CHECKING:
-    from envcraft.corpus.export import Exporter
-    from envcraft.generators import Generator
-    from envcraft.stages import Stage
+    from envcraft.corpus.export.exporter import Exporter
+    from envcraft.generation.generators import Generator
+    from envcraft.generation.stages import Stage
 
 
 @hookimpl
@@ -24,7 +24,7 @@ def envcraft_commands() -> list[click.Command]:
 
 @hookimpl
 def envcraft_generators() -> list[Generator]:
-    from envcraft.generators import Generator
+    from envcraft.generation.generators import Generator
 
     from .pipeline.command import merge, pipeline
 

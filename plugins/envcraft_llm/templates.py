@@ -1,7 +1,7 @@
-"""The prompts: Markdown files in ``prompts``, one a stage, with parts under level-1 headings and names to be filled in.
+"""Prompt templates: Markdown files in ``prompts``, one per stage.
 
-``{{brief}}`` is filled in with a text, ``{{> contract}}`` with another file of the folder. The digest of a prompt is
-that of all that it is made of, so that what was asked with another wording can be told apart.
+A level-1 heading begins a part. ``{{brief}}`` is replaced by a value, ``{{> contract}}`` by another file of the folder.
+The digest of a template covers the files that it includes, so that provenance identifies the exact text.
 """
 
 from __future__ import annotations
@@ -15,28 +15,37 @@ from pathlib import Path
 
 FOLDER = Path(__file__).parent / "prompts"
 _PART = re.compile(r"^# (.+)$", re.MULTILINE)
-_INCLUDED = re.compile(r"^\{\{> ([\w-]+)\}\}$", re.MULTILINE)
+_INCLUDE = re.compile(r"^\{\{> ([\w-]+)\}\}$", re.MULTILINE)
 _NAME = re.compile(r"\{\{(\w+)\}\}")
 
 
 @dataclass(frozen=True)
 class Prompt:
-    """A prompt. `parts` are its texts by their headings, `sha256` is of the file with all that it includes."""
+    """A prompt template.
+
+    Attributes:
+        parts: Texts by heading.
+        sha256: Digest of the file with its includes.
+    """
 
     parts: Mapping[str, str]
     sha256: str
 
     def fill(self, part: str, **values: object) -> str:
-        """One part with its names filled in, each once: what is filled in is not looked at again. Raises KeyError."""
-        return _NAME.sub(lambda found: str(values[found[1]]), self.parts[part])
+        """Return one part with its names replaced. Values are not expanded again.
+
+        Raises:
+            KeyError: If the part does not exist, or a name has no value.
+        """
+        return _NAME.sub(lambda match: str(values[match[1]]), self.parts[part])
 
 
 @cache
 def prompt(stage: str) -> Prompt:
-    """The prompt of a stage."""
-    text = _INCLUDED.sub(lambda found: _read(found[1]), _read(stage))
+    """Return the template of a stage."""
+    text = _INCLUDE.sub(lambda match: _read(match[1]), _read(stage))
     pieces = _PART.split(text)
-    # What stands before the first heading is for those who read the file.
+    # The text before the first heading is for readers of the file.
     parts = {name: body.strip() for name, body in zip(pieces[1::2], pieces[2::2], strict=True)}
     return Prompt(parts, hashlib.sha256(text.encode()).hexdigest())
 

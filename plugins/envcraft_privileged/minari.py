@@ -1,7 +1,7 @@
-"""Recordings as data sets of Minari, in its own HDF5: one for each environment and player.
+"""Exports recordings as data sets in Minari's HDF5 format, one for each environment and player.
 
-A data set names its environment, and brings no code: Minari recovers it by ``envcraft.using.ids``, from the corpus that
-``ENVCRAFT_CORPUS`` names and under that corpus's verdicts.
+A data set names its environment and contains no code: Minari makes the environment by ``envcraft:create``, from the
+corpus that ``ENVCRAFT_CORPUS`` names and under that corpus's verdicts.
 """
 
 from __future__ import annotations
@@ -15,30 +15,30 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from envcraft.corpus.export import Exported, Exporter, Order, fresh_folder
+from envcraft.corpus.export.exporter import Exported, Exporter, Order, fresh_folder
 from envcraft.errors import UsageError
-from envcraft.reports import plural
+from envcraft.text import plural
 
 if TYPE_CHECKING:
     from gymnasium.envs.registration import EnvSpec
 
-    from envcraft.contract import Contract
+    from envcraft.corpus.store.demonstrations import Row
     from envcraft.demonstrations.cache import Cache
-    from envcraft.demonstrations.keeping import Row
+    from envcraft.model.contract import Contract
 
 _ROOT = "MINARI_DATASETS_PATH"
 
 
 class MinariExporter(Exporter):
     name = "minari"
-    summary = "data sets that Minari loads, of what was recorded of players (envcraft demos --cache)"
+    summary = "Minari data sets of the recordings that envcraft demos --cache made"
 
     def export(self, order: Order) -> list[str]:
         if importlib.util.find_spec("minari") is None:
             raise UsageError("data sets for Minari need it: pip install 'envcraft-rl[minari]'")
         if order.licence is not None:
             raise UsageError("--licence is for the card of --to hf")
-        from envcraft.demonstrations import keeping
+        from envcraft.corpus.store.demonstrations import named
 
         namespace = _word(order.name or "envcraft")
         exported = {environment.name: environment for environment in order.environments()}
@@ -46,12 +46,12 @@ class MinariExporter(Exporter):
             raise order.nothing()
         made: list[str] = []
         with fresh_folder(order.output) as folder, _datasets_in(folder):
-            for name, row in keeping.rows(order.store):
+            for name, row in named(order.store):
                 if name in exported:
                     made.append(_write(order, namespace, exported[name], row, made))
             if not made:
                 root = order.store.root
-                raise UsageError(f"nothing in {root} was recorded; `envcraft demos {root} --cache` does so")
+                raise UsageError(f"{root} has no recordings; `envcraft demos {root} --cache` makes them")
         return [
             f"{plural(len(made), 'data set')} in {order.output}: with {_ROOT}={order.output} and "
             f"ENVCRAFT_CORPUS={order.store.root}, in Python",
@@ -60,38 +60,39 @@ class MinariExporter(Exporter):
 
 
 def _write(order: Order, namespace: str, environment: Exported, row: Row, taken: list[str]) -> str:
-    """Write a recording's data set; give its id. Raises UsageError where its frames were not kept."""
+    """Write the data set of a recording, and return its id. Raises UsageError if it has no frame cache."""
     import minari
     from gymnasium.envs.registration import EnvSpec
 
-    from envcraft.commands.choices import contract_named
-    from envcraft.demonstrations import keeping
+    from envcraft.contracts.lookup import contract_named
+    from envcraft.corpus.ids import identifier
     from envcraft.demonstrations.cache import Cache
-    from envcraft.using.ids import identifier
+    from envcraft.demonstrations.store import cache_path
+    from envcraft.environments.registration import ENTRY_POINT
 
-    file = keeping.cache_place(order.store, row.file)
+    file = cache_path(order.store, row.file)
     if not file.exists():
         raise UsageError(
-            f"the frames of {environment.name} were not kept; `envcraft demos {order.store.root} --cache` does so"
+            f"{environment.name} has no frame cache; `envcraft demos {order.store.root} --cache` writes it"
         )
     stem = f"{namespace}/{_word(environment.name.removesuffix('.py'))}/{_word(row.player)}"
     number = sum(known.rpartition("-v")[0] == stem for known in taken)
     spec = EnvSpec(
         identifier(environment.name),
-        "envcraft.using.ids:create",
+        ENTRY_POINT,
         disable_env_checker=True,
         kwargs={"name": environment.name, "contract": row.contract},
     )
     cache = Cache(file)
     with warnings.catch_warnings():
-        # It asks for an author and a link, which only whoever publishes the data knows.
+        # Minari asks for an author and a link, which only the publisher of the data knows.
         warnings.simplefilter("ignore", UserWarning)
         minari.create_dataset_from_buffers(
             f"{stem}-v{number}",
             _episodes(cache),
             env=_named(spec, contract_named(row.contract)),
             algorithm_name=row.player,
-            # By default frames go through JPEG, and come back otherwise.
+            # The default is JPEG, which loses information.
             jpeg_encoding=False,
             description=f"{environment.name}, played by {row.player}; the source has SHA-256 {row.source}",
         )
@@ -99,7 +100,7 @@ def _write(order: Order, namespace: str, environment: Exported, row: Row, taken:
 
 
 def _episodes(cache: Cache) -> Iterator[Any]:
-    """The episodes one by one: all of them at once would be large."""
+    """The episodes, one at a time because all frames together would be large."""
     import numpy as np
     from minari.data_collector import EpisodeBuffer
 
@@ -118,30 +119,31 @@ def _episodes(cache: Cache) -> Iterator[Any]:
 
 
 def _named(spec: EnvSpec, contract: Contract) -> Any:
-    """An environment in name only: Minari would run a real one, for its spaces."""
+    """An environment with spaces and a spec only; of a real one Minari would run the code."""
     import gymnasium
 
-    from envcraft.using.spaces import to_gymnasium
+    from envcraft.spaces.gymnasium import to_gymnasium
+    from envcraft.spaces.spec import read_space
 
     env: gymnasium.Env[Any, Any] = gymnasium.Env()
     if contract.observation is None or contract.action is None:
-        raise UsageError(f"the contract {contract.name} leaves the spaces open, and Minari wants to know them")
-    env.observation_space = to_gymnasium(contract.observation, "the observation space")
-    env.action_space = to_gymnasium(contract.action, "the action space")
+        raise UsageError(f"the contract {contract.name} defines no spaces, and Minari needs them")
+    env.observation_space = to_gymnasium(read_space(contract.observation), "the observation space")
+    env.action_space = to_gymnasium(read_space(contract.action), "the action space")
     env.spec = spec
     return env
 
 
 def _word(name: str) -> str:
-    """A part of an id of Minari's: letters, digits, `_`, `.` and `-`."""
+    """A part of a Minari id: letters, digits, `_`, `.` and `-`."""
     return re.sub(r"[^\w.-]", "_", name, flags=re.ASCII)
 
 
 @contextlib.contextmanager
 def _datasets_in(folder: Path) -> Iterator[None]:
-    """Have Minari keep data sets in a folder."""
+    """Make Minari store data sets in this folder."""
     before = os.environ.get(_ROOT)
-    # Of a relative one Minari takes each of its parts twice.
+    # Minari doubles the parts of a relative path.
     os.environ[_ROOT] = str(folder.absolute())
     try:
         yield

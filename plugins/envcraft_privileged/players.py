@@ -1,4 +1,4 @@
-"""Players that know no game: chance, doing nothing, and a search on copies of the state."""
+"""Players for any environment: random actions, no action, and a search on copies of the state."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING
 from envcraft.demonstrations.player import Player
 
 if TYPE_CHECKING:
-    from envcraft.subject import Subject
-    from envcraft.trace import Trace
+    from envcraft.judging.subject import Subject
+    from envcraft.model.trace import Trace
 
 
 class RandomPlayer(Player):
     name = "random"
-    summary = "each action drawn evenly from the action space"
+    summary = "draws each action uniformly from the action space"
 
     def play(self, subject: Subject, number: int) -> Trace:
         return subject.random(number)
@@ -21,23 +21,23 @@ class RandomPlayer(Player):
 
 class NoopPlayer(Player):
     name = "noop"
-    summary = "does nothing, where the contract knows how"
+    summary = "does nothing, if the contract defines an action for that"
 
     def play(self, subject: Subject, number: int) -> Trace:
         return subject.noop(number)
 
 
 class SearchPlayer(Player):
-    """Explores as the check `difficulty` does; where that finds no win, it plays the episode by rolling horizon.
+    """Explores like the check `difficulty`; if that finds no win, it plans with a rolling horizon.
 
-    Both search in the worker, on copies of the environment or by playing its actions again where it cannot be copied,
-    and what they find is stepped for real.
+    Both searches run in the worker, on copies of the environment or, if it cannot be copied, by replaying actions. The
+    actions that they return are then played in a fresh episode.
     """
 
     name = "search"
-    summary = "searches ahead on copies of the state, in any environment"
+    summary = "searches ahead on copies of the state"
 
     def play(self, subject: Subject, number: int) -> Trace:
         chosen = subject.searches.explore(number).get("win") or subject.searches.horizon(number).get("best")
-        # A search that found nothing to do still leaves an episode to play.
+        # A search without a result still leaves an episode to play.
         return subject.searches.scripted(number, chosen, "the search player") if chosen else subject.random(number)

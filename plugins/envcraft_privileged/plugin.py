@@ -1,4 +1,4 @@
-"""The built-in players, the command that has them play, and what it recorded as a data set of Minari."""
+"""Registers the built-in players, the command ``demos`` and the exporter for Minari."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import click
 from envcraft.plugins import hookimpl
 
 if TYPE_CHECKING:
-    from envcraft.corpus.export import Exporter
+    from envcraft.corpus.export.exporter import Exporter
     from envcraft.demonstrations.player import Player
 
 

@@ -1,1 +1,1 @@
-"""``envcraft generate --family tetris``: games of falling pieces, each a file of its own."""
+"""The family `tetris`: a generator of falling-piece games, their vectorized simulator, and a player for them."""

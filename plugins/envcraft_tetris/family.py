@@ -10,27 +10,31 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
+from envcraft.environments.families import Family, Generated
 from envcraft.errors import UsageError
-from envcraft.families import Family, Generated
-
-from .axes.controls import Controls
-from .variant import Variant
+from envcraft_tetris.axes.controls import Controls
+from envcraft_tetris.variant import Variant
 
 if TYPE_CHECKING:
-    from .fastlane.simulator import Simulator
+    from gymnasium.vector import AutoresetMode
 
+    from envcraft_tetris.vectorized.simulator import Simulator
 
-_DROPS = {"button": "a button drops pieces", "down": "down drops pieces", "none": "nothing drops pieces"}
+#: The kinds of environments, by the control that drops a piece.
+_KINDS = {"button": "a button drops pieces", "down": "down drops pieces", "none": "nothing drops pieces"}
 
 
 class TetrisFamily(Family):
+    """Falling-piece games under the contract ``arcade``."""
+
     name = "tetris"
     summary = "falling pieces: boards, pieces, controls, clearing, goals and looks drawn at random (contract arcade)"
 
     def generate(self, count: int, seed: int) -> Iterator[Generated]:
+        """Generate `count` variants with distinct rules. Each is named after the number of its draw."""
         rng = Random(seed)
         known: set[object] = set()
-        # A number is that of a draw: a variant keeps it when one before it is found to be unfit.
+        # Rejected draws keep their numbers, so that a stricter filter renames no variant.
         for number in itertools.count():
             if len(known) == count:
                 return
@@ -42,29 +46,35 @@ class TetrisFamily(Family):
             yield Generated(f"tetris_{seed}_{number:04}", source, {"axes": variant.axes()})
 
     def kind(self, metadata: dict[str, Any]) -> str:
-        """What drops a piece at once: who leaves it alone plays longer."""
-        return _DROPS[Controls(**metadata["axes"]["controls"]).drop] if "axes" in metadata else ""
+        """The control that drops a piece at once. Episodes last longer for players that never use it."""
+        return _KINDS[Controls(**metadata["axes"]["controls"]).drop] if "axes" in metadata else ""
 
-    def simulate(self, generated: Sequence[Generated]) -> Simulator:
-        from .fastlane.simulator import Simulator
+    def simulate(self, generated: Sequence[Generated], autoreset_mode: AutoresetMode, copy: bool) -> Simulator:
+        """Simulate generated environments in this process. Raises UsageError without numba or for a changed source."""
+        from envcraft_tetris.vectorized.simulator import Simulator
 
         known: dict[str, Variant] = {}
         for one in generated:
             if one.source not in known:
                 known[one.source] = variant_of(one)
-        return Simulator([known[one.source] for one in generated])
+        return Simulator([known[one.source] for one in generated], autoreset_mode, copy)
 
 
 def variant_of(generated: Generated) -> Variant:
-    """The variant that a source was written for. Raises UsageError where it would be written otherwise."""
+    """Recover the variant of a generated environment from its metadata.
+
+    Raises:
+        UsageError: The source differs from the source that this version writes for the variant.
+    """
     try:
         variant = msgspec.convert(generated.metadata.get("axes"), Variant)
         class_name = re.search(r"^class (\w+)\(", generated.source, re.MULTILINE)
         if class_name and variant.write(class_name[1]) == generated.source:
             return variant
     except (msgspec.ValidationError, ArithmeticError, LookupError, ValueError):
-        # Values along the axes that the family does not have.
+        # The metadata has values that no axis has.
         pass
     raise UsageError(
-        f"{generated.name} is not as the family tetris of this version writes it: leave fast out, and the file is run"
+        f"the source of {generated.name} is not what this version of the family tetris writes; omit fast to run the "
+        "source itself"
     )

@@ -1,4 +1,4 @@
-"""The built-in family `tetris` and the player of its games, as a plugin."""
+"""The plugin of the family `tetris` and its player."""
 
 from __future__ import annotations
 
@@ -8,18 +8,18 @@ from envcraft.plugins import hookimpl
 
 if TYPE_CHECKING:
     from envcraft.demonstrations.player import Player
-    from envcraft.families import Family
+    from envcraft.environments.families import Family
 
 
 @hookimpl
 def envcraft_families() -> list[Family]:
-    from .family import TetrisFamily
+    from envcraft_tetris.family import TetrisFamily
 
     return [TetrisFamily()]
 
 
 @hookimpl
 def envcraft_players() -> list[Player]:
-    from .player import TetrisPlayer
+    from envcraft_tetris.player import TetrisPlayer
 
     return [TetrisPlayer()]

@@ -1,4 +1,4 @@
-"""What every variant has in common; the slots in double angle brackets are the axes' to fill."""
+"""The code that all variants share. Axes fill the slots in double angle brackets."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
-"""Drivers that put a worker behind isolation, and the worker itself (:mod:`envcraft_sandbox.worker`).
+"""Sandbox drivers, and the worker that runs inside a sandbox (:mod:`envcraft_sandbox.worker`).
 
-Importing this package costs nothing: the worker is started with ``python -m envcraft_sandbox.worker`` inside a
+The import of this package costs nothing: drivers start the worker with ``python -m envcraft_sandbox.worker`` inside a
 sandbox that has no ``envcraft``.
 """

@@ -1,4 +1,4 @@
-"""The ``bubblewrap`` driver: own user, mount, process, network, IPC and host-name namespaces, without an engine."""
+"""The ``bubblewrap`` driver: namespaces for users, mounts, processes, network, IPC and host name; no engine."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ import threading
 from collections.abc import Callable
 from pathlib import Path
 
-from envcraft.installed import Installed
-from envcraft.sandbox import Availability, Driver, Isolation, Limits, Worker
+from envcraft.judging.driver import Availability, Driver, Isolation, Limits, Worker
+from envcraft.judging.installed import Installed
 
 from . import launch
-from .zygote import Nursery, Started
+from .zygote import Started, ZygoteDriver
 
 _LAYERS = [
     "user, mount, pid, network, ipc and uts namespaces",
@@ -27,11 +27,11 @@ _LAYERS = [
     "scrubbed environment",
 ]
 _SYSTEM = ("/usr", "/lib", "/lib64", "/lib32", "/bin", "/etc/ld.so.cache", "/etc/localtime")
-#: Whether a worker of this process has: then there is nothing left to try.
+#: Set once a worker of this process has started: then a probe has nothing to try.
 _has_started = threading.Event()
 _TMPFS_BYTES = 64 * 1024**2
-#: As bwrap makes them itself, but read-only, and without new terminals, which workers of one zygote would share. For
-#: its own it is root inside first, and then covers parts of /proc: below that no namespace can have a /proc of its own.
+#: The devices that ``bwrap --dev`` makes, but read-only and without new terminals, which the workers of one zygote
+#: would share. With ``--dev``, bwrap also covers parts of /proc, and then nested namespaces cannot mount their own.
 _DEVICES = [
     *("--tmpfs", "/dev"),
     *(
@@ -53,31 +53,32 @@ class BubblewrapDriver(Driver):
     name = "bubblewrap"
     isolation = Isolation.NAMESPACE
     rank = 20
+    packages = ("envcraft_sandbox.worker",)
 
     def __init__(self, found: Installed = Installed()) -> None:  # noqa: B008 (it is immutable)
         self._found = found
 
-    def seeing(self, found: Installed) -> BubblewrapDriver:
-        return BubblewrapDriver(found)
+    def with_installed(self, packages: Installed) -> BubblewrapDriver:
+        return BubblewrapDriver(packages)
 
     def probe(self) -> Availability:
         return Availability(True, layers=_LAYERS) if _has_started.is_set() else _probe()
 
     def launch(self, *, hash_seed: int, limits: Limits) -> Worker:
-        return self.begin(hash_seed=hash_seed, limits=limits)()
+        return self.start(hash_seed=hash_seed, limits=limits)()
 
-    def begin(self, *, hash_seed: int, limits: Limits) -> Callable[[], Worker]:
-        begun = launch.start(self._argv(isolate(self._found), hash_seed), {}, limits, self.name)
+    def start(self, *, hash_seed: int, limits: Limits) -> Callable[[], Worker]:
+        started = launch.start(self._argv(isolate(self._found), hash_seed), {}, limits, self.name)
 
         def wait() -> Worker:
-            worker = begun()
+            worker = started()
             _has_started.set()
             return worker
 
         return wait
 
-    def nursery(self) -> Driver:
-        return Nursery(self, self._zygote, launch.JOB_FOLDER)
+    def shared_layout(self) -> Driver:
+        return ZygoteDriver(self, self._zygote, launch.JOB_FOLDER)
 
     def _zygote(self, hash_seed: int) -> Started:
         argv = [*self._argv(isolate(self._found, nested=True), hash_seed), "--zygote", str(_TMPFS_BYTES)]
@@ -107,14 +108,19 @@ def _probe() -> Availability:
 
 
 def isolate(found: Installed = Installed(), nested: bool = False) -> list[str]:  # noqa: B008 (it is immutable)
-    """The bwrap command line up to the program: what the worker sees is the system, the interpreter, the
-    libraries, and what is installed elsewhere. With `nested` the program is to make such namespaces in its own.
+    """The bwrap command line up to the program.
+
+    The worker sees the system, the interpreter, the libraries and what is installed elsewhere.
+
+    Args:
+        found: what is installed outside the interpreter's libraries.
+        nested: the program makes such namespaces inside its own.
     """
     argv = [shutil.which("bwrap") or "bwrap", "--unshare-all", "--die-with-parent", "--new-session", "--as-pid-1"]
     if nested:
         argv += ["--unshare-user"]
     elif _knows("--disable-userns"):
-        # A namespace of its own would give the job capabilities again, if only inside.
+        # In a user namespace of its own the job would have capabilities again.
         argv += ["--unshare-user", "--disable-userns"]
     argv += ["--cap-drop", "ALL", "--clearenv", "--hostname", "sandbox", "--uid", "65534", "--gid", "65534"]
     for path in _SYSTEM:
@@ -124,11 +130,11 @@ def isolate(found: Installed = Installed(), nested: bool = False) -> list[str]: 
             argv += ["--ro-bind-try", path, path]
     argv += ["--proc", "/proc", *(_DEVICES if nested else ("--dev", "/dev"))]
     argv += ["--size", str(_TMPFS_BYTES), "--tmpfs", "/tmp"]
-    # After the empty /tmp, which would hide an interpreter that lies below it.
+    # These follow the empty /tmp, which would hide an interpreter below it.
     for path in _python_paths(found):
         argv += ["--ro-bind", path, path]
     if nested:
-        # Each has files of its own here.
+        # Each fork server mounts its own file system here.
         argv += ["--dir", launch.JOB_FOLDER, "--remount-ro", "/tmp"]
     return [*argv, "--remount-ro", "/", "--chdir", "/tmp"]
 
@@ -137,15 +143,15 @@ def isolate(found: Installed = Installed(), nested: bool = False) -> list[str]: 
 def _knows(option: str) -> bool:
     """Whether this version of bwrap has an option."""
     with contextlib.suppress(OSError):
-        # It prints its options from its own text, and running it takes longer than reading it.
+        # The program contains the text of its options, and reading it takes less time than running it.
         if option.encode() in Path(shutil.which("bwrap") or "bwrap").read_bytes():
             return True
-    told = subprocess.run(["bwrap", "--help"], capture_output=True, timeout=20, check=False)
-    return option.encode() in told.stdout + told.stderr
+    help_text = subprocess.run(["bwrap", "--help"], capture_output=True, timeout=20, check=False)
+    return option.encode() in help_text.stdout + help_text.stderr
 
 
 def _python_paths(more: Installed) -> list[str]:
-    """Folders of the interpreter and its libraries that the system folders do not hold already."""
+    """The folders of the interpreter and its libraries that the system folders do not contain."""
     wanted = [sys.prefix, sys.base_prefix, sys.exec_prefix, str(Path(sys.executable).resolve().parent)]
     wanted += [
         sysconfig.get_path("stdlib"),

@@ -1,4 +1,4 @@
-"""The host's end of a fork server: hand it jobs, watch their deadlines, and end what does not end."""
+"""The host's end of a fork server: send it jobs, enforce their deadlines, and end jobs that do not end."""
 
 from __future__ import annotations
 
@@ -14,18 +14,20 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import msgspec
+from envcraft_protocol.jobs import Job, Request
+from envcraft_protocol.wire import HEADER, MAX_MESSAGE, Kind
 
 from envcraft.errors import EnvCraftError, MalformedValue, WorkerLost
-from envcraft.sandbox import How, JobEnd, Limits, Player, Recorder, Stop, Worker
+from envcraft.judging.driver import Limits, Player, Recorder, Stop, Worker
+from envcraft.model.job import ExitReason, JobResult
 
 from .reader import Forged, Reader
-from .wire import HEADER, MAX_MESSAGE, Kind
 
 _CHUNK = 1 << 20
 _SERVER_SECONDS = 60.0
 _GOODBYE_SECONDS = 1.0
 _LOADING = ("start", "import", "construct", "policy")
-#: Jobs of a series that one process runs.
+#: Number of jobs of a series that one process runs.
 _SERIES = 64
 
 
@@ -34,13 +36,18 @@ class Ended(NamedTuple):
 
     status: int
     cpu: float
-    over: How | None
+    over: ExitReason | None
 
 
 @dataclass
 class _Process:
-    """A job's process as the host sees it: its number at the fork server, its data socket, the pipe for its output, and
-    how many jobs it has done.
+    """A job's process as the host sees it.
+
+    Attributes:
+        number: its number at the fork server.
+        data: its data socket.
+        output: the pipe for its output.
+        done: number of jobs it has completed.
     """
 
     number: int
@@ -56,10 +63,10 @@ class _Process:
 
 
 class ForkServerWorker(Worker):
-    """A worker reached over a connected stream socket. Drivers add how it is started and ended."""
+    """A worker reached over a connected stream socket. Drivers add how it starts and ends."""
 
     def __init__(self, control: socket.socket, limits: Limits) -> None:
-        """Wait for the fork server on `control` to say that it is ready. Raises WorkerLost."""
+        """Wait until the fork server on `control` reports that it is ready. Raises WorkerLost."""
         self._control = control
         self._received = b""
         self._jobs = 0
@@ -79,9 +86,9 @@ class ForkServerWorker(Worker):
         answer = self._reply("missing")
         return answer["missing"], answer["known"]
 
-    def run(self, job: dict[str, Any], recorder: Recorder, limits: Limits, player: Player | None = None) -> JobEnd:
+    def run(self, job: Job, recorder: Recorder, limits: Limits, player: Player | None = None) -> JobResult:
         process = self._take()
-        if process is not None and (job.get("first") or not job.get("series")):
+        if process is not None and (job.get("new_process") or not job.get("series")):
             self._dismiss(process)
             process = None
         if process is None:
@@ -92,16 +99,16 @@ class ForkServerWorker(Worker):
             process.data.settimeout(limits.loading)
             payload = json.dumps(job).encode()
             if len(payload) > MAX_MESSAGE:
-                words = f"a job of {len(payload)} bytes, of which a worker takes {MAX_MESSAGE}"
+                words = f"a job has {len(payload)} bytes, and a worker accepts {MAX_MESSAGE}"
                 raise EnvCraftError(f"{words}: the source or the actions of an episode are too long; make them smaller")
-            # A child that died before it read the job: how, the exit status will tell.
+            # The exit status explains why a child died before it read the job.
             with contextlib.suppress(OSError):
                 process.data.sendall(HEADER.pack(0, len(payload)) + payload)
             process.data.setblocking(False)
             watch = _Watch(self, process, recorder, limits, player, series)
             end = watch.run()
             process.done += 1
-            if watch.goes_on:
+            if watch.reusable:
                 with self._taking:
                     if not self._closed:
                         self._waits, process = process, None
@@ -119,13 +126,13 @@ class ForkServerWorker(Worker):
             process.close()
 
     def _take(self) -> _Process | None:
-        """The process that waits for another job, if one does: whoever has it is the only one."""
+        """Take the process that waits for another job, if there is one. No other thread gets it."""
         with self._taking:
             process, self._waits = self._waits, None
         return process
 
     def _start(self, limits: Limits) -> _Process:
-        """Have a process forked for a job."""
+        """Let the fork server fork a process for a job."""
         self._jobs += 1
         ours, theirs = socket.socketpair()
         output, output_end = os.pipe()
@@ -134,7 +141,7 @@ class ForkServerWorker(Worker):
             for option in (socket.SO_SNDBUF, socket.SO_RCVBUF):
                 ours.setsockopt(socket.SOL_SOCKET, option, _CHUNK)
                 theirs.setsockopt(socket.SOL_SOCKET, option, _CHUNK)
-            message = {"op": "job", "id": process.number, "limits": msgspec.to_builtins(limits)}
+            message: Request = {"op": "job", "id": process.number, "limits": msgspec.to_builtins(limits)}
             self._send(message, [theirs.fileno(), output_end])
         except BaseException:
             process.close()
@@ -152,20 +159,20 @@ class ForkServerWorker(Worker):
             self.ended(process.number)
 
     def kill(self, number: int) -> None:
-        """Ask for the end of a job's processes."""
+        """Request the end of a job's processes."""
         self._send({"op": "kill", "id": number})
 
     def ended(self, number: int, patience: float = _SERVER_SECONDS) -> Ended | None:
-        """Wait for the end of a job's process: None when it still runs after `patience` seconds. Raises WorkerLost."""
+        """Wait for the end of a job's process; None if it still runs after `patience` seconds. Raises WorkerLost."""
         deadline = time.monotonic() + patience
         while True:
             answer = self._answer("exit", deadline)
             if answer is None:
                 return None
             if answer["exit"] == number:
-                return Ended(answer["status"], answer["cpu"], How(answer["over"]) if answer["over"] else None)
+                return Ended(answer["status"], answer["cpu"], ExitReason(answer["over"]) if answer["over"] else None)
 
-    def _send(self, message: dict[str, Any], descriptors: list[int] | None = None) -> None:
+    def _send(self, message: Request, descriptors: list[int] | None = None) -> None:
         data = json.dumps(message).encode() + b"\n"
         try:
             if descriptors:
@@ -182,7 +189,7 @@ class ForkServerWorker(Worker):
         return answer
 
     def _answer(self, key: str, deadline: float) -> dict[str, Any] | None:
-        """The next answer that has `key`; None when there is none by the deadline. Raises WorkerLost."""
+        """The next answer that has `key`; None if there is none before the deadline. Raises WorkerLost."""
         while True:
             line, found, rest = self._received.partition(b"\n")
             if found:
@@ -204,7 +211,7 @@ class ForkServerWorker(Worker):
 
 
 def hang_up(control: socket.socket) -> None:
-    """Close a control socket, also for those who inherited a copy of it."""
+    """Close a control socket for all processes that have a copy of it."""
     with contextlib.suppress(OSError):
         control.shutdown(socket.SHUT_RDWR)
     control.close()
@@ -221,7 +228,7 @@ def _decode(line: bytes) -> dict[str, Any]:
 
 
 class _Watch:
-    """One job under way."""
+    """Watches one running job."""
 
     def __init__(
         self,
@@ -239,42 +246,42 @@ class _Watch:
         self._before = process.done
         self._series = series
         #: Whether the process waits for another job now.
-        self.goes_on = False
+        self.reusable = False
         self._limits = limits
         self._recorder = recorder
         self._player = player
         self._reader = Reader(recorder, played=player is not None)
         self._started = time.monotonic()
-        #: Since when the player is waited for, and what it has given before it was asked.
+        #: When the job began to wait for the player, and actions that the player has sent already.
         self._waiting: float | None = None
         self._given: list[Any] = []
         self._head = bytearray()
         self._printed = 0
 
-    def run(self) -> JobEnd:
+    def run(self) -> JobResult:
         try:
             how, detail = self._listen()
         except BaseException:
             self._worker.kill(self._number)
             raise
         self._resume()
-        if how is How.DONE and self._series and self._reader.goes_on:
-            self.goes_on = True
+        if how is ExitReason.DONE and self._series and self._reader.reusable:
+            self.reusable = True
             self._drain()
             os.set_blocking(self._output, True)
             return self._end(how)
-        died = how is How.DIED
-        # A job that said goodbye, or closed its channel, may still run.
-        patience = _GOODBYE_SECONDS if how in (How.DONE, How.DIED) else 0
+        died = how is ExitReason.DIED
+        # A job that reported its end or closed its channel may still run.
+        patience = _GOODBYE_SECONDS if how in (ExitReason.DONE, ExitReason.DIED) else 0
         ended = self._worker.ended(self._number, patience)
         if ended is None:
             self._worker.kill(self._number)
             ended = self._worker.ended(self._number)
             if died:
-                died, detail = False, "it closed its channel and went on"
+                died, detail = False, "it closed its channel and continued to run"
         if ended is None:
             raise WorkerLost("the worker does not end its job; run again, or see `envcraft doctor`")
-        if ended.over is not None and how is not How.DONE:
+        if ended.over is not None and how is not ExitReason.DONE:
             how, died, detail = ended.over, False, self._limit(ended.over)
         self._drain()
         status = ended.status
@@ -286,10 +293,10 @@ class _Watch:
             cpu=ended.cpu,
         )
 
-    def _end(self, how: How) -> JobEnd:
+    def _end(self, how: ExitReason) -> JobResult:
         """The end of a job, as far as it is known without that of its process."""
-        return JobEnd(
-            how=how,
+        return JobResult(
+            reason=how,
             phase=self._reader.phase,
             seconds=time.monotonic() - self._started,
             output=self._head.decode("utf-8", "replace"),
@@ -298,15 +305,16 @@ class _Watch:
             waits=self._reader.waits,
         )
 
-    def _limit(self, how: How) -> str:
+    def _limit(self, how: ExitReason) -> str:
         limits = self._limits
         return {
-            How.MEMORY: f"more than {limits.memory // 1024**2} MiB of memory",
-            How.PROCESSES: f"more than {limits.processes} threads",
-            How.DISK: f"more than {limits.disk // 1024**2} MiB of files",
+            ExitReason.MEMORY: f"more than {limits.memory // 1024**2} MiB of memory",
+            ExitReason.PROCESSES: f"more than {limits.processes} threads",
+            ExitReason.DISK: f"more than {limits.disk // 1024**2} MiB of files",
         }[how]
 
-    def _listen(self) -> tuple[How, str]:
+    def _listen(self) -> tuple[ExitReason, str]:
+        """Read the job's messages until it ends; return the reason and a detail."""
         poll = select.poll()
         poll.register(self._data, select.POLLIN)
         poll.register(self._output, select.POLLIN)
@@ -324,19 +332,19 @@ class _Watch:
             if left <= 0:
                 whole = now - self._started >= self._limits.job
                 limit = self._limits.job if whole else patience
-                return How.TIMEOUT, f"{'the whole job' if whole else 'no answer'} within {limit:g} s"
+                return ExitReason.TIMEOUT, f"{'the whole job' if whole else 'no answer'} within {limit:g} s"
             for descriptor, _ in poll.poll(min(left, 1.0) * 1000):
                 if descriptor == self._output:
                     if not self._take_output():
                         poll.unregister(self._output)
                     if self._printed > self._limits.output_total:
-                        return How.FLOOD, f"more than {self._limits.output_total} bytes of output"
+                        return ExitReason.FLOOD, f"more than {self._limits.output_total} bytes of output"
                     continue
                 if self._player is not None and descriptor == self._player.fileno():
                     try:
                         self._given.append(self._player.take())
                     except Stop:
-                        return How.STOPPED, ""
+                        return ExitReason.STOPPED, ""
                     continue
                 try:
                     size = self._data.recv_into(chunk)
@@ -345,48 +353,52 @@ class _Watch:
                 except OSError:
                     size = 0
                 if not size:
-                    return How.DIED, ""
+                    return ExitReason.DIED, ""
                 heard = time.monotonic()
                 try:
                     self._reader.feed(view[:size])
                 except Forged as error:
-                    return How.FORGED, str(error)
+                    return ExitReason.FORGED, str(error)
                 except Stop:
-                    return How.STOPPED, ""
+                    return ExitReason.STOPPED, ""
                 if self._reader.ended:
-                    return How.DONE, ""
-                if self._player is not None and self._reader.asked and self._waiting is None:
+                    return ExitReason.DONE, ""
+                if self._player is not None and self._reader.awaits_action and self._waiting is None:
                     self._waiting = heard
-                    self._player.asked()
+                    self._player.action_requested()
             if self._waiting is not None and self._given:
                 try:
                     self._answer(self._given.pop(0))
                 except Stop:
-                    return How.STOPPED, ""
+                    return ExitReason.STOPPED, ""
                 except BlockingIOError:
-                    return How.FORGED, "it asks for actions and does not read them"
+                    return ExitReason.FORGED, "it requests actions and does not read them"
                 except MalformedValue as error:
-                    return How.FORGED, str(error)
+                    return ExitReason.FORGED, str(error)
                 heard = time.monotonic()
 
     def _answer(self, action: Any) -> None:
-        """Send the action that the job waits for. Raises Stop where the recorder refuses it, MalformedValue where it
-        has had all that it may have, BlockingIOError where nobody reads it.
+        """Send the action that the job waits for.
+
+        Raises:
+            Stop: the recorder refuses the action.
+            MalformedValue: the job has already had all its actions.
+            BlockingIOError: the job does not read the action.
         """
         self._recorder.action(action)
         payload = json.dumps(action).encode()
         self._resume()
-        self._reader.asked = False
+        self._reader.awaits_action = False
         try:
             self._data.sendall(HEADER.pack(Kind.ACTION, len(payload)) + payload)
         except BlockingIOError:
             raise
         except OSError:
-            # It has died: how, the exit status will tell.
+            # The exit status explains why the job died.
             pass
 
     def _resume(self) -> None:
-        """Go on counting the job's time."""
+        """Count the job's time again."""
         if self._waiting is not None:
             self._started += time.monotonic() - self._waiting
             self._waiting = None
@@ -400,7 +412,7 @@ class _Watch:
         return bool(data)
 
     def _drain(self) -> None:
-        """Take what the dead job had printed; a process that outlives it may hold the pipe open, so never wait."""
+        """Take the rest of the output. Never wait: a process that outlives the job may hold the pipe open."""
         os.set_blocking(self._output, False)
         try:
             while self._printed <= self._limits.output_total and self._take_output():

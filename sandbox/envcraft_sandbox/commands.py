@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING
 
 import click
 
-from envcraft.commands.choices import runtime_option
+from envcraft.cli.options import runtime_option
 
 if TYPE_CHECKING:
-    from envcraft.sandbox import Driver
+    from envcraft.judging.driver import Driver
 
-#: What to do about a layer that is missing, by how its name begins.
+#: The fix for a missing layer, by the beginning of its name.
 _REMEDIES = {
     "engine's seccomp profile": "let the engine use its default seccomp profile (`seccomp-profile` in daemon.json)",
     "memory limit": "enable the memory cgroup (kernel parameter cgroup_enable=memory)",
@@ -30,39 +30,41 @@ _REMEDIES = {
 @click.option("--format", "form", type=click.Choice(["console", "json"]), default="console", show_default=True)
 @runtime_option
 def doctor(form: str, runtime: str | None) -> None:
-    """Launch a worker in each sandbox, and tell how far it isolates here, what is missing, and what to do.
+    """Check which sandboxes work here and how to fix them.
+
+    Starts a worker in each sandbox and lists its active layers, its missing layers and the next step for each.
 
     \b
     Exit status: 0 some sandbox works    3 none does
     """
-    from envcraft.commands.choices import under
+    from envcraft.judging.selection import under
     from envcraft.plugins import plugins
 
     loaded = plugins()
     drivers = sorted(loaded.collect("envcraft_sandbox_drivers"), key=lambda driver: -driver.rank)
     if runtime is not None:
         drivers = under(runtime, drivers)
-    found: list[Examined] = []
+    results: list[Examined] = []
     for driver in drivers:
         try:
             driver.sweep()
-            found.append(examine(driver))
+            results.append(examine(driver))
         except Exception as error:
             loaded.note(f"sandbox {driver.name}", error)
-    auto = next((each.name for each in found if each.works), None)
+    auto = next((each.name for each in results if each.works), None)
     broken = [{"plugin": each.plugin, "error": each.error} for each in loaded.broken]
     if form == "json":
-        told = {"sandboxes": [asdict(each) for each in found], "auto": auto, "broken": broken}
-        click.echo(json.dumps(told, indent=2))
+        report = {"sandboxes": [asdict(each) for each in results], "auto": auto, "broken": broken}
+        click.echo(json.dumps(report, indent=2))
     else:
-        _show(found, auto, broken)
+        _show(results, auto, broken)
     if auto is None:
         raise SystemExit(3)
 
 
 @dataclass(frozen=True)
 class Examined:
-    """What a driver is worth on this machine; `fix` is what to do where it does not work, or layers are missing."""
+    """How well a driver works on this machine. `fix` is the next step if it fails or if layers are missing."""
 
     name: str
     isolation: str
@@ -75,14 +77,14 @@ class Examined:
 
 
 def examine(driver: Driver) -> Examined:
-    """Launch a worker: what it finds in force inside is worth more than what the machine promises."""
+    """Launch a worker: the layers that it observes inside count more than those that the machine promises."""
     from envcraft.errors import EnvCraftError
-    from envcraft.sandbox import Limits
-    from envcraft.verdict import SandboxReport
+    from envcraft.judging.driver import Limits
+    from envcraft.model.verdict import SandboxReport
 
     available = driver.probe()
     reason, fix = available.reason, available.fix
-    told = SandboxReport()
+    report = SandboxReport()
     if available.works:
         try:
             worker = driver.launch(hash_seed=0, limits=Limits())
@@ -90,11 +92,13 @@ def examine(driver: Driver) -> Examined:
             reason, _, fix = str(error).partition("; ")
         else:
             try:
-                told = SandboxReport.of(driver, worker.about)
+                report = SandboxReport.of(driver.name, available.layers, available.missing, worker.about)
             finally:
                 worker.close()
-            fix = "; ".join(filter(None, map(_remedy, told.missing)))
-    return Examined(driver.name, driver.isolation.value, not reason, told.layers, told.missing, reason, fix, told.image)
+            fix = "; ".join(filter(None, map(_remedy, report.missing)))
+    return Examined(
+        driver.name, driver.isolation.value, not reason, report.layers, report.missing, reason, fix, report.image
+    )
 
 
 def _remedy(layer: str) -> str:
@@ -110,13 +114,14 @@ def sandbox() -> None:
 @click.option(
     "--base",
     metavar="IMAGE",
-    help="Image to build on, with Python 3.11 or later and pip; `host` stands for the running interpreter, "
-    "and needs no registry.  [default: python:3.11-slim]",
+    help="Base image with Python 3.11 or later and pip. `host` copies the running interpreter and needs no registry.  "
+    "[default: python:3.11-slim]",
 )
 @click.option(
     "--packages",
     metavar="FILE",
-    help="What the environments need beside NumPy, Gymnasium, pygame-ce and SciPy: NAME or NAME==VERSION, one a line.",
+    help="File of additional libraries, one NAME or NAME==VERSION per line. The image always has NumPy, Gymnasium, "
+    "pygame-ce and SciPy.",
 )
 def build(base: str | None, packages: str | None) -> None:
     """Build the image of the docker sandbox."""
@@ -128,14 +133,14 @@ def build(base: str | None, packages: str | None) -> None:
     click.echo(f"{tag} {digest}")
 
 
-def _show(found: list[Examined], auto: str | None, broken: list[dict[str, str]]) -> None:
+def _show(results: list[Examined], auto: str | None, broken: list[dict[str, str]]) -> None:
     from rich.console import Console
     from rich.markup import escape
     from rich.table import Table
 
     console = Console()
-    table = Table("sandbox", "isolation", "works", "layers in force, what is missing, and what to do")
-    for each in found:
+    table = Table("sandbox", "isolation", "works", "active layers, missing layers, and the fix")
+    for each in results:
         lines = ["; ".join(each.layers)] if each.works else [f"{each.reason}: {each.fix}"]
         if each.missing:
             lines.append(f"missing: {'; '.join(each.missing)}" + (f". {each.fix}" if each.fix else ""))
@@ -143,7 +148,7 @@ def _show(found: list[Examined], auto: str | None, broken: list[dict[str, str]])
         table.add_row(escape(each.name), each.isolation, works, escape("\n".join(lines)))
     console.print(table)
     if auto is None:
-        console.print("No sandbox works here: nothing can be validated.")
+        console.print("No sandbox works on this machine, so EnvCraft cannot validate anything.")
     else:
         console.print(f"`--sandbox auto` takes {auto}.")
     for each_broken in broken:

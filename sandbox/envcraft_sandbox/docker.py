@@ -1,8 +1,8 @@
 """The ``docker`` driver: a container without network, capabilities, shell or a writable root, for each worker.
 
-The worker is the container's first process. It connects to a socket that is mounted into the container and that nobody
-else can reach; jobs are forked inside, and get their own sockets over that one. When the host hangs up, or is killed,
-the worker ends, and the container with it.
+The worker is the container's first process. It connects to a socket that is mounted into the container and that no
+other process can reach. The fork server forks jobs inside the container; each job gets its own socket over that one.
+The worker ends when the host closes the socket or is killed, and the container ends with the worker.
 """
 
 from __future__ import annotations
@@ -11,8 +11,8 @@ import contextlib
 import functools
 import os
 import platform
+import select
 import socket
-import subprocess
 import threading
 import time
 import weakref
@@ -21,22 +21,22 @@ from pathlib import Path
 from typing import Any
 
 from envcraft.errors import SandboxUnavailable, WorkerLost
-from envcraft.sandbox import Availability, Driver, Isolation, Limits, Worker
+from envcraft.judging.driver import Availability, Driver, Isolation, Limits, Worker
 
 from . import build, engine, launch, leftovers
 from .client import ForkServerWorker, hang_up
 from .engine import EngineError
 
-LABEL = "envcraft=worker"
+LABEL = "envcraft"
 #: Its value is the name of the folder of the process that started the container.
 OWNER_LABEL = "envcraft.owner"
 
 _CONTROL = "/run/envcraft/control.sock"
 _START_SECONDS = 60.0
 _END_SECONDS = 3.0
-#: What the fork server and the tmpfs need beside a job's own memory.
+#: Memory for the fork server and the tmpfs besides a job's own.
 _OVERHEAD = 256 * 1024**2
-#: What a kernel in user space (gVisor's) needs beside a job's own processes; the fork server alone needs one.
+#: Threads of a kernel in user space (gVisor) besides a job's own. The fork server alone needs one.
 _SENTRY_THREADS = 1024
 _OWN_LAYERS = [
     "container",
@@ -55,22 +55,23 @@ _ENGINE_LAYERS = {
     "PidsLimit": "process limit",
     "CpuCfsQuota": "one CPU",
 }
-#: What another runtime need not heed; each is `name` or `name=value` among the engine's security options.
+#: Layers of the default runtime, which another runtime may ignore; each is `name` or `name=value` among the engine's
+#: security options.
 _DEFAULT_RUNTIME_LAYERS = ("seccomp", "apparmor", "selinux")
-#: Lines for daemon.json: unless it is told to, gVisor opens no socket of the host, and wants a network.
+#: Lines for daemon.json: by default gVisor opens no socket of the host and requires a network.
 _RUNSC = '{"runtimes": {"runsc": {"path": "/usr/bin/runsc", "runtimeArgs": ["--host-uds=open", "--network=none"]}}}'
-#: What docker's own configuration may put into a container's environment, credentials included.
+#: Podman copies these into containers, credentials included.
 _PROXIES = ("HTTP_PROXY", "HTTPS_PROXY", "FTP_PROXY", "ALL_PROXY", "NO_PROXY")
 
 
 class DockerDriver(Driver):
-    """`runtime` is one that the engine knows: None for its default, ``runsc`` for gVisor."""
-
     name = "docker"
     isolation = Isolation.CONTAINER
     rank = 30
+    packages = ("envcraft_sandbox.worker",)
 
     def __init__(self, runtime: str | None = None) -> None:
+        """Use a runtime of the engine: None for its default, ``runsc`` for gVisor."""
         self._runtime = runtime
 
     def probe(self) -> Availability:
@@ -82,31 +83,33 @@ class DockerDriver(Driver):
         return Availability(True, layers=layers, missing=missing)
 
     def launch(self, *, hash_seed: int, limits: Limits) -> Worker:
-        return self.begin(hash_seed=hash_seed, limits=limits)()
+        return self.start(hash_seed=hash_seed, limits=limits)()
 
-    def begin(self, *, hash_seed: int, limits: Limits) -> Callable[[], Worker]:
-        name = f"envcraft-{os.urandom(8).hex()}"
-        try:
-            self._ask()
-            listener, client = self._start(name, hash_seed, limits)
-        except OSError as error:
-            raise _unavailable(str(error)) from None
-        except EngineError as error:
-            raise _unavailable(error.reason) from None
+    def start(self, *, hash_seed: int, limits: Limits) -> Callable[[], Worker]:
+        started = _Start(lambda: self._start(hash_seed, limits))
 
         def wait() -> Worker:
             try:
-                control = self._accept(listener, client, name)
+                container = started.result()
             except OSError as error:
                 raise _unavailable(str(error)) from None
+            except EngineError as error:
+                raise _unavailable(error.reason) from None
             try:
-                return DockerWorker(client, name, control, limits, self._image.id)
+                control = container.accept()
+            except BaseException:
+                container.end()
+                raise
+            if control is None:
+                raise self._refusal(container.end() or f"no connection within {_START_SECONDS:.0f} s")
+            try:
+                return DockerWorker(container, control, limits, self._image.id)
             except WorkerLost as error:
-                raise self._refusal(_end(client, name, control) or str(error)) from None
+                raise self._refusal(container.end(control) or str(error)) from None
 
         return wait
 
-    def under(self, runtime: str) -> DockerDriver:
+    def with_runtime(self, runtime: str) -> DockerDriver:
         return DockerDriver(runtime)
 
     def image(self) -> str | None:
@@ -116,65 +119,24 @@ class DockerDriver(Driver):
             raise _unavailable(error.reason) from None
 
     def sweep(self) -> None:
-        # For the other drivers of this package, too: there is one folder for all of them.
+        # One folder holds what all drivers of this package leave behind.
         leftovers.sweep()
 
-    def _ask(self) -> None:
-        """Ask the engine both questions at once: each starts a command. Raises EngineError."""
-        asked = threading.Thread(target=self._tell)
-        asked.start()
-        try:
-            _ = self._image
-        finally:
-            asked.join()
-        _ = self._info
-
-    def _tell(self) -> None:
-        with contextlib.suppress(EngineError):
-            # Asked again, and refused again, by whoever needs the answer.
-            _ = self._info
-
-    def _start(self, name: str, hash_seed: int, limits: Limits) -> tuple[socket.socket, subprocess.Popen[bytes]]:
-        """Start a container; give the socket that its worker will connect to, and its client. Raises OSError."""
-        path = leftovers.containers() / name / "control.sock"
-        path.parent.mkdir(mode=0o700)
-        listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-        try:
-            _bind(listener, path)
-            # For the container's user: only the socket is mounted, and nobody else can enter the folder.
-            path.chmod(0o666)
-            listener.listen(1)
-            return listener, self._run(name, path, hash_seed, limits)
-        except BaseException:
-            listener.close()
-            leftovers.remove(path.parent)
-            raise
-
-    def _accept(self, listener: socket.socket, client: subprocess.Popen[bytes], name: str) -> socket.socket:
-        """The socket to the container's worker, which is waited for. Raises SandboxUnavailable."""
-        with listener:
-            try:
-                control = _accept(listener, client)
-            except BaseException:
-                listener.close()
-                _end(client, name)
-                raise
-        if control is None:
-            raise self._refusal(_end(client, name) or f"nothing connected within {_START_SECONDS:.0f} s")
-        return control
+    def _start(self, hash_seed: int, limits: Limits) -> Container:
+        return Container(self._image.id, self.options(hash_seed), self.host_options(limits))
 
     def _refusal(self, words: str) -> SandboxUnavailable:
-        """Why no container started, and for a runtime that is known to want arguments which ones."""
+        """The reason why no container started; for gVisor also the arguments that it needs."""
         if self._runtime is not None and "runsc" in self._runtime:
             words += f"; under gVisor this needs these lines in the engine's daemon.json: {_RUNSC}"
         return _unavailable(words)
 
     def _check(self) -> None:
-        """Raises EngineError when a container cannot be launched."""
-        told = self._info
-        if told.get("OSType") != "linux" or told.get("KernelVersion") != platform.release():
-            raise EngineError("the Docker engine runs on another machine", "use an engine that runs on this one")
-        known = told.get("Runtimes") or {}
+        """Raises EngineError if no container can be launched."""
+        info = self._info
+        if info.get("OSType") != "linux" or info.get("KernelVersion") != platform.release():
+            raise EngineError("the container engine runs on another machine", "use an engine that runs on this one")
+        known = info.get("Runtimes") or {}
         if self._runtime is not None and self._runtime not in known:
             reason = f"the engine has no runtime {self._runtime}, only {', '.join(sorted(known))}"
             lines = f" {_RUNSC}" if self._runtime == "runsc" else " it"
@@ -182,77 +144,203 @@ class DockerDriver(Driver):
         self._image.check()
 
     def _layers(self) -> tuple[list[str], list[str]]:
-        """The layers in force, and those that this engine cannot give."""
-        told = self._info
+        """The layers in force, and those that this engine cannot apply."""
+        info = self._info
         layers, missing = list(_OWN_LAYERS), []
         if self._runtime is not None:
             layers.append(f"runtime {self._runtime}")
         else:
-            options = told.get("SecurityOptions") or []
+            options = info.get("SecurityOptions") or []
             names = {option.removeprefix("name=").partition(",")[0] for option in options if "unconfined" not in option}
             layers += [f"engine's {name} profile" for name in _DEFAULT_RUNTIME_LAYERS if name in names]
             if "seccomp" not in names:
                 missing.append("engine's seccomp profile")
         for key, layer in _ENGINE_LAYERS.items():
-            (layers if told.get(key) else missing).append(layer)
+            (layers if info.get(key) else missing).append(layer)
         return layers, missing
 
     @functools.cached_property
     def _info(self) -> dict[str, Any]:
-        return engine.info()
+        connection = engine.client()
+        with engine.errors():
+            info: dict[str, Any] = connection.info()
+            return info
 
     @functools.cached_property
     def _image(self) -> build.Built:
-        # Once: what was looked at is what runs, even if the tag moves on.
+        # Looked up once: the image that was checked is the one that runs, even if the tag moves.
         return build.find()
 
-    def command(self, name: str, hash_seed: int, limits: Limits) -> list[str]:
-        """The ``docker run`` of a worker's container, up to its image, but for the socket that is mounted.
-
-        Raises EngineError.
-        """
-        memory = str(limits.memory + _OVERHEAD)
-        # The image knows where its interpreter is.
+    def options(self, hash_seed: int) -> dict[str, Any]:
+        """The arguments of the SDK's ``create_container`` for a worker, except for its host configuration."""
+        # The image has the path of its interpreter.
         variables = {key: value for key, value in launch.environment(hash_seed).items() if key != "PATH"}
         variables |= {key: "" for proxy in _PROXIES for key in (proxy, proxy.lower())}
-        argv = ["docker", "run", "--rm", "--attach", "stderr", "--sig-proxy=false", "--pull", "never", "--init=false"]
-        argv += ["--name", name, "--hostname", "sandbox", "--label", LABEL]
-        argv += ["--label", f"{OWNER_LABEL}={leftovers.folder().name}", "--log-driver", "none"]
-        argv += ["--network", "none", "--ipc", "private", "--shm-size", "1m", "--read-only", "--workdir", "/tmp"]
-        argv += ["--tmpfs", "/tmp:rw,noexec,nosuid,nodev,size=64m,mode=1777"]
-        argv += ["--user", "65534:65534", "--cap-drop", "ALL", "--security-opt", "no-new-privileges"]
-        processes = limits.processes + (_SENTRY_THREADS if self._runtime else 1)
-        argv += ["--memory", memory, "--memory-swap", memory, "--pids-limit", str(processes)]
-        argv += ["--ulimit", "core=0", "--ulimit", f"nofile={max(limits.descriptors, 256)}"]
-        if self._info.get("CpuCfsQuota"):
-            argv += ["--cpus", "1"]
-        if self._runtime is not None:
-            argv += ["--runtime", self._runtime]
-        for key, value in variables.items():
-            argv += ["--env", f"{key}={value}"]
-        return argv
+        return {
+            "command": ["--connect", _CONTROL],
+            "hostname": "sandbox",
+            "user": "65534:65534",
+            "working_dir": "/tmp",
+            "environment": variables,
+            "labels": {LABEL: "worker", OWNER_LABEL: leftovers.folder().name},
+            "use_config_proxy": False,
+        }
 
-    def _run(self, name: str, path: Path, hash_seed: int, limits: Limits) -> subprocess.Popen[bytes]:
-        """Start ``docker run``; it stays until the container is removed, and its standard error is the container's."""
-        argv = [*self.command(name, hash_seed, limits), "--mount", f"type=bind,source={path},target={_CONTROL}"]
-        return subprocess.Popen(
-            [*argv, self._image.id, "--connect", _CONTROL],
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.PIPE,
-            pass_fds=[leftovers.lifeline()],
-            # Ctrl-C is for this process to answer, by hanging up.
-            start_new_session=True,
-        )
+    def host_options(self, limits: Limits) -> dict[str, Any]:
+        """The arguments of the SDK's ``create_host_config`` for a worker, except for its mounts. Raises EngineError."""
+        memory = limits.memory + _OVERHEAD
+        processes = limits.processes + (_SENTRY_THREADS if self._runtime else 1)
+        ulimits = {"core": 0, "nofile": max(limits.descriptors, 256)}
+        return {
+            "runtime": self._runtime,
+            "auto_remove": True,
+            "init": False,
+            "log_config": {"Type": "none", "Config": {}},
+            "network_mode": "none",
+            "ipc_mode": "private",
+            "shm_size": 1024**2,
+            "read_only": True,
+            "tmpfs": {"/tmp": "rw,noexec,nosuid,nodev,size=64m,mode=1777"},
+            "cap_drop": ["ALL"],
+            "security_opt": ["no-new-privileges"],
+            "mem_limit": memory,
+            "memswap_limit": memory,
+            "pids_limit": processes,
+            "ulimits": [{"Name": name, "Soft": value, "Hard": value} for name, value in ulimits.items()],
+            **({"nano_cpus": 10**9} if self._info.get("CpuCfsQuota") else {}),
+        }
+
+
+class _Start:
+    """Starts a container in a thread, so that the host can import its own modules meanwhile."""
+
+    def __init__(self, start: Callable[[], Container]) -> None:
+        self._start = start
+        self._container: Container | None = None
+        self._error: Exception | None = None
+        self._thread = threading.Thread(target=self._run, name="envcraft-container")
+        self._thread.start()
+
+    def _run(self) -> None:
+        try:
+            self._container = self._start()
+        except Exception as error:
+            self._error = error
+
+    def result(self) -> Container:
+        """Wait for the container. Raises what starting it raised."""
+        try:
+            self._thread.join()
+        except BaseException:
+            self._thread.join()
+            if self._container is not None:
+                self._container.end()
+            raise
+        if self._container is None:
+            raise self._error or RuntimeError("the thread ended without a container")
+        return self._container
+
+
+class Container:
+    """A worker's running container, and the socket that its worker connects to."""
+
+    def __init__(self, image: str, options: dict[str, Any], host_options: dict[str, Any]) -> None:
+        """Create and start it; it is removed when its first process ends.
+
+        Args:
+            image: id of the image.
+            options: arguments of the SDK's ``create_container``.
+            host_options: arguments of the SDK's ``create_host_config``.
+
+        Raises:
+            EngineError: the engine refused.
+            OSError: the socket cannot be made.
+        """
+        self.name = f"envcraft-{os.urandom(8).hex()}"
+        self._engine = engine.client()
+        self._folder = leftovers.containers() / self.name
+        self._folder.mkdir(mode=0o700)
+        self._listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        self._stderr: Any = None
+        self._said = b""
+        path = self._folder / "control.sock"
+        try:
+            _bind(self._listener, path)
+            # The container's user may connect. Only the socket is mounted, and no other user can enter the folder.
+            path.chmod(0o666)
+            self._listener.listen(1)
+            mount = {"Type": "bind", "Source": str(path), "Target": _CONTROL}
+            with engine.errors():
+                host = self._engine.create_host_config(**host_options, mounts=[mount])
+                self._engine.create_container(image, name=self.name, host_config=host, detach=True, **options)
+                self._stderr = self._engine.attach_socket(self.name, {"stderr": 1, "stream": 1})
+                self._engine.start(self.name)
+            leftovers.mark_started(self._folder)
+        except BaseException:
+            self.end()
+            raise
+
+    def accept(self) -> socket.socket | None:
+        """Wait for the worker to connect; None if the container has ended or the time is up."""
+        deadline = time.monotonic() + _START_SECONDS
+        try:
+            while (left := deadline - time.monotonic()) > 0:
+                readable, _, _ = select.select([self._listener, self._stderr], [], [], left)
+                if self._listener in readable:
+                    return self._listener.accept()[0]
+                if readable and not self._read():
+                    return None
+        finally:
+            self._listener.close()
+        return None
+
+    def end(self, control: socket.socket | None = None) -> str:
+        """Hang up on the worker, ensure that the container is removed, and return the last line of its stderr."""
+        if control is not None:
+            hang_up(control)
+        self._listener.close()
+        gone = control is not None and self._is_removed()
+        if not gone:
+            with contextlib.suppress(EngineError), engine.errors():
+                self._engine.remove_container(self.name, force=True)
+            gone = self._is_removed()
+        if self._stderr is not None:
+            while gone and self._read():
+                pass
+            self._stderr.close()
+            self._stderr = None
+        if gone:
+            # Otherwise the next sweep removes it.
+            with contextlib.suppress(OSError):
+                leftovers.remove(self._folder)
+        return engine.one_line(_payloads(self._said).decode(errors="replace"))
+
+    def _is_removed(self) -> bool:
+        """Wait a while for the engine to remove the container."""
+        try:
+            with engine.errors():
+                self._engine.wait(self.name, timeout=_END_SECONDS, condition="removed")
+        except engine.NotFoundError:
+            pass
+        except EngineError:
+            return False
+        return True
+
+    def _read(self) -> bool:
+        """Read some of the container's stderr; False at its end."""
+        data = b""
+        with contextlib.suppress(OSError):
+            if select.select([self._stderr], [], [], _END_SECONDS)[0]:
+                data = os.read(self._stderr.fileno(), 1 << 16)
+        self._said += data
+        return bool(data)
 
 
 class DockerWorker(ForkServerWorker):
-    """A fork server in a container. `client` is its ``docker run``, which ends when the container has been removed."""
+    """A fork server in a container."""
 
-    def __init__(
-        self, client: subprocess.Popen[bytes], name: str, control: socket.socket, limits: Limits, image: str
-    ) -> None:
-        self._end = weakref.finalize(self, _end, client, name, control)
+    def __init__(self, container: Container, control: socket.socket, limits: Limits, image: str) -> None:
+        self._end = weakref.finalize(self, container.end, control)
         super().__init__(control, limits)
         self.about = {**self.about, "image": image}
 
@@ -262,7 +350,7 @@ class DockerWorker(ForkServerWorker):
 
 
 def _bind(listener: socket.socket, path: Path) -> None:
-    """Bind however long the path is: a socket's own address has room for about a hundred characters only."""
+    """Bind to a path of any length: the address of a socket has room for about a hundred characters."""
     folder = os.open(path.parent, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
     try:
         listener.bind(f"/proc/self/fd/{folder}/{path.name}")
@@ -270,35 +358,13 @@ def _bind(listener: socket.socket, path: Path) -> None:
         os.close(folder)
 
 
-def _accept(listener: socket.socket, client: subprocess.Popen[bytes]) -> socket.socket | None:
-    """Wait for the worker to connect; None when the container has ended, or nothing happens."""
-    listener.settimeout(0.1)
-    deadline = time.monotonic() + _START_SECONDS
-    while time.monotonic() < deadline and client.poll() is None:
-        with contextlib.suppress(TimeoutError):
-            return listener.accept()[0]
-    return None
-
-
-def _end(client: subprocess.Popen[bytes], name: str, control: socket.socket | None = None) -> str:
-    """Hang up, see to it that the container is gone, and give the last words of its standard error."""
-    if control is not None:
-        hang_up(control)
-    try:
-        _, said = client.communicate(timeout=_END_SECONDS)
-    except subprocess.TimeoutExpired:
-        with contextlib.suppress(EngineError):
-            engine.docker("rm", "--force", name, timeout=_END_SECONDS)
-        try:
-            _, said = client.communicate(timeout=_END_SECONDS)
-        except subprocess.TimeoutExpired:
-            client.kill()
-            _, said = client.communicate()
-            # Not known to be gone: the next sweep sees to it.
-            return engine.last_words(said)
-    with contextlib.suppress(OSError):
-        leftovers.remove(leftovers.containers() / name)
-    return engine.last_words(said)
+def _payloads(frames: bytes) -> bytes:
+    """The payloads of an attached stream: each has a header of 8 bytes, whose last four are its length."""
+    found = b""
+    while len(frames) >= 8:
+        end = 8 + int.from_bytes(frames[4:8], "big")
+        found, frames = found + frames[8:end], frames[end:]
+    return found
 
 
 def _unavailable(words: str) -> SandboxUnavailable:

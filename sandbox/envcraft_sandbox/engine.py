@@ -1,21 +1,34 @@
-"""The Docker engine, reached by its command line: no SDK, and no shell."""
+"""The container engine, reached through the Docker SDK: Docker, or Podman through its compatible socket.
+
+The SDK takes a fifth of a second to import, so only functions that use it import it.
+"""
 
 from __future__ import annotations
 
-import json
-import subprocess
-from collections.abc import Callable
-from typing import IO, Any
+import contextlib
+import functools
+import os
+from collections.abc import Iterable, Iterator
+from typing import TYPE_CHECKING, Any
 
 from envcraft.errors import SandboxUnavailable
 
-_INSTALL = "install Docker (on Debian and Ubuntu the package docker.io)"
-_START = "start the Docker engine (`systemctl start docker`)"
+if TYPE_CHECKING:
+    from docker import APIClient
+
+_EXTRA = "run `pip install 'envcraft-rl[docker]'`"
+_START = "install Docker (on Debian and Ubuntu the package docker.io), or start it (`systemctl start docker`)"
 _ALLOW = "let this user use the engine (`usermod -aG docker USER`, then log in again)"
+_SECONDS = 30.0
 
 
 class EngineError(SandboxUnavailable):
-    """The engine is missing or refused; `fix` is what to do about it."""
+    """The engine or its SDK is missing, or the engine refused a request.
+
+    Attributes:
+        reason: what is wrong, in one line.
+        fix: what the user can do about it.
+    """
 
     def __init__(self, reason: str, fix: str = "see `envcraft doctor`") -> None:
         super().__init__(f"{reason}; {fix}")
@@ -23,85 +36,81 @@ class EngineError(SandboxUnavailable):
         self.fix = fix
 
 
-def docker(*arguments: str, timeout: float = 30.0) -> str:
-    """Run ``docker`` and give what it printed. Raises EngineError."""
-    try:
-        done = subprocess.run(
-            ["docker", *arguments],
-            stdin=subprocess.DEVNULL,
-            capture_output=True,
-            timeout=timeout,
-            check=False,
-        )
-    except FileNotFoundError:
-        raise EngineError("the command docker is not installed", _INSTALL) from None
-    except OSError as error:
-        raise EngineError(f"the command docker does not run: {error.strerror}", _INSTALL) from None
-    except subprocess.TimeoutExpired:
-        raise EngineError(f"docker {arguments[0]} did not answer within {timeout:g} s", _START) from None
-    if done.returncode:
-        raise _refusal(done.stderr)
-    return done.stdout.decode(errors="replace").strip()
+class NotFoundError(EngineError):
+    """The engine has no such image or container."""
 
 
-def docker_aloud(*arguments: str, say: Callable[[str], None], feed: Callable[[IO[bytes]], None] | None = None) -> None:
-    """Run a ``docker`` command that takes long: `say` gets its output line by line, `feed` writes to its input.
+class ConflictError(EngineError):
+    """The engine is busy with the container, or its name is in use."""
 
-    Raises EngineError with its last words.
+
+def client(timeout: float = _SECONDS) -> APIClient:
+    """Connect to the engine that ``DOCKER_HOST`` or the current Docker context names.
+
+    Args:
+        timeout: seconds without an answer after which a request fails.
+
+    Raises:
+        EngineError: the SDK is not installed, or no engine answers.
     """
+    # A child process must not share its parent's connections.
+    return _client(os.getpid(), os.environ.get("DOCKER_HOST"), timeout)
+
+
+@functools.lru_cache(maxsize=4)
+def _client(process: int, host: str | None, timeout: float) -> APIClient:
+    with errors():
+        import docker
+        from docker.context import ContextAPI
+        from docker.utils import kwargs_from_env
+
+        # As the docker command does: the variable takes precedence over the context.
+        where = kwargs_from_env() if host else ContextAPI.kwargs_from_context()
+        return docker.APIClient(version="auto", timeout=timeout, **where)
+
+
+@contextlib.contextmanager
+def errors() -> Iterator[None]:
+    """Turn the SDK's exceptions into EngineError."""
     try:
-        process = subprocess.Popen(
-            ["docker", *arguments],
-            stdin=subprocess.PIPE if feed else subprocess.DEVNULL,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-        )
-    except OSError as error:
-        raise EngineError(f"the command docker does not run: {error.strerror}", _INSTALL) from None
-    with process:
-        if feed and process.stdin:
-            try:
-                feed(process.stdin)
-                process.stdin.close()
-            except BrokenPipeError:
-                # It refused the input; why, its output tells.
-                pass
-            except BaseException:
-                process.kill()
-                raise
-        last = b""
-        for line in process.stdout or ():
-            if line.strip():
-                last = line
-                say(line.decode(errors="replace").rstrip())
-    if process.returncode:
-        raise _refusal(last)
-
-
-def info() -> dict[str, Any]:
-    """What the engine says of itself. Raises EngineError when there is none, or it is not this machine's."""
+        import requests
+        from docker import errors as sdk
+    except ImportError as error:
+        raise EngineError(f"the Docker SDK cannot be imported ({error})", _EXTRA) from None
     try:
-        told: dict[str, Any] = json.loads(docker("info", "--format", "{{json .}}", timeout=10.0))
-    except ValueError:
-        raise EngineError("docker info gives no JSON", "use the command docker of Docker 20.10 or later") from None
-    # Some versions of the command report an absent engine in its answer, and succeed.
-    if told.get("ServerErrors"):
-        raise _refusal(str(told["ServerErrors"][0]).encode())
-    return told
+        yield
+    except sdk.APIError as error:
+        reason = one_line(error.explanation or error) or "it gave no reason"
+        kinds = {404: NotFoundError, 409: ConflictError}
+        raise kinds.get(error.status_code, EngineError)(f"the engine refused: {reason}") from None
+    except (sdk.DockerException, requests.exceptions.RequestException, OSError, ValueError) as error:
+        causes = list(_causes(error))
+        if any(isinstance(cause, PermissionError) for cause in causes):
+            raise EngineError("this user may not use the container engine", _ALLOW) from None
+        if any(isinstance(cause, TimeoutError | requests.exceptions.Timeout) for cause in causes):
+            raise EngineError("the container engine did not answer in time", _START) from None
+        raise EngineError(f"no container engine answers ({one_line(causes[-1])})", _START) from None
 
 
-def last_words(said: bytes) -> str:
-    """The last line of what a command wrote that tells why it failed."""
-    lines = said.decode(errors="replace").strip().splitlines()
-    # Both of these only point to the command's help.
-    told = [line for line in lines if line.strip() and not line.startswith(("See 'docker", "Run 'docker"))]
-    return told[-1].strip().removeprefix("docker: ").removeprefix("Error response from daemon: ") if told else ""
+def progress(events: Iterable[dict[str, Any]]) -> Iterator[str]:
+    """Yield the lines of a build or a pull. Raises EngineError where it fails."""
+    with errors():
+        for event in events:
+            if "error" in event:
+                raise EngineError(f"the engine refused: {one_line(event['error'])}")
+            # A download repeats its status with each block.
+            text = event.get("stream") or ("" if event.get("progressDetail") else event.get("status", ""))
+            yield from (line for line in text.splitlines() if line.strip())
 
 
-def _refusal(said: bytes) -> EngineError:
-    words = last_words(said).rstrip(".")
-    if "permission denied while trying to connect" in words:
-        return EngineError("this user may not use the Docker engine", _ALLOW)
-    if "cannot connect" in words.lower() or "daemon running" in words:
-        return EngineError("no Docker engine answers", _START)
-    return EngineError(f"docker refused: {words or 'it gave no reason'}")
+def one_line(text: object) -> str:
+    """The last line of a text that is not empty, without a final full stop."""
+    lines = str(text).strip().splitlines()
+    return lines[-1].strip().rstrip(".") if lines else ""
+
+
+def _causes(error: BaseException | None) -> Iterator[BaseException]:
+    """An exception and those that led to it, the first one last."""
+    while error is not None:
+        yield error
+        error = error.__cause__ or error.__context__

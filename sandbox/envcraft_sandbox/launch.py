@@ -1,4 +1,4 @@
-"""What every driver starts: the worker's command line and its scrubbed environment."""
+"""The worker's command line and its minimal environment, which every driver starts."""
 
 from __future__ import annotations
 
@@ -11,23 +11,26 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 
 from envcraft.errors import SandboxUnavailable, WorkerLost
-from envcraft.installed import Installed
-from envcraft.sandbox import Limits
+from envcraft.judging.driver import Limits
+from envcraft.judging.installed import Installed
 
 from . import leftovers
 from .client import ForkServerWorker
 
-#: Where a worker with a file system of its own lets its jobs write: the worker's own default.
+#: The folder that jobs write to where the worker has its own file system; also the worker's default.
 JOB_FOLDER = "/tmp/job"
 
-#: The folder that holds this package and `envcraft_runtime`, which are all that the worker imports besides libraries.
+#: The folder of this package and of `envcraft_protocol`. The worker imports these two and libraries, nothing else.
 PACKAGE_ROOT = Path(__file__).resolve().parent.parent
 
 
 def environment(hash_seed: int, folder: str = JOB_FOLDER) -> dict[str, str]:
-    """The only environment variables that a worker sees. One thread for each numerical library: results and limits
-    must not depend on the machine's cores. A job is short: glibc keeps what is freed from the first step on, which it
-    would otherwise learn in the first episode of a process, and every job is one (mallopt(3), M_MMAP_THRESHOLD).
+    """The only environment variables that a worker sees.
+
+    Each numerical library uses one thread, so results and limits do not depend on the number of cores. glibc keeps
+    freed
+    memory from the first step on: by default it adapts during the first episode of a process, and each job is one
+    (mallopt(3), M_MMAP_THRESHOLD).
     """
     return {
         **_graphics(),
@@ -52,23 +55,21 @@ def environment(hash_seed: int, folder: str = JOB_FOLDER) -> dict[str, str]:
 
 
 def _graphics() -> dict[str, str]:
-    """Where the package glfw has its library: it would start programs to find out, and a job can start none."""
+    """The path of the package glfw's library: the package would start programs to find it, and a job cannot."""
     found = importlib.util.find_spec("glfw")
     library = Path(found.origin).parent / "x11" / "libglfw.so" if found is not None and found.origin else None
     return {"PYGLFW_LIBRARY": str(library)} if library is not None and library.is_file() else {}
 
 
 def command(folder: str = JOB_FOLDER, read: Iterable[str] = ()) -> list[str]:
-    """The worker's command line, but for the way to its host. Jobs may read `read` besides what they can import."""
+    """The worker's command line without its connection to the host. Jobs may read `read` besides what they import."""
     argv = [sys.executable, "-B", "-s", "-P", "-m", "envcraft_sandbox.worker", "--folder", folder]
     return argv + [word for path in read for word in ("--read", path)]
 
 
 def module_paths(found: Installed = Installed()) -> list[str]:  # noqa: B008 (it is immutable)
-    """Where the worker of this interpreter finds its modules: the package's own folder, that of the libraries, and
-    what is installed elsewhere.
-    """
-    # Found, not imported: the worker starts while the host imports it.
+    """The folders where the worker finds its modules: this package's, that of the libraries, and others in use."""
+    # Not imported: the worker starts while the host imports NumPy.
     spec = importlib.util.find_spec("numpy")
     assert spec is not None
     assert spec.origin is not None
@@ -77,7 +78,7 @@ def module_paths(found: Installed = Installed()) -> list[str]:  # noqa: B008 (it
 
 
 class ChildWorker(ForkServerWorker):
-    """A fork server that is this process's child. `folder` is removed when it ends."""
+    """A fork server that is a child of this process. Its `folder` is removed when it ends."""
 
     def __init__(
         self, process: subprocess.Popen[bytes], control: socket.socket, limits: Limits, folder: Path | None = None
@@ -89,7 +90,7 @@ class ChildWorker(ForkServerWorker):
 
     def close(self) -> None:
         super().close()
-        # Whoever serves a job and whoever ends the subject may both get here.
+        # The thread of a job and the thread that ends the subject may both close the worker.
         with self._closing:
             if self._process.poll() is None:
                 try:
@@ -106,8 +107,13 @@ class ChildWorker(ForkServerWorker):
 def start(
     argv: list[str], variables: dict[str, str], limits: Limits, name: str, folder: Path | None = None
 ) -> Callable[[], ChildWorker]:
-    """Start `argv` with ``--fd N`` appended, N being the control socket; what is returned waits until the worker is
-    ready. Both raise SandboxUnavailable.
+    """Start `argv` with ``--fd N`` appended, where N is the control socket.
+
+    Returns:
+        A function that waits until the worker is ready.
+
+    Raises:
+        SandboxUnavailable: the program does not start. The returned function raises it, too.
     """
     process, ours = spawn(argv, variables, name)
 
@@ -115,7 +121,7 @@ def start(
         try:
             return ChildWorker(process, ours, limits, folder)
         except WorkerLost as error:
-            # First: one that is only late would complain of the closed socket.
+            # Read these first: a worker that is only late would report the closed socket.
             words = last_words(process)
             ours.close()
             raise SandboxUnavailable(f"the {name} sandbox did not start: {words or error}") from None
@@ -124,7 +130,7 @@ def start(
 
 
 def spawn(argv: list[str], variables: dict[str, str], name: str) -> tuple[subprocess.Popen[bytes], socket.socket]:
-    """Start `argv` with ``--fd N`` appended; give the process and the other end of that socket.
+    """Start `argv` with ``--fd N`` appended; return the process and the other end of that socket.
 
     Raises SandboxUnavailable.
     """
@@ -149,11 +155,11 @@ def spawn(argv: list[str], variables: dict[str, str], name: str) -> tuple[subpro
 
 
 def last_words(process: subprocess.Popen[bytes]) -> str:
-    """End a process that should have ended by itself, and give the last line that it wrote on its standard error."""
+    """End a process that should have ended by itself; return the last line of its standard error."""
     try:
-        _, said = process.communicate(timeout=2)
+        _, stderr = process.communicate(timeout=2)
     except subprocess.TimeoutExpired:
         process.kill()
-        _, said = process.communicate()
-    lines = said.decode(errors="replace").strip().splitlines()
+        _, stderr = process.communicate()
+    lines = stderr.decode(errors="replace").strip().splitlines()
     return lines[-1] if lines else ""

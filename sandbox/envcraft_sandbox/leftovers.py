@@ -1,9 +1,9 @@
-"""What this process keeps outside itself, below one folder, so that a later one can clear up if this one is killed.
+"""What this process keeps outside itself, in one folder, so that a later process can remove it if this one is killed.
 
-Each process that uses sandboxes has its own folder below ``TMPDIR/envcraft-UID``, and holds a lock on it for as long as
-it lives. A folder whose lock is free belongs to nobody any more. :func:`sweep` then waits for the processes that its
-owner started, which end by themselves when their host hangs up and hold a second lock until then, removes the
-containers that are named in the folder, and at last the folder.
+Each process that uses sandboxes has its own folder below ``TMPDIR/envcraft-UID`` and holds a lock on it while it lives.
+A folder whose lock is free has no owner any more. :func:`sweep` then waits for the processes that its owner started,
+which end when their host hangs up and hold a second lock until then. After that it removes the containers named in the
+folder, and the folder.
 """
 
 from __future__ import annotations
@@ -21,18 +21,23 @@ from pathlib import Path
 
 from envcraft.errors import SandboxUnavailable
 
-from .engine import EngineError, docker
+from . import engine
+from .engine import EngineError
 
-#: How long the processes and containers that somebody left behind are waited for.
+#: How long a sweep waits for the processes and containers that a dead process left behind.
 _END_SECONDS = 10.0
 _LIFELINE = "lifeline"
+#: In the record of a container: the engine has started it.
+_STARTED = "started"
+#: The engine creates a container within this time, or not at all.
+_CREATE_SECONDS = 5.0
 _FOLDER = os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC
 
 _lock = threading.Lock()
 
 
 class _Own:
-    """A process's folder. It is made before any worker, so that finalizers clear it up after every worker."""
+    """This process's folder. It is created before any worker, so that its finalizer runs after those of the workers."""
 
     def __init__(self) -> None:
         self.process = os.getpid()
@@ -44,19 +49,17 @@ _own: _Own | None = None
 
 
 def folder() -> Path:
-    """This process's own folder, which nobody else can enter; removed at exit. Raises SandboxUnavailable."""
+    """This process's own folder, closed to other users and removed at exit. Raises SandboxUnavailable."""
     return _get().path
 
 
 def job_folder() -> Path:
-    """Where a worker's jobs may write, if it has no file system of its own: a path that nobody has yet. Raises
-    SandboxUnavailable.
-    """
+    """A new path for the jobs of a worker without a file system of its own. Raises SandboxUnavailable."""
     return folder() / f"job-{os.urandom(8).hex()}"
 
 
 def lifeline() -> int:
-    """A descriptor for every program that this process starts to inherit: its end is waited for.
+    """A descriptor that every program of this process inherits; the sweep waits until the last copy is closed.
 
     Raises SandboxUnavailable.
     """
@@ -64,7 +67,8 @@ def lifeline() -> int:
 
 
 def containers() -> Path:
-    """Where each container of this process has a folder of its name, made before it and removed after it.
+    """The folder of this process's container records. A record is a folder with the container's name, which exists
+    from before the container is created until after it is removed.
 
     Raises SandboxUnavailable, OSError.
     """
@@ -73,10 +77,15 @@ def containers() -> Path:
     return path
 
 
-def sweep() -> None:
-    """Remove what processes that are gone have left behind; what cannot be removed now is left to the next time.
+def mark_started(record: Path) -> None:
+    """Note in the folder of a container that the engine has started it. Raises OSError."""
+    (record / _STARTED).touch()
 
-    Runs no command and takes no time where there is nothing.
+
+def sweep() -> None:
+    """Remove what dead processes have left behind; leave to the next sweep what cannot be removed now.
+
+    The sweep does nothing and takes no time if there is nothing to remove.
     """
     with contextlib.suppress(OSError, SandboxUnavailable):
         for path in _abandoned():
@@ -86,9 +95,9 @@ def sweep() -> None:
 
 
 def remove(path: Path) -> None:
-    """Remove a folder, whatever untrusted code has put into it: deep trees, closed folders. Raises OSError.
+    """Remove a folder with untrusted contents, such as deep trees and closed folders. Raises OSError.
 
-    A subfolder's own subfolders are moved up before it is removed, so that depth costs neither recursion nor
+    The subfolders of a subfolder move up before the subfolder is removed, so depth needs neither recursion nor
     descriptors.
     """
     try:
@@ -101,7 +110,7 @@ def remove(path: Path) -> None:
                 inner = _enter(name, top)
                 try:
                     for below in _clear(inner):
-                        # One that may not be written to cannot be moved.
+                        # A folder that is not writable cannot be moved.
                         os.close(_enter(below, inner))
                         os.rename(below, os.urandom(16).hex(), src_dir_fd=inner, dst_dir_fd=top)
                 finally:
@@ -113,7 +122,7 @@ def remove(path: Path) -> None:
 
 
 def _clear(folder: int) -> list[str]:
-    """Remove the files of a folder and give its subfolders."""
+    """Remove the files of a folder; return its subfolders."""
     found = []
     for name in os.listdir(folder):
         if stat.S_ISDIR(os.lstat(name, dir_fd=folder).st_mode):
@@ -124,7 +133,7 @@ def _clear(folder: int) -> list[str]:
 
 
 def _enter(name: str, parent: int) -> int:
-    """Open a subfolder even if it is closed to its owner, and never what a link names."""
+    """Open a subfolder even if its mode closes it to its owner. Never follow a link."""
     held = os.open(name, os.O_PATH | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC, dir_fd=parent)
     try:
         os.chmod(f"/proc/self/fd/{held}", 0o700)
@@ -136,23 +145,23 @@ def _enter(name: str, parent: int) -> int:
 def _get() -> _Own:
     global _own
     with _lock:
-        # A fork shares the locks of its parent, but must not clear up after it.
+        # A fork shares the locks of its parent but must not remove its parent's files.
         if _own is None or _own.process != os.getpid():
             try:
                 _own = _Own()
             except OSError as error:
-                reason = f"there is no room for temporary files ({error}); set TMPDIR to a folder that can be written"
+                reason = f"no temporary folder can be created ({error}); set TMPDIR to a writable folder"
                 raise SandboxUnavailable(reason) from None
         return _own
 
 
 def _base() -> Path:
-    """The folder of all of this user's processes. Raises SandboxUnavailable where it is somebody else's."""
+    """The folder of all processes of this user. Raises SandboxUnavailable if other users can enter it."""
     base = Path(tempfile.gettempdir(), f"envcraft-{os.geteuid()}")
     base.mkdir(mode=0o700, exist_ok=True)
     status = base.lstat()
     if not stat.S_ISDIR(status.st_mode) or status.st_uid != os.geteuid() or status.st_mode & 0o077:
-        raise SandboxUnavailable(f"{base} is not a folder of this user's alone; remove it, or set TMPDIR to another")
+        raise SandboxUnavailable(f"other users can enter {base}; remove it, or set TMPDIR to another folder")
     return base
 
 
@@ -167,9 +176,9 @@ def _locked(path: Path) -> Iterator[None]:
 
 
 def _make() -> tuple[Path, int]:
-    """A folder and its lifeline. The descriptors are never closed: the locks hold until their processes end."""
+    """Create a folder and its lifeline. The descriptors stay open: the locks hold until their processes end."""
     base = _base()
-    # Nobody may find the new folder before its lock is held.
+    # No sweep may see the new folder before it is locked.
     with _locked(base):
         path = Path(tempfile.mkdtemp(prefix=f"{os.getpid()}-", dir=base))
         fcntl.flock(os.open(path, _FOLDER), fcntl.LOCK_EX)
@@ -179,14 +188,14 @@ def _make() -> tuple[Path, int]:
 
 
 def _leave(process: int, path: Path) -> None:
-    # A container that did not end is for the next sweep.
+    # The next sweep removes a container that did not end.
     if process == os.getpid() and not _entries(path / "containers"):
         with contextlib.suppress(OSError):
             remove(path)
 
 
 def _abandoned() -> Iterator[Path]:
-    """The folders whose processes are gone, each locked while it is looked at."""
+    """The folders whose processes have ended, each locked while the caller examines it."""
     if not Path(tempfile.gettempdir(), f"envcraft-{os.geteuid()}").exists():
         return
     base = _base()
@@ -210,7 +219,7 @@ def _entries(path: Path) -> list[Path]:
 
 
 def _is_free(descriptor: int) -> bool:
-    """Take a lock if nobody has it."""
+    """Take a lock if no process holds it."""
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
@@ -221,8 +230,8 @@ def _is_free(descriptor: int) -> bool:
 def _end(path: Path) -> bool:
     """End what a process that is gone has started; False where that takes too long. Raises OSError, EngineError.
 
-    A container that is still being created cannot be removed yet. Its ``docker run`` ends when the container has been
-    removed or was never made: so containers are looked at once more when no process is left.
+    The engine goes on creating a container whose owner was killed, and does not know its name at first. An unknown
+    container is gone only if it was started, or if its owner requested it some seconds ago.
     """
     containers = _entries(path / "containers")
     deadline = time.monotonic() + _END_SECONDS
@@ -230,8 +239,8 @@ def _end(path: Path) -> bool:
     try:
         while time.monotonic() < deadline:
             free = _is_free(descriptor)
-            removed = [_is_removed(container.name) for container in containers]
-            if free and all(removed):
+            containers = [each for each in containers if not _is_removed(each)]
+            if free and not containers:
                 return True
             time.sleep(0.02)
     finally:
@@ -239,13 +248,14 @@ def _end(path: Path) -> bool:
     return False
 
 
-def _is_removed(container: str) -> bool:
-    """Remove a container; False while the engine is at it. Raises EngineError."""
+def _is_removed(record: Path) -> bool:
+    """Remove a container by its record; False while the engine creates or removes it. Raises EngineError."""
+    connection = engine.client()
     try:
-        docker("rm", "--force", container)
-    except EngineError as error:
-        if "already in progress" in error.reason:
-            return False
-        if "no such container" not in error.reason.lower():
-            raise
+        with engine.errors():
+            connection.remove_container(record.name, force=True)
+    except engine.ConflictError:
+        return False
+    except engine.NotFoundError:
+        return (record / _STARTED).exists() or time.time() - record.stat().st_mtime > _CREATE_SECONDS
     return True

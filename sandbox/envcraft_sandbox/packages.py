@@ -1,4 +1,4 @@
-"""The requirements file of ``envcraft sandbox build --packages``: what a corpus needs beside the pinned libraries."""
+"""The requirements file of ``envcraft sandbox build --packages``: libraries besides the pinned ones."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _LINE = re.compile(rf"({_NAME})\s*(?:==\s*({_VERSION}))?")
 
 
 class Package(msgspec.Struct, frozen=True):
-    """A library, and its version where one is asked for; `place` is where that was read."""
+    """A library, and its version if the file gives one. `place` is the file and line that names it."""
 
     name: str
     version: str | None = None
@@ -27,14 +27,15 @@ class Package(msgspec.Struct, frozen=True):
 
     @property
     def key(self) -> str:
-        """The name as all its spellings have it in common."""
+        """The name in its normalized spelling."""
         return re.sub(r"[-_.]+", "-", self.name).lower()
 
 
 def read(path: str) -> list[Package]:
-    """Read ``NAME`` or ``NAME==VERSION``, one a line, with comments. Raises UsageError naming file and line.
+    """Read ``NAME`` or ``NAME==VERSION``, one per line, with comments. Raises UsageError with file and line.
 
-    Ranges, options, addresses and markers are refused: what an image holds must not depend on the day it was built.
+    Ranges, options, addresses and markers are refused: the contents of an image must not depend on the day of its
+    build.
     """
     try:
         text = Path(path).read_text("utf-8")

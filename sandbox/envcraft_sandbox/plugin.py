@@ -1,11 +1,11 @@
-"""Registers the three built-in drivers and the commands ``doctor`` and ``sandbox``."""
+"""Register the three built-in drivers and the commands ``doctor`` and ``sandbox``."""
 
 from __future__ import annotations
 
 import click
 
+from envcraft.judging.driver import Driver
 from envcraft.plugins import hookimpl
-from envcraft.sandbox import Driver
 
 
 @hookimpl

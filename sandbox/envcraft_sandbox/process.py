@@ -1,7 +1,7 @@
-"""The ``process`` driver: a child process, and what the kernel lets it give up.
+"""The ``process`` driver: a child process that gives up what the kernel lets it give up.
 
-The weakest of the three: it sees the machine's processes and network interfaces, and without Landlock and the system
-call filter it holds against accidents, not against malice.
+It is the weakest of the three. It sees the machine's processes and network interfaces. Without Landlock and the system
+call filter it protects against accidents but not against malice.
 """
 
 from __future__ import annotations
@@ -9,23 +9,24 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 
-from envcraft.installed import Installed
-from envcraft.sandbox import Availability, Driver, Isolation, Limits, Worker
+from envcraft.judging.driver import Availability, Driver, Isolation, Limits, Worker
+from envcraft.judging.installed import Installed
 
 from . import launch, leftovers
-from .zygote import Nursery, Started
+from .zygote import Started, ZygoteDriver
 
 
 class ProcessDriver(Driver):
     name = "process"
     isolation = Isolation.PROCESS
     rank = 10
+    packages = ("envcraft_sandbox.worker",)
 
     def __init__(self, found: Installed = Installed()) -> None:  # noqa: B008 (it is immutable)
         self._found = found
 
-    def seeing(self, found: Installed) -> ProcessDriver:
-        return ProcessDriver(found)
+    def with_installed(self, packages: Installed) -> ProcessDriver:
+        return ProcessDriver(packages)
 
     def probe(self) -> Availability:
         if os.name != "posix":
@@ -33,15 +34,15 @@ class ProcessDriver(Driver):
         return Availability(True, layers=["own process", "scrubbed environment"])
 
     def launch(self, *, hash_seed: int, limits: Limits) -> Worker:
-        return self.begin(hash_seed=hash_seed, limits=limits)()
+        return self.start(hash_seed=hash_seed, limits=limits)()
 
-    def begin(self, *, hash_seed: int, limits: Limits) -> Callable[[], Worker]:
+    def start(self, *, hash_seed: int, limits: Limits) -> Callable[[], Worker]:
         folder = leftovers.job_folder()
         argv = launch.command(str(folder), self._found.folders)
         return launch.start(argv, self._variables(hash_seed, str(folder)), limits, self.name, folder)
 
-    def nursery(self) -> Driver:
-        return Nursery(self, self._zygote)
+    def shared_layout(self) -> Driver:
+        return ZygoteDriver(self, self._zygote)
 
     def _zygote(self, hash_seed: int) -> Started:
         nowhere = str(leftovers.job_folder())

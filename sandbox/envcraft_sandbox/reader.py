@@ -1,4 +1,4 @@
-"""Read a job's messages on the host: known kinds, bounded lengths, fixed layouts, and nothing believed beyond them."""
+"""Parse a job's messages on the host: known kinds, bounded lengths and fixed layouts, and no trust beyond them."""
 
 from __future__ import annotations
 
@@ -6,13 +6,13 @@ import json
 import struct
 from typing import Any
 
-from envcraft.errors import MalformedValue
-from envcraft.sandbox import Recorder, Step, Steps
+from envcraft_protocol.wire import HEADER, LONG, MAX_INFO, SAME, SAME_INFO, STEP, VALUE, Kind, Type, longest
 
-from .wire import HEADER, LONG, MAX_INFO, SAME, SAME_INFO, STEP, VALUE, Kind, Type, longest
+from envcraft.errors import MalformedValue
+from envcraft.judging.driver import Recorder, Step, Steps
 
 _TYPES = [kind.words for kind in Type]
-#: Of a step that brings nothing new, and all that there are.
+#: The flags of a step without a new value or info, and all known flags.
 _NEITHER = SAME | SAME_INFO
 _FLAGS = 1 | 2 | _NEITHER
 _KINDS = {int(kind): kind for kind in Kind}
@@ -23,29 +23,33 @@ class Forged(ValueError):
 
 
 class Reader:
-    """Cuts a byte stream into messages and hands them to a recorder.
+    """Cuts a byte stream into messages and passes them to a recorder.
 
-    `ended` is set by the END message, `goes_on` by one that offers to run another job, and `waits` by that of a job
-    that was measured. `asked` is set by a job that waits for its next action, and is reset by whoever sends it; only a
-    job whose actions come from a player may ask, and it chooses none itself.
+    Attributes:
+        ended: the END message has arrived.
+        reusable: the process offers to run another job.
+        waits: the number of steps that gave up the processor, of a job that counts them.
+        awaits_action: the job waits for its next action. Only an interactive job may ask, and it chooses no action
+            itself. The sender of the action resets it.
+        phase: the call that the job last reported.
     """
 
     def __init__(self, recorder: Recorder, played: bool = False) -> None:
         self.ended = False
-        self.goes_on = False
+        self.reusable = False
         self.waits = 0
-        self.asked = False
+        self.awaits_action = False
         self._played = played
         self.phase = "start"
         self._recorder = recorder
         self._buffer = bytearray()
-        #: The last long value, and its layout's number.
+        #: The number of the last long value's layout, and the value.
         self._last: tuple[int, memoryview] | None = None
-        #: That of the last step or reset.
+        #: The info of the last step or reset.
         self._info: bytes | None = None
 
     def feed(self, data: bytes | memoryview) -> None:
-        """Take more bytes. Raises Forged; whatever the recorder raises (Stop) passes through."""
+        """Parse more bytes. Raises Forged; exceptions of the recorder (Stop) propagate."""
         buffer = self._buffer
         buffer += data
         offset, size = 0, len(buffer)
@@ -71,10 +75,10 @@ class Reader:
             raise Forged(f"message kind {number}")
         if self.ended:
             raise Forged("a message after the end")
-        if self.asked:
+        if self.awaits_action:
             raise Forged("a message while it waits for an action")
         if (kind is Kind.ASK and not self._played) or (kind in (Kind.ACTION, Kind.STEPS) and self._played):
-            raise Forged(f"{kind.name} in a job that is given its actions otherwise")
+            raise Forged(f"{kind.name} in a job whose actions have another source")
         recorder = self._recorder
         if kind is Kind.STEP:
             recorder.step(self._step(payload))
@@ -98,18 +102,18 @@ class Reader:
         elif kind is Kind.END:
             recorder.end()
             self.ended = True
-            told = _json(payload)
-            self.goes_on = told == {"goes_on": True}
-            waits = told.get("waits", 0) if isinstance(told, dict) else 0
+            end = _json(payload)
+            self.reusable = end == {"reusable": True}
+            waits = end.get("waits", 0) if isinstance(end, dict) else 0
             if type(waits) is not int or not 0 <= waits < 2**32:
-                raise Forged("a number of waits that there cannot be")
+                raise Forged("an impossible number of waits")
             self.waits = waits
         elif kind is Kind.ASK:
-            self.asked = True
+            self.awaits_action = True
         elif kind is not Kind.TICK:
             value = _json(payload)
             if not isinstance(value, dict):
-                raise Forged(f"{kind.name} is no object")
+                raise Forged(f"{kind.name} is not a JSON object")
             {
                 Kind.LAYOUT: recorder.layout,
                 Kind.LOADED: recorder.loaded,
@@ -118,10 +122,10 @@ class Reader:
             }[kind](value)
 
     def _value(self, flags: int, layout: int, data: memoryview) -> memoryview:
-        """The bytes of a value: the same object as the last time where it is the last long one over again."""
+        """The bytes of a value; the same object as the last time if the value is the last long one again."""
         if flags:
             if flags != SAME or len(data) or self._last is None or self._last[0] != layout:
-                raise Forged("a value that is said to be the last one, and is not")
+                raise Forged("a value that claims to repeat the last one")
             return self._last[1]
         value = memoryview(bytes(data))
         if len(data) >= LONG:
@@ -138,7 +142,7 @@ class Reader:
         if not flags & SAME_INFO:
             self._info = bytes(payload[start + size :])
         elif info_size or self._info is None:
-            raise Forged("an info that is said to be the last one, and is not")
+            raise Forged("an info that claims to repeat the last one")
         return Step(
             terminated=bool(flags & 1),
             truncated=bool(flags & 2),
@@ -154,10 +158,10 @@ class Reader:
 
     def _steps(self, payload: memoryview) -> Steps:
         if not payload or self._last is None or self._info is None:
-            raise Forged("steps like none before")
+            raise Forged("repeated steps without an earlier step")
         flags, ended, cut, kinds, rewards, micros, layouts, sizes, infos = zip(*STEP.iter_unpack(payload), strict=True)
         if any(sizes) or any(infos) or set(layouts) != {self._last[0]} or min(flags) < _NEITHER or max(flags) > _FLAGS:
-            raise Forged("steps that are said to bring nothing new, and do")
+            raise Forged("repeated steps with new values")
         if max(*ended, *cut, *kinds) >= len(_TYPES):
             raise Forged("a step with an unknown type")
         return Steps(

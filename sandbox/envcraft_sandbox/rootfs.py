@@ -1,7 +1,7 @@
-"""A root file system made of the running interpreter: its standard library, the libraries, and what they link to.
+"""A root file system made from the running interpreter: its standard library, the libraries, and what they link to.
 
-Interpreter and shared libraries keep their own paths, so that the loader and its cache find everything; the
-Python libraries, which may lie anywhere, are gathered in one folder.
+The interpreter and the shared libraries keep their paths, so the loader and its cache work. The Python libraries, which
+may lie anywhere, go into one folder.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from envcraft.errors import SandboxUnavailable, UsageError
 from . import leftovers
 from .packages import Package
 
-#: Where the worker and the libraries lie, in every image.
+#: The folders of the worker and of the libraries in every image.
 WORKER_ROOT = "/opt/envcraft"
 LIBRARIES_ROOT = "/opt/libraries"
 
@@ -38,7 +38,7 @@ _OMITTED_FOLDERS = {
     "tkinter", "turtledemo",
 }  # fmt: skip
 _OMITTED_FILES = ("_test", "_tkinter", "_xxtest", "_ctypes_test", "turtle.py")
-#: What a container's own mounts hide.
+#: The container's own mounts hide these.
 _HIDDEN = ("/tmp/", "/proc/", "/dev/", "/sys/", "/run/")
 _SYSTEM_FILES = ("/etc/ld.so.cache", "/usr/lib/locale/C.utf8")
 _ETC = {
@@ -68,11 +68,11 @@ class Root:
         return iter(self._files)
 
     def files(self) -> Iterator[Path]:
-        """Those that lie on this machine."""
+        """The contents that are files of this machine."""
         return (content for content in self._files.values() if isinstance(content, Path))
 
     def write(self, stream: IO[bytes]) -> None:
-        """Write the root as a tar stream, all of it owned by root and writable by nobody else. Raises OSError."""
+        """Write the root as a tar stream. Root owns every file, and only root may write. Raises OSError."""
         made: set[str] = set()
         with tarfile.open(fileobj=stream, mode="w|", bufsize=1 << 20) as tar:
             for folder, mode in {"/tmp": 0o1777, "/proc": 0o755, "/dev": 0o755, "/sys": 0o755, "/run": 0o755}.items():
@@ -94,14 +94,20 @@ class Root:
 
 
 def collect(worker: Iterable[tuple[str, bytes]], packages: Sequence[Package] = ()) -> Root:
-    """Find all that the worker needs, and `packages`; `worker` is its sources by path.
+    """Collect all files that the worker needs, and `packages`.
 
-    Raises SandboxUnavailable, and UsageError where a package is not installed in the version asked for.
+    Args:
+        worker: the worker's sources by path.
+        packages: additional libraries.
+
+    Raises:
+        SandboxUnavailable: the interpreter or a library cannot be copied.
+        UsageError: a package is not installed in the required version.
     """
     _check_installed(packages)
     root = Root(os.path.realpath(sys.executable))
     if root.python.startswith(_HIDDEN):
-        raise SandboxUnavailable(f"the interpreter {root.python} lies where a container has its own files; use another")
+        raise SandboxUnavailable(f"the interpreter {root.python} lies in a folder that containers replace; use another")
     root.add(root.python, Path(root.python))
     for name in ("stdlib", "platstdlib"):
         for path in _tree(Path(os.path.realpath(sysconfig.get_path(name)))):
@@ -111,7 +117,7 @@ def collect(worker: Iterable[tuple[str, bytes]], packages: Sequence[Package] = (
         for name, path in _installed(distribution):
             _add_module(root, f"{LIBRARIES_ROOT}/{name}", path)
             gathered.add(str(path))
-    # What the libraries bring with them is found beside them.
+    # Shared libraries inside a Python library lie beside it.
     for library in _shared_libraries(root.files()) - gathered:
         root.add(library, Path(library))
     for place in map(Path, _SYSTEM_FILES):
@@ -126,7 +132,7 @@ def collect(worker: Iterable[tuple[str, bytes]], packages: Sequence[Package] = (
 
 
 def _check_installed(packages: Iterable[Package]) -> None:
-    """Raises UsageError, naming all that is not here, or in another version."""
+    """Raises UsageError with every package that is not installed, or in another version."""
     wrong = []
     for package in packages:
         try:
@@ -138,13 +144,13 @@ def _check_installed(packages: Iterable[Package]) -> None:
                 wrong.append(f"{package} ({package.place}) is installed as {version}")
     if wrong:
         raise UsageError(
-            f"the base host holds what {sys.executable} has: {'; '.join(wrong)}; install that with pip, or use a base "
-            "with pip of its own"
+            f"the base host copies the libraries of {sys.executable}: {'; '.join(wrong)}; install that with pip, "
+            "or use a base with pip of its own"
         )
 
 
 def _distributions(more: Iterable[str]) -> Iterator[importlib.metadata.Distribution]:
-    """NumPy, Gymnasium, `more` and all that they need, and where they are installed the other libraries of games."""
+    """NumPy, Gymnasium, `more` and their requirements, and other libraries of games where they are installed."""
     wanted, seen = [*_NEEDED, *_WELCOME, *more], set()
     while wanted:
         name = wanted.pop(0)
@@ -155,7 +161,7 @@ def _distributions(more: Iterable[str]) -> Iterator[importlib.metadata.Distribut
         try:
             distribution = importlib.metadata.distribution(name)
         except importlib.metadata.PackageNotFoundError:
-            # A marker ruled it out, or it is only welcome.
+            # A marker excludes it, or it is optional.
             if name in _NEEDED:
                 raise SandboxUnavailable(f"{name} is not installed; run `pip install {name}`") from None
             continue
@@ -189,7 +195,7 @@ def _tree(folder: Path) -> Iterator[Path]:
 
 
 def _add_module(root: Root, name: str, path: Path) -> None:
-    """Add a file, and for a module its bytecode: the container could not keep what it compiles."""
+    """Add a file and, for a module, its bytecode: a container cannot store what it compiles."""
     root.add(name, path)
     if path.suffix == ".py":
         cache = Path(importlib.util.cache_from_source(str(path)))
@@ -200,7 +206,7 @@ def _add_module(root: Root, name: str, path: Path) -> None:
 
 
 def _is_fresh(cache: Path, source: Path) -> bool:
-    """Whether bytecode was made from this very source (PEP 552: magic, flags, time, size)."""
+    """Whether bytecode was compiled from this source (PEP 552: magic, flags, time, size)."""
     try:
         with cache.open("rb") as stream:
             head = stream.read(16)
@@ -212,7 +218,7 @@ def _is_fresh(cache: Path, source: Path) -> bool:
 
 
 def _add_bytecode(root: Root, path: str, source: bytes) -> None:
-    """Compile a module into bytecode that holds whatever the source's time is; nothing if it does not compile."""
+    """Compile a module into bytecode that ignores the source's modification time; skip it if it does not compile."""
     with tempfile.TemporaryDirectory(prefix="compile-", dir=leftovers.folder()) as folder:
         module, target = Path(folder, "module.py"), Path(folder, "module.pyc")
         module.write_bytes(source)
@@ -222,13 +228,16 @@ def _add_bytecode(root: Root, path: str, source: bytes) -> None:
 
 
 def _shared_libraries(files: Iterable[Path]) -> set[str]:
-    """What the binaries among `files` link to, all the way down, and the loader. Raises SandboxUnavailable."""
+    """The libraries that the binaries among `files` link to, directly or indirectly, and the loader.
+
+    Raises SandboxUnavailable.
+    """
     binaries = sorted({str(path) for path in files if ".so" in path.name or path.name.startswith("python")})
     try:
-        told = subprocess.run(["ldd", *binaries], capture_output=True, text=True, check=False)
+        listed = subprocess.run(["ldd", *binaries], capture_output=True, text=True, check=False)
     except FileNotFoundError:
         raise SandboxUnavailable("ldd is not installed; build on an image instead (`--base`)") from None
-    return {os.path.normpath(path) for path in _LINKED.findall(told.stdout)}
+    return {os.path.normpath(path) for path in _LINKED.findall(listed.stdout)}
 
 
 def _make_folder(tar: tarfile.TarFile, path: str, made: set[str], mode: int = 0o755) -> None:

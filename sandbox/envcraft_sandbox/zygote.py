@@ -1,9 +1,9 @@
-"""Many workers for the price of one start: fork servers that are forked from a zygote.
+"""Fork servers forked from a zygote, so that many workers cost little more than one start.
 
-A zygote (:mod:`envcraft_sandbox.worker.zygote`) is started as a worker is, imports the libraries, and never runs a job.
-There is one for each hash seed, which is fixed when an interpreter starts. Workers that come from the same one are as
-far from each other as any two, but for one thing: their modules lie at the same addresses, so no difference between
-them can show that something depends on addresses.
+A zygote (:mod:`envcraft_sandbox.worker.zygote`) starts like a worker, imports the libraries, and never runs a job.
+There is one per hash seed, because an interpreter fixes its hash seed when it starts. Workers of one zygote are as
+isolated from each other as any two workers, with one exception: their modules have the same addresses, so no
+difference between them can show a dependence on addresses.
 """
 
 from __future__ import annotations
@@ -22,33 +22,33 @@ from pathlib import Path
 from typing import NamedTuple
 
 from envcraft.errors import SandboxUnavailable, WorkerLost
-from envcraft.sandbox import Availability, Driver, Limits, Worker
+from envcraft.judging.driver import Availability, Driver, Limits, Worker
 
 from . import launch, leftovers
 from .client import ForkServerWorker, hang_up
 
 _START_SECONDS = 60.0
 _END_SECONDS = 2.0
-#: So many times something may go wrong before workers are launched one by one.
+#: After this many failures the driver launches its workers one by one.
 _PATIENCE = 3
 
 
 class Refused(Exception):
-    """A zygote cannot fork here, and says why."""
+    """A zygote cannot fork on this machine, for the reason given."""
 
 
 class Started(NamedTuple):
-    """A zygote's process and the control socket's end of this one."""
+    """A zygote's process, and this process's end of its control socket."""
 
     process: subprocess.Popen[bytes]
     control: socket.socket
 
 
 class ForkedWorker(ForkServerWorker):
-    """A fork server that is a zygote's child. `folder` is removed when it ends."""
+    """A fork server that is a zygote's child. Its `folder` is removed when it ends."""
 
     def __init__(self, pidfd: int, control: socket.socket, limits: Limits, folder: Path | None) -> None:
-        """Wait until it is ready. Raises WorkerLost, and has ended it then."""
+        """Wait until it is ready. Raises WorkerLost after it has ended the fork server."""
         self._pidfd = pidfd
         self._folder = folder
         self._closing = threading.Lock()
@@ -60,7 +60,7 @@ class ForkedWorker(ForkServerWorker):
 
     def close(self) -> None:
         super().close()
-        # Whoever serves a job and whoever ends the subject may both get here.
+        # The thread of a job and the thread that ends the subject may both close the worker.
         with self._closing:
             if self._pidfd < 0:
                 return
@@ -75,10 +75,10 @@ class ForkedWorker(ForkServerWorker):
 
 
 class Zygote:
-    """The host's end of one, which starts at once."""
+    """The host's end of a zygote, which starts at once."""
 
     def __init__(self, start: Callable[[], Started]) -> None:
-        """`start` raises SandboxUnavailable; so does then :meth:`fork`."""
+        """Call `start` in a thread. If it raises SandboxUnavailable, so does :meth:`fork`."""
         self._start = start
         self._started: Started | None = None
         self._failure: SandboxUnavailable | None = None
@@ -86,13 +86,21 @@ class Zygote:
         self._ready = False
         self._received = b""
         self._lock = threading.Lock()
-        # Some sandboxes end with the thread that started them, and this is nobody's but the zygote's.
+        # Some sandboxes end with the thread that started them, so the zygote has a thread of its own.
         threading.Thread(target=self._live, name="envcraft-zygote", daemon=True).start()
 
     def fork(self, folder: str, limits: Limits, remove: Path | None = None) -> ForkedWorker:
-        """Give a new worker, whose jobs write below `folder`; `remove` is removed when it ends.
+        """Return a new worker.
 
-        Raises Refused, SandboxUnavailable where the zygote did not start or is gone, WorkerLost where the worker is.
+        Args:
+            folder: the folder that its jobs write to.
+            limits: limits of its jobs.
+            remove: a folder to remove when the worker ends.
+
+        Raises:
+            Refused: the zygote cannot fork here.
+            SandboxUnavailable: the zygote did not start or has ended.
+            WorkerLost: the new worker has ended.
         """
         ours, theirs = socket.socketpair()
         try:
@@ -104,7 +112,7 @@ class Zygote:
         return ForkedWorker(pidfd, ours, limits, remove)
 
     def close(self) -> None:
-        """End it. Workers that it forked have been closed before, or end with it."""
+        """End the zygote. Its workers are closed already, or end with it."""
         self._born.wait()
         if self._started is not None:
             process, control = self._started
@@ -140,17 +148,17 @@ class Zygote:
             socket.send_fds(control, [json.dumps({"folder": folder}).encode() + b"\n"], [theirs.fileno()])
             words, descriptors = self._answer(control, deadline)
         except (OSError, ValueError) as error:
-            said = ""
-            # Whoever closes it meanwhile has closed this, too.
+            stderr = ""
+            # Another thread may have closed the process's standard error.
             with contextlib.suppress(ValueError):
-                said = launch.last_words(process)
-            raise SandboxUnavailable(f"the zygote is gone: {said or error}") from None
+                stderr = launch.last_words(process)
+            raise SandboxUnavailable(f"the zygote has ended: {stderr or error}") from None
         if "refused" in words:
             raise Refused(words["refused"])
         return descriptors[0]
 
     def _answer(self, control: socket.socket, deadline: float) -> tuple[dict[str, str], list[int]]:
-        """The next line and what came with it. Raises OSError, ValueError."""
+        """The next line, and the descriptors that came with it. Raises OSError, ValueError."""
         descriptors: list[int] = []
         while b"\n" not in self._received:
             if not select.select([control], [], [], max(deadline - time.monotonic(), 0))[0]:
@@ -164,38 +172,44 @@ class Zygote:
         return json.loads(line), descriptors
 
 
-class Nursery(Driver):
-    """A driver whose workers are forked, and launched as ever where they cannot be.
+class ZygoteDriver(Driver):
+    """A driver that forks its workers, and launches them where the kernel does not allow that.
 
     Attributes:
-        refusal: why no worker is forked any more, or nothing.
+        refusal: the reason why it forks no more workers, or an empty string.
     """
 
     def __init__(self, driver: Driver, start: Callable[[int], Started], folder: str | None = None) -> None:
-        """`start` starts a zygote with a hash seed. Jobs write below `folder`; by default each worker's has its own."""
+        """Wrap `driver`.
+
+        Args:
+            driver: launches the workers that cannot be forked.
+            start: starts a zygote with a hash seed.
+            folder: the folder that jobs write to; by default each worker has its own.
+        """
         self.name, self.isolation, self.rank = driver.name, driver.isolation, driver.rank
         self.refusal = ""
         self._driver = driver
         self._start = start
         self._folder = folder
         self._zygotes: dict[int, Zygote] = {}
-        #: Those that are gone, or silent: their workers may still live.
+        #: Zygotes that ended or do not answer. Their workers may still run.
         self._left: list[Zygote] = []
         self._mishaps = 0
         self._closed = False
         self._lock = threading.Lock()
 
     def probe(self) -> Availability:
-        return self._driver.probe()
+        return self._driver.availability
 
     def launch(self, *, hash_seed: int, limits: Limits) -> Worker:
-        return self.begin(hash_seed=hash_seed, limits=limits)()
+        return self.start(hash_seed=hash_seed, limits=limits)()
 
-    def begin(self, *, hash_seed: int, limits: Limits) -> Callable[[], Worker]:
+    def start(self, *, hash_seed: int, limits: Limits) -> Callable[[], Worker]:
         self._zygote(hash_seed)
         return lambda: self._fork(hash_seed, limits) or self._driver.launch(hash_seed=hash_seed, limits=limits)
 
-    def nursery(self) -> Driver:
+    def shared_layout(self) -> Driver:
         return self
 
     def close(self) -> None:
@@ -208,7 +222,7 @@ class Nursery(Driver):
             zygote.close()
 
     def _fork(self, hash_seed: int, limits: Limits) -> Worker | None:
-        """None where none can be forked."""
+        """Fork a worker; None if no zygote can."""
         while (zygote := self._zygote(hash_seed)) is not None:
             own = None if self._folder else leftovers.job_folder()
             try:
@@ -223,7 +237,7 @@ class Nursery(Driver):
         return None
 
     def _zygote(self, hash_seed: int) -> Zygote | None:
-        """That with a hash seed, started if there is none. Raises SandboxUnavailable once this is closed."""
+        """The zygote with a hash seed, started if there is none. Raises SandboxUnavailable once this is closed."""
         with self._lock:
             if self._closed:
                 raise SandboxUnavailable(f"the {self.name} sandbox was closed")
@@ -234,7 +248,7 @@ class Nursery(Driver):
             return self._zygotes[hash_seed]
 
     def _leave(self, hash_seed: int, zygote: Zygote, why: str) -> None:
-        """Start another one for the next worker. However many threads wait for this one, it fails once."""
+        """Replace a zygote for the next worker. However many threads wait for it, it counts as one failure."""
         with self._lock:
             if self._zygotes.get(hash_seed) is zygote:
                 self._left.append(self._zygotes.pop(hash_seed))
@@ -247,7 +261,7 @@ class Nursery(Driver):
 
 
 def _has_ended(pidfd: int, seconds: float | None) -> bool:
-    """Whether a process ends within so many seconds."""
+    """Wait up to `seconds` for a process to end."""
     poll = select.poll()
     poll.register(pidfd, select.POLLIN)
     return bool(poll.poll(None if seconds is None else seconds * 1000))

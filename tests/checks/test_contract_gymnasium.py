@@ -1,4 +1,4 @@
-"""Under the contract ``gymnasium``: good environments of every kind pass, and what is wrong is still found."""
+"""Under the contract ``gymnasium`` good environments of every kind pass, and defects are still found."""
 
 from __future__ import annotations
 
@@ -6,16 +6,14 @@ import textwrap
 
 import pytest
 
-from benchmarks.judge import failing
-from envcraft.budget import BUDGETS
-from envcraft.commands.choices import default_checks
-from envcraft.contract import GYMNASIUM
-from envcraft.engine import Plan, validate
-from envcraft.events import SubjectFinished
-from envcraft.plugins import plugins
-from envcraft.sandbox import choose
-from envcraft.target import Target
-from envcraft.verdict import SubjectReport, Verdict
+from envcraft.contracts.builtin import GYMNASIUM
+from envcraft.judging.budget import BUDGETS
+from envcraft.judging.engine import Plan, validate
+from envcraft.judging.selection import default_checks, driver_named
+from envcraft.model.events import Finished
+from envcraft.model.target import Target
+from envcraft.model.verdict import SubjectReport, Verdict
+from evaluation.judge import failing
 
 _TEMPLATE = """
 import gymnasium as gym
@@ -216,34 +214,35 @@ BAD = {
 }  # fmt: skip
 
 
-def judged(text: str) -> SubjectReport:
-    registered = plugins()
-    plan = Plan(
-        [Target("game.py", text.encode())],
-        GYMNASIUM,
-        choose(registered.collect("envcraft_sandbox_drivers"), "process"),
-        default_checks(),
-        BUDGETS["quick"],
-    )
-    return next(event.report for event in validate(plan) if isinstance(event, SubjectFinished))
+UNKNOWN_ACTIONS = OWN.replace("action_space = spaces.Discrete(3)", "action_space = Mood()")
+
+
+@pytest.fixture(scope="module")
+def reports() -> dict[str, SubjectReport]:
+    """The report on each source."""
+    texts = [*GOOD.values(), *(text for _, text in BAD.values()), UNKNOWN_ACTIONS]
+    targets = [Target("game.py", text.encode()) for text in texts]
+    *_, last = validate(Plan(targets, GYMNASIUM, driver_named("process"), default_checks(), BUDGETS["quick"]))
+    assert isinstance(last, Finished)
+    return dict(zip(texts, last.report.reports, strict=True))
 
 
 @pytest.mark.parametrize("name", GOOD)
-def test_good_environments_have_no_finding_at_all(name: str) -> None:
-    report = judged(GOOD[name])
+def test_good_environments_have_no_finding_at_all(name: str, reports: dict[str, SubjectReport]) -> None:
+    report = reports[GOOD[name]]
     assert not [f"{found.code} {found.message}" for check in report.checks for found in check.findings]
     assert report.verdict is Verdict.PASS
     assert report.steps > 200
 
 
 @pytest.mark.parametrize("name", BAD)
-def test_what_is_wrong_is_found(name: str) -> None:
+def test_defects_are_found(name: str, reports: dict[str, SubjectReport]) -> None:
     code, text = BAD[name]
-    assert failing(judged(text)) == set(code.split())
+    assert failing(reports[text]) == set(code.split())
 
 
-def test_actions_of_an_unknown_space_are_not_drawn() -> None:
-    report = judged(OWN.replace("action_space = spaces.Discrete(3)", "action_space = Mood()"))
+def test_actions_of_an_unknown_space_are_not_drawn(reports: dict[str, SubjectReport]) -> None:
+    report = reports[UNKNOWN_ACTIONS]
     reasons = {check.check: check.reason for check in report.checks}
     assert "no actions can be drawn" in reasons["api"]
     assert report.verdict is Verdict.PASS

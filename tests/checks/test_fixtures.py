@@ -1,7 +1,7 @@
-"""Every fixture is judged exactly as its header says: no defect missed, no false alarm, no other reason.
+"""Every fixture gets exactly the codes of its header.
 
-Good ones are judged by all checks at the budget `quick`, bad ones by those whose codes they expect, at `standard` where
-`quick` is not enough; ``python -m benchmarks.detection`` judges all by all at `standard`.
+All checks judge the good fixtures at the budget `quick`. The checks of the expected codes judge the bad ones, at
+`standard` if `quick` is not enough. ``python -m benchmarks.detection`` runs all checks on all fixtures at `standard`.
 """
 
 from __future__ import annotations
@@ -10,20 +10,22 @@ import re
 
 import pytest
 
-from benchmarks.fixtures import Fixture, fixtures
-from benchmarks.judge import failing, judge
-from envcraft.cli import offered
-from envcraft.verdict import SubjectReport, Verdict
+from envcraft.model.verdict import SubjectReport, Verdict
+from envcraft.registry import offered
+from evaluation.fixtures import Fixture, fixtures
+from evaluation.judge import failing, judge_fixtures
 
 ALL = fixtures()
 
 
 @pytest.fixture(scope="session")
 def reports() -> dict[str, SubjectReport]:
-    # A container for each worker would take longer than what is judged in it.
+    # Faster than a container for each worker.
     bubblewrap = next(driver for driver in offered("envcraft_sandbox_drivers") if driver.name == "bubblewrap")
     sandbox = "bubblewrap" if bubblewrap.probe().works else "auto"
-    return {str(fixture.policy or fixture.path): report for fixture, report in judge(ALL, sandbox, narrow=True)}
+    return {
+        str(fixture.policy or fixture.path): report for fixture, report in judge_fixtures(ALL, sandbox, narrow=True)
+    }
 
 
 @pytest.mark.parametrize("fixture", ALL, ids=lambda fixture: f"{fixture.check}/{(fixture.policy or fixture.path).name}")
@@ -36,7 +38,7 @@ def test_judged_as_expected(fixture: Fixture, reports: dict[str, SubjectReport])
     if not fixture.codes:
         warned = {finding.code for check in report.checks for finding in check.findings}
         named = re.findall(r"warning (EC\d{3})", fixture.path.read_text("utf-8").partition("\n")[0])
-        # That an episode goes on after its end is nobody's subject here.
+        # EC505 warns of any environment that can be stepped after the end of an episode.
         assert warned - {"EC505"} == set(named), "\n".join(findings)
 
 

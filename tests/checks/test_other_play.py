@@ -1,22 +1,20 @@
-"""What a privileged policy earns counts where winning is a positive return, or where all seem to be paid alike."""
+"""The returns of a privileged policy count if only the return shows a win, or if all players seem to get the same."""
 
 from __future__ import annotations
 
 import pytest
+from envcraft_checks.instawin import BY_SIGN
 
-from benchmarks.fixtures import FIXTURES
-from benchmarks.judge import failing
-from envcraft.budget import BUDGETS
-from envcraft.commands.choices import default_checks
-from envcraft.contract import ARCADE
-from envcraft.engine import Plan, validate
-from envcraft.events import SubjectFinished
-from envcraft.plugins import plugins
-from envcraft.sandbox import choose
-from envcraft.target import PolicyFile, Target
-from envcraft.verdict import SubjectReport
+from envcraft.contracts.builtin import ARCADE
+from envcraft.judging.budget import BUDGETS
+from envcraft.judging.engine import Plan
+from envcraft.judging.selection import default_checks, driver_named
+from envcraft.model.target import PolicyFile, Target
+from envcraft.model.verdict import SubjectReport
+from evaluation.fixtures import FIXTURES
+from evaluation.judge import failing, judge_plans
 
-#: The cans lie where no search at this budget comes.
+#: No search at this budget reaches the cans.
 FAR = (FIXTURES / "instawin" / "good" / "fuel_run.py").read_text()
 for _near, _far in (
     ("[1, 10]", "[24, 27]"),
@@ -26,8 +24,8 @@ for _near, _far in (
 ):
     assert _near in FAR
     FAR = FAR.replace(_near, _far)
-#: Whoever is out of fuel is told to have won.
-TOLD = FAR.replace('{"fuel": self.fuel}', '{"is_success": empty}')
+#: Its info reports success when the fuel is empty.
+REPORTS_SUCCESS = FAR.replace('{"fuel": self.fuel}', '{"is_success": empty}')
 DRIVES = """
 def policy(env):
     down, right = (int(a) - int(b) for a, b in zip(env.can, env.rover))
@@ -37,39 +35,7 @@ QUITS = "import os\n\nos._exit(3)\n\n\ndef policy(env):\n    return [0, 0, 0]"
 FILLS = "def policy(env):\n    env.fuel = 90\n    return [0, 0, 0]"
 
 
-def judged(game: str, policy: str) -> SubjectReport:
-    plan = Plan(
-        [Target("game.py", game.encode())],
-        ARCADE,
-        choose(plugins().collect("envcraft_sandbox_drivers"), "process"),
-        [check for check in default_checks() if check.name in ("source", "instawin", "difficulty")],
-        BUDGETS["quick"],
-        policy=PolicyFile("policy.py", policy) if policy else None,
-    )
-    return next(event.report for event in validate(plan) if isinstance(event, SubjectFinished))
-
-
-@pytest.mark.parametrize(
-    ("game", "policy", "codes"),
-    [
-        (FAR, "", {"EC601", "EC602", "EC802"}),
-        (FAR, DRIVES, set()),
-        (FAR, FILLS, {"EC601", "EC602", "EC802", "EC804"}),
-        (FAR, QUITS, {"EC601", "EC602", "EC802", "EC805"}),
-        (TOLD, DRIVES, {"EC601", "EC802"}),
-    ],
-)
-def test_what_a_policy_earns(game: str, policy: str, codes: set[str]) -> None:
-    assert failing(judged(game, policy)) == codes
-
-
-def test_a_win_that_only_the_sign_tells_is_said_to_be_one() -> None:
-    for game, said in ((FAR, True), (TOLD, False)):
-        found = [one for check in judged(game, "").checks for one in check.findings if one.code in ("EC601", "EC802")]
-        assert [("info tells no success" in one.message) for one in found] == [said, said]
-
-
-#: What it pays in the end is mostly luck, which hangs on what is done; who holds a direction has a little more of it.
+#: The final reward is mostly luck, which depends on the actions. To hold a direction adds a little to it.
 LUCK = """
 import gymnasium
 import numpy as np
@@ -104,16 +70,68 @@ class Luck(gymnasium.Env):
 """
 
 
-@pytest.mark.parametrize(("width", "warned"), [(10, True), (1, False)])
-def test_a_policy_that_never_wins_is_better_only_where_that_is_clear(width: int, warned: bool) -> None:
-    report = judged(LUCK.replace("WIDTH", str(width)), "def policy(env):\n    return [4, 0, 0]")
-    found = [one for check in report.checks for one in check.findings if one.code == "EC806"]
+HOLDS = "def policy(env):\n    return [4, 0, 0]"
+LUCKY, STEADY = (LUCK.replace("WIDTH", width) for width in ("10", "1"))
+PAIRS = [
+    *((FAR, policy) for policy in ("", DRIVES, FILLS, QUITS)),
+    *((REPORTS_SUCCESS, policy) for policy in ("", DRIVES)),
+    *((game, HOLDS) for game in (LUCKY, STEADY)),
+]
+Reports = dict[tuple[str, str], SubjectReport]
+
+
+@pytest.fixture(scope="module")
+def reports() -> Reports:
+    """The report on each pair of a game and a policy."""
+    driver = driver_named("process")
+    checks = [check for check in default_checks() if check.name in ("source", "instawin", "difficulty")]
+    plans = [
+        Plan(
+            [Target("game.py", game.encode())],
+            ARCADE,
+            driver,
+            checks,
+            BUDGETS["quick"],
+            policy=PolicyFile("policy.py", policy) if policy else None,
+        )
+        for game, policy in PAIRS
+    ]
+    return {PAIRS[number]: report for number, report in judge_plans(plans)}
+
+
+@pytest.mark.parametrize(
+    ("game", "policy", "codes"),
+    [
+        (FAR, "", {"EC601", "EC602", "EC802"}),
+        (FAR, DRIVES, set()),
+        (FAR, FILLS, {"EC601", "EC602", "EC802", "EC804"}),
+        (FAR, QUITS, {"EC601", "EC602", "EC802", "EC805"}),
+        (REPORTS_SUCCESS, DRIVES, {"EC601", "EC802"}),
+    ],
+    ids=["no policy", "drives", "fills the tank", "quits", "drives, success in info"],
+)
+def test_codes_with_a_policy(game: str, policy: str, codes: set[str], reports: Reports) -> None:
+    assert failing(reports[game, policy]) == codes
+
+
+@pytest.mark.parametrize(("game", "by_sign"), [(FAR, True), (REPORTS_SUCCESS, False)], ids=["return", "info"])
+def test_message_says_what_shows_the_win(game: str, by_sign: bool, reports: Reports) -> None:
+    findings = [finding for check in reports[game, ""].checks for finding in check.findings]
+    messages = [finding.message for finding in findings if finding.code in ("EC601", "EC802")]
+    assert [BY_SIGN in message for message in messages] == [by_sign, by_sign]
+
+
+@pytest.mark.parametrize(("game", "warned"), [(LUCKY, True), (STEADY, False)], ids=["unclear", "clear"])
+def test_a_policy_that_never_wins_must_clearly_be_better(game: str, warned: bool, reports: Reports) -> None:
+    findings = [finding for check in reports[game, HOLDS].checks for finding in check.findings]
+    found = [finding for finding in findings if finding.code == "EC806"]
     assert len(found) == warned
-    for one in found:
-        assert "wins 0 of 12 (0%, 99% interval 0% to 35.7%)" in one.message
-        for name, told in one.evidence["leads"].items():
-            assert told["n"] == 12
-            assert (f"over {name} {told['estimate']:.3g} (95% interval" in one.message) == (told["low"] <= 0)
-        # Higher in these twelve episodes, which tells nothing.
-        means = one.evidence["means"]
+    for finding in found:
+        assert "wins 0 of 12 (0%, 99% interval 0% to 35.7%)" in finding.message
+        for name, lead in finding.evidence["leads"].items():
+            assert lead["n"] == 12
+            words = f"over {name} {lead['estimate']:.3g} (95% interval"
+            assert (words in finding.message) == (lead["low"] <= 0)
+        # The mean over these twelve episodes is higher, by chance.
+        means = finding.evidence["means"]
         assert means["the policy"] > max(means["random play"], means["doing nothing"])

@@ -6,14 +6,14 @@ import ast
 
 import numpy as np
 import pytest
+from envcraft_checks.imports import required_imports
 from envcraft_checks.observation import noise
 from envcraft_checks.reward import growth
-from envcraft_checks.source import required_imports
 
-from benchmarks.fixtures import examples, fixtures
-from envcraft.check import Check
+from envcraft.judging.check import Check
+from envcraft.model.verdict import Severity
 from envcraft.plugins import plugins
-from envcraft.verdict import Severity
+from evaluation.fixtures import examples, fixtures
 
 CHECKS: list[Check] = plugins().collect("envcraft_checks")
 

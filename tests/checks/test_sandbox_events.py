@@ -1,26 +1,25 @@
-"""What a sandbox has to stop is reported with its own code, once, and the checker goes on."""
+"""The checker survives what a sandbox stops, and reports it once with its own code."""
 
 from __future__ import annotations
 
-import time
 from pathlib import Path
 
 import msgspec
 import pytest
 from envcraft_checks.sandbox import SandboxEvents
 
-from benchmarks.judge import failing
-from envcraft.budget import BUDGETS
-from envcraft.check import Check
-from envcraft.commands.choices import default_checks
-from envcraft.contract import ARCADE
-from envcraft.engine import Plan, validate
-from envcraft.events import SubjectFinished
-from envcraft.plugins import plugins
-from envcraft.sandbox import Driver, Limits, choose
-from envcraft.subject import Subject
-from envcraft.target import MAX_SOURCE, read_target
-from envcraft.verdict import Finding, SubjectReport, Verdict
+from envcraft.contracts.builtin import ARCADE
+from envcraft.judging.budget import BUDGETS
+from envcraft.judging.check import Check
+from envcraft.judging.driver import Driver, Limits
+from envcraft.judging.engine import Plan, validate
+from envcraft.judging.selection import default_checks, driver_named
+from envcraft.judging.subject import Subject
+from envcraft.judging.worker_pool import WorkerPool
+from envcraft.model.events import Finished, SubjectFinished
+from envcraft.model.target import MAX_SOURCE, Target, read_target
+from envcraft.model.verdict import Finding, SubjectReport, Verdict
+from evaluation.judge import failing
 
 GAME = (Path(__file__).resolve().parents[2] / "examples" / "sokoban.py").read_text()
 STEP = "        self.steps += 1\n"
@@ -36,46 +35,58 @@ def judged(tmp_path: Path, source: str, limits: Limits = LIMITS, checks: list[Ch
 
 
 def process() -> Driver:
-    return choose(plugins().collect("envcraft_sandbox_drivers"), "process")
+    return driver_named("process")
 
 
 def subject_of(path: Path) -> Subject:
-    return Subject(read_target(str(path)), ARCADE, process(), BUDGETS["quick"])
+    return Subject(read_target(str(path)), ARCADE, WorkerPool(process()).lease(), BUDGETS["quick"])
 
 
-@pytest.mark.parametrize(
-    ("code", "statement"),
-    [
-        ("EC901", "while self.steps > 30: pass"),
-        ("EC902", "self.kept = getattr(self, 'kept', []) + [bytearray(64 * 1024**2)]"),
-        ("EC903", "__import__('os').fork()"),
-        ("EC904", "print('x' * 65536)"),
-        ("EC904", "open(str(self.steps), 'wb').write(bytes(32 * 1024**2))"),
-        ("EC905", "__import__('socket').socket()"),
-        ("EC906", "self.steps > 30 and __import__('os')._exit(3)"),
-        ("EC907", "self.steps > 30 and __import__('os').write(3, b'pass' * 64)"),
-    ],
-)
-def test_event(tmp_path: Path, code: str, statement: str) -> None:
+HANGS = "while self.steps > 30: pass"
+EVENTS = [
+    ("EC901", HANGS),
+    ("EC902", "self.kept = getattr(self, 'kept', []) + [bytearray(64 * 1024**2)]"),
+    ("EC903", "__import__('os').fork()"),
+    ("EC904", "print('x' * 65536)"),
+    ("EC904", "open(str(self.steps), 'wb').write(bytes(32 * 1024**2))"),
+    ("EC905", "__import__('socket').socket()"),
+    ("EC906", "self.steps > 30 and __import__('os')._exit(3)"),
+    ("EC907", "self.steps > 30 and __import__('os').write(3, b'pass' * 64)"),
+]
+PRINTS = [
+    f"print('about to fail', self.steps, flush=True); self.steps > 30 and {statement}"
+    for statement in ("[].remove(0)", "__import__('os')._exit(3)")
+]
+
+
+@pytest.fixture(scope="module")
+def reports() -> dict[str, SubjectReport]:
+    """The report on the game with each statement at the start of step()."""
     assert STEP in GAME
-    started = time.monotonic()
-    report = judged(tmp_path, GAME.replace(STEP, f"        {statement}\n{STEP}", 1))
+    statements = [*(statement for _, statement in EVENTS), *PRINTS]
+    games = [GAME.replace(STEP, f"        {statement}\n{STEP}", 1) for statement in statements]
+    targets = [Target("game.py", game.encode()) for game in games]
+    *_, last = validate(Plan(targets, ARCADE, process(), default_checks(), BUDGETS["quick"], limits=LIMITS))
+    assert isinstance(last, Finished)
+    return dict(zip(statements, last.report.reports, strict=True))
+
+
+@pytest.mark.parametrize(("code", "statement"), EVENTS)
+def test_event(code: str, statement: str, reports: dict[str, SubjectReport]) -> None:
+    report = reports[statement]
     assert code in failing(report)
     assert report.verdict is Verdict.FAIL
-    assert time.monotonic() - started < 240
+    assert report.seconds < 240
 
 
-@pytest.mark.parametrize("statement", ["[].remove(0)", "__import__('os')._exit(3)"])
-def test_what_was_printed_is_shown_with_the_finding(tmp_path: Path, statement: str) -> None:
-    statement = f"print('about to fail', self.steps, flush=True); self.steps > 30 and {statement}"
-    report = judged(tmp_path, GAME.replace(STEP, f"        {statement}\n{STEP}", 1))
-    shown = [finding.evidence.get("output", "") for check in report.checks for finding in check.findings]
-    assert any("about to fail 31" in output for output in shown)
+@pytest.mark.parametrize("statement", PRINTS)
+def test_output_is_part_of_the_finding(statement: str, reports: dict[str, SubjectReport]) -> None:
+    findings = [finding for check in reports[statement].checks for finding in check.findings]
+    assert any("about to fail 31" in finding.evidence.get("output", "") for finding in findings)
 
 
-def test_the_hanging_step_is_named(tmp_path: Path) -> None:
-    report = judged(tmp_path, GAME.replace(STEP, f"        while self.steps > 30: pass\n{STEP}", 1))
-    (finding,) = next(check for check in report.checks if check.check == "sandbox").findings
+def test_the_hanging_step_is_named(reports: dict[str, SubjectReport]) -> None:
+    (finding,) = next(check for check in reports[HANGS].checks if check.check == "sandbox").findings
     assert finding.message.startswith("step 32 did not end")
     assert len(finding.repro.actions) == 32
 
@@ -96,7 +107,7 @@ def test_all_episodes_together_have_a_limit(tmp_path: Path) -> None:
 
 
 def paced(tmp_path: Path, statement: str) -> list[Finding]:
-    """What the check `sandbox` finds in a short game of which each step begins with a statement."""
+    """The findings of the check `sandbox` in a short game with a statement at the start of step()."""
     game = GAME.replace("MAX_STEPS = 500", "MAX_STEPS = 60").replace(STEP, f"        {statement}\n{STEP}", 1)
     library = "import time" if "time" in statement else "import pygame\nclock = pygame.time.Clock()"
     game = game.replace("import math\n", f"import math\n{library}\n", 1)

@@ -1,4 +1,4 @@
-"""What the tests of corpora share: a store with verdicts of every kind, made without judging anything."""
+"""Fixtures for the tests of corpora: a store with verdicts of every kind, made without judging."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ from typing import Any
 import pytest
 from click.testing import CliRunner, Result
 
-from envcraft.cli import cli
-from envcraft.contract import ARCADE
-from envcraft.corpus.settings import Settings, contract_digest
+from envcraft.cli.group import cli
+from envcraft.contracts.builtin import ARCADE
 from envcraft.corpus.store import Environment, Store
-from envcraft.verdict import CheckReport, Finding, Severity, SubjectReport, Verdict
+from envcraft.judging.settings import Settings, contract_digest
+from envcraft.model.verdict import CheckReport, Finding, Severity, SubjectReport, Verdict
 
 SETTINGS = Settings("arcade", contract_digest(ARCADE), "0.1.0+rules", 0, "quick", "process", "python 3")
 Invoke = Callable[..., Result]
-#: Options of a short audit.
+#: The options of a short audit.
 QUICK = ("--sandbox", "process", "--budget", "quick", "--checks", "source,api", "--workers", "2")
-#: It crashes where CRASH is.
+#: An environment that crashes at the position CRASH.
 ENVIRONMENT = """import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
@@ -53,7 +53,7 @@ class Walk(gym.Env):
 
 
 def source(name: str) -> bytes:
-    """A file that a folder's environments are known by, without being one."""
+    """A source that a scan of a folder accepts as an environment."""
     return f"import gymnasium\nclass {name.title()}(gymnasium.Env):\n    pass\n".encode()
 
 
@@ -67,7 +67,7 @@ def report(name: str, *codes: str, verdict: Verdict | None = None, steps: int = 
 
 
 def told(reports: list[dict[str, Any]]) -> Any:
-    """Reports without what a clock says."""
+    """Reports without their times."""
 
     def without(value: Any) -> Any:
         if isinstance(value, dict):
@@ -85,7 +85,7 @@ def judged(store: Store, name: str, *codes: str, verdict: Verdict | None = None)
 
 
 def rows(store: Store) -> list[tuple[object, ...]]:
-    """Everything but numbers and times."""
+    """All rows without their ids and times."""
     return [
         *store.db.execute(
             "SELECT name, e.source, e.class, origin, v.verdict, v.steps, v.report FROM environments e "
@@ -104,7 +104,7 @@ def rows(store: Store) -> list[tuple[object, ...]]:
 
 @pytest.fixture
 def store(tmp_path: Path) -> Iterator[Store]:
-    """A corpus of four: one passes, one fails, one could not be judged, one was not."""
+    """A corpus of four environments: a pass, a failure, an error, and one without a verdict."""
     with Store.create(tmp_path / "corpus") as made:
         judged(made, "ant")
         judged(made, "bee", "EC107", "EC203")
@@ -115,7 +115,7 @@ def store(tmp_path: Path) -> Iterator[Store]:
 
 @pytest.fixture
 def invoke(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Invoke:
-    """Run the command line in an empty folder, where no configuration reaches it."""
+    """Run the command line in an empty folder without a configuration file."""
     monkeypatch.chdir(tmp_path)
 
     def run(*arguments: str | Path) -> Result:

@@ -1,4 +1,4 @@
-"""A corpus to report on, made without judging anything: hundreds of verdicts of all kinds, hostile words among them."""
+"""A corpus for reports, made without judging: hundreds of verdicts of every kind, some with hostile text."""
 
 from __future__ import annotations
 
@@ -11,20 +11,20 @@ import pytest
 
 from envcraft.corpus.report import media
 from envcraft.corpus.store import Environment, Store
-from envcraft.verdict import CheckReport, Finding, Repro, Severity, SubjectReport, Verdict, overall
+from envcraft.model.verdict import CheckReport, Finding, Repro, Severity, SubjectReport, Verdict, overall
 
 from .conftest import SETTINGS
 
 SIZE = 620
 CHECKS = ("source", "api", "determinism", "difficulty")
-#: A name, and words in every place where an environment has a say.
+#: A name, and a text for every field that an environment controls.
 HOSTILE = "=<img src=x onerror=a()>'\"&\u202e</script><script>document.title='owned'</script>.py"
 CODES = {"source": "EC002", "api": "EC107", "determinism": "EC203"}
 
 
 def fill(store: Store, size: int = SIZE) -> None:
     settings = store.settings(SETTINGS)
-    # What the disk takes is not what is tested.
+    # The tests do not depend on the disk.
     with pytest.MonkeyPatch.context() as patch, store.transaction():
         patch.setattr(os, "fsync", lambda descriptor: None)
         for number in range(size):
@@ -39,7 +39,7 @@ def fill(store: Store, size: int = SIZE) -> None:
 
 
 def source(number: int) -> bytes:
-    """Another program for each number, but for 100, 101 and 102, which differ in a comment."""
+    """A different program for each number, except 100, 101 and 102, which differ in a comment."""
     bits = 100 if number in (101, 102) else number
     words = [hashlib.sha256(f"{bits} {bit}".encode()).hexdigest()[:8] for bit in range(10)]
     body = [
@@ -50,7 +50,7 @@ def source(number: int) -> bytes:
 
 
 def report(name: str, number: int, sha256: str) -> SubjectReport:
-    """Every fifth fails `api`, every seventh `determinism`, some both; one is not imported, one cannot be judged."""
+    """Every fifth fails `api`, every seventh `determinism`; one cannot be imported, and one is an error."""
     failed = {"source": number == 11, "api": number % 5 == 0, "determinism": number % 7 == 0}
     words = HOSTILE if not number else f"step() raises at step {number}"
     checks = []
@@ -61,7 +61,7 @@ def report(name: str, number: int, sha256: str) -> SubjectReport:
         ]
         verdict = Verdict.FAIL if found else Verdict.PASS
         if check == "api" and number % 5 == 3:
-            # What is let through may fail later.
+            # A skipped check does not block the later ones.
             verdict = Verdict.SKIP
         if check == "difficulty":
             verdict = Verdict.SKIP if number % 2 else Verdict.ERROR if number == 22 else verdict
@@ -87,8 +87,8 @@ def picture(store: Store, name: str) -> None:
 
 def written(root: Path, output: Path) -> Path:
     """The report on the corpus at `root`."""
-    from envcraft.commands.choices import all_checks
     from envcraft.corpus.report.site import build
+    from envcraft.judging.selection import all_checks
 
     with Store(root) as store:
         build(store, output, all_checks())

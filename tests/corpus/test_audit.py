@@ -1,4 +1,4 @@
-"""Audits of canned environments: what is judged and what is not, and what is told of it."""
+"""Audits of canned environments: the selection, the verdicts and the events."""
 
 from __future__ import annotations
 
@@ -12,27 +12,28 @@ from typing import Any
 import msgspec
 import pytest
 
-from benchmarks.audit_scale import IdleDriver
-from envcraft.budget import BUDGETS
-from envcraft.check import Check, Rule
-from envcraft.commands.choices import select_checks
-from envcraft.contract import ARCADE
-from envcraft.corpus.audit import Audit, Choice, follow
-from envcraft.corpus.settings import Settings, rules_version, settings_of
+from envcraft.contracts.builtin import ARCADE
+from envcraft.corpus.audit import Audit, follow
 from envcraft.corpus.store import Store
-from envcraft.engine import Plan, stream
-from envcraft.events import SubjectFinished
-from envcraft.pool import Pool
-from envcraft.sandbox import Limits
-from envcraft.subject import Subject
-from envcraft.target import Target
-from envcraft.verdict import Finding
+from envcraft.corpus.store.audits import Selection
+from envcraft.judging.budget import BUDGETS
+from envcraft.judging.check import Check, Rule
+from envcraft.judging.driver import Limits
+from envcraft.judging.engine import Plan, stream
+from envcraft.judging.selection import select_checks
+from envcraft.judging.settings import Settings, rules_version, settings_of
+from envcraft.judging.subject import Subject
+from envcraft.judging.worker_pool import WorkerPool
+from envcraft.model.events import SubjectFinished
+from envcraft.model.target import Target
+from envcraft.model.verdict import Finding
+from evaluation.drivers import IdleDriver
 
 from .conftest import ENVIRONMENT, Invoke, told
 
 
 class Words(Check):
-    """Finds what the source says it has, in place of running it."""
+    """Gives the findings that the source names, without running it."""
 
     name = "words"
     rules = tuple(Rule(code, code.lower(), "A.", "Mend.") for code in ("EC101", "EC107"))
@@ -57,10 +58,10 @@ class Corpus:
         follow(self.store, targets)
 
     def audit(self, resume: bool = True, seed: int = 0, stop: int | None = None, **choice: Any) -> Audit:
-        """Audit what is chosen; `judged` then has the paths that were. `stop` interrupts after so many."""
+        """Audit the selection and set `judged` to the judged paths. `stop` interrupts after this many."""
         driver, checks, self.judged = IdleDriver(), [Words()], []
         settings = self.store.settings(settings_of(ARCADE, checks, driver, BUDGETS["quick"], seed))
-        audit = Audit(self.store, settings, Choice(**choice, seed=seed), "games", resume)
+        audit = Audit(self.store, settings, Selection(**choice, seed=seed), "games", resume)
 
         def tell(event: Any) -> None:
             if isinstance(event, SubjectFinished):
@@ -70,7 +71,7 @@ class Corpus:
 
         if audit.pending:
             plan = Plan(audit.targets, ARCADE, driver, checks, BUDGETS["quick"], seed)
-            with Pool(driver, Limits(), len(audit.pending)) as pool:
+            with WorkerPool(driver, Limits(), len(audit.pending)) as pool:
                 audit.run(stream(plan, 2, pool), tell)
         audit.end()
         return audit
@@ -96,7 +97,7 @@ def test_only_what_changed_is_judged_again(corpus: Corpus) -> None:
     assert sorted(corpus.judged) == ["e1", "new"]
     assert (again.verdicts(), again.codes()) == ({"pass": 6, "fail": 4}, {"EC107": 3, "EC101": 1})
     corpus.write(**sources)
-    # The verdict of before is still there.
+    # The earlier verdict is still there.
     assert (corpus.audit().verdicts(), corpus.judged) == ({"pass": 6, "fail": 3}, [])
     corpus.audit(seed=1)
     assert len(corpus.judged) == 9
@@ -151,8 +152,8 @@ def test_it_is_told_that_the_verdict_of_before_stays(invoke: Invoke, tmp_path: P
     kept.unlink()
     again = invoke("audit", "corpus", *options, "--no-resume")
     assert again.exit_code == 3
-    assert "a.py: could not be judged again (the source" in again.stderr
-    assert again.stderr.endswith("; the verdict of before stays\n")
+    assert "a.py: could not be judged again (cannot read the source" in again.stderr
+    assert again.stderr.endswith("; the earlier verdict stays\n")
     assert "1 environment: 1 passed" in again.stdout
 
 
@@ -200,7 +201,7 @@ def test_what_a_part_left_out_is_still_new(corpus: Corpus) -> None:
     assert corpus.audit(changed=True).selected == 0
     corpus.write(a="EC101", b="other", c="another")
     assert corpus.audit(changed=True).selected == 0
-    # Nothing has changed, and yet nothing is known of it.
+    # It has not changed, but it has no verdict.
     assert corpus.audit(changed=True, seed=1).selected == 3
 
 
@@ -271,7 +272,7 @@ def test_settings_say_whether_all_checks_ran() -> None:
     assert (whole.checks, whole.offered) == ("", "")
     some = settings(select_checks("source,api", None))
     assert some.checks == ",".join(sorted(check.name for check in select_checks("source,api", None)))
-    # What ran is told apart by the rules already, so that verdicts from before this was kept still count.
+    # The rules already identify the checks, so older verdicts without this field still count.
     assert some.digest == msgspec.structs.replace(some, checks="", offered="").digest
     assert some.offered == whole.rules != some.rules
 

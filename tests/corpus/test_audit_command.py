@@ -1,4 +1,4 @@
-"""The command audit on small environments, and that a killed one goes on as if nothing had been."""
+"""The command ``audit`` on small environments; a killed audit continues to the same result."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ import pytest
 from envcraft.corpus.records import records_of
 from envcraft.corpus.store import CorpusBusy, Store
 from envcraft.errors import UsageError
-from envcraft.target import MAX_SOURCE
+from envcraft.model.target import MAX_SOURCE
 from tests.killing import TIMES, Killed
 
 from .conftest import ENVIRONMENT, QUICK, Invoke, judged, source, told
@@ -94,7 +94,7 @@ def test_a_file_replaces_its_own_name_also_where_another_has_its_text(games: Pat
     invoke("corpus", "init", "corpus")
     invoke("corpus", "add", "corpus", "games")
     (games / "a.py").write_bytes((games / "b.py").read_bytes())
-    assert "is the same as b.py, and left out" in invoke("corpus", "add", "corpus", "games/a.py").stderr
+    assert "has the same source as b.py and is skipped" in invoke("corpus", "add", "corpus", "games/a.py").stderr
     assert invoke("corpus", "add", "corpus", "games/a.py", "--replace").stdout.startswith("1 environment added")
     shown = [
         json.loads(invoke("corpus", "show", "corpus", name, "--format", "json").stdout) for name in ("a.py", "b.py")
@@ -106,9 +106,9 @@ def test_a_corpus_is_made_filled_and_judged(games: Path, invoke: Invoke) -> None
     assert invoke("corpus", "init", "corpus").exit_code == 0
     assert invoke("audit", "corpus", *QUICK).exit_code == 2
     added = invoke("corpus", "add", "corpus", "games", "--metadata", '{"model": "a"}')
-    assert added.stdout == "3 environments added, 1 there already\n"
-    assert "games/more/d.py is the same as more/c.py, and left out" in added.stderr
-    assert invoke("corpus", "add", "corpus", "games").stdout == "0 environments added, 4 there already\n"
+    assert added.stdout == "3 environments added, 1 already present\n"
+    assert "games/more/d.py has the same source as more/c.py and is skipped" in added.stderr
+    assert invoke("corpus", "add", "corpus", "games").stdout == "0 environments added, 4 already present\n"
     (games / "a.py").write_text(ENVIRONMENT.replace("CRASH", "-9"))
     assert invoke("corpus", "add", "corpus", "games/a.py").exit_code == 2
     assert invoke("corpus", "add", "corpus", "games/a.py", "--replace").exit_code == 0
@@ -142,9 +142,9 @@ def test_another_class_is_another_environment(invoke: Invoke, tmp_path: Path) ->
     (tmp_path / "ant").write_bytes(source("ant"))
     refused = invoke("corpus", "add", "corpus", "ant", "--class", "Bee")
     assert refused.exit_code == 2
-    assert "ant is another class of this source in corpus; --replace puts ant there" in refused.stderr
+    assert "ant has another class of this source in corpus; --replace replaces it by ant" in refused.stderr
     assert invoke("corpus", "list", "corpus").stdout == "pass   ant\n"
-    assert invoke("corpus", "add", "corpus", "ant").stdout == "0 environments added, 1 there already\n"
+    assert invoke("corpus", "add", "corpus", "ant").stdout == "0 environments added, 1 already present\n"
     assert invoke("corpus", "add", "corpus", "ant", "--class", "Bee", "--replace").exit_code == 0
     assert invoke("corpus", "list", "corpus").stdout == "none   ant\n"
     with Store(tmp_path / "corpus") as store:
@@ -169,12 +169,12 @@ def test_names_of_files_are_told_on_one_line(invoke: Invoke, tmp_path: Path) -> 
         (["audit", "games/more", "--baseline", "games/a.py"], "is no report"),
         (["audit", "empty"], "holds no environment"),
         (["audit", "corpus", "--store", "other"], "leave out --store"),
-        (["audit", "games", "--store", "corpus"], "need a store of their own"),
-        (["corpus", "list", "games"], "is no corpus"),
+        (["audit", "games", "--store", "corpus"], "need a separate corpus"),
+        (["corpus", "list", "games"], "is not a corpus"),
         (["corpus", "show", "corpus", "x"], "has no environment x"),
         (["corpus", "add", "corpus", "empty"], "holds no environment"),
-        (["corpus", "add", "corpus", "games", "kept"], "kept is a corpus; `envcraft corpus merge corpus kept` takes"),
-        (["corpus", "add", "corpus", "games/a.py", "--metadata", "[]"], "is no JSON object"),
+        (["corpus", "add", "corpus", "games", "kept"], "kept is a corpus; `envcraft corpus merge corpus kept` adds"),
+        (["corpus", "add", "corpus", "games/a.py", "--metadata", "[]"], "is not a JSON object"),
         (["corpus", "init", "games"], "is not empty"),
     ],
 )
@@ -204,7 +204,7 @@ def audited(folder: Path, *options: str) -> subprocess.Popen[str]:
 
 
 def database(folder: Path) -> tuple[list[Any], list[Any]]:
-    """All rows that the clock has no part in: environments with their verdicts, and findings."""
+    """All rows without times: environments with their verdicts, and findings."""
     with Store(folder) as store:
         found = store.db.execute(
             "SELECT name, e.source, e.class, s.digest, v.verdict, v.steps, v.report FROM environments e "
@@ -219,8 +219,8 @@ def database(folder: Path) -> tuple[list[Any], list[Any]]:
 
 
 def judged_in(folder: Path) -> int:
-    """How many environments have a verdict, in a store that may not be there yet, or be about to be written to."""
-    # While its tables are made, it is neither a corpus nor anybody else's to make one of.
+    """The number of environments with a verdict, in a store that may not exist yet or be locked."""
+    # During the creation of its tables, the folder is not yet a corpus.
     with contextlib.suppress(UsageError, CorpusBusy):
         return sum(row[4] is not None for row in database(folder)[0])
     return 0
@@ -247,7 +247,7 @@ def test_killed_at_any_moment_and_resumed_gives_the_same_rows(tmp_path: Path) ->
         lambda: judged.append(judged_in(games[1])),
     )
     killed.run()
-    # What was judged stays judged.
+    # The earlier verdicts remain.
     assert judged == sorted(judged)
     assert killed.moments.total() == TIMES
     resumed = audited(games[1], "--format", "json")
@@ -268,7 +268,7 @@ def test_ctrl_c_keeps_what_was_judged(games: Path) -> None:
     _, error = process.communicate(timeout=480)
     if process.returncode != 1:
         assert process.returncode == 130
-        assert "are kept; the same command judges all of them again, and without --no-resume only" in error
+        assert "stored; the same command judges all again, and without --no-resume only" in error
     again = audited(games, "--format", "json")
     out, error = again.communicate(timeout=480)
     assert again.returncode == 1, error

@@ -1,4 +1,4 @@
-"""Audits on an executor: what is lost goes out again, nothing is told twice, and who judges differently refuses."""
+"""Audits on an executor: lost tasks are sent again, no event comes twice, and a worker with other rules refuses."""
 
 from __future__ import annotations
 
@@ -13,23 +13,23 @@ from typing import Any, cast
 import msgspec
 import pytest
 
-from envcraft.budget import BUDGETS
-from envcraft.commands.choices import checks_named, driver_named
-from envcraft.contract import GYMNASIUM
+from envcraft.contracts.builtin import GYMNASIUM
 from envcraft.corpus import dispatch, tasks
 from envcraft.corpus.dispatch import stream
-from envcraft.corpus.settings import settings_of
-from envcraft.engine import Plan
+from envcraft.corpus.executors import ExecutorPlugin, Opened
 from envcraft.errors import EnvCraftError, TargetLost
-from envcraft.events import SubjectFinished, SubjectStarted
-from envcraft.executors import ExecutorPlugin, Opened
-from envcraft.target import Target
-from envcraft.verdict import SubjectReport, Verdict
+from envcraft.judging.budget import BUDGETS
+from envcraft.judging.engine import Plan
+from envcraft.judging.selection import checks_named, driver_named
+from envcraft.judging.settings import settings_of
+from envcraft.model.events import SubjectFinished, SubjectStarted
+from envcraft.model.target import Target
+from envcraft.model.verdict import SubjectReport, Verdict
 
 from .conftest import SETTINGS, Invoke
 
 SLOTS = 3
-#: What becomes of a task: its verdict, or its loss in one of the ways in which engines say so.
+#: The result of a task: its verdict, or its loss in one of the ways that executors report.
 Fate = Callable[[Future[bytes], Callable[[], bytes]], None]
 
 
@@ -54,7 +54,7 @@ def never(future: Future[bytes], run: Callable[[], bytes]) -> None:
 
 
 class Scripted(Executor):
-    """Decides the fate of a task by its path and the number of times that it came."""
+    """Decides the result of a task by its path and the number of its submissions."""
 
     def __init__(self, engine: Engine) -> None:
         self.engine, self.broken = engine, False
@@ -118,7 +118,7 @@ def events(engine: Engine, count: int) -> Iterator[tuple[int, Any]]:
 
 
 def reports(engine: Engine, count: int) -> dict[str, SubjectReport]:
-    """What came out, by path; each is started once, before it is finished, which it is once."""
+    """The reports by path. Each subject starts once and finishes once, in this order."""
     started: dict[int, str] = {}
     found: dict[str, SubjectReport] = {}
     for number, event in events(engine, count):
@@ -159,7 +159,7 @@ def test_what_is_lost_goes_out_again_and_counts_once(engine: Engine) -> None:
     dice = random.Random(1)
     fates = {f"e{number}": dice.choice([verdict, verdict, cancelled]) for number in range(60)}
     engine.fate = lambda path, time: fates[path] if time == 1 else verdict
-    # Each time a pool breaks, what it holds is lost with it.
+    # A pool that breaks loses its tasks.
     engine.breaks = lambda path, time: path in ("e7", "e31", "e59") and time == 1
     found = reports(engine, 60)
     assert {report.verdict for report in found.values()} == {Verdict.PASS}
@@ -227,7 +227,7 @@ def test_a_source_that_is_gone_is_an_error_and_the_rest_goes_on(engine: Engine) 
 
 def order(**changes: Any) -> bytes:
     checks = checks_named(["source", "sandbox"])
-    # Its rewards have no bounds, which JSON could not say.
+    # Its rewards have infinite bounds, which JSON cannot represent.
     settings = settings_of(GYMNASIUM, checks, driver_named("process"), BUDGETS["quick"], 3)
     settings = msgspec.structs.replace(settings, **changes)
     return tasks.Order(settings, GYMNASIUM, [check.name for check in checks]).to_bytes()
@@ -260,7 +260,7 @@ def test_a_worker_that_would_judge_otherwise_refuses(changes: dict[str, str], wo
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (("--scheduler", "tcp://10.0.0.1:8786"), "goes with an executor that has one"),
+        (("--scheduler", "tcp://10.0.0.1:8786"), "needs an executor that has a scheduler"),
         (("--executor", "dusk"), "there is no executor 'dusk'; did you mean dask?"),
         (("--executor", "dask"), "pip install 'envcraft-rl[dask]'"),
     ],

@@ -1,4 +1,4 @@
-"""``envcraft export --to hf`` and ``--to site``: read back, and held against the corpus."""
+"""``envcraft export --to hf`` and ``--to site``: the tests read the files and compare them with the corpus."""
 
 from __future__ import annotations
 
@@ -14,23 +14,24 @@ import markdown_it
 import pytest
 import yaml
 
-from envcraft.corpus.export import Exporter, Order, shards
+from envcraft.corpus.deduplication import groups_of
+from envcraft.corpus.export import shards
+from envcraft.corpus.export.exporter import Exporter, Order
 from envcraft.corpus.export.hf import COLUMNS, DatasetExporter
-from envcraft.corpus.likeness import groups_of
 from envcraft.corpus.store import CorpusDamaged, Environment, Store, decode
 from envcraft.errors import UsageError
-from envcraft.stats import Proportion
+from envcraft.judging.statistics import Proportion
 
 from .conftest import SETTINGS, Invoke, judged, source
 from .reported import fill
 from .reported import source as program
 
-#: How the file of the worked plugin is found, which is not installed here.
+#: The path of the example plugin, which is not installed here.
 FILES = Path(__file__).parents[1] / "plugin_package" / "src" / "envcraft_lantern" / "files.py"
 
 
 def rows_of(folder: Path) -> dict[str, list[dict[str, Any]]]:
-    """The rows of each split, as the files have them."""
+    """The rows of each split in the files."""
     found: dict[str, list[dict[str, Any]]] = {}
     from pyarrow import parquet
 
@@ -45,7 +46,7 @@ def front(folder: Path) -> dict[str, Any]:
 
 
 def exported(corpus: Path, folder: Path) -> Path:
-    """A data set of everything, in files and row groups that are small."""
+    """A data set of the whole corpus in small files and row groups."""
     with pytest.MonkeyPatch.context() as patch, Store(corpus) as store:
         patch.setattr(shards, "_ROWS", 20)
         patch.setattr(shards, "_FILE", 40_000)
@@ -59,7 +60,7 @@ def corpus(tmp_path_factory: pytest.TempPathFactory) -> Path:
     with Store.create(root) as store:
         fill(store, 140)
         for number in range(20, 40):
-            # So many that not one of them is kept together by chance.
+            # With this many, none stays together by chance.
             store.add(f"copies/{number}.py", program(number) + b"# a copy\n")
     return root
 
@@ -115,7 +116,7 @@ def test_splits_never_cut_a_group(corpus: Path, dataset: Path) -> None:
 
 
 def test_the_same_corpus_gives_the_same_files(corpus: Path, dataset: Path, tmp_path: Path) -> None:
-    """Also where environments were added in another order."""
+    """The result does not depend on the order in which environments were added."""
     with Store(corpus) as old, Store.create(tmp_path / "games") as new:
         settings = new.settings(SETTINGS)
         for environment in reversed(list(Order(old, tmp_path, everything=True).environments())):
@@ -174,7 +175,7 @@ def test_what_the_card_says(corpus: Path, dataset: Path) -> None:
     assert f"{rate.estimate:.1%} passed (interval {rate.low:.1%} to {rate.high:.1%})" in text
     share = Proportion(api, 139)
     assert f"| {api} | {share.estimate:.1%} | {share.low:.1%} to {share.high:.1%} |" in text
-    # 100, 101 and 102 are one program with other comments, and there are the copies.
+    # 100, 101 and 102 are the same program with different comments.
     assert re.search(r"^\| exact \| 160 \| 21 \| 22 \|$", text, re.MULTILINE)
 
 
@@ -204,7 +205,7 @@ def test_only_what_has_passed_unless_all_is_wanted(store: Store, invoke: Invoke,
     assert [part["split"] for part in front(tmp_path / "made")["configs"][0]["data_files"]] == ["train"]
     assert invoke("corpus", "rm", "corpus", "ant").exit_code == 0
     result = invoke("export", "corpus", "--to", "hf", "--output", "none")
-    assert (result.exit_code, "no environment that passes" in result.output) == (2, True)
+    assert (result.exit_code, "has passed all checks" in result.output) == (2, True)
     assert not (tmp_path / "none").exists()
 
 
@@ -235,7 +236,7 @@ def test_what_is_no_text_is_left_out_and_counted(store: Store, tmp_path: Path) -
 def test_licences(
     store: Store, tmp_path: Path, origins: dict[str, Any], said: str | None, licence: Any, words: str
 ) -> None:
-    """Stated where it is, and never made up."""
+    """The licence is stated if it is known, and never invented."""
     store.db.execute("DELETE FROM environments WHERE name NOT IN ('ant', 'bee')")
     for name, origin in origins.items():
         store.db.execute("UPDATE environments SET origin = ? WHERE name = ?", (json.dumps(origin), name))
@@ -275,7 +276,7 @@ def test_a_site_is_the_report(store: Store, invoke: Invoke, tmp_path: Path) -> N
         tmp_path / "report" / "environments.csv"
     ).read_bytes()
     result = invoke("export", "corpus", "--to", "site", "--output", "x", "--licence", "mit")
-    assert (result.exit_code, "no place for --licence mit" in result.output) == (2, True)
+    assert (result.exit_code, "does not use --licence mit" in result.output) == (2, True)
 
 
 def exporters() -> list[Exporter]:
@@ -297,7 +298,7 @@ def test_no_name_leads_out_of_an_export(store: Store, tmp_path: Path, exporter: 
     exporter.export(order)
     store.db.execute("UPDATE verdicts SET verdict = 'pass'")
     before = sorted(tmp_path.rglob("*"))
-    with pytest.raises(CorpusDamaged, match="leads out of any folder"):
+    with pytest.raises(CorpusDamaged, match="leads out of the folder"):
         exporter.export(Order(store, tmp_path / "deep" / "other", "games"))
     assert sorted(tmp_path.rglob("*")) == before
 

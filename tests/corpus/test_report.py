@@ -1,4 +1,4 @@
-"""Reports on a corpus: the numbers are those of the database, words stay words, and a report is whole or not there."""
+"""Reports on a corpus: their numbers match the database, text stays text, and a report is complete or absent."""
 
 from __future__ import annotations
 
@@ -20,19 +20,19 @@ import msgspec
 import numpy as np
 import pytest
 
-from benchmarks.audit_scale import IdleDriver
-from envcraft.contract import ARCADE
-from envcraft.corpus.report import data, media, swap
-from envcraft.corpus.report.command import promised_in
+from envcraft.contracts.builtin import ARCADE
+from envcraft.corpus.report import data, media, output
 from envcraft.corpus.report.data import Measure, outliers
+from envcraft.corpus.report.write import preview_contracts
 from envcraft.corpus.store import Environment, Store, decode
 from envcraft.corpus.verify import verify
-from envcraft.engine import Plan
 from envcraft.errors import UsageError
-from envcraft.events import Event, SubjectFinished
-from envcraft.pool import Pool
-from envcraft.reports import one_line
-from envcraft.verdict import CheckReport, SubjectReport, Verdict, overall
+from envcraft.judging.engine import Plan
+from envcraft.judging.worker_pool import WorkerPool
+from envcraft.model.events import Event, SubjectFinished
+from envcraft.model.verdict import CheckReport, SubjectReport, Verdict, overall
+from envcraft.text import one_line
+from evaluation.drivers import IdleDriver
 
 from .conftest import ENVIRONMENT, QUICK, SETTINGS, Invoke, judged, source
 from .conftest import report as report_on
@@ -51,7 +51,7 @@ def site(reported: tuple[Path, Path]) -> Path:
 
 @pytest.fixture(scope="module")
 def reports(corpus: Path) -> dict[str, SubjectReport | None]:
-    """What the database has, by name."""
+    """The rows of the database by name."""
     with Store(corpus) as store:
         rows = store.db.execute(
             "SELECT name, report FROM environments LEFT JOIN verdicts ON verdicts.id = environments.verdict "
@@ -66,7 +66,7 @@ def table(path: Path) -> list[dict[str, str]]:
 
 
 def numbers_of(reports: dict[str, SubjectReport | None]) -> list[tuple[str, int, int]]:
-    """Each check with how many passed all before it, and how many of these it let through."""
+    """Each check with the number that passed all earlier checks, and how many of these passed it."""
     left = [report for report in reports.values() if report is not None]
     found = []
     for check in CHECKS:
@@ -111,7 +111,7 @@ class Parsed(HTMLParser):
 
 
 def script(path: Path) -> Any:
-    """What a script hands over."""
+    """The data that a script passes on."""
     found = re.fullmatch(r'envcraft\("(\w+)",(\d+),(.*)\);\n', path.read_text("utf-8"), re.DOTALL)
     assert found is not None
     assert path.name == f"{found[1]}-{found[2]}.js"
@@ -132,7 +132,7 @@ def test_the_stages_are_those_of_the_database(site: Path, reports: dict[str, Sub
         assert float(row["pass_rate"]) == pytest.approx(rate)
         assert float(row["low"]) < rate <= float(row["high"])
         assert line[5] == f"{rate:.1%}"
-    # By hand, for one that is small enough: Wilson's interval at 95%.
+    # Wilson's interval at 95%, computed by hand.
     n = int(rows[1]["output"]) - int(rows[1]["skipped"]) + int(rows[1]["failed"])
     p, z = float(rows[1]["pass_rate"]), 1.959964
     middle, half = p + z * z / (2 * n), z * (p * (1 - p) / n + z * z / (4 * n * n)) ** 0.5
@@ -184,7 +184,7 @@ def test_tables_read_back(site: Path, reports: dict[str, SubjectReport | None]) 
     assert {row["name"]: row["verdict"] for row in told} == {n: r.verdict if r else "none" for n, r in reports.items()}
     assert next(row for row in told if row["name"] == HOSTILE)["origin"] == {"words": HOSTILE}
     rows = table(site / "environments.csv")
-    # A spreadsheet would compute what begins with "=".
+    # A spreadsheet evaluates text that starts with "=".
     assert [row["name"].removeprefix("'") for row in rows] == list(reports)
     assert f"'{HOSTILE}" in [row["name"] for row in rows]
     messages = [row["message"] for row in table(site / "findings.csv")]
@@ -240,7 +240,7 @@ def test_outliers() -> None:
     seconds = msgspec.structs.replace(measure(*spread, 1000.0, 9.0), low=False)
     assert [found.times > 1 for found in outliers(seconds)] == [True]
     assert not list(outliers(measure(*spread)))
-    # Few, all but one the same, or far in spreads but hardly more than the others.
+    # Few values, all but one the same, or far in units of the spread but hardly larger than the others.
     assert not list(outliers(measure(*spread[:6], 1000.0)))
     assert not list(outliers(measure(*[100.0] * 20, 1000.0)))
     assert not list(outliers(measure(*(100 + number / 1000 for number in range(20)), 120.0)))
@@ -261,9 +261,9 @@ def test_copies_are_named_and_counted(site: Path) -> None:
     assert [name for name, number in rows.items() if number] == copies
     row = next(row for row in script(site / "data" / "rows-0.js") if row[0] == copies[1])
     about = next(a for a in script(site / "data" / f"about-{row[8]}.js") if a["name"] == copies[1])
-    assert sorted(name for _, name in about["alike"]) == [copies[0], copies[2]]
+    assert sorted(name for _, name in about["duplicates"]) == [copies[0], copies[2]]
     shown = (site / "index.html").read_text("utf-8")
-    assert f"{SIZE - 2} environments are left where one of each is kept" in shown
+    assert f"{SIZE - 2} environments remain if one of each cluster is kept" in shown
     assert "and 2 more" in shown
 
 
@@ -272,11 +272,11 @@ def test_copies_are_named_and_counted(site: Path) -> None:
 
 def test_a_report_that_is_not_finished_leaves_the_old_one(tmp_path: Path) -> None:
     place = tmp_path / "report"
-    with swap.replaced(place) as made:
+    with output.replaced(place) as made:
         (made / "report.json").write_text("old")
 
     def interrupted(error: type[BaseException]) -> None:
-        with swap.replaced(place) as made:
+        with output.replaced(place) as made:
             (made / "report.json").write_text("half")
             raise error
 
@@ -285,7 +285,7 @@ def test_a_report_that_is_not_finished_leaves_the_old_one(tmp_path: Path) -> Non
             interrupted(error)
     assert (place / "report.json").read_text() == "old"
     assert [path.name for path in tmp_path.iterdir()] == ["report"]
-    with swap.replaced(place) as made:
+    with output.replaced(place) as made:
         (made / "report.json").write_text("new")
     assert (place / "report.json").read_text() == "new"
     assert [path.name for path in tmp_path.iterdir()] == ["report"]
@@ -293,17 +293,17 @@ def test_a_report_that_is_not_finished_leaves_the_old_one(tmp_path: Path) -> Non
 
 def test_a_killed_writer_leaves_the_old_one_and_the_next_clears_up(tmp_path: Path) -> None:
     place = tmp_path / "report"
-    with swap.replaced(place) as made:
+    with output.replaced(place) as made:
         (made / "report.json").write_text("old")
     program = (
-        "import os, pathlib; from envcraft.corpus.report.swap import replaced\n"
+        "import os, pathlib; from envcraft.corpus.report.output import replaced\n"
         f"with replaced(pathlib.Path({str(place)!r})) as made:\n"
         "    (made / 'report.json').write_text('half'); os.kill(os.getpid(), 9)\n"
     )
     assert subprocess.run([sys.executable, "-c", program], check=False).returncode == -signal.SIGKILL
     assert (place / "report.json").read_text() == "old"
     assert len(list(tmp_path.iterdir())) == 2
-    with swap.replaced(place) as made:
+    with output.replaced(place) as made:
         (made / "report.json").write_text("new")
     assert [path.name for path in tmp_path.iterdir()] == ["report"]
 
@@ -313,7 +313,7 @@ def test_one_that_was_killed_between_the_renames_is_put_back(tmp_path: Path) -> 
     process.wait()
     (tmp_path / f".report.old-{process.pid}").mkdir()
     (tmp_path / f".report.old-{process.pid}" / "report.json").write_text("old")
-    with pytest.raises(ValueError, match="oops"), swap.replaced(tmp_path / "report"):
+    with pytest.raises(ValueError, match="oops"), output.replaced(tmp_path / "report"):
         raise ValueError("oops")
     assert (tmp_path / "report" / "report.json").read_text() == "old"
 
@@ -321,7 +321,7 @@ def test_one_that_was_killed_between_the_renames_is_put_back(tmp_path: Path) -> 
 def test_only_a_report_is_replaced(store: Store, invoke: Invoke, tmp_path: Path) -> None:
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "letter.txt").write_text("dear")
-    # What `audit --format json` may have been told to write.
+    # A file that `audit --format json --output` may have written.
     (tmp_path / "mine" / "report.json").write_text("{}")
     (tmp_path / "file").write_text("")
     for place in ("mine", "file"):
@@ -330,12 +330,12 @@ def test_only_a_report_is_replaced(store: Store, invoke: Invoke, tmp_path: Path)
         assert place in result.output
     assert (tmp_path / "mine" / "letter.txt").read_text() == "dear"
 
-    with swap.replaced(tmp_path / "site") as made:
+    with output.replaced(tmp_path / "site") as made:
         (made / "index.html").write_text("")
-    swap.usable(tmp_path / "site")
+    output.check_usable(tmp_path / "site")
     (tmp_path / "site" / "letter.txt").write_text("dear")
-    with pytest.raises(UsageError, match=r"holds letter\.txt, which is no part of a report"):
-        swap.usable(tmp_path / "site")
+    with pytest.raises(UsageError, match=r"contains letter\.txt, which does not belong to a report"):
+        output.check_usable(tmp_path / "site")
 
 
 def test_what_is_not_installed_is_named_first(invoke: Invoke, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -397,7 +397,7 @@ def test_previews_are_strips_of_bounded_size() -> None:
     assert (wide[:20] == 0).all()
     assert (wide[22:62] == 200).all()
     for shape in ((84, 84), (3, 250), (600, 400)):
-        assert len(media.encode(frames(61, *shape, noise=True))) <= media.MOST
+        assert len(media.encode(frames(61, *shape, noise=True))) <= media.MAX_BYTES
 
 
 @pytest.fixture
@@ -414,7 +414,7 @@ def folder(tmp_path: Path) -> Path:
 def test_an_audit_writes_a_report_with_pictures(folder: Path, invoke: Invoke, tmp_path: Path) -> None:
     result = invoke("audit", folder, *QUICK, "--report", "report")
     assert result.exit_code == 1, result.output
-    assert "2 environments played for pictures" in result.stderr
+    assert "2 environments played for previews" in result.stderr
     site = tmp_path / "report"
     rows = script(site / "data" / "rows-0.js")
     assert [(row[0], row[7]) for row in rows] == [("good.py", 1), ("late.py", 1), ("none.py", 0)]
@@ -423,7 +423,7 @@ def test_an_audit_writes_a_report_with_pictures(folder: Path, invoke: Invoke, tm
     assert (
         about[0]["command"] == f"envcraft validate {folder}/good.py --budget quick --format json --output report.json"
     )
-    # Known pictures are taken again, one that is lost is played again.
+    # Known pictures are reused; a lost one is played again.
     again = invoke("corpus", "report", folder, "--output", "report", "--sandbox", "process")
     assert again.exit_code == 0, again.output
     assert "played" not in again.stderr
@@ -450,7 +450,7 @@ def test_an_audit_writes_a_report_with_pictures(folder: Path, invoke: Invoke, tm
 
 
 def test_pictures_are_played_under_the_contract_that_was_judged(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
-    """ant and bee under arcade, cat under another, dog never, eel under one that is not known here."""
+    """ant and bee under arcade, cat under another contract, dog without a verdict, eel under an unknown contract."""
     known = Environment("cat", hashlib.sha256(source("cat")).hexdigest(), "")
     store.record(known, store.settings(msgspec.structs.replace(SETTINGS, contract="gymnasium")), report_on("cat"))
     judged(store, "eel")
@@ -458,7 +458,7 @@ def test_pictures_are_played_under_the_contract_that_was_judged(store: Store, mo
     store.record(gone, store.settings(msgspec.structs.replace(SETTINGS, contract="gone")), report_on("eel"))
     played: list[tuple[str, str]] = []
 
-    def stream(plan: Plan, workers: int | None, pool: Pool) -> Iterator[tuple[int, Event]]:
+    def stream(plan: Plan, workers: int | None, pool: WorkerPool) -> Iterator[tuple[int, Event]]:
         for number, target in enumerate(plan.targets, 1):
             played.append((plan.contract.name, target.path))
             yield number, SubjectFinished(report_on(target.path))
@@ -466,10 +466,10 @@ def test_pictures_are_played_under_the_contract_that_was_judged(store: Store, mo
     monkeypatch.setattr(media, "stream", stream)
     notes: list[str] = []
     for _ in range(2):
-        for promised in promised_in(store, ARCADE, notes):
+        for promised in preview_contracts(store, ARCADE, notes):
             media.make(store, promised, ARCADE.name, IdleDriver())
     assert played == [("arcade", "ant"), ("arcade", "bee"), ("arcade", "dog"), ("gymnasium", "cat")]
-    assert notes[0].startswith("No new pictures of 1 environment: there is no contract 'gone'")
+    assert notes[0].startswith("Previews of 1 environment are missing: there is no contract 'gone'")
 
 
 def test_no_previews_plays_nothing(store: Store, invoke: Invoke, tmp_path: Path) -> None:
@@ -482,7 +482,7 @@ def test_no_previews_plays_nothing(store: Store, invoke: Invoke, tmp_path: Path)
 def test_what_is_not_a_corpus_is_refused(invoke: Invoke, tmp_path: Path) -> None:
     result = invoke("corpus", "report", tmp_path, "--output", "report", "--no-previews")
     assert result.exit_code == 2
-    assert "is no corpus" in result.output
+    assert "is not a corpus" in result.output
 
 
 def test_the_corpus_is_the_size_that_the_tests_suppose(reports: dict[str, SubjectReport | None]) -> None:

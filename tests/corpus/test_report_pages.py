@@ -1,4 +1,4 @@
-"""The pages of a report in a real browser: nothing complains, and no more is loaded than is shown."""
+"""The pages of a report in a real browser: no errors, and no more data is loaded than is shown."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from envcraft.reports import one_line
+from envcraft.text import one_line
 from tests.pages import chromium, window
 
 from .reported import HOSTILE, SIZE
@@ -33,7 +33,7 @@ def browser() -> Iterator[Browser]:
 
 @pytest.fixture
 def show(browser: Browser, site: Path) -> Iterator[Open]:
-    """Open a page; nothing may be logged, raised or asked of anybody. What it loads is in ``page.loaded``."""
+    """Open a page, which may not log, raise or request anything external. ``page.loaded`` has the loaded files."""
     complaints: list[str] = []
     contexts = []
 
@@ -57,7 +57,7 @@ def show(browser: Browser, site: Path) -> Iterator[Open]:
 
 
 def loaded(page: Any, kind: str) -> list[str]:
-    """What was loaded with such an ending; everything was of the report's own folder."""
+    """The loaded files with this suffix; all are from the folder of the report."""
     urls: list[str] = page.loaded
     assert not [url for url in urls if ":" in url and not url.startswith("data:,")], urls
     return [url for url in urls if url.endswith(kind)]
@@ -171,7 +171,7 @@ def test_an_environment_says_everything_and_runs_nothing(show: Open) -> None:
     page.get_by_role("link", name="line 2").first.click()
     assert page.evaluate("document.activeElement.id") == "line-2"
     assert page.locator(".source li").nth(1).inner_text() == "import gymnasium"
-    # The words stand where an environment says so, and nowhere became elements.
+    # The text of the environment is on the page, and none of it became an element.
     assert page.locator("#one script, #one img:not(.film)").count() == 0
 
 

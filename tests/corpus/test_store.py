@@ -1,4 +1,4 @@
-"""The store: what it keeps, what it refuses, and that nothing is ever half written."""
+"""The store: its contents, the input that it refuses, and atomic writes."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from envcraft.corpus import schema
-from envcraft.corpus.audit import Audit, Choice
-from envcraft.corpus.settings import Settings
-from envcraft.corpus.store import CorpusBusy, CorpusDamaged, Environment, Store, decode
+from envcraft.corpus.audit import Audit
+from envcraft.corpus.store import CorpusBusy, CorpusDamaged, Environment, Store, decode, schema
+from envcraft.corpus.store.audits import Selection
 from envcraft.errors import EnvCraftError, UsageError
-from envcraft.verdict import Verdict
+from envcraft.judging.settings import Settings
+from envcraft.model.verdict import Verdict
 
 from .conftest import SETTINGS, report, rows, source
 
@@ -79,12 +79,12 @@ def test_a_verdict_of_some_checks_takes_no_place_of_one_of_all(store: Store) -> 
         store.record(environment, some, report(name))
     assert last("bee") == ("fail", "")
     assert last("dog") == ("pass", "source")
-    # An audit that knows them all already makes them the last no more than one that judges them.
-    Audit(store, some, Choice())
+    # An audit with fewer checks whose verdicts are all known does not make them the last ones.
+    Audit(store, some, Selection())
     assert last("bee") == ("fail", "")
     store.record(environment, store.settings(SETTINGS), report("dog", "EC107"))
     assert last("dog") == ("fail", "")
-    # What it has become since has no verdict of all checks.
+    # The changed source has no verdict of all checks.
     store.add("bee", b"# another\n" + source("bee"))
     store.record(
         Environment("bee", hashlib.sha256(b"# another\n" + source("bee")).hexdigest(), ""), some, report("bee")
@@ -162,10 +162,10 @@ def test_a_second_writer_is_told_who_the_first_is_and_readers_are_let_in(store: 
 
 def test_a_corpus_that_may_only_be_read_is_read(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
     written = rows(store)
-    # Of a folder that nobody may write to, whoever asks.
+    # A folder without write permission, also for root.
     monkeypatch.setattr(os, "access", lambda path, mode: mode != os.W_OK)
     with Store(store.root) as reader:
-        # A log that is there is read.
+        # An existing write-ahead log is read.
         assert rows(reader) == written
     store.close()
     for file in store.root.glob("corpus.sqlite-*"):
@@ -175,7 +175,10 @@ def test_a_corpus_that_may_only_be_read_is_read(store: Store, monkeypatch: pytes
         assert not list(store.root.glob("corpus.sqlite-*"))
         with pytest.raises(sqlite3.OperationalError, match="readonly"):
             reader.db.execute("DELETE FROM environments")
-    with pytest.raises(EnvCraftError, match="cannot be read or written here") as told, Store(store.root) as reader:
+    with (
+        pytest.raises(EnvCraftError, match="cannot read or write the corpus") as told,
+        Store(store.root) as reader,
+    ):
         reader.db.execute("DELETE FROM environments")
     assert not isinstance(told.value, CorpusDamaged)
 
@@ -238,17 +241,17 @@ def test_an_empty_database_is_no_empty_corpus(store: Store, foreign: bool) -> No
     with contextlib.closing(sqlite3.connect(database)) as other:
         other.execute("CREATE TABLE mine (id)" if foreign else "VACUUM")
     before = database.read_bytes()
-    with pytest.raises(CorpusDamaged, match="is empty, or no corpus's"):
+    with pytest.raises(CorpusDamaged, match="is empty or does not belong"):
         Store(store.root)
     assert database.read_bytes() == before
-    with pytest.raises(CorpusDamaged, match="is empty, or no corpus's"):
+    with pytest.raises(CorpusDamaged, match="is empty or does not belong"):
         Store(store.root, write=True)
     with contextlib.closing(sqlite3.connect(database)) as other:
         assert other.execute("SELECT count(*) FROM sqlite_master").fetchone() == (int(foreign),)
 
 
 def test_a_corpus_is_made_in_an_empty_folder_only(tmp_path: Path, store: Store) -> None:
-    with pytest.raises(UsageError, match="is a corpus already"):
+    with pytest.raises(UsageError, match="is already a corpus"):
         Store.create(store.root)
     (tmp_path / "full").mkdir()
     (tmp_path / "full" / "a.txt").touch()

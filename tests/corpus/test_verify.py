@@ -1,4 +1,4 @@
-"""Each kind of damage is found, is mended, and is not found again; merging twice changes nothing."""
+"""Each kind of damage is detected and repaired, and is then gone; a second merge changes nothing."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def place(store: Store, name: str) -> Path:
 
 
 def unguarded(store: Store, statement: str) -> None:
-    """As another program might write, which does not ask for foreign keys."""
+    """Write like a program that does not enable foreign keys."""
     store.db.execute("PRAGMA foreign_keys = OFF")
     store.db.execute(statement)
     store.db.execute("PRAGMA foreign_keys = ON")
@@ -82,7 +82,7 @@ def lost_findings(store: Store) -> None:
 
 
 def torn_index(store: Store) -> None:
-    """An index that lacks a row, as after a write that never arrived."""
+    """An index without one of its rows, as after a lost write."""
     definition = "SELECT sql FROM sqlite_master WHERE name = 'findings_by_code'"
     (sql,) = store.db.execute(definition).fetchone()
     store.db.execute("DROP INDEX findings_by_code")
@@ -92,7 +92,7 @@ def torn_index(store: Store) -> None:
     store.db.execute("PRAGMA writable_schema = RESET")
 
 
-#: Damage, whether all is as it was after the repair, and what is set aside.
+#: Damage, whether the repair restores everything, and what is set aside.
 KINDS: list[tuple[Callable[[Store], None], bool, set[str]]] = [
     (elsewhere, True, set()),
     (swapped, True, set()),
@@ -141,7 +141,7 @@ def test_what_is_set_aside_can_be_read(store: Store) -> None:
 
 def test_command_tells_damage_by_its_status(store: Store, invoke: Invoke) -> None:
     store.close()
-    assert "all is well" in invoke("corpus", "verify", store.root).stdout
+    assert "no damage" in invoke("corpus", "verify", store.root).stdout
     place(store, "ant").unlink()
     result = invoke("corpus", "verify", store.root)
     assert (result.exit_code, result.stdout) == (1, "the source of ant is missing\n")
@@ -189,7 +189,7 @@ def test_a_torn_database_is_told_and_leaves_the_files_alone(store: Store, invoke
 
 @pytest.fixture
 def other(tmp_path: Path) -> Path:
-    """A corpus with an environment of its own, one that differs, and a verdict on what could not be judged."""
+    """A corpus with a new environment, one that differs, and an error as a verdict."""
     with Store.create(tmp_path / "other") as made:
         judged(made, "ant")
         judged(made, "cat")
@@ -221,7 +221,7 @@ def test_the_last_verdict_stays_the_last_when_it_is_merged(store: Store, tmp_pat
             judged(made, name)
             environment = Environment(name, hashlib.sha256(source(name)).hexdigest(), "")
             made.record(environment, made.settings(newer), report(name, "EC107"))
-            # Of two that failed last, one by the older rules.
+            # Two failed last, one of them by the older rules.
             if codes:
                 made.record(environment, made.settings(SETTINGS), report(name, *codes))
     with Store(tmp_path / "newest") as other:
@@ -236,7 +236,7 @@ def test_the_last_verdict_stays_the_last_when_it_is_merged(store: Store, tmp_pat
 
 
 def test_a_corpus_does_not_merge_with_itself(store: Store) -> None:
-    with Store(store.root) as same, pytest.raises(UsageError, match="itself"):
+    with Store(store.root) as same, pytest.raises(UsageError, match="the same corpus"):
         merge(store, same)
 
 

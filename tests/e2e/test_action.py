@@ -1,4 +1,4 @@
-"""The GitHub Action: each of its scripts run by bash as GitHub would, but for the installation.
+"""The GitHub Action: bash runs each of its scripts as GitHub does, except the installation.
 
 The environment that the tests run in has EnvCraft installed; the words that would install it are read instead.
 """
@@ -19,7 +19,7 @@ import yaml
 
 ENVIRONMENT = Path("examples/snake.py")
 BROKEN = Path("examples/broken_breakout_unknown_import.py")
-#: What would leave a file behind if a shell took it for more than a word.
+#: Inputs that create a file if a shell interprets them.
 HOSTILE = (
     "$(touch owned)",
     "`touch owned`",
@@ -48,7 +48,7 @@ def steps(action: dict[str, Any], kind: str) -> list[dict[str, Any]]:
 def run(
     action: dict[str, Any], step: dict[str, Any], folder: Path, **inputs: str
 ) -> tuple[subprocess.CompletedProcess[str], dict[str, str]]:
-    """Run the script of a step in a folder. Gives what it printed, and what it wrote to GitHub's files."""
+    """Run the script of a step in a folder; return the process and the contents of GitHub's files."""
     values = {f"inputs.{name}": given.get("default", "") for name, given in action["inputs"].items()}
     values |= {f"inputs.{name.replace('_', '-')}": value for name, value in inputs.items()}
     given = {
@@ -70,7 +70,7 @@ def run(
         timeout=480,
         env={
             **os.environ,
-            # The `python` of the job.
+            # The interpreter of the job.
             "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}",
             "GITHUB_WORKSPACE": str(folder),
             "GITHUB_ACTION_PATH": str(folder / "the action"),
@@ -83,7 +83,7 @@ def run(
 
 @pytest.fixture
 def folder(root: Path, tmp_path: Path) -> Path:
-    """A checkout with a good environment and a broken one, and settings that keep the test short."""
+    """A checkout with a good environment, a broken one, and settings for a short test."""
     made = tmp_path / "checkout"
     (made / "some games").mkdir(parents=True)
     (made / "some games" / "good.py").write_bytes((root / ENVIRONMENT).read_bytes())
@@ -113,7 +113,7 @@ def test_the_action_installs_its_own_checkout(root: Path, action: dict[str, Any]
     words = process.stdout.splitlines()
     assert words[:3] == ["-P", "-m", "pip"]
     assert words[-1] == str(folder / "the action")
-    # What pip would install from there has the module that the next step runs.
+    # The package that pip installs has the module that the next step runs.
     project = tomllib.loads((root / "pyproject.toml").read_text())
     assert "envcraft" in project["tool"]["hatch"]["build"]["targets"]["wheel"]["packages"]
     (wanted,) = [step["with"]["python-version"] for step in steps(action, "uses")]
@@ -157,7 +157,7 @@ def test_modules_of_the_checkout_are_not_imported(action: dict[str, Any], folder
     for name in ("click", "envcraft", "pip", "sitecustomize"):
         (folder / f"{name}.py").write_text("open('owned', 'w')\n")
     for step in steps(action, "run"):
-        # Nothing is to be installed: pip's help will do.
+        # The help of pip is enough: nothing must be installed.
         script = step["run"].replace(" install ", " install --help ")
         process, _ = run(action, {**step, "run": script}, folder, targets="some games/good.py")
         assert process.returncode == 0, process.stderr
@@ -171,7 +171,7 @@ def test_hostile_inputs_are_words(action: dict[str, Any], folder: Path, name: st
     inputs = {"targets": "bad.py", name: words}
     process, written = run(action, step, folder, **inputs)
     assert not [path for path in (folder / "owned", folder.parent / "owned") if path.exists()]
-    # A file may have any name; nothing else there is has one of these.
+    # A file may have such a name, but no contract, budget or sandbox has.
     expected = 1 if name == "sarif" else 2
     assert process.returncode == expected, process.stderr
     assert written["GITHUB_OUTPUT"] == f"status={expected}\n"

@@ -1,4 +1,4 @@
-"""The real command line over ``examples/``: the JSON that it writes, and every finding's reproduction run again."""
+"""The real command line on ``examples/``: its JSON report, and the replay of every finding."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from typing import Any
 import jsonschema
 import pytest
 
-from benchmarks.fixtures import examples
+from evaluation.fixtures import examples
 
-#: `make demo` judges them in the strongest.
+#: `make demo` uses the strongest sandbox.
 SANDBOX = ("--sandbox", "process")
 _VERDICT = {"enum": ["pass", "fail", "skip", "error"]}
 _FINDING = {
@@ -77,17 +77,17 @@ def report(root: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_json_follows_the_schema(report: Path) -> None:
-    told: dict[str, Any] = json.loads(report.read_text())
-    jsonschema.validate(told, SCHEMA)
-    assert len(told["reports"]) == len(examples())
+    data: dict[str, Any] = json.loads(report.read_text())
+    jsonschema.validate(data, SCHEMA)
+    assert len(data["reports"]) == len(examples())
 
 
-def test_examples_are_judged_as_they_say(report: Path, root: Path) -> None:
-    told = {entry["path"]: entry for entry in json.loads(report.read_text())["reports"]}
+def test_examples_get_the_codes_of_their_headers(report: Path, root: Path) -> None:
+    entries = {entry["path"]: entry for entry in json.loads(report.read_text())["reports"]}
     assert sum(not fixture.codes for fixture in examples()) >= 8
     assert sum(bool(fixture.codes) for fixture in examples()) >= 12
     for fixture in examples():
-        entry = told[str(fixture.path.relative_to(root))]
+        entry = entries[str(fixture.path.relative_to(root))]
         codes = {
             finding["code"]
             for check in entry["checks"]

@@ -1,4 +1,4 @@
-"""A person plays: the real command line on a pseudo-terminal, keys typed and the screen read."""
+"""``envcraft play`` on a pseudo-terminal: the tests type keys and read the screen."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ class Console:
         os.write(self.master, keys.encode())
 
     def expect(self, words: str, seconds: float = 120) -> str:
-        """Wait until the words have come; all that came after those that were waited for before."""
+        """Wait for these words; return the output between the previous words and these."""
         deadline = time.monotonic() + seconds
         while words not in self.text:
             if not select.select([self.master], [], [], max(deadline - time.monotonic(), 0))[0]:
@@ -94,7 +94,7 @@ class Console:
             self.text += self._decoder.decode(os.read(self.master, 1 << 16))
 
     def ended(self) -> int:
-        """The exit status, once it has put the terminal back as it was."""
+        """Wait for the end; return the exit status. The terminal must have its former settings."""
         deadline = time.monotonic() + 120
         while self.process.poll() is None:
             assert time.monotonic() < deadline, self.text[-2000:]
@@ -150,7 +150,7 @@ def test_an_episode_in_turns_is_recorded_and_replayed(console: Opened, walk: Any
     walk()
     game = console("walk.py", "--sandbox", sandbox, "--turn-based", "--output", "played.json")
     game.expect("Walk, seed 0: step 0, return 0")
-    # Left by three names, a button with the move that follows it, and right by three names.
+    # Left by three keys, a button with the following move, and right by three keys.
     game.type("a\x1b[Dhxd\x1b[Cl\r" + "d" * 20)
     game.expect("Walk, seed 0: ended, success, return 1, 13 steps")
     game.type("r")

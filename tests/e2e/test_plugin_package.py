@@ -1,4 +1,4 @@
-"""A third party's plugin, installed for real: the command line with it, with a broken one, and without it again."""
+"""A third-party plugin in a virtual environment: the command line with it, with a broken one, and after its removal."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ SANDBOX = ("--sandbox", "process")
 
 @dataclass(frozen=True)
 class Installed:
-    """A virtual environment whose command line is run in an empty folder."""
+    """A virtual environment whose command line runs in an empty folder."""
 
     python: Path
     site: Path
@@ -48,13 +48,13 @@ class Installed:
 
 
 def make(folder: Path) -> Installed:
-    """A virtual environment that sees what this one has, with the plugin in it."""
+    """A virtual environment with the packages of this one and the plugin."""
     venv.create(folder / "venv", with_pip=False)
     (site,) = (folder / "venv").glob("lib/python*/site-packages")
     (site / "base.pth").write_text(f"import site; site.addsitedir({sysconfig.get_path('purelib')!r})\n")
     (folder / "empty").mkdir()
     made = Installed(folder / "venv" / "bin" / "python", site, folder / "empty")
-    # A copy, so that nothing can be built beside the sources.
+    # A copy, so that the build writes nothing beside the sources.
     source = shutil.copytree(PACKAGE, folder / "source")
     made.pip("install", "--no-index", "--no-deps", "--no-build-isolation", source)
     return made
@@ -67,7 +67,7 @@ def installed(tmp_path_factory: pytest.TempPathFactory) -> Installed:
 
 @pytest.fixture(scope="module")
 def report(installed: Installed) -> Path:
-    """What the new check says of a bad game and a good one."""
+    """The report of the new check on a bad game and a good one."""
     path = installed.folder / "report.json"
     games = [GAMES / "bad" / "shares.py", GAMES / "good" / "torch.py"]
     only = ("--checks", "brightness", "--format", "json", "--output", path)
@@ -83,7 +83,7 @@ def test_it_is_listed_with_its_distribution_and_all_its_hooks(installed: Install
     (own,) = [plugin for plugin in told["plugins"] if plugin["plugin"] == "lantern"]
     assert own["distribution"] == "envcraft-lantern"
     hooks = [name for name, spec in vars(hookspecs).items() if hasattr(spec, "envcraft_spec")]
-    # All that there are: what a third party can do, this package shows.
+    # All hooks: the package is the example of what a third party can do.
     assert own["hooks"] == sorted(hooks)
     assert "envcraft-lantern" in installed.listed("plugins")
 
@@ -107,10 +107,10 @@ def test_its_family_writes_environments_that_pass(installed: Installed, tmp_path
     assert judged.returncode == 0, judged.stdout
 
 
-def test_its_check_finds_and_lets_pass(report: Path) -> None:
+def test_its_check_fails_and_passes(report: Path) -> None:
     bad, good = json.loads(report.read_text())["reports"]
     assert (bad["verdict"], good["verdict"]) == ("fail", "pass")
-    # The check that tells what the others ran into comes after those of plugins, too.
+    # The check sandbox runs after the checks of plugins.
     assert [check["check"] for check in bad["checks"]] == ["source", "brightness", "sandbox"]
     (finding,) = bad["checks"][1]["findings"]
     assert (finding["code"], finding["severity"], finding["line"]) == ("LN001", "error", 28)
@@ -184,7 +184,7 @@ def test_an_audit_runs_in_its_processes_and_is_exported(installed: Installed, tm
     here = installed.run("audit", games, "--no-resume", *options)
     assert untimed(json.loads(there.stdout)["reports"]) == untimed(json.loads(here.stdout)["reports"])
 
-    # Judged by one check alone, none of them has passed.
+    # An environment that only one check has judged has not passed.
     for more, count in (((), 0), (("--all",), 4)):
         written = installed.run("export", games, "--to", "files", "--output", tmp_path / f"files{count}", *more)
         assert written.stdout.startswith(f"wrote {count} environments\n"), written.stderr
@@ -199,14 +199,14 @@ def test_an_audit_runs_in_its_processes_and_is_exported(installed: Installed, tm
 
 
 def untimed(value: Any) -> Any:
-    """A report without what a clock says."""
+    """A report without its times."""
     if isinstance(value, dict):
         return {key: untimed(item) for key, item in value.items() if key != "seconds"}
     return [untimed(item) for item in value] if isinstance(value, list) else value
 
 
 def test_its_sandbox_conforms(installed: Installed, root: Path) -> None:
-    # One file of the suite: what makes the driver another one than `process`, which is held to all of it, is its start.
+    # One file of the suite: the driver differs from `process`, which must pass all files, only in its start.
     suite = (root / "tests" / "sandbox" / "conformance" / "test_jobs.py", "-q", "-p", "no:cacheprovider")
     named = "envcraft_lantern.nice:NiceDriver"
     done = installed.run("--rootdir", root, *suite, module="pytest", ENVCRAFT_CONFORMANCE_DRIVER=named)
@@ -225,20 +225,20 @@ def test_its_own_tests_pass(installed: Installed) -> None:
     [
         ("from __future__", "raise RuntimeError('no luck')\nfrom __future__", "SyntaxError"),
         ("@hookimpl", "raise RuntimeError('no luck')\n@hookimpl", "RuntimeError: no luck"),
-        ("def envcraft_reporters", "def envcraft_reportres", "no hook is called envcraft_reportres"),
+        ("def envcraft_reporters", "def envcraft_reportres", "there is no hook envcraft_reportres"),
         ("from .jsonl", "from .jason", "No module named 'envcraft_lantern.jason'"),
         ("Brightness()]", "Brightness(), Brightness()]", "brightness is taken by the plugin lantern"),
     ],
     ids=["syntax", "import", "misspelt hook", "hook", "name taken"],
 )
-def test_a_broken_one_is_named_and_the_rest_goes_on(
+def test_a_broken_plugin_is_named_and_the_others_work(
     installed: Installed, tmp_path: Path, old: str, new: str, words: str
 ) -> None:
     folder = tmp_path / "site"
     shutil.copytree(installed.site, folder)
     module = folder / "envcraft_lantern" / "plugin.py"
     module.write_text(module.read_text().replace(old, new, 1))
-    # -S leaves out the folder with the sound one; base.pth is read in this one in its place.
+    # -S leaves out the site-packages with the intact plugin; base.pth is read in this folder instead.
     start = f"import site, runpy; site.addsitedir({str(folder)!r}); runpy.run_module('envcraft', run_name='__main__')"
     done = subprocess.run(
         [installed.python, "-S", "-c", start, "plugins"],
@@ -255,7 +255,7 @@ def test_a_broken_one_is_named_and_the_rest_goes_on(
     assert "envcraft_checks.reward" in done.stdout
 
 
-def test_once_it_is_uninstalled_nothing_of_it_is_left(tmp_path: Path) -> None:
+def test_nothing_is_left_after_uninstalling(tmp_path: Path) -> None:
     gone = make(tmp_path)
     gone.pip("uninstall", "--yes", "envcraft-lantern")
     assert "lantern" not in gone.listed("plugins")

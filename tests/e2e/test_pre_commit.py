@@ -1,4 +1,4 @@
-"""The hook for pre-commit: what it would run, run with the changed files as arguments."""
+"""The pre-commit hook: its command with the changed files as arguments."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Hook = Callable[..., subprocess.CompletedProcess[str]]
 
 @pytest.fixture
 def hook(root: Path, tmp_path: Path) -> Hook:
-    """Run the hook on files of a folder, with pre-commit's command line: the entry, the arguments, the files."""
+    """Run the hook on files of a folder with the command line of pre-commit: entry, arguments, files."""
     (found,) = yaml.safe_load((root / ".pre-commit-hooks.yaml").read_text())
     (tmp_path / "games").mkdir()
     for name, example in (("good", "snake"), ("bad", "broken_breakout_unknown_import")):
@@ -27,7 +27,7 @@ def hook(root: Path, tmp_path: Path) -> Hook:
     def run(*files: str, args: list[str] = found["args"]) -> subprocess.CompletedProcess[str]:
         program, *words = shlex.split(found["entry"])
         return subprocess.run(
-            # The script that installing EnvCraft makes.
+            # The script that the installation of EnvCraft creates.
             [Path(sys.executable).with_name(program), *words, *args, "--sandbox", "process", *files],
             cwd=tmp_path,
             capture_output=True,
@@ -45,7 +45,7 @@ def test_the_definition_has_what_pre_commit_needs(root: Path) -> None:
     wanted |= {"pass_filenames": True, "require_serial": True}
     assert {name: found[name] for name in wanted} == wanted
     assert found["name"]
-    # Arguments are the user's to change; what makes it a hook must not go with them.
+    # A user may replace the arguments, so the entry must contain the rest of the command.
     assert "--environments-only" in found["entry"]
 
 

@@ -1,4 +1,4 @@
-"""Classes of installed packages and registered ids, from a package that no interpreter has: it is put on the path."""
+"""Classes of installed packages and registered ids, from a package that the tests put on the path."""
 
 from __future__ import annotations
 
@@ -100,7 +100,7 @@ def package(folder: Path, defect: str = "pass") -> Path:
 
 
 def envcraft(sandbox: str, path: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
-    """The command line in a process of its own, with `path` among the host's import paths."""
+    """Run the command line in a new process with `path` among its import paths."""
     paths = os.pathsep.join([str(path), *filter(None, sys.path)])
     return subprocess.run(
         [sys.executable, "-m", "envcraft", *arguments, "--sandbox", sandbox],
@@ -178,7 +178,7 @@ def test_a_dependency_that_is_missed_in_play_is_no_defect(tmp_path: Path) -> Non
 
 
 def test_arguments_and_wrappers(tmp_path: Path) -> None:
-    """What the constructor is given and what is wrapped around shows in play, and in a replay of the report."""
+    """Constructor arguments and wrappers take effect in play and in a replay of the report."""
     wrap = ("--wrap", "corridors.corridor:shorter")
     report = judged("process", package(tmp_path), "corridors.corridor:Corridor", *wrap, "--kwargs", '{"length": 90}')
     assert report["kwargs"] == {"length": 90}
@@ -202,7 +202,11 @@ def test_no_render_mode_is_as_good_as_none_named(target: str, tmp_path: Path) ->
         ("corridors.corridor:NeedsSize", 1, "NeedsSize() needs size"),
         ("corridors.corridor:NoEnvironment", 1, "which does not derive from gymnasium.Env"),
         ("corridors.broken:Corridor", 1, "importing raises RuntimeError: out of order"),
-        ("corridors.lacking:Corridor", 3, "bullets is not installed; install the package beside EnvCraft, then judge"),
+        (
+            "corridors.lacking:Corridor",
+            3,
+            "bullets is not installed; install the package beside EnvCraft, then validate",
+        ),
         ("nowhere.to.be:Found", 3, "No module named 'nowhere'; install the package beside EnvCraft"),
         ("Corridors/Longer-v0", 3, "no installed package registers Corridors/Longer-v0"),
     ],
@@ -217,10 +221,10 @@ def test_what_cannot_be_made(target: str, status: int, words: str, tmp_path: Pat
     ("arguments", "words"),
     [
         (("Corridor",), "give a Python file, a folder with some, package.module:Class or an id"),
-        (("CartPole-v1", "--kwargs", "[1]"), "--kwargs [1] is no JSON object"),
+        (("CartPole-v1", "--kwargs", "[1]"), "--kwargs [1] is not a JSON object"),
         (("CartPole-v1", "--kwargs", "{1}"), "is not JSON"),
-        (("CartPole-v1", "--wrap", "TimeLimit"), "--wrap TimeLimit is not MODULE:FUNC"),
-        (("CartPole-v1", "--class", "CartPoleEnv"), "leave out --class"),
+        (("CartPole-v1", "--wrap", "TimeLimit"), "--wrap TimeLimit must be MODULE:FUNC"),
+        (("CartPole-v1", "--class", "CartPoleEnv"), "remove --class"),
     ],
 )
 def test_wrong_use_is_a_sentence(arguments: tuple[str, ...], words: str, tmp_path: Path) -> None:
@@ -230,7 +234,7 @@ def test_wrong_use_is_a_sentence(arguments: tuple[str, ...], words: str, tmp_pat
 
 
 def test_the_host_imports_nothing_of_a_package(tmp_path: Path) -> None:
-    """Its import leaves a mark where the host could write, and a worker cannot."""
+    """The import of the package creates a file where the host can write and a worker cannot."""
     package(tmp_path)
     mark = tmp_path / "imported"
     source = (tmp_path / "corridors" / "__init__.py").read_text()
@@ -242,7 +246,7 @@ def test_the_host_imports_nothing_of_a_package(tmp_path: Path) -> None:
 
 @pytest.mark.bubblewrap
 def test_editable_projects_can_be_read(tmp_path: Path) -> None:
-    """An editable install whose finder names a folder that is on no path."""
+    """An editable installation whose finder names a folder that is not on the path."""
     if not BubblewrapDriver().probe().works:
         pytest.skip("bubblewrap does not work here")
     project, site = package(tmp_path / "project"), tmp_path / "site"

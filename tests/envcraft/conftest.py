@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner, Result
 
-from envcraft.cli import cli
+from envcraft.cli.group import cli
 
 ENVIRONMENT = '''"""A walk along a line: seven steps to the right win."""
 
@@ -50,7 +50,7 @@ Invoke = Callable[..., Result]
 def invoke(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Invoke:
     """Run the command line in an empty folder, where no configuration reaches it."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("envcraft.cli._warned", set())
+    monkeypatch.setattr("envcraft.registry._warned", set())
 
     def run(*arguments: str | Path) -> Result:
         return CliRunner().invoke(cli, [str(argument) for argument in arguments])

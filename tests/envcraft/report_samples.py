@@ -9,10 +9,10 @@ from typing import Any
 
 from hypothesis import strategies as st
 
-from envcraft.check import Rule
-from envcraft.events import CheckFinished, CheckStarted, Event, Finished, SubjectFinished, SubjectStarted
-from envcraft.reports import FrameSource, Reporter
-from envcraft.verdict import (
+from envcraft.judging.check import Rule
+from envcraft.model.events import CheckFinished, CheckStarted, Event, Finished, SubjectFinished, SubjectStarted
+from envcraft.model.frame import FrameSource
+from envcraft.model.verdict import (
     CheckReport,
     Finding,
     Report,
@@ -23,6 +23,7 @@ from envcraft.verdict import (
     Verdict,
     overall,
 )
+from envcraft.reports.reporter import Reporter
 
 RULES = {
     "EC107": Rule("EC107", "step-raises", "step() raises on a legal action.", "Check bounds before indexing."),

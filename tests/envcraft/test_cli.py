@@ -17,9 +17,10 @@ import click
 import pytest
 
 from envcraft import __version__
-from envcraft.cli import configuration, offered, unknown
+from envcraft.cli.configured import configuration
 from envcraft.errors import SandboxUnavailable, UsageError
-from envcraft.sandbox import Availability, Driver, Isolation, Limits, Worker
+from envcraft.judging.driver import Availability, Driver, Isolation, Limits, Worker
+from envcraft.registry import did_you_mean, offered
 
 
 def offering(drivers: list[Any]) -> Callable[[str], list[Any]]:
@@ -37,7 +38,7 @@ QUICK = ("--sandbox", "process", "--budget", "quick", "--checks", "source")
 )
 def test_light_commands_import_no_numerical_library(arguments: list[str]) -> None:
     code = (
-        "import sys\nfrom envcraft.cli import cli\n"
+        "import sys\nfrom envcraft.cli.group import cli\n"
         f"try:\n    cli({arguments!r})\nexcept SystemExit as end:\n    status = end.code\n"
         f"print('status', status, 'heavy', [name for name in {HEAVY!r} if name in sys.modules])"
     )
@@ -98,14 +99,13 @@ def test_other_files_of_a_folder_are_counted(invoke: Any, good: Path, tmp_path: 
     folder.mkdir()
     shutil.copy(good, folder)
     result = invoke("validate", folder, *QUICK)
-    assert "passed over" not in result.stderr
+    assert "skipped" not in result.stderr
     (folder / "a.py").write_bytes(good.read_text().encode("utf-16"))
     for name in "bcd":
         (folder / f"{name}.py").write_text("print(1)\n")
     result = invoke("validate", folder, *QUICK)
     assert result.exit_code == 0
-    assert f"passed over in {folder}" in result.stderr
-    assert "4 .py files (a.py, b.py, c.py, …)" in result.stderr
+    assert f"skipped 4 files in {folder} that define no environment class: a.py, b.py, c.py, …" in result.stderr
     assert len(json.loads(invoke("validate", folder, *QUICK, "--format", "json").stdout)["reports"]) == 1
 
 
@@ -175,10 +175,10 @@ def test_a_pipe_is_refused_rather_than_waited_for(invoke: Any, tmp_path: Path) -
         (("--format", "jsn"), "did you mean json?"),
         (("--sandbox", "dokcer"), "did you mean docker?"),
         (("--output", "missing/report.json"), "the report missing/report.json cannot be written"),
-        (("--report", "missing/report.json"), "is not FORMAT:FILE"),
+        (("--report", "missing/report.json"), "must be FORMAT:FILE"),
         (("--report", "jsn:a"), "did you mean json?"),
         (("--report", "json:missing/a"), "the report missing/a cannot be written"),
-        (("--report", "json:a", "--report", "sarif:./a"), "cannot be written to one file"),
+        (("--report", "json:a", "--report", "sarif:./a"), "have the same file"),
         (("--policy", "missing.py"), "the policy missing.py cannot be read"),
         (("--seed", "-1"), "-1"),
         (("--workers", "0"), "0"),
@@ -205,7 +205,7 @@ def test_an_interrupt_leaves_the_report_of_before(
         yield from ()
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("envcraft.engine.validate", interrupted)
+    monkeypatch.setattr("envcraft.judging.engine.validate", interrupted)
     result = invoke("validate", good, "--sandbox", "process", "--format", "json", "--output", kept)
     assert result.exit_code == 130, result.output
     assert kept.read_text() == "the report of before"
@@ -256,7 +256,7 @@ def test_required_isolation_fails_closed(
     stubs = [Stub(level, works=levels.index(level) >= levels.index(has)) for level in levels]
     for rank, stub in enumerate(reversed(stubs)):
         stub.rank = rank
-    monkeypatch.setattr("envcraft.commands.choices.offered", offering(stubs))
+    monkeypatch.setattr("envcraft.judging.selection.offered", offering(stubs))
     name = "auto" if how == "auto" else f"by-{has}"
     result = invoke("validate", good, "--sandbox", name, "--require-isolation", asked.value)
     assert result.exit_code == 3
@@ -271,7 +271,7 @@ def test_every_driver_sweeps_before_anything_is_judged(
     invoke: Any, good: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     stubs = [Stub(level) for level in Isolation]
-    monkeypatch.setattr("envcraft.commands.choices.offered", offering(stubs))
+    monkeypatch.setattr("envcraft.judging.selection.offered", offering(stubs))
     invoke("validate", good, "--sandbox", "by-process")
     assert all(stub.swept for stub in stubs)
 
@@ -413,17 +413,17 @@ def test_a_bug_of_ours_is_exit_3_never_1(invoke: Any, monkeypatch: pytest.Monkey
     def broken() -> None:
         raise ZeroDivisionError
 
-    monkeypatch.setattr("envcraft.cli.named", lambda hook, name: click.Command(name, callback=broken))
+    monkeypatch.setattr("envcraft.cli.group.named", lambda hook, name: click.Command(name, callback=broken))
     result = invoke("boom")
     assert result.exit_code == 3
-    assert "EnvCraft itself broke" in result.stderr
+    assert "a bug in EnvCraft" in result.stderr
 
 
 def test_ctrl_c_is_exit_130(invoke: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     def interrupted() -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("envcraft.cli.named", lambda hook, name: click.Command(name, callback=interrupted))
+    monkeypatch.setattr("envcraft.cli.group.named", lambda hook, name: click.Command(name, callback=interrupted))
     result = invoke("wait")
     assert result.exit_code == 130
     assert result.stderr == "interrupted\n"
@@ -433,7 +433,7 @@ def test_ctrl_c_is_exit_130_before_any_command_runs(invoke: Any, monkeypatch: py
     def interrupted(hook: str) -> list[Any]:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("envcraft.cli.offered", interrupted)
+    monkeypatch.setattr("envcraft.cli.group.offered", interrupted)
     result = invoke("--help")
     assert (result.exit_code, result.stderr) == (130, "interrupted\n")
     code = (
@@ -479,8 +479,8 @@ def test_ending_it_leaves_no_process(tmp_path: Path, number: signal.Signals, wor
 
 
 def test_unknown_names_the_nearest_or_all() -> None:
-    assert unknown("rewrad", ["reward", "api"]) == "'rewrad'; did you mean reward?"
-    assert unknown("zzz", ["reward", "api"]) == "'zzz'; there are reward, api"
+    assert did_you_mean("rewrad", ["reward", "api"]) == "'rewrad'; did you mean reward?"
+    assert did_you_mean("zzz", ["reward", "api"]) == "'zzz'; there are reward, api"
 
 
 @pytest.mark.parametrize(("name", "words"), [("EC203", "hash-seed"), ("ec203", "hash-seed"), ("determinism", "EC204")])

@@ -7,10 +7,19 @@ import io
 import pytest
 from rich.console import Console
 
-from envcraft.check import Rule
-from envcraft.events import Finished, SubjectFinished, SubjectStarted
+from envcraft.judging.check import Rule
+from envcraft.model.events import Finished, SubjectFinished, SubjectStarted
+from envcraft.model.verdict import (
+    CheckReport,
+    Finding,
+    Report,
+    Repro,
+    SandboxReport,
+    Severity,
+    SubjectReport,
+    Verdict,
+)
 from envcraft.reports.console import ConsoleReporter
-from envcraft.verdict import CheckReport, Finding, Report, Repro, SandboxReport, Severity, SubjectReport, Verdict
 
 RULES = {
     "EC203": Rule(
@@ -66,7 +75,7 @@ def test_everything_is_said_in_plain_text() -> None:
         "20,480 steps",
         "1 step\n",
         "container isolation by docker",
-        "not in force on this machine: Landlock; system call \N{REPLACEMENT CHARACTER}[2Jfilter",
+        "missing protections on this machine: Landlock; system call \N{REPLACEMENT CHARACTER}[2Jfilter",
         "#1: seed 0, 12 actions, hash_seed 1, fresh worker",
         "#2: ",
         "difficulty",
@@ -77,7 +86,7 @@ def test_everything_is_said_in_plain_text() -> None:
         "envcraft replay",
     ):
         assert words in text, words
-    assert text.count("not in force") == 1
+    assert text.count("missing protections") == 1
     assert not [line for line in text.splitlines() if line != line.rstrip()]
 
 

@@ -10,11 +10,12 @@ from gymnasium import spaces as gym_spaces
 from hypothesis import given
 from hypothesis import strategies as st
 
-from envcraft import spaces
-from envcraft.contract import ARCADE
-from envcraft.description import describe, outcome
+from envcraft.contracts.builtin import ARCADE
 from envcraft.errors import MalformedValue
-from envcraft.membership import refuse
+from envcraft.judging.description import describe, outcome
+from envcraft.spaces.sampling import enumerate_actions, sample
+from envcraft.spaces.spec import KINDS, read_space
+from envcraft.spaces.validation import validate_action
 
 BOX = {"type": "Box", "low": 0, "high": 1, "shape": [2], "dtype": "float32"}
 GOOD_SPACES: list[dict[str, Any]] = [
@@ -34,7 +35,8 @@ GOOD_SPACES: list[dict[str, Any]] = [
     {"type": "somebody.Space", "repr": "?", "spaces": 5, "space": "?"},
 ]
 #: Those that actions can be drawn from.
-ACTION_SPACES = [space for space in GOOD_SPACES if spaces.known(space) and space.get("low", 0) is not None]
+ACTION_SPACES = [space for space in GOOD_SPACES if read_space(space).known and space.get("low", 0) is not None]
+_READ = [read_space(space) for space in ACTION_SPACES]
 BAD_SPACES: list[Any] = [
     "Box",
     ["Box"],
@@ -79,22 +81,22 @@ BAD_SPACES: list[Any] = [
 
 @pytest.mark.parametrize("space", GOOD_SPACES)
 def test_spaces_are_read_and_can_be_used(space: dict[str, Any]) -> None:
-    spaces.check(space)
-    assert spaces.describe(space)
-    if space["type"] in spaces.KNOWN and space.get("low", 0) is not None:
-        spaces.sample(space, np.random.default_rng(0))
-        spaces.enumerate_actions(space)
-    assert spaces.known(space) == (space["type"] in spaces.KNOWN)
+    read = read_space(space)
+    assert str(read)
+    if read.known and space.get("low", 0) is not None:
+        sample(read, np.random.default_rng(0))
+        enumerate_actions(read)
+    assert read.known == (space["type"] in KINDS)
 
 
 @pytest.mark.parametrize("space", BAD_SPACES)
 def test_spaces_of_another_form_are_refused(space: Any) -> None:
     with pytest.raises(MalformedValue):
-        spaces.check(space)
+        read_space(space)
 
 
 def test_what_the_worker_says_of_spaces_is_read() -> None:
-    from envcraft_runtime import spaces as worker
+    from envcraft_protocol import spaces as worker
 
     for space in (
         gym_spaces.Box(-np.inf, np.inf, (3,)),
@@ -111,7 +113,7 @@ def test_what_the_worker_says_of_spaces_is_read() -> None:
         gym_spaces.Graph(gym_spaces.Discrete(3), None),
         gym_spaces.OneOf([gym_spaces.Discrete(2), gym_spaces.Text(3)]),
     ):
-        spaces.check(worker.describe(space))
+        read_space(worker.describe(space))
 
 
 def test_a_nested_space_has_a_bottom() -> None:
@@ -119,7 +121,7 @@ def test_a_nested_space_has_a_bottom() -> None:
     for _ in range(50):
         space = {"type": "Tuple", "spaces": [space]}
     with pytest.raises(MalformedValue, match="deeply"):
-        spaces.check(space)
+        read_space(space)
 
 
 @pytest.mark.parametrize(
@@ -165,28 +167,26 @@ def test_a_description_of_another_form_is_refused(told: dict[str, Any]) -> None:
     ],
 )
 def test_an_outcome_of_another_form_is_refused(told: dict[str, Any]) -> None:
-    assert ARCADE.action is not None
     with pytest.raises(MalformedValue):
-        outcome(told, ARCADE.action, 4)
+        outcome(told, read_space(ARCADE.action), 4)
 
 
 def test_an_outcome_is_read() -> None:
-    assert ARCADE.action is not None
     told = {"win": [[4, 1, 0]], "best": None, "steps": 3, "copies": True, "best_return": "-inf"}
-    assert outcome(told, ARCADE.action, 4) == {"win": [[4, 1, 0]], "best": None, "steps": 3}
+    assert outcome(told, read_space(ARCADE.action), 4) == {"win": [[4, 1, 0]], "best": None, "steps": 3}
 
 
 @given(st.recursive(st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=4), st.lists))
 def test_any_action_is_refused_or_in_the_space(action: Any) -> None:
-    for space in ACTION_SPACES:
-        assert isinstance(refuse(space, action), str)
+    for space in _READ:
+        assert isinstance(validate_action(space, action), str)
 
 
 @pytest.mark.parametrize("space", ACTION_SPACES)
 def test_what_is_drawn_from_a_space_is_in_it(space: dict[str, Any]) -> None:
     rng = np.random.default_rng(0)
-    for action in [*spaces.enumerate_actions(space), *(spaces.sample(space, rng) for _ in range(20))]:
-        assert refuse(space, action) == ""
+    for action in [*enumerate_actions(read_space(space)), *(sample(read_space(space), rng) for _ in range(20))]:
+        assert validate_action(read_space(space), action) == ""
 
 
 @pytest.mark.parametrize(
@@ -206,4 +206,4 @@ def test_what_is_drawn_from_a_space_is_in_it(space: dict[str, Any]) -> None:
     ],
 )
 def test_an_action_with_a_wrong_part_is_refused(space: dict[str, Any], action: Any) -> None:
-    assert refuse(space, action)
+    assert validate_action(read_space(space), action)

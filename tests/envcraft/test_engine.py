@@ -7,18 +7,21 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
+from envcraft_protocol.jobs import Job
 
-from envcraft import engine
-from envcraft.budget import BUDGETS
-from envcraft.check import Check, Rule, Skip
-from envcraft.contract import ARCADE
-from envcraft.engine import Plan, validate
-from envcraft.errors import WorkerLost
-from envcraft.events import CheckStarted, Event, Finished, StepsTaken, SubjectFinished
-from envcraft.sandbox import Availability, Driver, Isolation, JobEnd, Limits, Player, Recorder, Worker
-from envcraft.subject import Subject
-from envcraft.target import Target
-from envcraft.verdict import Finding, Report, Severity, Verdict
+from envcraft.contracts.builtin import ARCADE
+from envcraft.errors import Skip, WorkerLost
+from envcraft.judging import engine
+from envcraft.judging.budget import BUDGETS
+from envcraft.judging.check import Check, Rule
+from envcraft.judging.driver import Availability, Driver, Isolation, Limits, Player, Recorder, Worker
+from envcraft.judging.engine import Plan, validate
+from envcraft.judging.subject import Subject
+from envcraft.judging.worker_pool import WorkerPool
+from envcraft.model.events import CheckStarted, Event, Finished, StepsTaken, SubjectFinished
+from envcraft.model.job import JobResult
+from envcraft.model.target import Target
+from envcraft.model.verdict import Finding, Report, Severity, Verdict
 
 
 class StubWorker(Worker):
@@ -32,7 +35,7 @@ class StubWorker(Worker):
     def find(self, modules: list[str]) -> tuple[list[str], list[str]]:
         return [], []
 
-    def run(self, job: dict[str, Any], recorder: Recorder, limits: Limits, player: Player | None = None) -> JobEnd:
+    def run(self, job: Job, recorder: Recorder, limits: Limits, player: Player | None = None) -> JobResult:
         raise WorkerLost("the worker is gone")
 
     def close(self) -> None:
@@ -58,8 +61,8 @@ class StubDriver(Driver):
 class StubCheck(Check):
     rules = (Rule("EC901", "a", "A.", "Mend."), Rule("EC902", "b", "B.", "Mend.", Severity.WARNING))
 
-    def __init__(self, name: str, *outcomes: str | Exception, always: bool = False) -> None:
-        self.name, self.outcomes, self.always = name, outcomes, always
+    def __init__(self, name: str, *outcomes: str | Exception, always: bool = False, gate: bool = False) -> None:
+        self.name, self.outcomes, self.always, self.gate = name, outcomes, always, gate
 
     def judge(self, subject: Subject) -> Iterator[Finding]:
         for outcome in self.outcomes:
@@ -102,11 +105,11 @@ def test_a_broken_check_leaves_the_others_their_verdicts() -> None:
     assert subject.verdict is Verdict.FAIL
 
 
-def test_after_a_failed_source_only_what_always_runs_runs() -> None:
-    checks = [StubCheck("source", "EC901"), StubCheck("two", "EC901"), StubCheck("last", always=True)]
-    (subject,) = judged(*checks).reports
-    assert [check.verdict for check in subject.checks] == ["fail", "skip", "pass"]
-    assert "source" in subject.checks[1].reason
+def test_after_a_failed_gate_only_checks_that_always_run_are_run() -> None:
+    checks = [StubCheck("one", "EC901"), StubCheck("two", "EC901", gate=True), StubCheck("three", "EC901")]
+    (subject,) = judged(*checks, StubCheck("last", always=True)).reports
+    assert [check.verdict for check in subject.checks] == ["fail", "fail", "skip", "pass"]
+    assert subject.checks[2].reason == "it did not get past the check two"
 
 
 @pytest.mark.parametrize("workers", [1, 3])
@@ -144,13 +147,19 @@ def test_closing_the_events_ends_every_worker(workers: int) -> None:
     assert all(worker.closed for worker in driver.workers)
 
 
+def path_of(event: Event) -> str:
+    """The path of the event's subject; "" for the event at the end."""
+    if isinstance(event, SubjectFinished):
+        return event.report.path
+    return "" if isinstance(event, Finished) else event.path
+
+
 def test_events_of_one_subject_stay_in_order_and_every_subject_gets_its_own() -> None:
     files = [Target(f"{n}.py", b"") for n in range(12)]
     checks = [StubCheck("one", "launch"), StubCheck("two", "EC902")]
     seen: dict[str, list[str]] = {}
     for event in validate(Plan(files, ARCADE, StubDriver(), checks, BUDGETS["quick"]), 4):
-        path = event.report.path if isinstance(event, SubjectFinished) else getattr(event, "path", "")
-        seen.setdefault(path, []).append(type(event).__name__)
+        seen.setdefault(path_of(event), []).append(type(event).__name__)
     order = ["SubjectStarted", *["CheckStarted", "CheckFinished"] * 2, "SubjectFinished"]
     assert seen == {"": ["Finished"], **{file.path: order for file in files}}
 
@@ -162,35 +171,35 @@ def test_steps_are_told_within_a_check_but_not_too_often(
 ) -> None:
     class Stepping(StubCheck):
         def judge(self, subject: Subject) -> Iterator[Finding]:
-            assert subject.stepped is not None
+            assert subject.cache.on_steps is not None
             for steps in (100, 200):
-                subject.stepped(steps)
+                subject.cache.on_steps(steps)
             yield from ()
 
-    monkeypatch.setattr("envcraft.engine._STEPS_EVERY", every)
+    monkeypatch.setattr("envcraft.judging.engine._STEPS_EVERY", every)
     files = [Target(f"{n}.py", b"") for n in range(2)]
     plan = Plan(files, ARCADE, StubDriver(), [Stepping("one")], BUDGETS["quick"])
-    seen: list[Event] = [event for event in validate(plan, workers) if getattr(event, "path", "") == "1.py"]
+    seen: list[Event] = [event for event in validate(plan, workers) if path_of(event) == "1.py"]
     told = [StepsTaken("1.py", steps) for steps in (100, 200)] if not every else []
-    assert seen[1:-1] == [CheckStarted("1.py", "one"), *told]
+    assert seen[1:-2] == [CheckStarted("1.py", "one"), *told]
 
 
 @pytest.mark.parametrize(
-    ("workers", "targets", "lanes"),
+    ("workers", "targets", "parallel_jobs"),
     [(None, 1, 6), (None, 2, 3), (4, 9, 1), (None, 50, 1), (2, 9, 1), (4, 2, 2), (1, 1, 1)],
 )
 def test_subjects_share_the_cores(
-    monkeypatch: pytest.MonkeyPatch, workers: int | None, targets: int, lanes: int
+    monkeypatch: pytest.MonkeyPatch, workers: int | None, targets: int, parallel_jobs: int
 ) -> None:
-    monkeypatch.setattr("envcraft.engine.cores", lambda: 6)
+    monkeypatch.setattr("envcraft.judging.engine.cores", lambda: 6)
     given: list[int | None] = []
     opened = engine.open_subject
 
-    def spy(plan: Plan, target: Target) -> Subject:
-        given.append(plan.lanes)
-        return opened(plan, target)
+    def spy(plan: Plan, target: Target, pool: WorkerPool) -> Subject:
+        given.append(plan.parallel_jobs)
+        return opened(plan, target, pool)
 
-    monkeypatch.setattr("envcraft.engine.open_subject", spy)
+    monkeypatch.setattr("envcraft.judging.engine.open_subject", spy)
     files = [Target(f"{n}.py", b"") for n in range(targets)]
     assert list(validate(Plan(files, ARCADE, StubDriver(), [StubCheck("one")], BUDGETS["quick"]), workers))
-    assert given == [lanes] * targets
+    assert given == [parallel_jobs] * targets

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from envcraft.commands.new import names
+from envcraft.cli.commands.new import names
 from envcraft.errors import UsageError
 
 CONTRACTS = ("arcade", "arcade-native", "gymnasium")
@@ -32,7 +32,7 @@ def test_what_it_writes_passes_and_its_test_is_green(invoke: Any, tmp_path: Path
         "wrote games/fruit_catch.py",
         "wrote games/test_fruit_catch.py",
         "",
-        "edit it, and try",
+        "Edit it, then run",
         f"  envcraft validate games/fruit_catch.py{option}",
         "  pytest games/test_fruit_catch.py",
     ]
@@ -63,9 +63,7 @@ def test_nothing_is_overwritten(invoke: Any, tmp_path: Path) -> None:
     (tmp_path / "test_lantern.py").write_text("mine")
     result = invoke("new", "Lantern")
     assert result.exit_code == 2
-    assert result.stderr == (
-        "Error: test_lantern.py is there already, and nothing was written; choose another name, or a --folder\n"
-    )
+    assert result.stderr == ("Error: test_lantern.py exists; nothing was written. Choose another name or a --folder\n")
     assert [(path.name, path.read_text()) for path in tmp_path.iterdir()] == [("test_lantern.py", "mine")]
 
 
@@ -127,7 +125,5 @@ def test_an_own_contract_is_told_where_to_start(invoke: Any, tmp_path: Path) -> 
     )
     result = invoke("new", "Lantern")
     assert result.exit_code == 2
-    assert (
-        "there is no template for the contract maze; start from the nearest, with --contract gymnasium" in result.stderr
-    )
+    assert "the contract maze has no template; start with --contract gymnasium" in result.stderr
     assert invoke("new", "Lantern", "--contract", "gymnasium").exit_code == 0

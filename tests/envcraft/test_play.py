@@ -12,11 +12,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from envcraft.contract import ARCADE, GYMNASIUM
+from envcraft.cli.play.keys import Keys, Pad, keys_for
+from envcraft.cli.play.picture import Picture, fit, half_blocks
+from envcraft.cli.play.screen import Screen
+from envcraft.contracts.builtin import ARCADE, GYMNASIUM
 from envcraft.errors import UsageError
-from envcraft.playing.keys import Keys, Pad, keys_for
-from envcraft.playing.picture import Picture, fit, half_blocks
-from envcraft.playing.screen import Screen
+from envcraft.spaces.spec import read_space
 
 BOX = {"type": "Box", "low": -2.0, "high": 0.5, "shape": [2], "dtype": "float32"}
 
@@ -68,12 +69,12 @@ class Quitting(Screen):
 
 
 def gymnasium_keys(space: dict[str, Any]) -> Keys:
-    return keys_for(GYMNASIUM, space)
+    return keys_for(GYMNASIUM, read_space(space))
 
 
 class TestKeys:
     def test_the_pad_in_real_time(self) -> None:
-        pad = keys_for(ARCADE, ARCADE.action or {})
+        pad = keys_for(ARCADE, read_space(ARCADE.action))
         assert isinstance(pad, Pad)
         assert pad.held([]) == [0, 0, 0]
         assert [pad.held([key])[0] for key in ("up", "s", "h", "right")] == [1, 2, 3, 4]
@@ -152,7 +153,7 @@ def display(monkeypatch: pytest.MonkeyPatch) -> Any:
 
 class TestWindow:
     def test_keys_down_and_up(self, display: Any) -> None:
-        from envcraft.playing.window import Window
+        from envcraft.cli.play.window import Window
 
         with Window("a game") as window:
             window.show(np.full((84, 84, 3), 90, np.uint8), ["one line"])
@@ -214,7 +215,7 @@ def test_wrong_use_is_one_sentence(
 
 
 def test_what_cannot_be_loaded_is_no_pass(invoke: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("envcraft.playing.terminal.Terminal", Quitting)
+    monkeypatch.setattr("envcraft.cli.play.terminal.Terminal", Quitting)
     options = ("--contract", "gymnasium", "--terminal", "--sandbox", "process", "--output", "played.json")
     result = invoke("play", "NoSuchThing-v0", *options)
     assert result.exit_code == 3
@@ -227,7 +228,7 @@ def test_where_render_fails_the_observations_are_shown(
     invoke: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "blind.py").write_text(BLIND)
-    monkeypatch.setattr("envcraft.playing.terminal.Terminal", Quitting)
+    monkeypatch.setattr("envcraft.cli.play.terminal.Terminal", Quitting)
     options = ("--contract", "gymnasium", "--terminal", "--sandbox", "process", "--output", "played.json")
     result = invoke("play", "blind.py", *options)
     assert result.exit_code == 0, result.stderr

@@ -16,10 +16,10 @@ import pluggy
 import pytest
 
 from envcraft import hookspecs
-from envcraft.commands.choices import all_checks, driver_named
 from envcraft.errors import SandboxUnavailable
+from envcraft.judging.driver import Availability, Driver, Isolation, Limits, Worker
+from envcraft.judging.selection import all_checks, driver_named
 from envcraft.plugins import DEFAULT_PLUGINS, GROUP, Plugins, hookimpl, plugins
-from envcraft.sandbox import Availability, Driver, Isolation, Limits, Worker
 
 
 @pytest.fixture
@@ -158,11 +158,11 @@ def test_what_gives_no_named_things_is_named(empty: Plugins) -> None:
 
 
 def test_checks_that_always_run_come_last(empty: Plugins, monkeypatch: pytest.MonkeyPatch) -> None:
-    last = types.SimpleNamespace(name="last", rules=[], always=True)
-    own = types.SimpleNamespace(name="own", rules=[], always=False)
+    last = types.SimpleNamespace(name="last", rules=[], always=True, gate=False)
+    own = types.SimpleNamespace(name="own", rules=[], always=False, gate=False)
     empty.register("built-in", "envcraft-rl", plugin("built-in", "envcraft_checks", lambda: [last]))
     empty.register("foreign", "foreign-dist", plugin("foreign", "envcraft_checks", lambda: [own]))
-    monkeypatch.setattr("envcraft.cli.plugins", lambda: empty)
+    monkeypatch.setattr("envcraft.registry.plugins", lambda: empty)
     assert [check.name for check in all_checks()] == ["own", "last"]
 
 
@@ -188,7 +188,7 @@ class Breaks(Works):
 
 def test_a_driver_that_breaks_leaves_the_others(empty: Plugins, monkeypatch: pytest.MonkeyPatch) -> None:
     empty.register("drivers", "dist", plugin("drivers", "envcraft_sandbox_drivers", lambda: [Breaks(), Works()]))
-    monkeypatch.setattr("envcraft.cli.plugins", lambda: empty)
+    monkeypatch.setattr("envcraft.registry.plugins", lambda: empty)
     assert driver_named("auto").name == "works"
     with pytest.raises(SandboxUnavailable, match="no luck"):
         driver_named("breaks")
@@ -205,7 +205,7 @@ def test_the_command_line_warns_in_one_line_and_works(
 ) -> None:
     empty.register("bad", "bad-dist", plugin("bad", "envcraft_commands", raises))
     empty.register("good", "good-dist", plugin("good", "envcraft_commands", lambda: [click.Command("hello")]))
-    monkeypatch.setattr("envcraft.cli.plugins", lambda: empty)
+    monkeypatch.setattr("envcraft.registry.plugins", lambda: empty)
     result = invoke("--help")
     assert result.exit_code == 0
     assert "hello" in result.stdout
@@ -219,7 +219,7 @@ def test_the_command_line_warns_in_one_line_and_works(
 def package(tmp_path: Path) -> Path:
     """A folder with one installed package that has a plugin."""
     (tmp_path / "third_party.py").write_text(
-        "from envcraft.contract import ARCADE\nfrom envcraft.plugins import hookimpl\nimport msgspec\n\n"
+        "from envcraft.contracts.builtin import ARCADE\nfrom envcraft.plugins import hookimpl\nimport msgspec\n\n"
         "@hookimpl\ndef envcraft_contracts():\n    return [msgspec.structs.replace(ARCADE, name='third-party')]\n"
     )
     about = tmp_path / "third_party-1.0.dist-info"

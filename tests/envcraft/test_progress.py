@@ -21,10 +21,18 @@ import pytest
 from rich.cells import cell_len
 from rich.console import Console
 
-from envcraft.events import CheckFinished, CheckStarted, Event, Finished, StepsTaken, SubjectFinished, SubjectStarted
-from envcraft.progress import Progress, Tally, left_words, line, shortened, speed_words, view
+from envcraft.cli.progress import Progress, Tally, left_words, line, shortened, speed_words, view
+from envcraft.model.events import (
+    CheckFinished,
+    CheckStarted,
+    Event,
+    Finished,
+    StepsTaken,
+    SubjectFinished,
+    SubjectStarted,
+)
+from envcraft.model.verdict import CheckReport, Report, SubjectReport, Verdict
 from envcraft.reports.console import SIGNS
-from envcraft.verdict import CheckReport, Report, SubjectReport, Verdict
 
 HIDE, SHOW = "\x1b[?25l", "\x1b[?25h"
 COLOUR = re.compile(r"\x1b\[[0-9;]*3[0-7]m")

@@ -11,13 +11,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from envcraft.budget import BUDGETS
-from envcraft.commands.choices import contract_named, default_checks, driver_named
-from envcraft.engine import Plan
-from envcraft.frames import MOST, Film, pixels, png
-from envcraft.sandbox import driver_for
-from envcraft.target import Kind, Target, read_target
-from envcraft.verdict import Finding, Repro, Severity, SubjectReport, Verdict
+from envcraft.contracts.lookup import contract_named
+from envcraft.judging.budget import BUDGETS
+from envcraft.judging.driver import driver_for
+from envcraft.judging.engine import Plan
+from envcraft.judging.frame_renderer import MOST, FrameRenderer, pixels, png
+from envcraft.judging.selection import default_checks, driver_named
+from envcraft.model.target import Kind, Target, read_target
+from envcraft.model.verdict import Finding, Repro, Severity, SubjectReport, Verdict
 
 RIGHT, STAY = [4, 0, 0], [0, 0, 0]
 
@@ -64,7 +65,7 @@ def film(good: Path) -> Any:
     target = read_target(str(good))
     plan = Plan([target], contract_named("arcade"), driver_named("process"), default_checks(), BUDGETS["quick"])
     report = SubjectReport(target.path, "Walk", target.sha256, Verdict.FAIL, "process", 0.0, 0, [])
-    with Film(plan, findings=5) as frames:
+    with FrameRenderer(plan, findings=5) as frames:
 
         def ask(actions: list[Any], conditions: dict[str, Any] | None = None, path: str | None = None) -> Any:
             report.path = path or target.path
@@ -104,10 +105,10 @@ def test_an_environment_that_raises_shows_what_came_before(film: Any, good: Path
     plan = Plan([target], contract_named("arcade"), driver_named("process"), default_checks(), BUDGETS["quick"])
     report = SubjectReport(target.path, "Walk", target.sha256, Verdict.FAIL, "process", 0.0, 0, [])
     finding = Finding("EC107", Severity.ERROR, "", repro=Repro(0, [STAY] * 3))
-    with Film(plan) as frames:
+    with FrameRenderer(plan) as frames:
         assert [frame.step for frame in frames(report, finding)] == [0, 1, 2]
     target = read_target(__file__)
-    with Film(Plan([target], plan.contract, plan.driver, [], plan.budget)) as frames:
+    with FrameRenderer(Plan([target], plan.contract, plan.driver, [], plan.budget)) as frames:
         report.path = target.path
         assert frames(report, finding) == []
 
@@ -117,7 +118,7 @@ def test_where_observations_are_no_pictures_render_is_shown() -> None:
     driver = driver_named("process")
     plan = Plan([target], contract_named("gymnasium"), driver_for(driver, [target]), default_checks(), BUDGETS["quick"])
     report = SubjectReport(target.path, "", target.sha256, Verdict.FAIL, "process", 0.0, 0, [])
-    with Film(plan) as frames:
+    with FrameRenderer(plan) as frames:
         shown = frames(report, Finding("EC301", Severity.ERROR, "", repro=Repro(0, [1, 1, 0])))
     assert [frame.step for frame in shown] == [0, 1, 2, 3]
     first, *_, last = (read(frame.png) for frame in shown)

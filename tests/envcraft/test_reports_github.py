@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 from hypothesis import assume, given, settings
 
-from envcraft.reports import one_line
+from envcraft.model.verdict import Report, Verdict
 from envcraft.reports.github import GitHubReporter
-from envcraft.verdict import Report, Verdict
+from envcraft.text import one_line
 from tests.envcraft.report_samples import MESSAGE, REPORTS, RULES, hostile, rendered, sample, subject
 
 

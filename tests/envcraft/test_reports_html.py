@@ -12,11 +12,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 
-from envcraft.commands.replay import read_report
-from envcraft.frames import png
-from envcraft.reports import Frame, one_line
+from envcraft.cli.commands.replay import read_report
+from envcraft.judging.frame_renderer import png
+from envcraft.model.frame import Frame
+from envcraft.model.verdict import Finding, Report, SubjectReport, Verdict
 from envcraft.reports.html import HtmlReporter
-from envcraft.verdict import Finding, Report, SubjectReport, Verdict
+from envcraft.text import one_line
 from tests.envcraft.report_samples import MESSAGE, REPORTS, TRACEBACK, hostile, many, rendered, sample
 from tests.pages import chromium, window
 

@@ -7,15 +7,16 @@ import shlex
 
 import pytest
 
-from envcraft.reports import Reporter, numbered, replay_command
+from envcraft.model.target import Kind
+from envcraft.model.verdict import CheckReport, Finding, Report, Severity, Verdict
 from envcraft.reports.console import ConsoleReporter
 from envcraft.reports.github import GitHubReporter
 from envcraft.reports.html import HtmlReporter
 from envcraft.reports.junit import JUnitReporter
 from envcraft.reports.markdown import MarkdownReporter
+from envcraft.reports.reporter import Reporter
 from envcraft.reports.sarif import SarifReporter
-from envcraft.target import Kind
-from envcraft.verdict import CheckReport, Finding, Report, Severity, Verdict
+from envcraft.reports.summary import numbered, replay_command
 from tests.envcraft.report_samples import rendered, subject
 
 FINDING = Finding("EC107", Severity.ERROR, "step 155 raises IndexError", 91)

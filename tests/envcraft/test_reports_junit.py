@@ -7,8 +7,8 @@ from xml.etree import ElementTree
 from hypothesis import given, settings
 from junitparser import Error, Failure, JUnitXml, Skipped, TestCase, TestSuite
 
+from envcraft.model.verdict import CheckReport, Report, Verdict
 from envcraft.reports.junit import JUnitReporter
-from envcraft.verdict import CheckReport, Report, Verdict
 from tests.envcraft.report_samples import MESSAGE, REPORTS, TRACEBACK, hostile, many, rendered, sample, subject
 
 _KINDS = {Verdict.FAIL: Failure, Verdict.ERROR: Error, Verdict.SKIP: Skipped}

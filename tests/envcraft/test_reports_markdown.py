@@ -10,9 +10,9 @@ import pytest
 from hypothesis import given, settings
 from markdown_it import MarkdownIt
 
-from envcraft.reports import one_line
+from envcraft.model.verdict import CheckReport, Finding, Report, Severity, Verdict
 from envcraft.reports.markdown import LIMIT, MarkdownReporter
-from envcraft.verdict import CheckReport, Finding, Report, Severity, Verdict
+from envcraft.text import one_line
 from tests.envcraft.report_samples import HOSTILE, MESSAGE, REPORTS, TRACEBACK, hostile, many, rendered, sample, subject
 
 OURS = {"details", "summary", "b", "br", "code", "sub"}

@@ -14,8 +14,8 @@ import msgspec
 import pytest
 from hypothesis import given, settings
 
+from envcraft.model.verdict import Report, Verdict
 from envcraft.reports.sarif import SarifReporter
-from envcraft.verdict import Report, Verdict
 from tests.envcraft.report_samples import MESSAGE, REPORTS, RULES, hostile, many, rendered, sample, subject
 
 SCHEMAS = Path(__file__).resolve().parent.parent / "schemas"

@@ -10,8 +10,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from envcraft import spaces
-from envcraft.membership import problem
+from envcraft.spaces.sampling import enumerate_actions, sample
+from envcraft.spaces.spec import read_space
+from envcraft.spaces.validation import validate
 
 FRAME = {"type": "Box", "low": 0, "high": 255, "shape": [2, 3], "dtype": "uint8"}
 REAL = {"type": "Box", "low": -1.0, "high": [0.0, 1.0], "shape": [2], "dtype": "float32"}
@@ -63,8 +64,8 @@ BOTH = {"type": "Dict", "spaces": [["frame", FRAME], ["pair", {"type": "Tuple", 
         (GRAPH, (NODES, np.array(1), np.zeros((1, 2), int)), "type", "edges"),
     ],
 )
-def test_problem(space: dict[str, Any], value: Any, kind: str | None, words: str) -> None:
-    found = problem(space, value)
+def test_validate(space: dict[str, Any], value: Any, kind: str | None, words: str) -> None:
+    found = validate(read_space(space), value)
     assert (found and found[0]) == kind
     if found:
         assert re.search(words, found[1])
@@ -72,20 +73,20 @@ def test_problem(space: dict[str, Any], value: Any, kind: str | None, words: str
 
 @given(st.sampled_from(ALL), st.integers(0, 2**32))
 def test_samples_are_inside(space: dict[str, Any], seed: int) -> None:
-    value = spaces.sample(space, np.random.default_rng(seed))
+    value = sample(read_space(space), np.random.default_rng(seed))
     if space["type"] in ("Box", "MultiDiscrete", "MultiBinary"):
         value = np.asarray(value, dtype=space.get("dtype", "int8"))
-    assert problem(space, value) is None
+    assert validate(read_space(space), value) is None
 
 
 def test_every_joint_action_once_and_nothing_first() -> None:
-    found = spaces.enumerate_actions(PAD)
+    found = enumerate_actions(read_space(PAD))
     assert len(found) == len({tuple(action) for action in found}) == 20
     assert found[0] == [0, 0, 0]
 
 
 def test_of_more_joint_actions_than_can_be_counted_there_is_a_sample() -> None:
-    found = [np.array(action) for action in spaces.enumerate_actions(LONG)]
+    found = [np.array(action) for action in enumerate_actions(read_space(LONG))]
     assert len({action.tobytes() for action in found}) == 64
     assert not found[0].any()
     assert found[-1].all()
@@ -96,4 +97,4 @@ def test_of_more_joint_actions_than_can_be_counted_there_is_a_sample() -> None:
     [({}, True), ({"low": 0.0}, True), ({"high": 1}, False), ({"shape": [3, 2]}, False), ({"dtype": "float32"}, False)],
 )
 def test_same_compares_bounds_shape_and_dtype(change: dict[str, Any], same: bool) -> None:
-    assert spaces.same(FRAME, {**FRAME, **change}) is same
+    assert (read_space(FRAME) == read_space({**FRAME, **change})) is same

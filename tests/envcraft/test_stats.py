@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from envcraft.budget import BUDGETS
-from envcraft.stats import Exact, Mean, Proportion, lead, settle, student
+from envcraft.judging.budget import BUDGETS
+from envcraft.judging.statistics import Exact, Mean, Proportion, lead, settle, student
 
 
 @pytest.mark.parametrize(

@@ -1,22 +1,23 @@
-"""What counts of the jobs that run side by side: what was asked for, in the order of asking."""
+"""Only requested rollouts count, in the order of the requests, however many jobs run at a time."""
 
 from __future__ import annotations
 
 import random
 import threading
 import time
-from typing import Any
 
 import pytest
+from envcraft_protocol.jobs import Job
 
-from envcraft.budget import BUDGETS
-from envcraft.check import Skip
-from envcraft.contract import ARCADE
-from envcraft.errors import WorkerLost
-from envcraft.rollout import ClockShift, Conditions, Episode, Rollout
-from envcraft.sandbox import Availability, Driver, How, Isolation, JobEnd, Limits, Player, Recorder, Step, Worker
-from envcraft.subject import Subject
-from envcraft.target import Target
+from envcraft.contracts.builtin import ARCADE
+from envcraft.errors import Skip, WorkerLost
+from envcraft.judging.budget import BUDGETS
+from envcraft.judging.driver import Availability, Driver, Isolation, Limits, Player, Recorder, Step, Worker
+from envcraft.judging.subject import Subject
+from envcraft.judging.worker_pool import WorkerPool
+from envcraft.model.job import ExitReason, JobResult
+from envcraft.model.rollout import ClockShift, Conditions, Episode, Rollout
+from envcraft.model.target import Target
 
 ACTION = [0, 0, 0]
 
@@ -32,7 +33,7 @@ class Game(Worker):
         self.about = {"number": len(driver.games)}
         self.driver = driver
         self.hash_seed = hash_seed
-        self.served: list[dict[str, Any]] = []
+        self.served: list[Job] = []
         self.series = 0
         self.ended = threading.Event()
 
@@ -42,10 +43,10 @@ class Game(Worker):
     def find(self, modules: list[str]) -> tuple[list[str], list[str]]:
         return [], []
 
-    def run(self, job: dict[str, Any], recorder: Recorder, limits: Limits, player: Player | None = None) -> JobEnd:
+    def run(self, job: Job, recorder: Recorder, limits: Limits, player: Player | None = None) -> JobResult:
         self.served.append(job)
         time.sleep(random.random() * 0.002)
-        before = self.series if job.get("series") and not job.get("first") else 0
+        before = self.series if job.get("series") and not job.get("new_process") else 0
         self.series = before + 1 if job.get("series") else 0
         if self.ended.is_set() or 300 <= job.get("seed", 0) < 400:
             raise WorkerLost("the worker is gone")
@@ -62,7 +63,9 @@ class Game(Worker):
                 step = Step(False, False, "bool", "bool", "float", 1.0, 1, 0, data, b"")
                 (recorder.step if number else recorder.reset)(step)
         died = 200 <= job.get("seed", 0) < 300 or (400 <= job.get("seed", 0) < 500 and before > 0)
-        return JobEnd(How.TIMEOUT if hangs else How.DIED if died else How.DONE, "step", 1.0, before=before)
+        return JobResult(
+            ExitReason.TIMEOUT if hangs else ExitReason.DIED if died else ExitReason.DONE, "step", 1.0, before=before
+        )
 
     def close(self) -> None:
         self.ended.set()
@@ -75,7 +78,6 @@ class Arcade(Driver):
 
     def __init__(self) -> None:
         self.games: list[Game] = []
-        self.siblings: list[Worker] = []
 
     def probe(self) -> Availability:
         return Availability(True)
@@ -84,28 +86,27 @@ class Arcade(Driver):
         self.games.append(Game(self, hash_seed))
         return self.games[-1]
 
-    def sibling(self, *, hash_seed: int, limits: Limits) -> Worker:
-        made = self.launch(hash_seed=hash_seed, limits=limits)
-        self.siblings.append(made)
-        return made
+    def shared_layout(self) -> Driver:
+        return Arcade()
 
     @property
-    def served(self) -> list[dict[str, Any]]:
+    def served(self) -> list[Job]:
         return [job for game in self.games for job in game.served]
 
 
-def subject_of(driver: Driver, lanes: int, limits: Limits | None = None) -> Subject:
-    return Subject(Target("game.py", b""), ARCADE, driver, BUDGETS["quick"], limits=limits, lanes=lanes)
+def subject_of(driver: Driver, parallel_jobs: int, limits: Limits | None = None) -> Subject:
+    lease = WorkerPool(driver, limits).lease()
+    return Subject(Target("game.py", b""), ARCADE, lease, BUDGETS["quick"], parallel_jobs=parallel_jobs)
 
 
 def play(seed: int, steps: int = 3, conditions: Conditions | None = None) -> Rollout:
     return Rollout(seed, [ACTION] * steps, conditions or Conditions())
 
 
-@pytest.mark.parametrize("lanes", [1, 3])
-def test_what_counts_is_what_was_asked_for_in_that_order(lanes: int) -> None:
-    with subject_of(Arcade(), lanes) as subject:
-        subject.foresee([play(seed, steps=seed) for seed in range(30)])
+@pytest.mark.parametrize("parallel_jobs", [1, 3])
+def test_requested_rollouts_count_in_the_order_of_the_requests(parallel_jobs: int) -> None:
+    with subject_of(Arcade(), parallel_jobs) as subject:
+        subject.prefetch([play(seed, steps=seed) for seed in range(30)])
         asked = [7, 3, 3, 29, 0, 11]
         traces = [subject.rollout(play(seed, steps=seed)) for seed in asked]
         assert [trace.rollout.seed for trace in subject.traces] == [7, 3, 29, 0, 11]
@@ -114,7 +115,7 @@ def test_what_counts_is_what_was_asked_for_in_that_order(lanes: int) -> None:
         assert subject.seconds == 5
 
 
-def test_the_lanes_share_the_work() -> None:
+def test_parallel_jobs_share_the_work() -> None:
     driver = Arcade()
     with subject_of(driver, 3) as subject:
         subject.rollouts([play(seed) for seed in range(60)])
@@ -129,7 +130,12 @@ def test_what_goes_wrong_after_others_runs_again_alone() -> None:
     with subject_of(driver, 1) as subject:
         traces = subject.rollouts([play(0), play(401), play(1), play(250)])
         ends = [trace.end for trace in traces if trace.end is not None]
-    assert [(end.how, end.before) for end in ends] == [(How.DONE, 0), (How.DONE, 0), (How.DONE, 0), (How.DIED, 0)]
+    assert [(end.reason, end.before) for end in ends] == [
+        (ExitReason.DONE, 0),
+        (ExitReason.DONE, 0),
+        (ExitReason.DONE, 0),
+        (ExitReason.DIED, 0),
+    ]
     assert [trace.steps for trace in traces] == [3, 3, 3, 3]
     assert [job["seed"] for job in driver.served] == [0, 401, 401, 1, 250, 250, 250]
 
@@ -138,9 +144,9 @@ def test_a_deadline_that_is_kept_the_second_time_counts_as_kept() -> None:
     driver = Arcade()
     with subject_of(driver, 1) as subject:
         traces = [subject.rerun(play(seed)) for seed in range(500, 510)]
-        assert [trace.end.how for trace in traces if trace.end is not None] == [How.DONE] * 10
+        assert [trace.end.reason for trace in traces if trace.end is not None] == [ExitReason.DONE] * 10
         hung = [subject.rerun(play(seed)) for seed in range(100, 103)]
-        assert [trace.end.how for trace in hung if trace.end is not None] == [How.TIMEOUT] * 3
+        assert [trace.end.reason for trace in hung if trace.end is not None] == [ExitReason.TIMEOUT] * 3
         with pytest.raises(Skip, match="3 episodes or searches hung"):
             subject.rerun(play(103))
 
@@ -158,40 +164,40 @@ def test_what_is_compared_or_outlasts_its_episode_follows_nothing() -> None:
         subject.rollout(play(1))
         subject.rerun(play(2))
         subject.rerun(play(3), alone=False)
-        subject.foresee([play(4)], alone=True)
+        subject.prefetch([play(4)], alone=True)
         subject.rollouts([play(4), *(play(5, conditions=conditions) for conditions in passing), play(6)])
         subject.rollout(play(7), alone=True)
         subject.searches.explore()
         for conditions in lasting:
             subject.rollout(play(8, conditions=conditions))
-        subject.rollout(subject.players.probes[0])
+        subject.rollout(subject.probes.determinism[0])
         seed = subject.episode_seed(0)
     shared = [job for job in driver.served if job.get("series")]
-    assert [job["seed"] for job in shared if not job.get("first")] == [1, 3, 5, 5, 5, 6, seed, seed]
-    assert [job["seed"] for job in shared if job.get("first")] == [2, 4, 7]
+    assert [job["seed"] for job in shared if not job.get("new_process")] == [1, 3, 5, 5, 5, 6, seed, seed]
+    assert [job["seed"] for job in shared if job.get("new_process")] == [2, 4, 7]
 
 
 def test_a_foreseen_trace_has_the_name_that_it_is_asked_for_under() -> None:
     with subject_of(Arcade(), 2) as subject:
-        subject.foresee([Rollout(1, [ACTION], player="somebody")])
+        subject.prefetch([Rollout(1, [ACTION], player="somebody")])
         assert subject.rollout(Rollout(1, [ACTION], player="me")).rollout.player == "me"
 
 
 def test_what_is_forgotten_does_not_run_but_can_be_asked_for() -> None:
     driver = Arcade()
     with subject_of(driver, 1) as subject:
-        subject.foresee([play(seed) for seed in range(100)])
-        subject.forget()
+        subject.prefetch([play(seed) for seed in range(100)])
+        subject.cache.cancel_pending()
         assert subject.rollout(play(99)).steps == 3
     assert len(driver.served) < 100
     assert len(subject.traces) == 1
 
 
-@pytest.mark.parametrize("lanes", [1, 3])
-def test_patience_is_counted_in_the_order_of_asking(lanes: int) -> None:
+@pytest.mark.parametrize("parallel_jobs", [1, 3])
+def test_timeouts_are_counted_in_the_order_of_the_requests(parallel_jobs: int) -> None:
     asked = [play(seed) for seed in (1, 101, 2, 102, 3, 103, 4, 5)]
-    with subject_of(Arcade(), lanes) as subject:
-        subject.foresee(asked)
+    with subject_of(Arcade(), parallel_jobs) as subject:
+        subject.prefetch(asked)
         time.sleep(0.02)
         for rollout in asked[:6]:
             subject.rollout(rollout)
@@ -214,19 +220,19 @@ def test_hung_searches_use_up_patience_too() -> None:
 def test_what_hangs_first_or_dies_runs_again_step_by_step(seed: int, times: int) -> None:
     driver = Arcade()
     with subject_of(driver, 2) as subject:
-        subject.foresee([play(seed)])
+        subject.prefetch([play(seed)])
         subject.rollout(play(seed))
     assert [bool(job.get("every_step")) for job in driver.served] == [False, True][:times]
 
 
-@pytest.mark.parametrize("lanes", [1, 3])
-def test_time_runs_out_by_what_was_asked_for(lanes: int) -> None:
-    with subject_of(Arcade(), lanes, Limits(total=3.5)) as subject:
-        subject.foresee([play(seed) for seed in range(50)])
+@pytest.mark.parametrize("parallel_jobs", [1, 3])
+def test_only_requested_rollouts_use_up_the_time(parallel_jobs: int) -> None:
+    with subject_of(Arcade(), parallel_jobs, Limits(total=3.5)) as subject:
+        subject.prefetch([play(seed) for seed in range(50)])
         for seed in range(4):
-            assert not subject.overrun
+            assert not subject.out_of_time
             subject.rollout(play(seed))
-        assert subject.overrun
+        assert subject.out_of_time
         with pytest.raises(Skip, match="4 s"):
             subject.rollout(play(4))
 
@@ -234,7 +240,7 @@ def test_time_runs_out_by_what_was_asked_for(lanes: int) -> None:
 def test_a_lost_worker_is_an_error_for_who_asked_and_a_rollout_can_be_asked_for_again() -> None:
     driver = Arcade()
     with subject_of(driver, 2) as subject:
-        subject.foresee([play(seed) for seed in (1, 300, 2)])
+        subject.prefetch([play(seed) for seed in (1, 300, 2)])
         assert subject.rollout(play(1)).steps == 3
         assert subject.rollout(play(2)).steps == 3
         for _ in range(2):
@@ -249,9 +255,9 @@ def test_conditions_run_beside_the_plain_rollout_and_fresh_ones_apart() -> None:
     driver = Arcade()
     with subject_of(driver, 3) as subject:
         for seed in range(9):
-            subject.foresee([play(seed), play(seed, conditions=Conditions(render=True))])
-            subject.foresee([play(seed)], again=True)
-            subject.foresee([play(seed, conditions=Conditions(fresh=True, hash_seed=5))])
+            subject.prefetch([play(seed), play(seed, conditions=Conditions(render=True))])
+            subject.prefetch([play(seed)], again=True)
+            subject.prefetch([play(seed, conditions=Conditions(fresh=True, hash_seed=5))])
         for seed in range(9):
             subject.rollout(play(seed))
             subject.rerun(play(seed))
@@ -292,9 +298,12 @@ def test_only_what_is_fresh_and_no_other_hash_seed_needs_a_memory_layout_of_its_
     conditions: Conditions, again: bool, alike: bool
 ) -> None:
     driver = Arcade()
-    with subject_of(driver, 1) as subject:
+    with (
+        WorkerPool(driver, subjects=2) as pool,
+        Subject(Target("game.py", b""), ARCADE, pool.lease(), BUDGETS["quick"]) as subject,
+    ):
         (subject.rerun if again else subject.rollout)(play(0, conditions=conditions))
-    assert (driver.games == driver.siblings) is alike
+    assert (not driver.games) is alike
 
 
 def test_a_worker_that_is_lost_once_costs_no_verdict() -> None:
@@ -302,13 +311,13 @@ def test_a_worker_that_is_lost_once_costs_no_verdict() -> None:
     with subject_of(driver, 1) as subject:
         subject.load()
         driver.games[0].ended.set()
-        subject.foresee([play(seed) for seed in range(3)])
+        subject.prefetch([play(seed) for seed in range(3)])
         assert [subject.rollout(play(seed)).steps for seed in range(3)] == [3, 3, 3]
         assert subject.steps == 9
     assert len(driver.games) == 2
 
 
-def test_about_is_the_first_worker_s() -> None:
+def test_about_comes_from_the_first_worker() -> None:
     with subject_of(Arcade(), 3) as subject:
         assert subject.about == {}
         subject.find_modules([])

@@ -7,8 +7,8 @@ from typing import Any
 
 import pytest
 
-from envcraft.rollout import Rollout
-from envcraft.trace import Divergence, Fault, Trace, digest, diverge, info_digest
+from envcraft.model.rollout import Rollout
+from envcraft.model.trace import Divergence, Fault, Trace, digest, diverge, info_digest
 
 
 def trace(info: Any) -> Trace:

@@ -1,4 +1,4 @@
-"""Layouts come from untrusted code: every byte is bounded, and nothing but MalformedValue is raised."""
+"""ValueCodecs come from untrusted code: every byte is bounded, and nothing but MalformedValue is raised."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
 from envcraft.errors import MalformedValue
-from envcraft.values import MAX_BYTES, Layout
+from envcraft.spaces.codec import MAX_BYTES, ValueCodec
 
 json_values = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=8),
@@ -50,7 +50,7 @@ specs = st.recursive(
 @example({"k": "scalar", "dtype": "|u1", "shape": [0]})
 def test_any_description_gives_a_bounded_layout_or_malformed(spec: Any) -> None:
     try:
-        layout = Layout(spec)
+        layout = ValueCodec(spec)
     except MalformedValue:
         return
     assert 0 <= layout.size <= MAX_BYTES
@@ -64,7 +64,7 @@ def test_any_description_gives_a_bounded_layout_or_malformed(spec: Any) -> None:
 
 @given(arrays.arrays(st.sampled_from(["u1", "<i8", "<f4", "?", "<c16"]), arrays.array_shapes(min_dims=0, max_side=5)))
 def test_arrays_come_back_bit_by_bit(value: np.ndarray[Any, Any]) -> None:
-    layout = Layout({"k": "array", "dtype": value.dtype.str, "shape": list(value.shape)})
+    layout = ValueCodec({"k": "array", "dtype": value.dtype.str, "shape": list(value.shape)})
     back = layout.decode(value.tobytes())
     assert back.dtype == value.dtype
     assert back.shape == value.shape
@@ -77,13 +77,13 @@ def test_nested_values_come_back() -> None:
         "items": [["a", {"k": "int"}], ["b", {"k": "tuple", "items": [{"k": "bool"}, {"k": "float"}]}]],
     }
     data = (7).to_bytes(8, "little") + b"\x01" + np.float64(2.5).tobytes()
-    assert Layout(spec).decode(data) == {"a": 7, "b": (True, 2.5)}
+    assert ValueCodec(spec).decode(data) == {"a": 7, "b": (True, 2.5)}
 
 
 @pytest.mark.parametrize("size", [0, 7, 9])
 def test_another_number_of_bytes_is_refused(size: int) -> None:
     with pytest.raises(MalformedValue, match="bytes"):
-        Layout({"k": "int"}).decode(bytes(size))
+        ValueCodec({"k": "int"}).decode(bytes(size))
 
 
 def test_nesting_is_bounded() -> None:
@@ -91,7 +91,7 @@ def test_nesting_is_bounded() -> None:
     for _ in range(2_000):
         spec = {"k": "list", "items": [spec]}
     with pytest.raises(MalformedValue, match="nested"):
-        Layout(spec)
+        ValueCodec(spec)
 
 
 def test_layouts_of_other_types_have_other_tags() -> None:
@@ -104,10 +104,10 @@ def test_layouts_of_other_types_have_other_tags() -> None:
         {"k": "tuple", "items": [{"k": "int"}]},
         {"k": "list", "items": [{"k": "int"}]},
     ]
-    assert len({Layout(spec).tag for spec in specs}) == len(specs)
+    assert len({ValueCodec(spec).tag for spec in specs}) == len(specs)
 
 
 @pytest.mark.parametrize("dtype", ["<U1", ">U1"])
 def test_what_is_no_character_is_refused(dtype: str) -> None:
     with pytest.raises(MalformedValue):
-        Layout({"k": "numbers", "dtype": dtype, "shape": []}).decode(b"\xff" * 4)
+        ValueCodec({"k": "numbers", "dtype": dtype, "shape": []}).decode(b"\xff" * 4)

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from envcraft import __version__
-from envcraft.verdict import (
+from envcraft.model.verdict import (
     CheckReport,
     Finding,
     Report,

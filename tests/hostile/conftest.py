@@ -1,6 +1,6 @@
-"""Hostile programs mostly wait for deadlines: they are begun before the first test, and their tests come last.
+"""Start the hostile programs before the first test and read their results last, because they mostly wait for deadlines.
 
-Each process of pytest-xdist would begin all of them: there only that one does which is given their tests.
+Under pytest-xdist only the process that has their tests starts them.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from envcraft.engine import cores
+from envcraft.judging.engine import cores
 from tests.hostile.judge import Runs, missing
 
 _RUNS = pytest.StashKey[Runs]()
@@ -48,7 +48,7 @@ def pytest_unconfigure(config: pytest.Config) -> None:
 
 @pytest.fixture(scope="session")
 def runs(request: pytest.FixtureRequest) -> Runs:
-    """All runs that this session asks for, side by side."""
+    """All runs of this session, side by side."""
     stash = request.config.stash
     if _RUNS not in stash:
         stash[_RUNS] = _begin(request.session.items)
@@ -60,10 +60,10 @@ def _is_run(item: pytest.Item) -> bool:
 
 
 def _begin(items: Iterable[pytest.Item]) -> Runs:
-    # Beside the other tests.
-    begun = Runs(cores())
+    # The other tests run at the same time.
+    runs = Runs(cores())
     for item in filter(_is_run, items):
-        asked = item.callspec.params  # type: ignore[attr-defined]
-        if not missing(asked["driver"]):
-            begun.begin(asked["program"], asked["driver"])
-    return begun
+        params = item.callspec.params  # type: ignore[attr-defined]
+        if not missing(params["driver"]):
+            runs.begin(params["program"], params["driver"])
+    return runs

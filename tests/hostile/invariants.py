@@ -1,7 +1,7 @@
-"""What no program may change, whatever its verdict: the one place where that is stated.
+"""The invariants that every hostile program must leave intact, independent of its verdict.
 
-A :class:`Machine` is the trap of one pool worker: files that no program may read or change, ports that none may reach,
-and an adopter of every process that a run leaves behind.
+A :class:`Machine` is the set of traps of one pool process: files that no program may read or change, ports that none
+may reach, and the adoption of every process that a run leaves behind.
 """
 
 from __future__ import annotations
@@ -21,24 +21,27 @@ from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 
+from envcraft_sandbox import engine
+from envcraft_sandbox.docker import LABEL
+
 ROOT = Path(__file__).resolve().parents[2]
 _PR_SET_CHILD_SUBREAPER = 36
-#: What a run's processes may take to be gone once it has ended, in seconds.
+#: Time in which the processes of an ended run must end, in seconds.
 _GRACE = 3.0
-#: The name, or its beginning, of every file that a program tries to leave behind.
+#: Prefix of the name of every file that a program tries to leave behind.
 _MARK = "envcraft-hostile"
 _SYSTEM = ("/", "/usr", "/usr/lib", "/etc", "/var/lib", "/var/tmp", "/tmp", "/run", "/run/lock", "/dev", "/dev/shm")
 
 
 class Machine:
-    """Lures for the programs, and what they look like untouched. Use as a context manager.
+    """Traps for the programs and their untouched state. Use as a context manager.
 
-    `values` fill the programs' placeholders; `temporary` is where the checker of a run keeps its temporary files.
+    `values` fill the programs' placeholders. The checker of a run keeps its temporary files in `temporary`.
     """
 
     def __enter__(self) -> Machine:
         ctypes.CDLL(None).prctl(_PR_SET_CHILD_SUBREAPER, 1, 0, 0, 0)
-        # Not below the system's folder for temporary files: a sandbox may well put something else there.
+        # A sandbox may replace the system's folder for temporary files.
         self._canaries = [Path(tempfile.mkdtemp(prefix=".canary-", dir=where)) for where in (Path.home(), "/tmp")]
         for folder in self._canaries:
             (folder / "secret").write_text(secrets.token_hex())
@@ -79,7 +82,7 @@ class Machine:
         return os.environ | {"TMPDIR": str(self.temporary), "ENVCRAFT_HOSTILE_SECRET": self.values["secret"]}
 
     def broken(self, driver: str) -> list[str]:
-        """What is not as it was before the run that has just ended; then as it was again, as far as that goes."""
+        """Changes since before the run that has just ended. Restores the machine as far as possible."""
         found = [f"a process is left: {words}" for words in self._end_processes()]
         if driver == "docker":
             found += [f"a container is left: {name}" for name in self._end_containers()]
@@ -90,18 +93,17 @@ class Machine:
                 how = "new" if path not in self._before else "gone" if path not in now else "changed"
                 found.append(f"{path} is {how}")
         self._before = now
-        # The folder that holds those of all of a user's checkers may stay.
+        # The folder of all of a user's checkers may stay.
         base = self.temporary / f"envcraft-{os.geteuid()}"
         left = [str(path) for path in [*self.temporary.iterdir(), *_named(base)] if path != base]
         if left:
             found.append(f"a temporary file is left: {left[0]}")
-            # Whatever it is, and however deep.
             subprocess.run(["chmod", "-R", "u+rwx", *left], check=False, capture_output=True)
             subprocess.run(["rm", "-rf", "--", *left], check=False)
         return found
 
     def _files(self) -> dict[Path, object]:
-        """The state of every file that a program could try to change, as far as that is cheap to tell."""
+        """The state of every file that a program could try to change, as far as that is cheap to determine."""
         found: dict[Path, object] = {}
         for folder in self._canaries:
             for path in [folder, *folder.rglob("*")]:
@@ -116,7 +118,7 @@ class Machine:
         return found
 
     def _end_processes(self) -> list[str]:
-        """End what the run has left running, and tell what it was."""
+        """End the processes that the run has left, and return their names."""
         deadline = time.monotonic() + _GRACE
         while (left := _descendants(os.getpid())) and time.monotonic() < deadline:
             _reap()
@@ -128,11 +130,15 @@ class Machine:
         return sorted(left.values())
 
     def _end_containers(self) -> list[str]:
-        """Remove the containers that the run has left, known by the folder that their socket lies in."""
-        listed = _docker("ps", "--all", "--quiet", "--filter", "label=envcraft").split()
-        left = [name for name in listed if str(self.temporary) in _docker("inspect", name)]
-        if left:
-            _docker("rm", "--force", *left)
+        """Remove the containers that the run has left, known by the folder of their socket."""
+        client = engine.client()
+        left = [
+            container["Id"]
+            for container in client.containers(all=True, filters={"label": LABEL})
+            if any(str(self.temporary) in mount["Source"] for mount in container["Mounts"])
+        ]
+        for container in left:
+            client.remove_container(container, force=True)
         return left
 
 
@@ -181,11 +187,7 @@ def _descendants(ancestor: int) -> dict[int, str]:
 
 
 def _reap() -> None:
-    """Bury the dead among those that were adopted."""
+    """Reap adopted processes that have ended."""
     with suppress(ChildProcessError):
         while os.waitpid(-1, os.WNOHANG)[0]:
             pass
-
-
-def _docker(*arguments: str) -> str:
-    return subprocess.run(["docker", *arguments], capture_output=True, text=True, check=False, timeout=240).stdout

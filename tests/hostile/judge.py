@@ -1,6 +1,6 @@
 """Judge every hostile program under every driver that works here: ``python -m tests.hostile.judge [NAME...]``.
 
-Prints what was expected and did not happen, and a table; exits with 1 where an expectation or an invariant is broken.
+Prints each unexpected result and a table. The exit status is 1 if an expectation or an invariant is broken.
 """
 
 from __future__ import annotations
@@ -25,19 +25,19 @@ from typing import Any
 
 from envcraft_sandbox.worker import confine
 
-from envcraft.engine import cores
+from envcraft.judging.driver import Driver
+from envcraft.judging.engine import cores
 from envcraft.plugins import plugins
-from envcraft.sandbox import Driver
 from tests.hostile.invariants import ROOT, Machine
 
 PROGRAMS = Path(__file__).with_name("programs")
-#: The checker of a run may hold this much, in bytes.
+#: Maximum memory of the checker of a run, in bytes.
 MEMORY = 1024**3
-#: The innocent program takes a second by itself; one that makes it take this long has slowed the machine down.
+#: The innocent program takes one second alone. A program that makes it take this long has slowed the machine down.
 INNOCENT_SECONDS = 30.0
 #: Many runs wait for a deadline most of the time.
 _POOL = cores() + 1
-#: Without these the driver `process` holds against accidents only.
+#: Without these layers the driver `process` protects only against accidents.
 _HOLDING = {"Landlock", "system call filter"}
 _PR_SET_PDEATHSIG = 1
 _HEADER = re.compile(r"^# (does|verdict|codes|seconds|process): ?(.*)$", re.MULTILINE)
@@ -45,8 +45,9 @@ _HEADER = re.compile(r"^# (does|verdict|codes|seconds|process): ?(.*)$", re.MULT
 
 @dataclass(frozen=True)
 class Program:
-    """A hostile program and what its header says of it: the verdicts that it may get, the codes of which one must be
-    found where it fails, and the seconds by which it is judged."""
+    """A hostile program and its header: the allowed verdicts, the codes of which a failure must show at least one, and
+    the time limit in seconds.
+    """
 
     path: Path
     does: str
@@ -62,8 +63,13 @@ class Program:
 
 @dataclass
 class Run:
-    """What came of one program under one driver. `wrong` says what was not as expected, `broken` which invariants;
-    a run is `late` where that is so of a time."""
+    """The result of one program under one driver.
+
+    Attributes:
+        wrong: unexpected results.
+        broken: broken invariants.
+        late: one of these is an exceeded time limit.
+    """
 
     program: str
     driver: str
@@ -79,12 +85,12 @@ class Run:
 
     def __str__(self) -> str:
         complaints = "\n".join(f"  {words}" for words in [*self.wrong, *self.broken])
-        told = "\n".join(f"    {words[:200]}" for words in self.words)
-        return f"{self.program} under {self.driver}: {self.verdict} in {self.seconds:.1f} s\n{complaints}\n{told}"
+        messages = "\n".join(f"    {words[:200]}" for words in self.words)
+        return f"{self.program} under {self.driver}: {self.verdict} in {self.seconds:.1f} s\n{complaints}\n{messages}"
 
 
 def programs() -> list[Program]:
-    """All hostile programs, by name. Raises ValueError where a header is incomplete."""
+    """All hostile programs by name. Raises ValueError if a header is incomplete."""
     found = []
     for path in sorted(PROGRAMS.glob("*.py")):
         header = dict(_HEADER.findall(path.read_text("utf-8").partition('"""')[0]))
@@ -106,7 +112,7 @@ def drivers() -> dict[str, Driver]:
 
 @cache
 def missing(driver: str) -> str:
-    """Why hostile programs cannot be tried under a driver here, or nothing."""
+    """The reason why hostile programs cannot run under a driver here, or an empty string."""
     available = drivers()[driver].probe()
     if not available.works:
         return f"{available.reason}; {available.fix}"
@@ -117,14 +123,14 @@ def missing(driver: str) -> str:
 
 
 class Runs:
-    """A pool that runs programs, a few at a time, as they are asked for. Use as a context manager.
+    """A pool that runs several programs at a time. Use as a context manager.
 
-    `seen` are the runs whose results were asked for.
+    `seen` are the runs whose results were read.
     """
 
-    def __init__(self, workers: int = _POOL, nursery: bool = False) -> None:
+    def __init__(self, workers: int = _POOL, forked: bool = False) -> None:
         self.seen: list[Run] = []
-        self._nursery = nursery
+        self._forked = forked
         self._started = self._last = time.monotonic()
         self._pool = ProcessPoolExecutor(workers, initializer=_set_traps)
         self._alone: dict[str, Future[Run]] = {}
@@ -137,29 +143,29 @@ class Runs:
         self._pool.shutdown(cancel_futures=True)
 
     def begin(self, program: Program, driver: str) -> None:
-        """Queue a run, and before the first of a driver one of the innocent program alone."""
+        """Queue a run, and before the first run of a driver one of the innocent program alone."""
         if driver not in self._alone:
-            self._alone[driver] = self._pool.submit(_run, None, driver, self._nursery)
+            self._alone[driver] = self._pool.submit(_run, None, driver, self._forked)
         if (program.name, driver) not in self._runs:
-            self._runs[program.name, driver] = self._pool.submit(_run, program, driver, self._nursery)
+            self._runs[program.name, driver] = self._pool.submit(_run, program, driver, self._forked)
 
     def result(self, program: Program, driver: str) -> Run:
-        """Wait for a run and hold the innocent program's traces against those of its run alone.
+        """Wait for a run, and compare the innocent program's traces with those of its run alone.
 
-        A run that is late beside others is done again once they have ended.
+        A run that is late beside others is repeated after they have ended.
         """
         self.begin(program, driver)
         run, alone = self._runs[program.name, driver].result(), self._alone[driver].result()
         if run.late and len(self._runs) > 1:
-            run = self._pool.submit(_run, program, driver, self._nursery).result()
+            run = self._pool.submit(_run, program, driver, self._forked).result()
         if run.digest != alone.digest and not run.broken:
-            run.broken.append("the innocent program's traces are not those of its run alone")
+            run.broken.append("the innocent program's traces differ from those of its run alone")
         self.seen.append(run)
         self._last = time.monotonic()
         return run
 
     def table(self) -> str:
-        """The figures of what was seen, in Markdown."""
+        """The figures of the runs in Markdown."""
         return table(self.seen, self._last - self._started)
 
 
@@ -169,27 +175,27 @@ _machine: Machine | None = None
 def _set_traps() -> None:
     global _machine
     _machine = Machine().__enter__()
-    # However the session ends, its pool ends with it, and in order.
+    # The pool ends with its session, however that ends.
     signal.signal(signal.SIGTERM, _leave)
     ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM, 0, 0, 0)
-    # A pool's processes end without unwinding, and these have folders to remove.
+    # The processes of a pool end without cleanup, and these have folders to remove.
     Finalize(None, _machine.__exit__, exitpriority=1)
 
 
 def _leave(*_: object) -> None:
-    """End this process, whatever it is at; an exception would only be the result of its run."""
+    """End this process at once. An exception would only become the result of its run."""
     if _machine is not None:
         _machine.__exit__()
     os._exit(1)
 
 
-def _run(program: Program | None, driver: str, nursery: bool) -> Run:
-    """One run, in a process of the pool."""
+def _run(program: Program | None, driver: str, forked: bool) -> Run:
+    """Run one program in a process of the pool."""
     machine = _machine
     assert machine is not None
     name = program.name if program else "(nothing)"
     path = str(program.path) if program else None
-    job = {"driver_name": driver, "program": path, "values": machine.values, "nursery": nursery}
+    job = {"driver_name": driver, "program": path, "values": machine.values, "forked": forked}
     patience = (program.seconds if program else 0.0) + 60
     process = subprocess.Popen(
         [sys.executable, "-m", "tests.hostile.runner"],
@@ -202,14 +208,14 @@ def _run(program: Program | None, driver: str, nursery: bool) -> Run:
     )
     started = time.monotonic()
     try:
-        said, errors = process.communicate(json.dumps(job).encode(), patience)
+        output, errors = process.communicate(json.dumps(job).encode(), patience)
     except subprocess.TimeoutExpired:
         process.kill()
-        said, errors = process.communicate()
+        output, errors = process.communicate()
     seconds = time.monotonic() - started
     broken = machine.broken(driver)
     try:
-        told = json.loads(said)
+        result = json.loads(output)
     except ValueError:
         how = f"{signal.Signals(-process.returncode).name}" if process.returncode < 0 else f"{process.returncode}"
         last = errors.decode(errors="replace").strip().splitlines()[-1:]
@@ -222,20 +228,20 @@ def _run(program: Program | None, driver: str, nursery: bool) -> Run:
     run = Run(
         name,
         driver,
-        told.get("verdict", ""),
-        tuple(told.get("codes", ())),
-        tuple(told.get("words", ())),
-        told.get("seconds", 0.0),
-        told["peak"],
-        told["innocent"]["digest"],
+        result.get("verdict", ""),
+        tuple(result.get("codes", ())),
+        tuple(result.get("words", ())),
+        result.get("seconds", 0.0),
+        result["peak"],
+        result["innocent"]["digest"],
         broken=broken,
     )
-    _hold_against(program, told, run)
+    _compare(program, result, run)
     return run
 
 
-def _hold_against(program: Program | None, told: dict[str, Any], run: Run) -> None:
-    """Note what is not as the program's header says, and what the checker itself let happen."""
+def _compare(program: Program | None, result: dict[str, Any], run: Run) -> None:
+    """Note differences from the program's header, and what the checker itself allowed."""
     if program is not None:
         if run.verdict not in program.verdicts:
             run.wrong.append(f"the verdict is {run.verdict}, not {' or '.join(sorted(program.verdicts))}")
@@ -244,33 +250,33 @@ def _hold_against(program: Program | None, told: dict[str, Any], run: Run) -> No
         if run.seconds > program.seconds:
             run.late = True
             run.wrong.append(f"it took {run.seconds:.1f} s, not {program.seconds:g} s")
-        if told["unprintable"]:
-            run.broken.append(f"the console's report holds {' '.join(told['unprintable'])}")
-    innocent = told["innocent"]
+        if result["unprintable"]:
+            run.broken.append(f"the console's report contains {' '.join(result['unprintable'])}")
+    innocent = result["innocent"]
     if innocent["verdict"] != "pass":
         run.broken.append(f"the innocent program got {innocent['verdict']}: {innocent['reasons']}")
     if innocent["seconds"] > INNOCENT_SECONDS:
         run.late = True
         run.broken.append(f"the innocent program took {innocent['seconds']:.1f} s")
     if run.peak > MEMORY:
-        run.broken.append(f"the checker held {run.peak / 1024**2:.0f} MiB")
+        run.broken.append(f"the checker used {run.peak / 1024**2:.0f} MiB")
 
 
 def _bound_checker() -> None:
-    """A checker must not outlive this process, nor take the machine with it where a program makes it grow."""
+    """Let the checker end with this process, and limit its memory if a program makes it grow."""
     ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM, 0, 0, 0)
     resource.setrlimit(resource.RLIMIT_DATA, (4 * 1024**3, 4 * 1024**3))
 
 
 def pairs(chosen: Sequence[Program]) -> list[tuple[Program, str]]:
-    """Programs and the drivers to try them under, the slowest first."""
+    """Programs and their drivers, the slowest first."""
     found = [(program, name) for program in chosen for name in drivers() if name != "process" or program.process]
     return sorted(found, key=lambda pair: -pair[0].seconds)
 
 
-def judge(chosen: Sequence[tuple[Program, str]], workers: int = _POOL, nursery: bool = False) -> Iterator[Run]:
-    """Run them side by side and give what came of each, in order."""
-    with Runs(workers, nursery) as runs:
+def judge(chosen: Sequence[tuple[Program, str]], workers: int = _POOL, forked: bool = False) -> Iterator[Run]:
+    """Run them side by side and yield each result in order."""
+    with Runs(workers, forked) as runs:
         for program, driver in chosen:
             runs.begin(program, driver)
         for program, driver in chosen:
@@ -278,7 +284,7 @@ def judge(chosen: Sequence[tuple[Program, str]], workers: int = _POOL, nursery: 
 
 
 def table(runs: Sequence[Run], seconds: float) -> str:
-    """The figures of a session, in Markdown."""
+    """The figures of a session in Markdown."""
     lines = [
         "| driver | programs | as expected | invariants broken | slowest | checker's highest memory |",
         "|---|---|---|---|---|---|",
@@ -299,11 +305,13 @@ def table(runs: Sequence[Run], seconds: float) -> str:
 def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m tests.hostile.judge", description=__doc__)
     parser.add_argument(
-        "names", nargs="*", metavar="NAME", help="programs, or the beginnings of their names (default: all)"
+        "names", nargs="*", metavar="NAME", help="Names of programs, or their beginnings.  [default: all]"
     )
-    parser.add_argument("--driver", action="append", help="only under this driver (may be given again)")
-    parser.add_argument("--workers", type=int, default=_POOL, help="so many side by side (default: %(default)s)")
-    parser.add_argument("--nursery", action="store_true", help="on forked workers, as where there are many subjects")
+    parser.add_argument("--driver", action="append", help="Use only this driver. May be repeated.")
+    parser.add_argument("--workers", type=int, default=_POOL, help="Number of parallel runs.  [default: %(default)s]")
+    parser.add_argument(
+        "--forked", action="store_true", help="Fork the workers, as an audit of many environments does."
+    )
     options = parser.parse_args()
     wanted = [program for program in programs() if program.name.startswith(tuple(options.names or [""]))]
     started = time.monotonic()
@@ -316,7 +324,7 @@ def main() -> int:
         for program, driver in pairs(wanted)
         if not missing(driver) and driver in (options.driver or drivers())
     ]
-    for run in judge(chosen, options.workers, options.nursery):
+    for run in judge(chosen, options.workers, options.forked):
         runs.append(run)
         if run.wrong or run.broken:
             print(run, file=sys.stderr, flush=True)

@@ -1,7 +1,7 @@
-"""One run, in a process of its own: judge a hostile program, then an innocent one, with the same driver.
+"""One run in a process of its own: judge a hostile program, then an innocent one, with the same driver.
 
-``python -m tests.hostile.runner`` reads its job from standard input and writes what came of it to standard output, both
-JSON. The programs' code never runs here, only in the sandbox.
+``python -m tests.hostile.runner`` reads its job as JSON from standard input and writes the result as JSON to standard
+output. The programs' code runs only in the sandbox.
 """
 
 from __future__ import annotations
@@ -17,32 +17,32 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from envcraft import pool
-from envcraft.budget import Budget
-from envcraft.check import Check
-from envcraft.commands.choices import default_checks
-from envcraft.contract import ARCADE
-from envcraft.engine import Plan, validate
-from envcraft.events import Finished, SubjectFinished
+from envcraft.contracts.builtin import ARCADE
+from envcraft.judging.budget import Budget
+from envcraft.judging.check import Check
+from envcraft.judging.driver import Driver, Limits, choose
+from envcraft.judging.engine import Plan, validate
+from envcraft.judging.selection import default_checks
+from envcraft.judging.subject import Subject
+from envcraft.judging.worker_pool import WorkerPool
+from envcraft.model.events import Finished, SubjectFinished
+from envcraft.model.target import Target
+from envcraft.model.verdict import Finding, Report, Severity
 from envcraft.plugins import plugins
 from envcraft.reports.console import ConsoleReporter
-from envcraft.sandbox import Driver, Limits, choose
-from envcraft.subject import Subject
-from envcraft.target import Target
-from envcraft.verdict import Finding, Report, Severity
 
-#: Tight, so that hangs and bombs cost seconds.
+#: Short limits, so that a hang or a bomb costs seconds.
 LIMITS = Limits(call=1.5, loading=3.0, job=5.0, total=30.0, memory=256 * 1024**2, output_total=1024**2)
 INNOCENT = Path(__file__).resolve().parents[2] / "examples" / "lander.py"
-#: Of the innocent program only the traces matter, and few of them.
+#: The innocent program needs only a few traces.
 _GLANCE = Budget("glance", 1, 0, 2, 0, (1, 100), (200, 1), 0, 0, (6,), 100)
 _GLANCES = ("source",)
-#: Of a hostile program, too: a bomb goes off in each episode, and a few show as much as fifty.
+#: A bomb explodes in each episode, so a few episodes show as much as fifty.
 _HOSTILE = Budget("hostile", 2, 1, 3, 0, (1, 60), (400, 1), 400, 0, (6, 12, 24), 100)
 
 
 class Witness(Check):
-    """Finds nothing, and remembers what a few traces of a subject show."""
+    """Reports no finding, and records a digest of several traces of a subject."""
 
     name = "witness"
     rules = ()
@@ -53,32 +53,37 @@ class Witness(Check):
 
     def judge(self, subject: Subject) -> Iterator[Finding]:
         seen = hashlib.sha256()
-        players = subject.players
-        for trace in subject.rollouts([players.random(0), players.random(1), players.noop(0)]):
+        probes = subject.probes
+        for trace in subject.rollouts([probes.random(0), probes.random(1), probes.noop(0)]):
             shown = (trace.ending, trace.observations, trace.infos, trace.rewards, trace.terminated, trace.truncated)
             seen.update(repr(shown).encode())
         self.digest = seen.hexdigest()
         return iter(())
 
 
-def run(driver_name: str, program: str | None, values: dict[str, str], nursery: bool = False) -> dict[str, Any]:
-    """Judge the program whose path is `program`, its placeholders filled from `values`, and then an innocent one; with
-    `nursery` on workers as they are where there are many subjects.
+def run(driver_name: str, program: str | None, values: dict[str, str], forked: bool = False) -> dict[str, Any]:
+    """Judge the program at the path `program`, then an innocent one.
+
+    Args:
+        driver_name: name of the driver.
+        program: path of the hostile program; None: only the innocent one.
+        values: values of the program's placeholders.
+        forked: fork the workers, as for many subjects.
     """
-    if nursery:
-        pool._FEW = 0
     registered = plugins()
     checks: list[Check] = default_checks()
     driver = choose(registered.collect("envcraft_sandbox_drivers"), driver_name)
     found: dict[str, Any] = {}
     try:
         if program is not None:
-            found |= _judge(driver, checks, Path(program), values)
+            found |= _judge(driver, checks, Path(program), values, forked)
         witness = Witness()
         glances = [check for check in checks if check.name in _GLANCES]
-        plan = Plan([_target(INNOCENT, {})], ARCADE, driver, [*glances, witness], _GLANCE, limits=LIMITS, lanes=1)
+        plan = Plan(
+            [_target(INNOCENT, {})], ARCADE, driver, [*glances, witness], _GLANCE, limits=LIMITS, parallel_jobs=1
+        )
         started = time.monotonic()
-        innocent = _report(plan).reports[0]
+        innocent = _report(plan, forked).reports[0]
         found["innocent"] = {
             "verdict": innocent.verdict,
             "digest": witness.digest,
@@ -90,10 +95,10 @@ def run(driver_name: str, program: str | None, values: dict[str, str], nursery: 
     return found | {"peak": _peak()}
 
 
-def _judge(driver: Driver, checks: list[Check], path: Path, values: dict[str, str]) -> dict[str, Any]:
-    plan = Plan([_target(path, values)], ARCADE, driver, checks, _HOSTILE, limits=LIMITS, lanes=1)
+def _judge(driver: Driver, checks: list[Check], path: Path, values: dict[str, str], forked: bool) -> dict[str, Any]:
+    plan = Plan([_target(path, values)], ARCADE, driver, checks, _HOSTILE, limits=LIMITS, parallel_jobs=1)
     started = time.monotonic()
-    report = _report(plan)
+    report = _report(plan, forked)
     seconds = time.monotonic() - started
     subject = report.reports[0]
     findings = [finding for check in subject.checks for finding in check.findings]
@@ -112,12 +117,14 @@ def _target(path: Path, values: dict[str, str]) -> Target:
     return Target(path.name, source.encode())
 
 
-def _report(plan: Plan) -> Report:
-    return next(event.report for event in validate(plan) if isinstance(event, Finished))
+def _report(plan: Plan, forked: bool) -> Report:
+    # A pool for several subjects forks its workers.
+    pool = WorkerPool(plan.driver, plan.limits, 2) if forked else None
+    return next(event.report for event in validate(plan, pool=pool) if isinstance(event, Finished))
 
 
 def _unprintable(report: Report, checks: list[Check]) -> list[str]:
-    """Characters in the console's report that could steer a terminal. Raises where there can be no report at all."""
+    """Characters in the console's report that could control a terminal. Raises if there can be no report."""
     json.loads(report.to_json())
     shown = io.StringIO()
     reporter = ConsoleReporter(shown, {rule.code: rule for check in checks for rule in check.rules})
@@ -129,9 +136,9 @@ def _unprintable(report: Report, checks: list[Check]) -> list[str]:
 
 
 def _peak() -> int:
-    """The most memory that this process ever held, in bytes."""
-    told = Path("/proc/self/status").read_text()
-    return int(told.partition("VmHWM:")[2].split()[0]) * 1024
+    """The maximum memory of this process so far, in bytes."""
+    status = Path("/proc/self/status").read_text()
+    return int(status.partition("VmHWM:")[2].split()[0]) * 1024
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
-"""Every hostile program costs its own verdict, and breaks none of the invariants, under docker and bubblewrap.
+"""Every hostile program affects only its own verdict and breaks no invariant, under docker and bubblewrap.
 
-``ENVCRAFT_HOSTILE=process`` names other drivers. ``python -m tests.hostile.judge`` tries all under all and prints a
-table.
+``ENVCRAFT_HOSTILE=process`` names other drivers. ``python -m tests.hostile.judge`` runs all programs under all drivers
+and prints a table.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ _CASES = [
 
 
 @pytest.mark.parametrize(("program", "driver"), _CASES)
-def test_costs_only_its_own_verdict(program: Program, driver: str, runs: Runs) -> None:
+def test_affects_only_its_own_verdict(program: Program, driver: str, runs: Runs) -> None:
     if reason := missing(driver):
         pytest.skip(reason)
     run = runs.result(program, driver)
     assert not [*run.wrong, *run.broken], f"{program.does}\n{run}"
 
 
-def test_there_are_enough() -> None:
+def test_number_of_programs() -> None:
     assert len(PROGRAMS) >= 60
     assert sum(program.process for program in PROGRAMS) >= 40

@@ -1,4 +1,4 @@
-"""An endpoint on this machine that does what a test says: a reply to each request, of any bytes at any time."""
+"""A local HTTP server with scripted replies, which stands in for an endpoint."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ Reply = Callable[[asyncio.StreamWriter, dict[str, Any]], Awaitable[None]]
 
 
 def status(code: int, body: Any = "", **headers: str) -> Reply:
-    """A reply with a status, and JSON unless the body is text."""
+    """Return a reply with a status, and a JSON body unless the body is text."""
 
     async def reply(writer: asyncio.StreamWriter, _: dict[str, Any]) -> None:
         kind = "text/html" if isinstance(body, str) else "application/json"
@@ -26,19 +26,19 @@ def status(code: int, body: Any = "", **headers: str) -> Reply:
 
 
 def error(code: int, message: str, name: str = "", **headers: str) -> Reply:
-    """An error as OpenAI's interface tells it."""
+    """Return an error in the format of OpenAI's interface."""
     return status(
         code, {"error": {"message": message, "code": name or None, "type": "invalid_request_error"}}, **headers
     )
 
 
 def piece(finish: str | None = None, **delta: Any) -> str:
-    """An event of a stream."""
+    """Return an event of a stream."""
     return "data: " + json.dumps({"model": "loop", "choices": [{"index": 0, "delta": delta, "finish_reason": finish}]})
 
 
 def stream(*events: str, pause: float = 0.0, cut: bool = False, stay: float = 0.0) -> Reply:
-    """Events; with `cut` the connection is dropped after them, with `stay` it first says nothing for so long."""
+    """Return a stream of events; `stay` seconds after the last one it ends, or with `cut` the connection drops."""
 
     async def reply(writer: asyncio.StreamWriter, _: dict[str, Any]) -> None:
         writer.write(b"HTTP/1.1 200 OK\r\nContent-Type: text/event-stream\r\nTransfer-Encoding: chunked\r\n\r\n")
@@ -57,7 +57,7 @@ def stream(*events: str, pause: float = 0.0, cut: bool = False, stay: float = 0.
 
 
 def says(text: str, finish: str = "stop", prompt: int = 7, **more: Any) -> Reply:
-    """An answer word by word, with usage."""
+    """Return a streamed completion with usage."""
     words = [piece(content=part) for part in text.splitlines(keepends=True)]
     usage = {"prompt_tokens": prompt, "completion_tokens": len(text.split())}
     told = "data: " + json.dumps({"choices": [], "usage": usage})
@@ -65,17 +65,19 @@ def says(text: str, finish: str = "stop", prompt: int = 7, **more: Any) -> Reply
 
 
 async def hang(writer: asyncio.StreamWriter, _: dict[str, Any]) -> None:
-    """Say nothing."""
+    """Never reply."""
     await asyncio.sleep(3600)
 
 
 class Loopback:
-    """The server, to be entered; replies are taken in turn, the last again and again. Those to `paths` are apart.
+    """The server, as a context manager: it sends the replies in order, and the last one repeatedly.
+
+    `paths` are replies to other paths than that of completions.
 
     Attributes:
-        asked, times: the bodies of the requests for completions, and when they came.
+        requests, times: the bodies of the requests for completions, and when they came.
         headers: of the last request.
-        most: how many requests were under way at once, at most.
+        max_in_flight: the most requests in flight at once.
     """
 
     def __init__(
@@ -86,10 +88,10 @@ class Loopback:
             self._paths["models"] = greeting
         elif models is not None:
             self._paths["models"] = status(200, {"object": "list", "data": [{"id": name} for name in models]})
-        self.asked: list[dict[str, Any]] = []
+        self.requests: list[dict[str, Any]] = []
         self.times: list[float] = []
         self.headers: dict[str, str] = {}
-        self.most = self.under_way = 0
+        self.max_in_flight = self.in_flight = 0
         self.port = 0
         self._tasks: set[asyncio.Task[None]] = set()
 
@@ -132,13 +134,13 @@ class Loopback:
                 writer, {"path": path, "data": data, "method": head.split()[0]}
             )
             return
-        self.under_way += 1
-        self.most = max(self.most, self.under_way)
+        self.in_flight += 1
+        self.max_in_flight = max(self.max_in_flight, self.in_flight)
         try:
             body = json.loads(data)
-            self.asked.append(body)
+            self.requests.append(body)
             self.times.append(asyncio.get_running_loop().time())
             reply = self._replies.pop(0) if len(self._replies) > 1 else self._replies[0]
             await reply(writer, body)
         finally:
-            self.under_way -= 1
+            self.in_flight -= 1

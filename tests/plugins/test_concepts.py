@@ -1,4 +1,4 @@
-"""Concepts: distinct, the same for a seed, in the wanted shares, and texts that say what they are made of."""
+"""Concepts: distinct, reproducible, in the given shares, with texts that name their ingredients."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from envcraft_llm.concepts.pools import Theme, buttons, pools
 from envcraft_llm.concepts.strategies import STRATEGIES
 from envcraft_llm.concepts.writing import LIMIT, Concept, text_sha256
 
-from envcraft.cli import cli
+from envcraft.cli.group import cli
 from envcraft.errors import UsageError
 
 NUMBER = 1_000
@@ -188,20 +188,20 @@ def test_capacities_are_what_can_be_counted(monkeypatch: pytest.MonkeyPatch) -> 
             continue
         found = list(concepts(most, 0, {name: 1}))
         assert len({tuple(concept.ingredients) for concept in found}) == most
-        with pytest.raises(UsageError, match=f"holds {most}: ask for fewer"):
+        with pytest.raises(UsageError, match=f"has {most}: lower the count"):
             concepts(most + 1, 0, {name: 1})
 
 
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["--strategy-share", "genre-blend=0.4,mechanical=0.4"], "sum up to 0.8"),
-        (["--strategy-share", "genres=1"], "no strategy is called genres: there are genre-blend, mechanical"),
+        (["--strategy-share", "genre-blend=0.4,mechanical=0.4"], "sum to 0.8"),
+        (["--strategy-share", "genres=1"], "there is no strategy genres; there are genre-blend, mechanical"),
         (["--strategy-share", "thematic=2,mechanical=-1"], "the share of thematic is 2"),
-        (["--strategy-share", "thematic"], "is no share"),
+        (["--strategy-share", "thematic"], "is not a share"),
         (["--strategy-share", "thematic=0.5,thematic=0.5"], "each name once"),
         (["--strategy-share", "experimental=nan"], "a share is a number from 0 to 1"),
-        (["--strategy-share", "experimental=1", "--count", "100000"], "experimental, which holds"),
+        (["--strategy-share", "experimental=1", "--count", "100000"], "experimental, which has"),
         (["--output", "/nowhere/at/all.jsonl"], "--output /nowhere/at/all.jsonl cannot be written"),
     ],
 )
@@ -235,7 +235,7 @@ def test_texts_alone_and_one_strategy(tmp_path: Path) -> None:
 
 def test_help_reads_no_pool() -> None:
     program = (
-        "import sys; from envcraft.cli import cli; cli(['--help'], standalone_mode=False); "
+        "import sys; from envcraft.cli.group import cli; cli(['--help'], standalone_mode=False); "
         "sys.exit(any(name.startswith('envcraft_llm.concepts.') and not name.endswith('.command') "
         "for name in sys.modules) or 'tomllib' in sys.modules)"
     )

@@ -1,4 +1,4 @@
-"""The pools: how many entries, and what each has to have for the texts that are made of it."""
+"""The pools: number of entries, and requirements on each entry."""
 
 from __future__ import annotations
 

@@ -22,7 +22,7 @@ from urllib.parse import urlsplit
 import pytest
 from click.testing import CliRunner
 
-from envcraft.cli import cli
+from envcraft.cli.group import cli
 from envcraft.corpus.store import DATABASE, Store, decode
 from envcraft.errors import EnvCraftError, UsageError
 
@@ -127,7 +127,7 @@ def test_ctrl_c_ends_it_at_once(audit: subprocess.Popen[str], corpus: Path) -> N
     _, error = audit.communicate(timeout=480)
     took = time.monotonic() - begun
     assert audit.returncode == 130, error
-    assert error.splitlines()[-2].endswith("were judged and are kept; the same command goes on from there")
+    assert error.splitlines()[-2].endswith("were judged and stored; the same command resumes")
     assert not {"Traceback", "distributed"} & set(re.findall(r"\w+", error)), error
     assert took < 60
     assert set(writes(corpus).values()) == {1}

@@ -1,4 +1,4 @@
-"""Batches: stages ask as ever, and the answers come from files, in this run or a later one."""
+"""The Batch interface: requests become batches, and their results arrive in this run or a later one."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from typing import Any
 from urllib.parse import parse_qs
 
 import pytest
-from envcraft_llm.endpoint import ModelChoice, OpenedModel, batch, batch_files, open_model
-from envcraft_llm.model import Answer, Message, ModelFailure, ModelStopped, Request
+from envcraft_llm.endpoint import JournaledModel, ModelSettings, batch, batch_files, open_model
+from envcraft_llm.model import Completion, Message, ModelUnavailable, Request, RequestFailed
 
 from envcraft.errors import EnvCraftError
 from tests.plugins.loopback import Loopback, says, status
@@ -45,7 +45,7 @@ def well(line: dict[str, Any]) -> dict[str, Any] | None:
 
 
 class Batches(Loopback):
-    """An endpoint that has the Batch interface: each line is answered by `answering`, after so many `polls`."""
+    """An endpoint with the Batch interface: `answering` answers each line, after `polls` polls."""
 
     def __init__(self, answering: Answering = well, polls: int = 2, ends: str = "completed") -> None:
         super().__init__(says("never asked"), files=self._files, batches=self._batches)
@@ -84,11 +84,11 @@ class Batches(Loopback):
             await status(200, found)(writer, call)
 
 
-async def outcomes(model: OpenedModel, requests: list[Request]) -> list[str]:
+async def outcomes(model: JournaledModel, requests: list[Request]) -> list[str]:
     async def one(asking: Request) -> str:
         try:
-            return (await model.ask(asking)).text
-        except ModelFailure as failure:
+            return (await model.generate(asking)).text
+        except RequestFailed as failure:
             return failure.kind
 
     return await asyncio.gather(*map(one, requests))
@@ -97,7 +97,7 @@ async def outcomes(model: OpenedModel, requests: list[Request]) -> list[str]:
 def run(server: Loopback, corpus: Path, *requests: Request, **more: Any) -> list[str]:
     async def using() -> list[str]:
         async with server:
-            model = open_model(ModelChoice(base_url=server.url, batch=True, retries=1, **more), corpus)
+            model = open_model(ModelSettings(base_url=server.url, batch=True, retries=1, **more), corpus)
             try:
                 return await outcomes(model, list(requests))
             finally:
@@ -106,7 +106,7 @@ def run(server: Loopback, corpus: Path, *requests: Request, **more: Any) -> list
     return asyncio.run(using())
 
 
-def test_requests_are_collected_and_answered_together(tmp_path: Path) -> None:
+def test_requests_are_collected_into_one_batch(tmp_path: Path) -> None:
     server = Batches()
     asked = [request(str(number), schema=SCHEMA if number else None) for number in range(5)]
     asked.append(request("other", model="small"))
@@ -124,7 +124,7 @@ def test_requests_are_collected_and_answered_together(tmp_path: Path) -> None:
     assert len(server.files) == 2
 
 
-def test_what_a_line_tells_is_the_outcome_of_its_request(tmp_path: Path) -> None:
+def test_output_lines_are_results(tmp_path: Path) -> None:
     def answering(line: dict[str, Any]) -> dict[str, Any] | None:
         text = line["body"]["messages"][-1]["content"]
         told: dict[str, Any] = {"custom_id": line["custom_id"], "error": None}
@@ -147,20 +147,20 @@ def test_what_a_line_tells_is_the_outcome_of_its_request(tmp_path: Path) -> None
     assert [len(lines) for lines in server.files] == [6, 1]
 
 
-def test_what_a_batch_leaves_out_is_asked_again_and_not_for_ever(tmp_path: Path) -> None:
+def test_requests_without_a_result_are_sent_again_a_few_times(tmp_path: Path) -> None:
     server = Batches(lambda line: well(line) if line["body"]["messages"][-1]["content"] != "never" else None)
     assert run(server, tmp_path, request("ok"), request("never")) == ["to ok", "server-error"]
     assert [len(lines) for lines in server.files] == [2, 1, 1]
 
 
 @pytest.mark.parametrize("others", [0, 120])
-def test_a_later_run_goes_on_with_a_batch_that_is_sent(tmp_path: Path, others: int) -> None:
+def test_a_later_run_continues_a_batch(tmp_path: Path, others: int) -> None:
     server = Batches(polls=1000)
 
     async def ended() -> None:
         async with server:
-            model = open_model(ModelChoice(base_url=server.url, batch=True), tmp_path)
-            asking = asyncio.create_task(model.ask(request("q")))
+            model = open_model(ModelSettings(base_url=server.url, batch=True), tmp_path)
+            asking = asyncio.create_task(model.generate(request("q")))
             while not server.batches or not server.batches[0]["polls"]:
                 await asyncio.sleep(0.01)
             asking.cancel()
@@ -176,9 +176,9 @@ def test_a_later_run_goes_on_with_a_batch_that_is_sent(tmp_path: Path, others: i
     assert len(server.batches) == 2 + others
 
 
-def test_without_the_interface_the_files_are_answered_by_hand(tmp_path: Path) -> None:
+def test_an_endpoint_without_the_interface_leaves_the_input_file(tmp_path: Path) -> None:
     server = Loopback(says("never asked"))
-    with pytest.raises(ModelStopped, match=r"takes no batches: have .*\.input\.jsonl answered elsewhere"):
+    with pytest.raises(ModelUnavailable, match=r"has no Batch interface: have .*\.input\.jsonl processed elsewhere"):
         run(server, tmp_path, request("q"))
     (name,) = batch_files.outstanding(tmp_path / "batches")
     lines = [json.loads(line) for line in (tmp_path / "batches" / f"{name}.input.jsonl").read_text().splitlines()]
@@ -186,27 +186,27 @@ def test_without_the_interface_the_files_are_answered_by_hand(tmp_path: Path) ->
     (tmp_path / "batches" / f"{name}.output.jsonl").write_text(told)
     assert run(server, tmp_path, request("q")) == ["to q"]
 
-    async def replayed() -> Answer:
-        model = open_model(ModelChoice(), tmp_path, offline=True)
-        return await model.ask(request("q"))
+    async def replayed() -> Completion:
+        model = open_model(ModelSettings(), tmp_path, offline=True)
+        return await model.generate(request("q"))
 
     assert asyncio.run(replayed()).text == "to q"
 
 
-def test_a_batch_that_failed_and_a_file_that_is_none_stop_the_run(tmp_path: Path) -> None:
+def test_a_failed_batch_and_an_invalid_output_file_stop_the_run(tmp_path: Path) -> None:
     server = Batches(lambda _: None, ends="failed")
-    with pytest.raises(ModelStopped, match="ended as failed"):
+    with pytest.raises(ModelUnavailable, match="ended as failed"):
         run(server, tmp_path, request("q"))
     (name,) = batch_files.outstanding(tmp_path / "batches")
     (tmp_path / "batches" / f"{name}.output.jsonl").write_text("{}\n")
-    with pytest.raises(ModelStopped, match=r"output\.jsonl, line 1"):
+    with pytest.raises(ModelUnavailable, match=r"output\.jsonl, line 1"):
         run(server, tmp_path, request("q"))
 
 
 @pytest.mark.parametrize(
     ("code", "message"), [(401, "no such key: sk-batch-0123456789"), (402, "pay"), (429, "insufficient_quota")]
 )
-def test_one_line_that_stops_the_run_loses_no_other(
+def test_a_line_that_stops_the_run_loses_no_other_result(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, code: int, message: str
 ) -> None:
     monkeypatch.setenv("OPENAI_API_KEY", "sk-batch-0123456789")
@@ -220,7 +220,7 @@ def test_one_line_that_stops_the_run_loses_no_other(
         }
 
     asked = [request(text) for text in ("first", "bad", "last")]
-    with pytest.raises(ModelStopped, match="the next run asks again") as stopped:
+    with pytest.raises(ModelUnavailable, match="the next run sends the remaining requests again") as stopped:
         run(Batches(answering), tmp_path, *asked)
     assert "sk-batch" not in str(stopped.value)
     assert not [path for path in (tmp_path / "batches").iterdir() if b"sk-batch" in path.read_bytes()]
@@ -229,14 +229,14 @@ def test_one_line_that_stops_the_run_loses_no_other(
     assert [len(lines) for lines in server.files] == [1]
 
 
-def test_an_answer_keeps_the_word_that_stands_for_a_key(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_completions_keep_a_placeholder_key(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("OPENAI_API_KEY", "EMPTY")
     assert run(Batches(), tmp_path, request("EMPTY = 0")) == ["to EMPTY = 0"]
 
 
-def test_a_line_that_is_none_loses_no_other(tmp_path: Path) -> None:
+def test_a_malformed_line_loses_no_other_result(tmp_path: Path) -> None:
     asked = [request(text) for text in ("whole", "torn")]
-    with pytest.raises(ModelStopped, match="takes no batches"):
+    with pytest.raises(ModelUnavailable, match="has no Batch interface"):
         run(Loopback(says("never asked")), tmp_path, *asked)
     (name,) = batch_files.outstanding(tmp_path / "batches")
     lines = [json.loads(line) for line in (tmp_path / "batches" / f"{name}.input.jsonl").read_text().splitlines()]
@@ -247,7 +247,7 @@ def test_a_line_that_is_none_loses_no_other(tmp_path: Path) -> None:
     assert [line["custom_id"] for lines in server.files for line in lines] == [asked[1].key()]
 
 
-def test_whatever_goes_wrong_wakes_those_who_wait(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_any_exception_wakes_the_callers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def odd(*_: object) -> None:
         raise LookupError("not foreseen")
 
@@ -255,17 +255,17 @@ def test_whatever_goes_wrong_wakes_those_who_wait(tmp_path: Path, monkeypatch: p
 
     async def using() -> None:
         async with Batches() as server:
-            model = open_model(ModelChoice(base_url=server.url, batch=True), tmp_path)
+            model = open_model(ModelSettings(base_url=server.url, batch=True), tmp_path)
             try:
-                await asyncio.wait_for(model.ask(request("q")), 60)
+                await asyncio.wait_for(model.generate(request("q")), 60)
             finally:
                 await model.close()
 
-    with pytest.raises(ModelStopped, match="LookupError: not foreseen"):
+    with pytest.raises(ModelUnavailable, match="LookupError: not foreseen"):
         asyncio.run(using())
 
 
-def test_a_batch_whose_making_was_not_confirmed_is_not_made_twice(tmp_path: Path) -> None:
+def test_a_batch_with_a_lost_response_is_created_once(tmp_path: Path) -> None:
     class Dropping(Batches):
         async def _batches(self, writer: asyncio.StreamWriter, call: dict[str, Any]) -> None:
             if call["method"] == "POST" and not self.batches:
@@ -280,12 +280,12 @@ def test_a_batch_whose_making_was_not_confirmed_is_not_made_twice(tmp_path: Path
     assert len(server.batches) == 1
 
 
-def test_files_are_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(batch_files, "REQUESTS", 4)
+def test_input_files_respect_the_limits(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(batch_files, "MAX_REQUESTS", 4)
     requests = [request(f"{number}", sample=number) for number in range(10)]
     names = batch_files.write_batches(requests, tmp_path)
-    assert sorted(len(batch_files.known(tmp_path, name)) for name in names) == [2, 4, 4]
-    monkeypatch.setattr(batch_files, "BYTES", 400)
+    assert sorted(len(batch_files.load_requests(tmp_path, name)) for name in names) == [2, 4, 4]
+    monkeypatch.setattr(batch_files, "MAX_BYTES", 400)
     assert len(batch_files.write_batches(requests, tmp_path / "small")) == 5
     (tmp_path / "file").touch()
     with pytest.raises(EnvCraftError, match="batches cannot be written to"):

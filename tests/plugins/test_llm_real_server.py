@@ -1,4 +1,4 @@
-"""A real server: llama.cpp's, with a model of random weights. What it answers is garbage, in the right form."""
+"""A real server: llama.cpp with a model of random weights, whose completions are well-formed garbage."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from typing import Any
 import pytest
 from click.testing import CliRunner
 from envcraft_llm import templates
-from envcraft_llm.endpoint import ModelChoice, OpenedModel, open_model
-from envcraft_llm.endpoint.journal import Failed, Journal
-from envcraft_llm.model import Answer, Message, ModelFailure, ModelStopped, Request
+from envcraft_llm.endpoint import JournaledModel, ModelSettings, open_model
+from envcraft_llm.endpoint.journal import Failure, Journal
+from envcraft_llm.model import Completion, Message, ModelUnavailable, Request, RequestFailed
 from envcraft_llm.stages import briefs
 
-from envcraft.cli import cli
-from envcraft.corpus.history import History
+from envcraft.cli.group import cli
 from envcraft.corpus.store import Store
+from envcraft.generation.history import History
 from tests.plugins import tiny_model
 from tests.plugins.generation.content import GAME, write
 
@@ -38,7 +38,7 @@ SCHEMA = {
 
 
 class Served:
-    """The server at its port."""
+    """The server process."""
 
     def __init__(self, folder: Path) -> None:
         self._path = folder / "tiny.gguf"
@@ -50,14 +50,14 @@ class Served:
         self.start()
 
     def start(self) -> None:
-        """Start, and return once it listens."""
+        """Start the server, and return once it listens."""
         command = [sys.executable, "-m", "tests.plugins.tiny_model", str(self._path), str(self.port)]
         self._process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=self._log, text=True)
         assert self._process.stdout is not None
         assert str(self.port) in self._process.stdout.readline()
 
     def kill(self) -> None:
-        """End at once, if it still runs."""
+        """Kill the server."""
         self._process.kill()
         self._process.wait()
         assert self._process.stdout is not None
@@ -76,9 +76,9 @@ def request(text: str, **more: Any) -> Request:
     return Request("tiny", (Message("system", "Write."), Message("user", text)), **told)
 
 
-def using(served: Served, journal: Path, use: Callable[[OpenedModel], Awaitable[Any]], **more: Any) -> Any:
+def using(served: Served, journal: Path, use: Callable[[JournaledModel], Awaitable[Any]], **more: Any) -> Any:
     async def run() -> Any:
-        model = open_model(ModelChoice(base_url=served.url, **more), journal)
+        model = open_model(ModelSettings(base_url=served.url, **more), journal)
         try:
             return await use(model)
         finally:
@@ -87,26 +87,26 @@ def using(served: Served, journal: Path, use: Callable[[OpenedModel], Awaitable[
     return asyncio.run(run())
 
 
-def test_answers_are_streamed_and_counted_many_at_once(served: Served, tmp_path: Path) -> None:
-    async def use(model: OpenedModel) -> None:
-        same = [model.ask(request("a game", sample=number % 6)) for number in range(12)]
+def test_concurrent_completions_are_counted(served: Served, tmp_path: Path) -> None:
+    async def use(model: JournaledModel) -> None:
+        same = [model.generate(request("a game", sample=number % 6)) for number in range(12)]
         answers = await asyncio.gather(*same, return_exceptions=True)
-        assert not [told for told in answers if isinstance(told, BaseException) and not isinstance(told, ModelFailure)]
+        assert not [told for told in answers if isinstance(told, BaseException) and not isinstance(told, RequestFailed)]
         texts = {told.text for told in answers if not isinstance(told, BaseException)}
         assert len(texts) >= 4
-        usage = model.accounts.of("code")
-        assert usage.asked == 6
+        usage = model.usage.of("code")
+        assert usage.attempts == 6
         assert usage.prompt_tokens > 6 * 10
         assert 0 < usage.completion_tokens <= 6 * 24
-        long = await model.ask(request("a game", sample=99, max_tokens=8))
+        long = await model.generate(request("a game", sample=99, max_tokens=8))
         assert long.finish == "length"
 
     using(served, tmp_path, use)
 
 
-def test_a_schema_is_held_to(served: Served, tmp_path: Path) -> None:
-    async def use(model: OpenedModel) -> None:
-        answer = await model.ask(request("is it viable?", schema=SCHEMA, max_tokens=400))
+def test_completions_follow_the_schema(served: Served, tmp_path: Path) -> None:
+    async def use(model: JournaledModel) -> None:
+        answer = await model.generate(request("is it viable?", schema=SCHEMA, max_tokens=400))
         told = json.loads(answer.text)
         assert told.keys() == {"viable", "kind"}
         assert told["kind"] in "ab"
@@ -114,16 +114,16 @@ def test_a_schema_is_held_to(served: Served, tmp_path: Path) -> None:
     using(served, tmp_path, use)
 
 
-def test_a_prompt_that_is_too_long_overflows(served: Served, tmp_path: Path) -> None:
-    async def use(model: OpenedModel) -> None:
-        with pytest.raises(ModelFailure, match="HTTP 400") as failed:
-            await model.ask(request("long " * 4000))
+def test_a_long_prompt_overflows_the_context(served: Served, tmp_path: Path) -> None:
+    async def use(model: JournaledModel) -> None:
+        with pytest.raises(RequestFailed, match="HTTP 400") as failed:
+            await model.generate(request("long " * 4000))
         assert failed.value.kind == "context-overflow"
 
     using(served, tmp_path, use)
 
 
-def test_the_pipeline_counts_every_concept_that_such_a_model_fails(served: Served, tmp_path: Path) -> None:
+def test_the_pipeline_counts_failed_concepts(served: Served, tmp_path: Path) -> None:
     given = ["generate", "--concepts", "2", "--until", "code", "--corpus", str(tmp_path / "corpus")]
     result = CliRunner().invoke(cli, [*given, "--base-url", served.url, "--model", "tiny", "--sandbox", "process"])
     assert result.exit_code == 1, result.output
@@ -136,7 +136,7 @@ def test_the_pipeline_counts_every_concept_that_such_a_model_fails(served: Serve
 
 @pytest.fixture
 def short_prompts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """Templates so short that all requests fit into the tiny model's context, and are answered; each is sent once."""
+    """Shorten the prompts to fit the tiny model's context, and switch retries off."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "pyproject.toml").write_text("[tool.envcraft.llm]\nretries = 0\n")
     folder = tmp_path / "prompts"
@@ -186,44 +186,44 @@ def test_garbage_ends_every_concept_with_its_reason(served: Served, tmp_path: Pa
     assert [one.reason for one in last if not re.fullmatch(reasons, one.reason, re.DOTALL)] == []
     with contextlib.closing(Journal(corpus, write=False)) as journal:
         keys = sqlite3.connect(journal.path).execute("SELECT key FROM answers")
-        kept = [journal.find(key, passing=True) for (key,) in keys]
+        kept = [journal.get(key, transient=True) for (key,) in keys]
     # All of it was answered: it is the answers that are no good.
     assert len(kept) >= 3
     assert all(
-        isinstance(one, Answer) or (isinstance(one, Failed) and one.kind in ("garbage", "empty")) for one in kept
+        isinstance(one, Completion) or (isinstance(one, Failure) and one.kind in ("garbage", "empty")) for one in kept
     )
 
 
-def test_a_server_that_is_killed_and_started_again_answers_the_rest(served: Served, tmp_path: Path) -> None:
+def test_requests_survive_a_restart_of_the_server(served: Served, tmp_path: Path) -> None:
     requests = [request(f"game {number}", max_tokens=200) for number in range(12)]
 
-    async def outcomes(model: OpenedModel) -> list[str]:
+    async def outcomes(model: JournaledModel) -> list[str]:
         async def one(asking: Request) -> str:
             try:
-                return (await model.ask(asking)).text
-            except ModelFailure as failure:
+                return (await model.generate(asking)).text
+            except RequestFailed as failure:
                 return failure.kind
 
         return await asyncio.gather(*map(one, requests))
 
-    async def use(model: OpenedModel) -> list[str]:
+    async def use(model: JournaledModel) -> list[str]:
         asking = asyncio.create_task(outcomes(model))
-        while not model.accounts.of("code").completion_tokens:
+        while not model.usage.of("code").completion_tokens:
             await asyncio.sleep(0.02)
         await asyncio.to_thread(served.kill)
         await asyncio.to_thread(served.start)
         told = await asking
-        assert model.accounts.of("code").retries > 0
+        assert model.usage.of("code").retries > 0
         return told
 
     first = using(served, tmp_path, use, retries=30)
     served.kill()
 
     async def replayed() -> list[str]:
-        model = open_model(ModelChoice(), tmp_path, offline=True)
+        model = open_model(ModelSettings(), tmp_path, offline=True)
         told = await outcomes(model)
-        with pytest.raises(ModelStopped):
-            await model.ask(request("a game that was never asked for"))
+        with pytest.raises(ModelUnavailable):
+            await model.generate(request("a game that was never asked for"))
         await model.close()
         return told
 

@@ -1,4 +1,4 @@
-"""``[tool.envcraft.llm]``, and what options change of it."""
+"""``[tool.envcraft.llm]``, and the options that override it."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from pathlib import Path
 import click
 import pytest
 from click.testing import CliRunner
-from envcraft_llm.endpoint import ModelChoice, model_options, open_model
-from envcraft_llm.endpoint.connection import shown_address
+from envcraft_llm.endpoint import ModelSettings, model_options, open_model
+from envcraft_llm.endpoint.connection import redacted_address
 
-from envcraft.cli import cli
+from envcraft.cli.group import cli
 from envcraft.errors import UsageError
 
 SETTINGS = """
@@ -40,16 +40,16 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def resolved(*arguments: str) -> ModelChoice:
-    """What a command with `model_options` is given."""
-    found: list[ModelChoice] = []
+def resolved(*arguments: str) -> ModelSettings:
+    """Return the settings that a command with `model_options` gets."""
+    found: list[ModelSettings] = []
 
     @click.command()
     @click.argument("file")
     @model_options
-    def command(file: str, chosen: ModelChoice) -> None:
+    def command(file: str, model_settings: ModelSettings) -> None:
         assert file == "x"
-        found.append(chosen)
+        found.append(model_settings)
 
     result = CliRunner().invoke(command, ["x", *arguments], standalone_mode=False)
     if result.exception is not None:
@@ -57,16 +57,21 @@ def resolved(*arguments: str) -> ModelChoice:
     return found[0]
 
 
-def test_without_settings_the_models_are_those_of_gpt_oss() -> None:
-    chosen = resolved()
-    assert (chosen.small, chosen.large, chosen.effort, chosen.base_url) == ("gpt-oss-20b", "gpt-oss-120b", "", "")
-    assert [chosen.of(stage) for stage in ("briefs", "viability")] == ["gpt-oss-20b"] * 2
-    assert [chosen.of(stage) for stage in ("code", "repair", "privileged")] == ["gpt-oss-120b"] * 3
+def test_default_models() -> None:
+    settings = resolved()
+    assert (settings.small, settings.large, settings.effort, settings.base_url) == (
+        "gpt-oss-20b",
+        "gpt-oss-120b",
+        "",
+        "",
+    )
+    assert [settings.model_for(stage) for stage in ("briefs", "viability")] == ["gpt-oss-20b"] * 2
+    assert [settings.model_for(stage) for stage in ("code", "repair", "privileged")] == ["gpt-oss-120b"] * 3
 
 
-def test_settings_are_read_and_options_come_before_them(here: Path) -> None:
+def test_options_override_settings(here: Path) -> None:
     (here / "pyproject.toml").write_text(SETTINGS)
-    chosen = resolved(
+    settings = resolved(
         "--concurrency",
         "8",
         "--max-tokens-total",
@@ -78,21 +83,21 @@ def test_settings_are_read_and_options_come_before_them(here: Path) -> None:
         "--small-model",
         "s",
     )
-    assert (chosen.base_url, chosen.small, chosen.large) == ("http://127.0.0.1:8000/v1", "s", "gpt-oss-120b")
-    assert (chosen.effort, chosen.max_concurrency, chosen.max_tokens_total) == ("high", 8, 25)
+    assert (settings.base_url, settings.small, settings.large) == ("http://127.0.0.1:8000/v1", "s", "gpt-oss-120b")
+    assert (settings.effort, settings.max_concurrency, settings.max_tokens_total) == ("high", 8, 25)
     plain = resolved()
     assert (plain.small, plain.effort, plain.max_concurrency, plain.max_cost) == ("tiny", "low", 200, None)
-    assert plain.of("privileged") == "player"
+    assert plain.model_for("privileged") == "player"
     assert plain.prices["gpt-oss-120b"].completion == 0.5
 
 
-def test_a_model_that_is_named_alone_is_that_of_all_stages(here: Path) -> None:
+def test_model_alone_applies_to_all_stages(here: Path) -> None:
     (here / "pyproject.toml").write_text(SETTINGS)
-    chosen = resolved("--model", "qwen")
-    assert {chosen.of(stage) for stage in ("briefs", "code", "privileged")} == {"qwen"}
+    settings = resolved("--model", "qwen")
+    assert {settings.model_for(stage) for stage in ("briefs", "code", "privileged")} == {"qwen"}
 
 
-def test_the_address_may_be_that_of_the_environment(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_address_can_come_from_the_environment(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("OPENAI_BASE_URL", "http://127.0.0.1:9/v1")
     assert resolved().base_url == "http://127.0.0.1:9/v1"
     assert resolved("--base-url", "http://127.0.0.1:8/v1").base_url == "http://127.0.0.1:8/v1"
@@ -102,20 +107,20 @@ def test_the_address_may_be_that_of_the_environment(monkeypatch: pytest.MonkeyPa
     ("text", "words"),
     [
         ("llm.bas-url = ''", "has no setting 'bas-url'; did you mean base-url?"),
-        ("llm.api-key = 'sk-secret-1'", "'api-key': keys are never read from a file; put it into the environment"),
+        ("llm.api-key = 'sk-secret-1'", "'api-key': a key is never read from a file; put it into the environment"),
         ("llm.effort = 'max'", "Invalid enum value 'max' - at `effort`"),
         ("llm.retries = 'many'", "Expected `int`, got `str` - at `retries`"),
         ("llm.retries = -1", "retries is -1; it must be 0 or more"),
         ("llm.total-seconds = 0", "total-seconds is 0; it must be above 0"),
         ("llm.min-concurrency = 9\nllm.max-concurrency = 3", "concurrency from 9 to 3"),
-        ("llm.base-url = 'localhost:8000'", "'localhost:8000' is no address such as"),
+        ("llm.base-url = 'localhost:8000'", "'localhost:8000' is not an address such as"),
         ("llm.prices.m = { promt = 1 }", "unknown field `promt`"),
-        ("llm.prices.m = { prompt = -1 }", "the prices of m must be 0 or more"),
+        ("llm.prices.m = { prompt = -1 }", "the prices of m, per million tokens, must be 0 or more"),
         ("llm = 3", "must be a table"),
-        ("llm.max-cost = 3", "there is none of gpt-oss-120b, gpt-oss-20b: give"),
+        ("llm.max-cost = 3", "max-cost needs prices, and gpt-oss-120b, gpt-oss-20b has none: set"),
     ],
 )
-def test_mistakes_in_settings_are_a_sentence(here: Path, text: str, words: str) -> None:
+def test_invalid_settings_are_usage_errors(here: Path, text: str, words: str) -> None:
     (here / "pyproject.toml").write_text(f"[tool.envcraft]\n{text}\n")
     with pytest.raises(UsageError) as wrong:
         resolved()
@@ -123,7 +128,7 @@ def test_mistakes_in_settings_are_a_sentence(here: Path, text: str, words: str) 
     assert "sk-secret" not in str(wrong.value)
 
 
-def test_other_commands_pass_these_settings_over(here: Path) -> None:
+def test_other_commands_ignore_these_settings(here: Path) -> None:
     (here / "pyproject.toml").write_text(SETTINGS)
     result = CliRunner().invoke(cli, ["validate", "missing.py"])
     assert result.exit_code == 2
@@ -131,10 +136,10 @@ def test_other_commands_pass_these_settings_over(here: Path) -> None:
     assert "missing.py" in result.stderr
 
 
-def test_no_endpoint_and_no_journal_for_batches_are_wrong_use(here: Path) -> None:
-    with pytest.raises(UsageError, match="no endpoint is named: give --base-url"):
+def test_a_missing_endpoint_or_journal_is_a_usage_error(here: Path) -> None:
+    with pytest.raises(UsageError, match="no endpoint is configured: give --base-url"):
         open_model(resolved(), None)
-    with pytest.raises(UsageError, match="batches need a journal"):
+    with pytest.raises(UsageError, match="--batch needs a journal"):
         open_model(resolved("--batch", "--base-url", "http://127.0.0.1:9/v1"), None)
     assert not list(here.iterdir())
 
@@ -145,13 +150,17 @@ def test_no_endpoint_and_no_journal_for_batches_are_wrong_use(here: Path) -> Non
         (
             "http://me:secret@127.0.0.1:9/v1?",
             "k",
-            r"http://127\.0\.0\.1:9/v1 has a name or a password.*OPENAI_API_KEY$",
+            r"http://127\.0\.0\.1:9/v1 has credentials before the host.*OPENAI_API_KEY$",
         ),
-        ("http://127.0.0.1:9/v1", "sk-secret\u2019", "^OPENAI_API_KEY has a letter that no key has.*copy the key anew"),
-        ("http://127.0.0.1:9/v1", "sk-\nsecret", "^OPENAI_API_KEY has a letter that no key has"),
+        (
+            "http://127.0.0.1:9/v1",
+            "sk-secret\u2019",
+            "^OPENAI_API_KEY has a character that no key has.*copy the key again",
+        ),
+        ("http://127.0.0.1:9/v1", "sk-\nsecret", "^OPENAI_API_KEY has a character that no key has"),
     ],
 )
-def test_what_no_request_could_be_sent_with_is_wrong_use(
+def test_unusable_addresses_and_keys_are_usage_errors(
     here: Path, monkeypatch: pytest.MonkeyPatch, address: str, key: str, words: str
 ) -> None:
     monkeypatch.setenv("OPENAI_API_KEY", key)
@@ -170,5 +179,5 @@ def test_what_no_request_could_be_sent_with_is_wrong_use(
         ("https://[secret", "the address of --base-url"),
     ],
 )
-def test_an_address_is_shown_without_what_is_secret_in_it(address: str, shown: str) -> None:
-    assert shown_address(address) == shown
+def test_addresses_are_redacted(address: str, shown: str) -> None:
+    assert redacted_address(address) == shown

@@ -19,12 +19,13 @@ from click.testing import CliRunner, Result
 from envcraft_tetris.family import TetrisFamily
 from envcraft_tetris.placement import Game, Placement
 
-from envcraft.cli import cli
-from envcraft.contract import GYMNASIUM
-from envcraft.corpus.settings import Settings, contract_digest
-from envcraft.corpus.store import Environment, Store
-from envcraft.demonstrations import form, keeping
-from envcraft.verdict import SubjectReport, Verdict
+from envcraft.cli.group import cli
+from envcraft.contracts.builtin import GYMNASIUM
+from envcraft.corpus.store import Environment, Store, demonstrations
+from envcraft.demonstrations import format as form
+from envcraft.demonstrations.store import load, save, verify
+from envcraft.judging.settings import Settings, contract_digest
+from envcraft.model.verdict import SubjectReport, Verdict
 
 WHERE = ("--sandbox", "process", "--workers", "1")
 VARIANT = "tetris_0_0000.py"
@@ -108,7 +109,7 @@ def demos(corpus: Path, monkeypatch: pytest.MonkeyPatch) -> Demos:
 
 def recordings(corpus: Path) -> list[form.Recording]:
     with Store(corpus) as store:
-        return [keeping.read(store, row) for _, row in keeping.rows(store)]
+        return [load(store, row) for _, row in demonstrations.named(store)]
 
 
 def variants() -> list[Any]:
@@ -178,14 +179,14 @@ def test_what_is_recorded_is_small_comes_out_again_and_stays(demos: Demos, corpu
     for player in ("random", "noop", "tetris"):
         done = demos("--steps", "150", "--player", player)
         assert (done.exit_code, done.stdout.split(":")[0]) == (0, player), done.output
-        assert "150 steps in 1 environment recorded" in done.stdout
-    assert "0 environments recorded, 1 there already" in demos("--steps", "150", "--player", "noop").stdout
+        assert "recorded 150 steps in 1 environment" in done.stdout
+    assert "in 0 environments, 1 already recorded" in demos("--steps", "150", "--player", "noop").stdout
     found = {recording.player: recording for recording in recordings(corpus)}
     assert {player: recording.steps for player, recording in found.items()} == dict.fromkeys(found, 150)
     assert found["noop"].table == [[0, 0, 0]]
     assert all(len(recording.to_bytes()) < 150 * 16 + 1000 for recording in found.values())
     again = demos("--verify")
-    assert (again.exit_code, again.stdout) == (0, "3 recordings played again, 0 of their environments otherwise\n")
+    assert (again.exit_code, again.stdout) == (0, "played 3 recordings again; 0 environments failed\n")
 
 
 def test_without_a_name_the_family_has_its_player(demos: Demos, corpus: Path) -> None:
@@ -207,9 +208,9 @@ def test_without_a_name_the_family_has_its_player(demos: Demos, corpus: Path) ->
         ),
         (
             "def policy(env):\n    env.np_random.random()\n    return [0, 0, 0]",
-            "EC804 without the policy its actions giv",
+            "EC804 the policy's actions give another",
         ),
-        ("def policy(env):\n    return [9, 0, 0]", "EC805 the policy's move 1 is refused"),
+        ("def policy(env):\n    return [9, 0, 0]", "EC805 the policy's action 1 is invalid"),
         ("def policy(env):\n    return 1 / 0", "EC805 the policy raises ZeroDivisionError"),
     ],
 )
@@ -248,12 +249,12 @@ def test_a_recording_that_does_not_come_out_again_is_a_finding(demos: Demos, cor
     one = before.episodes[0]
     rewards = form.rewards(one).copy()
     rewards[7] += 1
-    changed = msgspec.structs.replace(one, rewards=form.packed(rewards), digest="0" * 32)
+    changed = msgspec.structs.replace(one, rewards=form.pack_rewards(rewards), digest="0" * 32)
     with Store(corpus, write=True) as store:
-        keeping.keep(store, msgspec.structs.replace(before, episodes=[changed]))
+        save(store, msgspec.structs.replace(before, episodes=[changed]))
     done = demos("--verify")
     assert done.exit_code == 1
-    assert f"{VARIANT}: EC201 the player noop's episode 0 on seed {one.seed} is another" in done.stdout
+    assert f"{VARIANT}: EC201 episode 0 of the player noop, on seed {one.seed}, differs" in done.stdout
     assert "the reward differs at step 8" in done.stdout
 
 
@@ -280,7 +281,7 @@ def test_a_run_that_is_killed_goes_on_from_there(tmp_path: Path) -> None:
     assert f"{5 - len(kept)} environment" in done.stdout
     with Store(tmp_path / "corpus") as store:
         found = dict(store.db.execute("SELECT source, id FROM demonstrations"))
-        assert list(keeping.verify(store, repair=False)) == []
+        assert list(verify(store, repair=False)) == []
     assert len(found) == 5
     assert kept.items() <= found.items()
 
@@ -303,7 +304,7 @@ def test_the_search_player_wins_where_chance_does_not(lock: str, tmp_path: Path)
 
 def test_the_cache_gives_the_frames_that_were_played(demos: Demos, corpus: Path) -> None:
     pytest.importorskip("zstandard")
-    from envcraft.demonstrations.reading import Demonstrations
+    from envcraft.demonstrations.dataset import Demonstrations
 
     assert demos("--steps", "120", "--player", "random", "--cache").exit_code == 0
     (recording,) = recordings(corpus)
@@ -336,7 +337,7 @@ def test_the_cache_can_be_made_again_and_damage_shows(demos: Demos, corpus: Path
     data = file.read_bytes()
     file.write_bytes(data[:-1] + bytes([data[-1] ^ 1]))
     found = CliRunner().invoke(cli, ["corpus", "verify", str(corpus), "--repair"])
-    assert "is not what was written" in found.stdout
+    assert "has changed since it was written" in found.stdout
     assert not file.exists()
     assert demos("--steps", "40", "--player", "noop", "--cache").exit_code == 0
     assert file.read_bytes() == data
@@ -355,12 +356,12 @@ def test_each_is_played_under_the_contract_that_it_has_passed_and_who_has_no_fra
     command = ["demos", str(tmp_path / "corpus"), "--player", "random", "--steps", "20", *WHERE]
     done = CliRunner().invoke(cli, command)
     assert done.exit_code == 0, done.output
-    assert "random, gymnasium: 20 steps in 1 environment recorded" in done.stdout
+    assert "random, gymnasium: recorded 20 steps in 1 environment" in done.stdout
     assert {found.contract for found in recordings(tmp_path / "corpus")} == {"arcade", "gymnasium"}
     cached = CliRunner().invoke(cli, [*command, "--cache"])
     assert cached.exit_code == 3, cached.output
-    assert "counter.py: its observations are no arrays" in cached.stdout
-    assert "2 recordings played for the cache, 1 of their environments otherwise" in cached.stdout
+    assert "counter.py: its observations are not arrays" in cached.stdout
+    assert "played 2 recordings again for the cache; 1 environment failed" in cached.stdout
     # The one that has frames is there.
     assert len(list((tmp_path / "corpus").rglob("*.frames"))) == 1
     # Said again, since it is missing still; what was asked for outright is refused where it does not hold.
@@ -441,9 +442,9 @@ def test_of_a_player_that_has_changed_the_newest_counts(demos: Demos, corpus: Pa
     after = msgspec.structs.replace(before, player_digest="another", episodes=before.episodes[:1])
     with Store(corpus, write=True) as store:
         assert (
-            len(keeping.outcomes(store)["noop"])
+            len(list(demonstrations.outcomes(store)))
             == len([one for one in before.episodes if one.terminated or one.truncated])
             > 1
         )
-        keeping.keep(store, after)
-        assert [one.steps for one in keeping.outcomes(store)["noop"]] == [before.episodes[0].steps]
+        save(store, after)
+        assert [one.steps for _, one in demonstrations.outcomes(store)] == [before.episodes[0].steps]

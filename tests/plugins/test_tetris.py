@@ -18,7 +18,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from envcraft_checks.source import required_imports
+from envcraft_checks.imports import required_imports
 from envcraft_tetris.axes import (
     board,
     clearing,
@@ -37,11 +37,11 @@ from envcraft_tetris.axes import (
 from envcraft_tetris.family import TetrisFamily
 from envcraft_tetris.variant import Variant
 
-from envcraft.cli import cli
-from envcraft.commands.generate import generate
+from envcraft.cli.commands.generate import generate
+from envcraft.cli.group import cli
 from envcraft.corpus.store import Store
+from envcraft.environments.families import Generated
 from envcraft.errors import UsageError
-from envcraft.families import Generated
 from envcraft.similarity import behavioural, structural
 from envcraft.similarity.perceptual import frame_hash
 
@@ -413,8 +413,8 @@ class TestCommand:
         arguments = ["--family", "tetris", "--count", "3", "--corpus", str(tmp_path / "corpus")]
         first = CliRunner().invoke(generate, arguments)
         assert first.exit_code == 0, first.output
-        assert first.output.startswith("3 written, 0 there already")
-        assert CliRunner().invoke(generate, arguments).output.startswith("0 written, 3 there already")
+        assert first.output.startswith("wrote 3, kept 0 that exist")
+        assert CliRunner().invoke(generate, arguments).output.startswith("wrote 0, kept 3 that exist")
         with Store(tmp_path / "corpus") as store:
             rows = store.db.execute("SELECT name, origin FROM environments ORDER BY name").fetchall()
         assert [name for name, _ in rows] == [f"tetris_0_000{number}.py" for number in range(3)]
@@ -461,7 +461,7 @@ class TestCommand:
         ("arguments", "words"),
         [
             (["--family", "tetri", "--output", "x"], "did you mean tetris"),
-            (["--output", "x"], "name a --family"),
+            (["--output", "x"], "choose a --family"),
             (["--family", "tetris"], "either --corpus DIR or --output DIR"),
         ],
     )

@@ -13,7 +13,7 @@ WIDTH, HEADS, LAYERS, CONTEXT = 64, 4, 1, 4096
 
 
 def write(path: Path, seed: int = 0) -> None:
-    """A model of the architecture llama, with random weights."""
+    """Write a model of the llama architecture with random weights."""
     import gguf
     import numpy as np
 

@@ -12,11 +12,13 @@ from typing import Any
 
 import pytest
 
-from envcraft.contract import ARCADE
-from envcraft.recording import Recording
-from envcraft.rollout import Conditions, Rollout
-from envcraft.sandbox import JobEnd, Limits, Player, Worker
-from envcraft.trace import Trace
+from envcraft.contracts.builtin import ARCADE
+from envcraft.judging.driver import Limits, Player, Worker
+from envcraft.judging.trace_builder import TraceBuilder
+from envcraft.model.job import JobResult
+from envcraft.model.rollout import Conditions, Rollout
+from envcraft.model.trace import Trace
+from envcraft.spaces.spec import read_space
 
 LIMITS = Limits(
     call=1.0, loading=2.0, job=20.0, memory=512 * 1024**2, file=1024**2, output=4096, output_total=256 * 1024
@@ -62,14 +64,14 @@ def environment(*, top: str = "", reset: str = "", step: str = "") -> str:
 class Ran:
     """What came of one job."""
 
-    end: JobEnd
+    end: JobResult
     trace: Trace
     description: Any
 
     @property
     def facts(self) -> Any:
         """What the job printed, as JSON."""
-        assert self.end.how == "done", (self.end, self.trace.fault)
+        assert self.end.reason == "done", (self.end, self.trace.fault)
         assert self.trace.fault is None, self.trace.fault
         return json.loads(self.end.output)
 
@@ -86,26 +88,26 @@ def play(
     limits: Limits = LIMITS,
     player: Player | None = None,
     series: bool = False,
-    first: bool = False,
+    new_process: bool = False,
     conditions: Conditions | None = None,
 ) -> Ran:
     """Run one job: by default a rollout of ten actions, with a `player` one of at most ten that it chooses."""
     listed = [] if player else [[number % 5, 0, 1] for number in range(10)]
-    rollout = Rollout(seed=seed, actions=listed, asked=player is not None, max_steps=10 if player else 0)
+    rollout = Rollout(seed=seed, actions=listed, interactive=player is not None, max_steps=10 if player else 0)
     rollout = rollout.under(conditions or Conditions())
-    job = {
+    job: Any = {
         "kind": kind,
         "target": {"kind": "source", "source": source, "filename": "tiny.py"},
         "contract": ARCADE.for_worker(),
         "seed": rollout.seed,
         "actions": rollout.actions,
         "conditions": rollout.conditions.to_json(),
-        "asked": rollout.asked,
+        "interactive": rollout.interactive,
         "max_steps": rollout.max_steps,
         "series": series,
-        "first": first,
+        "new_process": new_process,
     }
-    recording = Recording(rollout, ARCADE.observation, ARCADE.action)
+    recording = TraceBuilder(rollout, read_space(ARCADE.observation), read_space(ARCADE.action))
     end = worker.run(job, recording, limits, player)
     recording.trace.end = end
     return Ran(end, recording.trace, recording.description)

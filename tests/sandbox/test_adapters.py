@@ -7,7 +7,7 @@ from typing import Any
 import gymnasium
 import numpy as np
 import pytest
-from envcraft_runtime.adapters import AreaResize, StepLimit
+from envcraft_protocol.adapters import AreaResize, StepLimit
 from numpy.typing import NDArray
 
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import gymnasium
 import pytest
-from envcraft_runtime.classes import concrete_classes, rendering
+from envcraft_protocol.classes import concrete_classes, rendering
 from envcraft_sandbox.worker.targets import execute
 
 BASE = """
@@ -63,7 +63,7 @@ def test_nothing_is_made_of_the_only_class_that_refuses_to_draw() -> None:
 
 
 @pytest.mark.parametrize(
-    ("metadata", "asked"),
+    ("metadata", "requested"),
     [
         (None, True),
         ({"render_fps": 30}, True),
@@ -72,11 +72,11 @@ def test_nothing_is_made_of_the_only_class_that_refuses_to_draw() -> None:
         ({"render_modes": []}, False),
     ],
 )
-def test_frames_are_asked_for_unless_the_class_says_that_there_are_none(metadata: Any, asked: bool) -> None:
+def test_frames_are_requested_unless_the_class_excludes_them(metadata: Any, requested: bool) -> None:
     class Game(gymnasium.Env[Any, Any]):
         def __init__(self, render_mode: str | None = None) -> None:
             self.render_mode = render_mode
 
     if metadata is not None:
         Game.metadata = metadata
-    assert rendering(Game, {}) == ({"render_mode": "rgb_array"} if asked else {})
+    assert rendering(Game, {}) == ({"render_mode": "rgb_array"} if requested else {})

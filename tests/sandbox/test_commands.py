@@ -1,4 +1,4 @@
-"""``envcraft doctor`` and ``envcraft sandbox build``, with drivers and a docker command of the tests' own."""
+"""``envcraft doctor`` and ``envcraft sandbox build`` with fake drivers, and the errors of the container engine."""
 
 from __future__ import annotations
 
@@ -11,12 +11,15 @@ from typing import Any
 
 import pytest
 from click.testing import CliRunner
+from envcraft_protocol.jobs import Job
 from envcraft_sandbox import build, engine, packages, rootfs
 from envcraft_sandbox.commands import doctor, sandbox
+from envcraft_sandbox.docker import DockerDriver
 
 from envcraft import plugins
 from envcraft.errors import EnvCraftError, SandboxUnavailable, UsageError
-from envcraft.sandbox import Availability, Driver, Isolation, JobEnd, Limits, Player, Recorder, Worker
+from envcraft.judging.driver import Availability, Driver, Isolation, Limits, Player, Recorder, Worker
+from envcraft.model.job import JobResult
 
 
 class Fake(Driver):
@@ -55,7 +58,7 @@ class FakeWorker(Worker):
     def find(self, modules: list[str]) -> tuple[list[str], list[str]]:
         raise NotImplementedError
 
-    def run(self, job: dict[str, Any], recorder: Recorder, limits: Limits, player: Player | None = None) -> JobEnd:
+    def run(self, job: Job, recorder: Recorder, limits: Limits, player: Player | None = None) -> JobResult:
         raise NotImplementedError
 
     def close(self) -> None:
@@ -72,17 +75,6 @@ def _offer(monkeypatch: pytest.MonkeyPatch, *drivers: Driver) -> None:
     monkeypatch.setattr(plugins, "plugins", lambda: loaded)
 
 
-@pytest.fixture
-def docker_says(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
-    """Put a docker command on the path that fails with the words in a file."""
-    words = tmp_path / "words"
-    command = tmp_path / "docker"
-    command.write_text(f"#!{sys.executable}\nimport sys\nsys.exit(open({str(words)!r}).read())\n")
-    command.chmod(0o755)
-    monkeypatch.setenv("PATH", str(tmp_path))
-    return words
-
-
 class TestDoctor:
     def test_it_shows_every_driver_and_what_auto_takes(self, monkeypatch: pytest.MonkeyPatch) -> None:
         _offer(monkeypatch, Fake("weak", 1, WORKS), Fake("strong", 2, FAILS))
@@ -95,22 +87,22 @@ class TestDoctor:
     def test_json_says_the_same(self, monkeypatch: pytest.MonkeyPatch) -> None:
         _offer(monkeypatch, Fake("weak", 1, WORKS), Fake("strong", 2, FAILS), Fake("broken", 3, None))
         result = CliRunner().invoke(doctor, ["--format", "json"])
-        told = json.loads(result.stdout)
+        report = json.loads(result.stdout)
         assert result.exit_code == 0
-        assert [(each["name"], each["works"]) for each in told["sandboxes"]] == [("strong", False), ("weak", True)]
-        assert told["auto"] == "weak"
-        assert told["broken"] == [{"plugin": "sandbox broken", "error": "RuntimeError: it broke"}]
+        assert [(each["name"], each["works"]) for each in report["sandboxes"]] == [("strong", False), ("weak", True)]
+        assert report["auto"] == "weak"
+        assert report["broken"] == [{"plugin": "sandbox broken", "error": "RuntimeError: it broke"}]
 
     def test_layers_are_the_drivers_and_those_found_inside(self, monkeypatch: pytest.MonkeyPatch) -> None:
         fake = Fake("weak", 1, WORKS)
         _offer(monkeypatch, fake)
-        (told,) = json.loads(CliRunner().invoke(doctor, ["--format", "json"]).stdout)["sandboxes"]
-        assert told["layers"] == ["a wall", "a moat [deep]", "a lock"]
+        (report,) = json.loads(CliRunner().invoke(doctor, ["--format", "json"]).stdout)["sandboxes"]
+        assert report["layers"] == ["a wall", "a moat [deep]", "a lock"]
         # What holds on either side of the boundary is not missing.
-        assert told["missing"] == ["swap limit", "Landlock"]
-        assert "swapaccount=1" in told["fix"]
-        assert "Linux 5.13" in told["fix"]
-        assert told["image"] == "sha256:1"
+        assert report["missing"] == ["swap limit", "Landlock"]
+        assert "swapaccount=1" in report["fix"]
+        assert "Linux 5.13" in report["fix"]
+        assert report["image"] == "sha256:1"
         assert [worker.closed for worker in fake.launched] == [True]
         assert fake.swept == 1
         shown = CliRunner().invoke(doctor, env={"COLUMNS": "250"}).stdout
@@ -120,16 +112,16 @@ class TestDoctor:
     def test_a_sandbox_that_does_not_launch_does_not_work(self, monkeypatch: pytest.MonkeyPatch) -> None:
         _offer(monkeypatch, Fake("weak", 1, WORKS, launches=False))
         result = CliRunner().invoke(doctor, ["--format", "json"])
-        (told,) = json.loads(result.stdout)["sandboxes"]
-        assert (told["works"], told["reason"], told["fix"]) == (False, "the drawbridge is up", "let it down")
-        assert told["layers"] == []
+        (report,) = json.loads(result.stdout)["sandboxes"]
+        assert (report["works"], report["reason"], report["fix"]) == (False, "the drawbridge is up", "let it down")
+        assert report["layers"] == []
         assert result.exit_code == 3
 
     def test_a_runtime_shows_the_drivers_that_know_it(self, monkeypatch: pytest.MonkeyPatch) -> None:
-        monkeypatch.setattr(Fake, "under", lambda self, runtime: Fake(f"{self.name} under {runtime}", 1, WORKS))
+        monkeypatch.setattr(Fake, "with_runtime", lambda self, runtime: Fake(f"{self.name} under {runtime}", 1, WORKS))
         _offer(monkeypatch, Fake("weak", 1, WORKS))
-        told = json.loads(CliRunner().invoke(doctor, ["--format", "json", "--runtime", "runsc"]).stdout)
-        assert [each["name"] for each in told["sandboxes"]] == ["weak under runsc"]
+        report = json.loads(CliRunner().invoke(doctor, ["--format", "json", "--runtime", "runsc"]).stdout)
+        assert [each["name"] for each in report["sandboxes"]] == ["weak under runsc"]
 
     def test_a_runtime_that_no_driver_takes_is_wrong_use(self, monkeypatch: pytest.MonkeyPatch) -> None:
         _offer(monkeypatch, Fake("weak", 1, WORKS))
@@ -144,53 +136,90 @@ class TestDoctor:
 
     def test_importing_the_commands_is_cheap(self) -> None:
         program = "import envcraft_sandbox.commands, sys; print(sorted({'numpy', 'rich'} & sys.modules.keys()))"
-        told = subprocess.run(
+        report = subprocess.run(
             [sys.executable, "-c", f"import sys; sys.path[:0] = {sys.path!r}; {program}"],
             capture_output=True,
             text=True,
         )
-        assert told.stdout == "[]\n", told.stderr
+        assert report.stdout == "[]\n", report.stderr
+
+
+class Response:
+    """An answer of the engine as the SDK's exceptions hold it."""
+
+    url, reason = "http+docker://localhost/x", "no"
+
+    def __init__(self, status_code: int) -> None:
+        self.status_code = status_code
 
 
 class TestEngine:
     @pytest.mark.parametrize(
-        ("words", "reason"),
+        ("status", "explanation", "kind"),
         [
-            (
-                "Cannot connect to the Docker daemon at unix:///x. Is the docker daemon running?",
-                "no Docker engine answers",
-            ),
-            ("permission denied while trying to connect to the docker API at unix:///x.sock", "may not use"),
-            ("docker: Error response from daemon: it is full.\nSee 'docker run --help'.", "docker refused: it is full"),
-            ("", "it gave no reason"),
+            (500, "it is full.", engine.EngineError),
+            (404, "no such container", engine.NotFoundError),
+            (409, "removal is already in progress", engine.ConflictError),
+            (500, "", engine.EngineError),
         ],
     )
-    def test_its_words_become_one_sentence(self, docker_says: Path, words: str, reason: str) -> None:
-        docker_says.write_text(words or "\n")
-        with pytest.raises(engine.EngineError, match=reason) as raised:
-            engine.docker("version")
+    def test_a_refusal_keeps_its_type_and_gives_one_line(self, status: int, explanation: str, kind: type) -> None:
+        from docker.errors import APIError
+
+        with pytest.raises(engine.EngineError) as raised, engine.errors():
+            raise APIError("no", response=Response(status), explanation=f"first line\n{explanation}")
+        assert type(raised.value) is kind
+        assert (explanation.rstrip(".") or "first line") in raised.value.reason
         assert "\n" not in str(raised.value)
 
-    def test_an_engine_that_only_reports_its_absence_is_absent(self, docker_says: Path) -> None:
-        command = docker_says.parent / "docker"
-        command.write_text(f'#!{sys.executable}\nprint(\'{{"ServerErrors": ["Cannot connect"]}}\')\n')
-        with pytest.raises(engine.EngineError, match="no Docker engine answers"):
-            engine.info()
+    @pytest.mark.parametrize(
+        ("cause", "reason"),
+        [
+            (PermissionError(13, "Permission denied"), "this user may not use the container engine"),
+            (TimeoutError("timed out"), "did not answer in time"),
+            (FileNotFoundError(2, "No such file"), "no container engine answers"),
+        ],
+    )
+    def test_the_first_cause_decides_on_the_fix(self, cause: OSError, reason: str) -> None:
+        from docker.errors import DockerException
 
-    def test_building_without_docker_says_what_to_install(self, monkeypatch: pytest.MonkeyPatch) -> None:
-        monkeypatch.setenv("PATH", "")
+        error = DockerException("the connection failed")
+        error.__cause__ = cause
+        with pytest.raises(engine.EngineError, match=reason), engine.errors():
+            raise error
+
+    def test_without_the_sdk_the_driver_names_the_extra(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        monkeypatch.setitem(sys.modules, "docker", None)
+        available = DockerDriver().probe()
+        assert not available.works
+        assert "envcraft-rl[docker]" in available.fix
+
+    def test_a_missing_engine_gives_the_next_step(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        monkeypatch.setenv("DOCKER_HOST", "unix:///nonexistent/engine.sock")
         result = CliRunner().invoke(sandbox, ["build", "--base", "host"])
         assert isinstance(result.exception, EnvCraftError)
+        assert "no container engine answers" in str(result.exception)
         assert "install Docker" in str(result.exception)
         assert result.exception.exit_code == 3
+
+    def test_a_pull_reports_each_status_once_and_its_error(self) -> None:
+        events: list[dict[str, Any]] = [
+            {"status": "Pulling from x"},
+            {"status": "Downloading", "progressDetail": {"current": 1}},
+            {"stream": "Step 1\n\n"},
+            {"error": "there is no x"},
+        ]
+        with pytest.raises(engine.EngineError, match="there is no x"):
+            list(engine.progress(events))
+        assert list(engine.progress(events[:-1])) == ["Pulling from x", "Step 1"]
 
 
 class TestDigest:
     def test_it_covers_all_that_the_image_is_made_of(self, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
         names = [name for name, _ in build.worker_sources()]
-        assert "envcraft_sandbox/wire.py" in names
+        assert "envcraft_protocol/wire.py" in names
         assert "envcraft_sandbox/worker/server.py" in names
-        assert "envcraft_runtime/adapters.py" in names
+        assert "envcraft_protocol/adapters.py" in names
         assert not [name for name in names if name.endswith(("client.py", ".pyc"))]
         before = build.digest()
         for name in ("Dockerfile", "requirements.txt"):

@@ -100,7 +100,7 @@ def run(program: str) -> str:
 
 @pytest.mark.skipif(not seccomp.available(), reason="this kernel has no seccomp filter")
 def test_the_kernel_takes_the_filter() -> None:
-    said = run(
+    output = run(
         """
         import ctypes, os, socket, threading
         from envcraft_sandbox.worker import seccomp
@@ -119,7 +119,7 @@ def test_the_kernel_takes_the_filter() -> None:
         thread.join()
         """
     )
-    assert said == f"{errno.EAGAIN} {errno.ENETUNREACH} {errno.EPERM} {errno.EPERM} thread"
+    assert output == f"{errno.EAGAIN} {errno.ENETUNREACH} {errno.EPERM} {errno.EPERM} thread"
 
 
 @pytest.mark.skipif(not landlock.version(), reason="this kernel has no Landlock")
@@ -127,7 +127,7 @@ def test_landlock_leaves_what_it_was_shown(tmp_path_factory: pytest.TempPathFact
     shown, own, hidden = (tmp_path_factory.mktemp(name) for name in ("shown", "own", "hidden"))
     for folder in (shown, hidden):
         (folder / "file").write_text("x")
-    said = run(
+    output = run(
         f"""
         import ctypes, os
         from envcraft_sandbox.worker import landlock
@@ -144,4 +144,4 @@ def test_landlock_leaves_what_it_was_shown(tmp_path_factory: pytest.TempPathFact
                 print("no", end=" ")
         """
     )
-    assert said == "yes no no yes yes"
+    assert output == "yes no no yes yes"

@@ -45,7 +45,7 @@ HELD: dict[str, tuple[Callable[[], Any], Callable[[Any], Any]]] = {
 }
 
 
-def told(value: Any) -> Any:
+def image(value: Any) -> Any:
     """The state, and what comes of it next where that is not seen in it."""
     seeds = value.bit_generator.seed_seq if isinstance(value, np.random.Generator) else None
     count = seeds.n_children_spawned if isinstance(seeds, np.random.SeedSequence) else None
@@ -56,18 +56,18 @@ def told(value: Any) -> Any:
 @pytest.mark.parametrize(("make", "change"), HELD.values(), ids=HELD)
 def test_nothing_that_changes_is_shared(make: Callable[[], Any], change: Callable[[Any], Any]) -> None:
     env: Any = Env(value=make())
-    before = told(env.value)
+    before = image(env.value)
     copies = Copies(env)
     first, second = copies.of(env).value, copies.of(env).value
     assert type(first) is type(env.value)
-    assert told(first) == told(copy.deepcopy(env.value)) == before
+    assert image(first) == image(copy.deepcopy(env.value)) == before
 
     change(first)
-    assert told(first) != before
-    assert told(second) == told(env.value) == before
+    assert image(first) != before
+    assert image(second) == image(env.value) == before
     change(env.value)
-    assert told(env.value) == told(first)
-    assert told(second) == before
+    assert image(env.value) == image(first)
+    assert image(second) == before
 
 
 def test_what_belongs_together_stays_together() -> None:

@@ -1,4 +1,4 @@
-"""What only the container has: its image, the configuration it runs under, and limits on all its processes together."""
+"""The docker sandbox alone: its image, its containers' configuration, and limits on all processes of a container."""
 
 from __future__ import annotations
 
@@ -15,7 +15,8 @@ from envcraft_sandbox import build, docker, engine, launch, leftovers
 from envcraft_sandbox.docker import DockerDriver
 
 from envcraft.errors import SandboxUnavailable, WorkerLost
-from envcraft.sandbox import How, Limits, Worker
+from envcraft.judging.driver import Limits, Worker
+from envcraft.model.job import ExitReason
 
 pytestmark = pytest.mark.docker
 
@@ -40,27 +41,27 @@ def worker(driver: DockerDriver, limits: Limits) -> Iterator[Worker]:
 
 @pytest.fixture
 def label(monkeypatch: pytest.MonkeyPatch) -> str:
-    """A label that only this test's containers carry."""
-    own = f"envcraft-test={secrets.token_hex(6)}"
+    """A label that only this test's containers have."""
+    own = f"envcraft-test-{secrets.token_hex(6)}"
     monkeypatch.setattr(docker, "LABEL", own)
     return own
 
 
 def _containers(label: str) -> list[str]:
-    return engine.docker("ps", "--all", "--quiet", "--no-trunc", "--filter", f"label={label}").split()
+    return [each["Id"] for each in engine.client().containers(all=True, filters={"label": label})]
 
 
 def _inside(driver: DockerDriver, limits: Limits, label: str, program: str) -> Any:
-    """What a program prints, as JSON, that runs beside the worker: under the container's layers and not under those of
-    a job.
-    """
+    """Run a program beside the worker, outside the layers of a job, and return the JSON that it prints."""
+    client = engine.client()
     worker = driver.launch(hash_seed=0, limits=limits)
     try:
         (container,) = _containers(label)
-        python = json.loads(engine.docker("inspect", "--format", "{{json .Config.Entrypoint}}", container))[0]
-        told = engine.docker("exec", container, python, "-S", "-c", textwrap.dedent(program))
+        python = client.inspect_container(container)["Config"]["Entrypoint"][0]
+        made = client.exec_create(container, [python, "-S", "-c", textwrap.dedent(program)])
+        printed = client.exec_start(made["Id"])
         assert worker.find(["numpy"]) == ([], [])
-        return json.loads(told)
+        return json.loads(printed)
     finally:
         worker.close()
 
@@ -68,21 +69,21 @@ def _inside(driver: DockerDriver, limits: Limits, label: str, program: str) -> A
 class TestImage:
     @pytest.fixture
     def config(self, driver: DockerDriver) -> Any:
-        return json.loads(engine.docker("image", "inspect", "--format", "{{json .Config}}", build.TAG))
+        return engine.client().inspect_image(build.TAG)["Config"]
 
     def test_its_label_is_the_digest_of_the_sources(self, config: Any) -> None:
         assert config["Labels"][build.LABEL] == build.digest(config["Labels"][build.PACKAGES_LABEL])
         assert config["Labels"][build.BASE_LABEL]
 
     def test_the_worker_tells_which_one_it_runs(self, worker: Worker) -> None:
-        assert worker.about["image"] == engine.docker("image", "inspect", "--format", "{{.Id}}", build.TAG)
+        assert worker.about["image"] == engine.client().inspect_image(build.TAG)["Id"]
 
     def test_it_runs_the_worker_as_nobody(self, config: Any) -> None:
         assert config["User"] == "65534:65534"
         assert config["Entrypoint"][1:] == ["-B", "-s", "-P", "-m", "envcraft_sandbox.worker"]
 
     def test_it_has_no_program_but_the_interpreter(self, driver: DockerDriver, limits: Limits, label: str) -> None:
-        told = _inside(
+        observed = _inside(
             driver,
             limits,
             label,
@@ -101,7 +102,7 @@ class TestImage:
             print(json.dumps([sorted(programs), os.path.realpath(sys.executable), elevating]))
             """,
         )
-        programs, interpreter, elevating = told
+        programs, interpreter, elevating = observed
         assert interpreter in programs
         assert [program for program in programs if not Path(program).name.startswith("python3")] == []
         assert elevating == []
@@ -116,8 +117,8 @@ class TestContainer:
         worker = driver.launch(hash_seed=0, limits=limits)
         try:
             (container,) = _containers(label)
-            host = json.loads(engine.docker("inspect", "--format", "{{json .HostConfig}}", container))
-            mounts = json.loads(engine.docker("inspect", "--format", "{{json .Mounts}}", container))
+            inspected = engine.client().inspect_container(container)
+            host, mounts = inspected["HostConfig"], inspected["Mounts"]
         finally:
             worker.close()
         assert host["NetworkMode"] == "none"
@@ -138,7 +139,7 @@ class TestContainer:
         assert [mount["Destination"] for mount in mounts] == ["/run/envcraft/control.sock"]
 
     def test_the_kernel_agrees(self, driver: DockerDriver, limits: Limits, label: str) -> None:
-        told = _inside(
+        observed = _inside(
             driver,
             limits,
             label,
@@ -156,7 +157,7 @@ class TestContainer:
             }))
             """,
         )
-        assert told == {
+        assert observed == {
             "root": True,
             "tmp": [],
             "network": ["lo"],
@@ -182,7 +183,7 @@ class TestContainer:
             ran = play(worker, environment(top="import os; print(dict(os.environ))"))
         finally:
             worker.close()
-        assert ran.end.how is How.DONE
+        assert ran.end.reason is ExitReason.DONE
         assert "canary" not in ran.end.output
 
     def test_processes_are_counted(self, driver: DockerDriver, limits: Limits, label: str) -> None:
@@ -244,7 +245,7 @@ class TestLaunch:
         self, driver: DockerDriver, limits: Limits, label: str, environment: Environment, play: Any
     ) -> None:
         worker = driver.launch(hash_seed=0, limits=limits)
-        engine.docker("kill", *_containers(label))
+        engine.client().kill(*_containers(label))
         with pytest.raises(WorkerLost):
             play(worker, environment())
         worker.close()
@@ -272,7 +273,7 @@ class TestLaunch:
         def interrupt(*_: object) -> None:
             raise KeyboardInterrupt
 
-        monkeypatch.setattr(docker, "_accept", interrupt)
+        monkeypatch.setattr(docker.Container, "accept", interrupt)
         with pytest.raises(KeyboardInterrupt):
             driver.launch(hash_seed=0, limits=limits)
         assert _containers(label) == []
@@ -300,13 +301,13 @@ class TestProbe:
         assert "not built" in available.reason
 
     def test_an_unknown_runtime_is_noticed(self, driver: DockerDriver) -> None:
-        available = driver.under("no-such-runtime").probe()
+        available = driver.with_runtime("no-such-runtime").probe()
         assert not available.works
         assert "no runtime no-such-runtime" in available.reason
         assert "daemon.json" in available.fix
 
     @pytest.mark.parametrize(
-        ("told", "missing"),
+        ("info", "missing"),
         [
             ({"SecurityOptions": ["name=seccomp,profile=unconfined"]}, "engine's seccomp profile"),
             ({"SecurityOptions": None}, "engine's seccomp profile"),
@@ -316,14 +317,14 @@ class TestProbe:
             ({"CpuCfsQuota": False}, "one CPU"),
         ],
     )
-    def test_what_the_engine_cannot_give_is_told(
-        self, driver: DockerDriver, monkeypatch: pytest.MonkeyPatch, told: dict[str, Any], missing: str
+    def test_missing_layers_are_reported(
+        self, driver: DockerDriver, monkeypatch: pytest.MonkeyPatch, info: dict[str, Any], missing: str
     ) -> None:
         whole: dict[str, Any] = dict.fromkeys(("MemoryLimit", "SwapLimit", "PidsLimit", "CpuCfsQuota"), True)
         whole["SecurityOptions"] = ["name=seccomp,profile=default"]
         monkeypatch.setitem(vars(driver), "_info", {**driver._info, **whole})
         assert driver.probe().missing == []
-        monkeypatch.setitem(vars(driver), "_info", {**driver._info, **whole, **told})
+        monkeypatch.setitem(vars(driver), "_info", {**driver._info, **whole, **info})
         available = driver.probe()
         assert available.works
         assert available.missing == [missing]

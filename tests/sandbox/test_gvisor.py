@@ -13,8 +13,9 @@ from envcraft_sandbox.commands import examine
 from envcraft_sandbox.docker import DockerDriver
 
 from envcraft.errors import SandboxUnavailable
-from envcraft.sandbox import How, Limits, Worker
-from envcraft.verdict import SandboxReport
+from envcraft.judging.driver import Limits, Worker
+from envcraft.model.job import ExitReason
+from envcraft.model.verdict import SandboxReport
 
 pytestmark = pytest.mark.gvisor
 
@@ -57,7 +58,8 @@ def test_another_kernel_answers(worker: Worker, environment: Environment, play: 
 
 
 def test_the_report_names_it_and_what_it_lacks(driver: DockerDriver, worker: Worker) -> None:
-    told = SandboxReport.of(driver, worker.about)
+    available = driver.probe()
+    told = SandboxReport.of(driver.name, available.layers, available.missing, worker.about)
     assert "runtime runsc" in told.layers
     assert "system call filter" in told.layers
     # The engine's profiles are for its default runtime, and gVisor's kernel has no Landlock.
@@ -70,36 +72,44 @@ def test_the_report_names_it_and_what_it_lacks(driver: DockerDriver, worker: Wor
 @pytest.mark.parametrize(
     ("step", "ends"),
     [
-        pytest.param("import os; os._exit(0)", {How.DIED}, id="exit"),
-        pytest.param("import ctypes; ctypes.string_at(0)", {How.DIED}, id="crash"),
-        pytest.param("while True: pass", {How.TIMEOUT}, id="hang"),
-        pytest.param("while True: print('x' * 999)", {How.FLOOD}, id="flood"),
+        pytest.param("import os; os._exit(0)", {ExitReason.DIED}, id="exit"),
+        pytest.param("import ctypes; ctypes.string_at(0)", {ExitReason.DIED}, id="crash"),
+        pytest.param("while True: pass", {ExitReason.TIMEOUT}, id="hang"),
+        pytest.param("while True: print('x' * 999)", {ExitReason.FLOOD}, id="flood"),
         pytest.param(
             "kept = [b'x' * (1 << 20) for _ in range(4096)]",
             # On a busy machine filling it takes longer than a step may.
-            {How.DONE, How.MEMORY, How.DIED, How.TIMEOUT},
+            {ExitReason.DONE, ExitReason.MEMORY, ExitReason.DIED, ExitReason.TIMEOUT},
             id="memory",
         ),
         pytest.param(
-            "import os\nfor victim in (1, -1, os.getppid()):\n    os.kill(victim, 9)", {How.DONE, How.DIED}, id="kill"
+            "import os\nfor victim in (1, -1, os.getppid()):\n    os.kill(victim, 9)",
+            {ExitReason.DONE, ExitReason.DIED},
+            id="kill",
         ),
-        pytest.param("import os\nwhile True: os.fork()", {How.DONE, How.DIED, How.TIMEOUT, How.FORGED}, id="fork"),
-        pytest.param("import socket; socket.create_connection(('1.1.1.1', 53))", {How.DONE}, id="network"),
-        pytest.param("open('/opt/envcraft/x', 'w')", {How.DONE}, id="root"),
+        pytest.param(
+            "import os\nwhile True: os.fork()",
+            {ExitReason.DONE, ExitReason.DIED, ExitReason.TIMEOUT, ExitReason.FORGED},
+            id="fork",
+        ),
+        pytest.param("import socket; socket.create_connection(('1.1.1.1', 53))", {ExitReason.DONE}, id="network"),
+        pytest.param("open('/opt/envcraft/x', 'w')", {ExitReason.DONE}, id="root"),
         pytest.param(
             "from pathlib import Path\nfor n in range(10**6): Path(f'/tmp/{n}').write_bytes(b'x' * (1 << 20))",
-            {How.DONE, How.DIED, How.MEMORY, How.TIMEOUT},
+            {ExitReason.DONE, ExitReason.DIED, ExitReason.MEMORY, ExitReason.TIMEOUT},
             id="disk",
         ),
     ],
 )
-def test_it_costs_the_job_alone(worker: Worker, environment: Environment, play: Any, step: str, ends: set[How]) -> None:
+def test_it_costs_the_job_alone(
+    worker: Worker, environment: Environment, play: Any, step: str, ends: set[ExitReason]
+) -> None:
     ran = play(worker, environment(step=step))
-    assert ran.end.how in ends
+    assert ran.end.reason in ends
     # Whatever was refused shows as an exception of the job's own.
-    assert ran.trace.fault is not None or ran.end.how is not How.DONE
+    assert ran.trace.fault is not None or ran.end.reason is not ExitReason.DONE
     after = play(worker, environment())
-    assert after.end.how is How.DONE
+    assert after.end.reason is ExitReason.DONE
     assert after.trace.steps == 8
 
 

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import socket
-from typing import Any
 
 import pytest
+from envcraft_protocol.jobs import Job
 from envcraft_sandbox.worker import search
 from envcraft_sandbox.worker.channel import Channel
 from envcraft_sandbox.worker.subject import Subject
 
-from envcraft.contract import GYMNASIUM
-from envcraft.target import Target
+from envcraft.contracts.builtin import GYMNASIUM
+from envcraft.model.target import Target
 
 #: A lock that a code opens; what is seen never changes.
 LOCK = """
@@ -79,7 +79,8 @@ class Nobody(Channel):
 
 
 def exhaust(source: str, seed: int) -> search.Outcome:
-    job: dict[str, Any] = {
+    job: Job = {
+        "kind": "search",
         "target": Target("lock.py", source.encode()).for_worker(),
         "search": "exhaust",
         "contract": GYMNASIUM.for_worker(),

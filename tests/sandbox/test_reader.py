@@ -10,16 +10,17 @@ from typing import Any
 
 import numpy as np
 import pytest
+from envcraft_protocol.wire import HEADER, LONG, SAME, SAME_INFO, STEP, VALUE, Kind
 from envcraft_sandbox.reader import Forged, Reader
-from envcraft_sandbox.wire import HEADER, LONG, SAME, SAME_INFO, STEP, VALUE, Kind
 from envcraft_sandbox.worker.channel import Channel
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from envcraft.contract import ARCADE
-from envcraft.recording import Recording
-from envcraft.rollout import Rollout
-from envcraft.trace import diverge
+from envcraft.contracts.builtin import ARCADE
+from envcraft.judging.trace_builder import TraceBuilder
+from envcraft.model.rollout import Rollout
+from envcraft.model.trace import diverge
+from envcraft.spaces.spec import read_space
 
 FLOAT = {"k": "float"}
 FRAME = {"k": "array", "dtype": "|u1", "shape": [84, 84, 3]}
@@ -43,8 +44,8 @@ def step(
     return message(kind, head + observation + info)
 
 
-def recording(steps: int = 8) -> Recording:
-    return Recording(Rollout(0, [[0, 0, 0]] * steps), ARCADE.observation, ARCADE.action)
+def recording(steps: int = 8) -> TraceBuilder:
+    return TraceBuilder(Rollout(0, [[0, 0, 0]] * steps), read_space(ARCADE.observation), read_space(ARCADE.action))
 
 
 GOOD = [
@@ -127,16 +128,16 @@ def test_layouts_are_bounded_in_all() -> None:
 
 
 def test_an_end_before_the_episodes_is_forged() -> None:
-    begun = b"".join([GOOD[1], step(Kind.RESET), step(Kind.STEP)])
-    for stream in (b"", begun):
+    prefix = b"".join([GOOD[1], step(Kind.RESET), step(Kind.STEP)])
+    for stream in (b"", prefix):
         with pytest.raises(Forged, match="an end after"):
             Reader(recording()).feed(stream + message(Kind.END, {}))
     whole = Reader(recording(1))
-    whole.feed(begun + message(Kind.END, {}))
+    whole.feed(prefix + message(Kind.END, {}))
     assert whole.ended
 
 
-def frames(*messages: bytes) -> Recording:
+def frames(*messages: bytes) -> TraceBuilder:
     made = recording()
     Reader(made).feed(message(Kind.LAYOUT, FRAME) + message(Kind.LAYOUT, FLOAT) + b"".join(messages))
     return made
@@ -152,8 +153,8 @@ def test_a_value_that_comes_again_is_as_if_it_had_been_sent() -> None:
     whole = frames(
         *(step(Kind.RESET if not n else Kind.STEP, observation=f) for n, f in enumerate((one, one, two, two)))
     )
-    said = frames(step(Kind.RESET, observation=one), again(), step(Kind.STEP, observation=two), again())
-    assert said.trace.observations == whole.trace.observations
+    repeated = frames(step(Kind.RESET, observation=one), again(), step(Kind.STEP, observation=two), again())
+    assert repeated.trace.observations == whole.trace.observations
     between = frames(step(Kind.RESET, observation=one), short, again())
     assert between.trace.observations[2] == between.trace.observations[0]
     drawn = frames(step(Kind.RESET, observation=one), message(Kind.RENDER, VALUE.pack(SAME, 0)))
@@ -198,7 +199,7 @@ def test_steps_that_cannot_be_are_forged(messages: list[bytes]) -> None:
         frames(*messages)
 
 
-def test_a_player_is_asked_for_each_step() -> None:
+def test_each_step_requests_an_action() -> None:
     reader = Reader(recording(), played=True)
     reader.feed(message(Kind.LAYOUT, FRAME) + step(Kind.RESET, observation=BLACK))
     with pytest.raises(Forged, match="STEPS"):
@@ -265,7 +266,12 @@ def test_what_the_worker_leaves_out_comes_back(episode: list[Any], keep: int, wa
             channel.step(Kind.STEP, VALUES[value], reward, flag, False, {"a": 1} if info else {}, 0.001)
         channel.send_json(Kind.END, {}, flush=True)
         rollout = Rollout(0, [[0, 0, 0]] * len(episode), keep=keep)
-        made.append((Recording(rollout, ARCADE.observation, ARCADE.action, watch=watch), channel.sent))
+        made.append(
+            (
+                TraceBuilder(rollout, read_space(ARCADE.observation), read_space(ARCADE.action), watch=watch),
+                channel.sent,
+            )
+        )
         Reader(made[-1][0]).feed(channel.sent)
     (one, short), (other, long) = made
     assert len(short) <= len(long)
@@ -277,17 +283,17 @@ def test_what_the_worker_leaves_out_comes_back(episode: list[Any], keep: int, wa
 @pytest.mark.parametrize(
     "value", [np.full((84, 84, 3), "a"), np.full((84, 84, 3), b"a"), np.zeros((84, 84, 3), complex)]
 )
-def test_what_is_no_picture_is_told_by_its_type_alone(value: Any) -> None:
+def test_other_frames_keep_only_their_type(value: Any) -> None:
     channel = Kept(True)
     channel.step(Kind.RESET, value, 0.0, False, False, {}, 0.0)
     channel.flush()
-    made = Recording(Rollout(0, [], keep=1), ARCADE.observation, ARCADE.action)
+    made = TraceBuilder(Rollout(0, [], keep=1), read_space(ARCADE.observation), read_space(ARCADE.action))
     Reader(made).feed(channel.sent)
     assert [problem.kind for problem in made.trace.problems] == ["type"]
     assert not made.trace.frames
 
 
-def long_infos(steps: int, odd: int = -1) -> Recording:
+def long_infos(steps: int, odd: int = -1) -> TraceBuilder:
     made = recording(steps)
     reader = Reader(made)
     reader.feed(message(Kind.LAYOUT, FLOAT) + step(Kind.RESET))

@@ -134,7 +134,7 @@ def test_a_thing_that_holds_itself() -> None:
     ],
     ids=["numpy", "python", "old numpy", "in an object", "of a space"],
 )
-def test_generators_are_told_apart_from_values(make: Callable[[int], Any]) -> None:
+def test_generators_are_not_values(make: Callable[[int], Any]) -> None:
     one, other = state(make(1)), state(make(2))
     assert one.values == other.values
     assert one.generators != other.generators

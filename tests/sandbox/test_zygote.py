@@ -17,16 +17,16 @@ import pytest
 from envcraft_sandbox import bubblewrap, client, launch
 from envcraft_sandbox.bubblewrap import BubblewrapDriver
 from envcraft_sandbox.process import ProcessDriver
-from envcraft_sandbox.zygote import ForkedWorker, Nursery, Started
+from envcraft_sandbox.zygote import ForkedWorker, Started, ZygoteDriver
 
-from envcraft.budget import BUDGETS
-from envcraft.contract import ARCADE
-from envcraft.engine import Plan, validate
+from envcraft.contracts.builtin import ARCADE
 from envcraft.errors import SandboxUnavailable, WorkerLost
-from envcraft.events import CheckStarted, SubjectFinished
+from envcraft.judging.budget import BUDGETS
+from envcraft.judging.driver import Driver, Limits, Worker
+from envcraft.judging.engine import Plan, validate
+from envcraft.model.events import CheckStarted, SubjectFinished
+from envcraft.model.target import Target, read_target
 from envcraft.plugins import plugins
-from envcraft.sandbox import Driver, Limits, Worker
-from envcraft.target import Target, read_target
 
 from .conftest import environment
 
@@ -78,8 +78,8 @@ sys.stdin.read()
 def pid_of(worker: Worker) -> int:
     """A forked worker's process as this one sees it."""
     assert isinstance(worker, ForkedWorker)
-    told = Path(f"/proc/self/fdinfo/{worker._pidfd}").read_text()
-    return int(told.partition("Pid:")[2].split()[0])
+    status = Path(f"/proc/self/fdinfo/{worker._pidfd}").read_text()
+    return int(status.partition("Pid:")[2].split()[0])
 
 
 def inside(worker: Worker, token: str, what: str) -> subprocess.Popen[str]:
@@ -89,24 +89,24 @@ def inside(worker: Worker, token: str, what: str) -> subprocess.Popen[str]:
 
 def seen(worker: Worker, token: str, what: str = "look") -> dict[str, Any]:
     with inside(worker, token, what) as process:
-        said, _ = process.communicate()
-    found: dict[str, Any] = json.loads(said)
+        output, _ = process.communicate()
+    found: dict[str, Any] = json.loads(output)
     return found
 
 
 @pytest.fixture(scope="module")
-def nested() -> Iterator[Nursery]:
+def nested() -> Iterator[ZygoteDriver]:
     available = BubblewrapDriver().probe()
     if not available.works:
         pytest.skip(f"{available.reason}; {available.fix}")
-    made = BubblewrapDriver().nursery()
-    assert isinstance(made, Nursery)
+    made = BubblewrapDriver().shared_layout()
+    assert isinstance(made, ZygoteDriver)
     yield made
     made.close()
 
 
 @pytest.fixture(scope="module")
-def pair(nested: Nursery, limits: Limits) -> Iterator[list[Worker]]:
+def pair(nested: ZygoteDriver, limits: Limits) -> Iterator[list[Worker]]:
     """Two workers of one zygote."""
     made = [nested.launch(hash_seed=0, limits=limits) for _ in range(2)]
     assert nested.refusal == ""
@@ -116,21 +116,21 @@ def pair(nested: Nursery, limits: Limits) -> Iterator[list[Worker]]:
 
 
 @pytest.fixture
-def nursery(request: pytest.FixtureRequest) -> Iterator[Nursery]:
+def zygotes(request: pytest.FixtureRequest) -> Iterator[ZygoteDriver]:
     """One of the driver that is the test's parameter, of its own."""
     driver: Driver = request.param()
     available = driver.probe()
     if not available.works:
         pytest.skip(f"{available.reason}; {available.fix}")
-    made = driver.nursery()
-    assert isinstance(made, Nursery)
+    made = driver.shared_layout()
+    assert isinstance(made, ZygoteDriver)
     yield made
     made.close()
 
 
 @pytest.mark.bubblewrap
 class TestNamespaces:
-    def test_each_worker_has_all_of_its_own(self, nested: Nursery, pair: list[Worker]) -> None:
+    def test_each_worker_has_all_of_its_own(self, nested: ZygoteDriver, pair: list[Worker]) -> None:
         processes = ["self", zygote_of(nested), *map(pid_of, pair)]
         for kind in _NAMESPACES:
             assert len({os.readlink(f"/proc/{process}/ns/{kind}") for process in processes}) == len(processes), kind
@@ -154,10 +154,10 @@ class TestNamespaces:
     def test_it_has_no_rights_and_no_way_to_get_any(self, pair: list[Worker]) -> None:
         for worker in pair:
             lines = Path(f"/proc/{pid_of(worker)}/status").read_text().splitlines()
-            told = {name: value.strip() for name, _, value in (line.partition(":") for line in lines)}
-            assert {int(told[kind], 16) for kind in ("CapInh", "CapPrm", "CapEff", "CapBnd", "CapAmb")} == {0}
-            assert told["NoNewPrivs"] == "1"
-            assert told["NSpid"].split()[-1] == "1"
+            status = {name: value.strip() for name, _, value in (line.partition(":") for line in lines)}
+            assert {int(status[kind], 16) for kind in ("CapInh", "CapPrm", "CapEff", "CapBnd", "CapAmb")} == {0}
+            assert status["NoNewPrivs"] == "1"
+            assert status["NSpid"].split()[-1] == "1"
 
     def test_what_all_share_is_read_only(self, pair: list[Worker]) -> None:
         writable = {
@@ -180,16 +180,16 @@ try:
 except OSError as error:
     print(error.strerror)
 """
-        told = subprocess.run(
+        status = subprocess.run(
             [sys.executable, "-c", program, str(pid_of(pair[0]))], capture_output=True, text=True, check=True
         )
-        assert told.stdout == "-1 No space left on device\nRead-only file system\n"
+        assert status.stdout == "-1 No space left on device\nRead-only file system\n"
 
 
-@pytest.mark.parametrize("nursery", [BUBBLEWRAP, PROCESS], indirect=True)
+@pytest.mark.parametrize("zygotes", [BUBBLEWRAP, PROCESS], indirect=True)
 class TestWorkers:
-    def test_each_ends_alone_and_for_good(self, nursery: Nursery, limits: Limits, play: Any) -> None:
-        first, second = (nursery.launch(hash_seed=0, limits=limits) for _ in range(2))
+    def test_each_ends_alone_and_for_good(self, zygotes: ZygoteDriver, limits: Limits, play: Any) -> None:
+        first, second = (zygotes.launch(hash_seed=0, limits=limits) for _ in range(2))
         process = pid_of(first)
         first.close()
         first.close()
@@ -202,52 +202,57 @@ class TestWorkers:
         second.close()
         assert ends(process)
 
-    def test_addresses_are_alike_in_siblings_and_in_no_other(self, nursery: Nursery, limits: Limits, play: Any) -> None:
+    def test_addresses_are_alike_in_siblings_and_in_no_other(
+        self, zygotes: ZygoteDriver, limits: Limits, play: Any
+    ) -> None:
         source = environment(top="import numpy; print(id(numpy.random))")
-        siblings = [nursery.launch(hash_seed=0, limits=limits) for _ in range(2)]
-        others = [nursery.launch(hash_seed=1, limits=limits), nursery._driver.launch(hash_seed=0, limits=limits)]
+        siblings = [zygotes.launch(hash_seed=0, limits=limits) for _ in range(2)]
+        others = [
+            zygotes.launch(hash_seed=1, limits=limits),
+            zygotes._driver.launch(hash_seed=0, limits=limits),
+        ]
         first, second, *rest = (play(worker, source).facts for worker in [*siblings, *others])
         assert first == second
         assert len({first, *rest}) == 3
         for worker in [*siblings, *others]:
             worker.close()
 
-    def test_a_zygote_that_dies_is_replaced(self, nursery: Nursery, limits: Limits, play: Any) -> None:
-        worker = nursery.launch(hash_seed=0, limits=limits)
-        kill(nursery, 0)
+    def test_a_zygote_that_dies_is_replaced(self, zygotes: ZygoteDriver, limits: Limits, play: Any) -> None:
+        worker = zygotes.launch(hash_seed=0, limits=limits)
+        kill(zygotes, 0)
         # Only namespaces end with the process that made them.
-        if nursery.name == "process":
+        if zygotes.name == "process":
             assert play(worker, environment()).trace.steps == 8
         else:
             with pytest.raises(WorkerLost):
                 play(worker, environment())
         worker.close()
-        other = nursery.launch(hash_seed=0, limits=limits)
+        other = zygotes.launch(hash_seed=0, limits=limits)
         assert isinstance(other, ForkedWorker)
         assert play(other, environment()).trace.steps == 8
         other.close()
 
-    def test_after_its_end_there_are_none(self, nursery: Nursery, limits: Limits) -> None:
-        nursery.close()
+    def test_after_its_end_there_are_none(self, zygotes: ZygoteDriver, limits: Limits) -> None:
+        zygotes.close()
         with pytest.raises(SandboxUnavailable):
-            nursery.launch(hash_seed=0, limits=limits)
+            zygotes.launch(hash_seed=0, limits=limits)
 
 
 class TestFallback:
     @pytest.mark.bubblewrap
     def test_where_namespaces_cannot_be_nested_workers_are_launched(
-        self, nested: Nursery, limits: Limits, play: Any, monkeypatch: pytest.MonkeyPatch
+        self, nested: ZygoteDriver, limits: Limits, play: Any, monkeypatch: pytest.MonkeyPatch
     ) -> None:
         isolate = bubblewrap.isolate
         monkeypatch.setattr(bubblewrap, "isolate", lambda *arguments, nested=False: isolate(*arguments))
-        nursery = BubblewrapDriver().nursery()
-        assert isinstance(nursery, Nursery)
+        zygotes = BubblewrapDriver().shared_layout()
+        assert isinstance(zygotes, ZygoteDriver)
         for _ in range(2):
-            worker = nursery.launch(hash_seed=0, limits=limits)
+            worker = zygotes.launch(hash_seed=0, limits=limits)
             assert isinstance(worker, launch.ChildWorker)
-            assert "unshare" in nursery.refusal
+            assert "unshare" in zygotes.refusal
         assert play(worker, environment()).trace.steps == 8
-        nursery.close()
+        zygotes.close()
 
     @pytest.mark.parametrize("program", ["import sys; sys.exit('no room')", "import os; os.closerange(3, 99)"])
     def test_where_none_starts_workers_are_launched(self, limits: Limits, program: str) -> None:
@@ -257,26 +262,26 @@ class TestFallback:
             started.append(Started(*launch.spawn([sys.executable, "-S", "-c", program], {}, "process")))
             return started[-1]
 
-        nursery = Nursery(ProcessDriver(), start)
+        zygotes = ZygoteDriver(ProcessDriver(), start)
         for _ in range(2):
-            worker = nursery.launch(hash_seed=0, limits=limits)
+            worker = zygotes.launch(hash_seed=0, limits=limits)
             assert isinstance(worker, launch.ChildWorker)
             worker.close()
-        nursery.close()
+        zygotes.close()
         assert len(started) == 3
         assert all(each.process.poll() is not None for each in started)
-        assert "is gone" in nursery.refusal
+        assert "has ended" in zygotes.refusal
 
 
 _LINES = ("pass", "self.steps += hash('snow') % 2", "x = [self.steps]")
 TINY = [Target(f"tiny{number}.py", environment(step=line).encode()) for number, line in enumerate(_LINES)]
 
 
-def judged(driver: Driver, targets: list[Target], kill_in: list[Nursery] | None = None) -> list[Any]:
+def judged(driver: Driver, targets: list[Target], kill_in: list[ZygoteDriver] | None = None) -> list[Any]:
     """What some checks find; with `kill_in` a zygote is killed while each environment is judged."""
     checks = [check for check in plugins().collect("envcraft_checks") if check.name in ("source", "determinism")]
     found, killed = [], 0
-    for event in validate(Plan(targets, ARCADE, driver, checks, BUDGETS["quick"], lanes=1), workers=1):
+    for event in validate(Plan(targets, ARCADE, driver, checks, BUDGETS["quick"], parallel_jobs=1), workers=1):
         if kill_in is not None and isinstance(event, CheckStarted) and event.check == "determinism":
             killed += kill(kill_in[-1], 0)
         if isinstance(event, SubjectFinished):
@@ -295,36 +300,36 @@ def test_no_verdict_depends_on_a_zygote_s_life(kind: type[Driver], undisturbed: 
     available = kind().probe()
     if not available.works:
         pytest.skip(f"{available.reason}; {available.fix}")
-    nurseries: list[Nursery] = []
+    forking: list[ZygoteDriver] = []
 
     class Noted(kind):  # type: ignore[misc, valid-type]
-        def nursery(self) -> Driver:
-            nurseries.append(super().nursery())
-            return nurseries[-1]
+        def shared_layout(self) -> Driver:
+            forking.append(super().shared_layout())
+            return forking[-1]
 
-    assert judged(Noted(), TINY, nurseries) == undisturbed
+    assert judged(Noted(), TINY, forking) == undisturbed
     assert {found.code for _, _, _, findings in undisturbed[1] for found in findings} == {"EC203"}
 
 
-@pytest.mark.parametrize("nursery", [BUBBLEWRAP], indirect=True)
-def test_what_follows_addresses_or_process_ids_is_found_in_forked_workers(nursery: Nursery, root: Path) -> None:
+@pytest.mark.parametrize("zygotes", [BUBBLEWRAP], indirect=True)
+def test_forked_workers_show_what_follows_addresses_or_process_ids(zygotes: ZygoteDriver, root: Path) -> None:
     folder = root / "tests" / "fixtures" / "determinism" / "bad"
     targets = [read_target(str(folder / name)) for name in ("set_of_objects.py", "process_id.py")]
-    for checks in judged(nursery._driver, targets):
+    for checks in judged(zygotes._driver, targets):
         assert {found.code for _, _, _, findings in checks for found in findings} == {"EC202"}
 
 
-def zygote_of(nursery: Nursery, hash_seed: int = 0) -> int:
+def zygote_of(zygotes: ZygoteDriver, hash_seed: int = 0) -> int:
     """Its process: where it has namespaces, bwrap's only child."""
-    started = nursery._zygotes[hash_seed]._started
+    started = zygotes._zygotes[hash_seed]._started
     assert started is not None
     children = Path(f"/proc/{started.process.pid}/task/{started.process.pid}/children").read_text().split()
-    return int(children[0]) if nursery.name == "bubblewrap" else started.process.pid
+    return int(children[0]) if zygotes.name == "bubblewrap" else started.process.pid
 
 
-def kill(nursery: Nursery, hash_seed: int) -> bool:
+def kill(zygotes: ZygoteDriver, hash_seed: int) -> bool:
     """Kill a zygote that has forked at least once, and wait for its end."""
-    zygote = nursery._zygotes.get(hash_seed)
+    zygote = zygotes._zygotes.get(hash_seed)
     if zygote is None or not zygote._ready or zygote._started is None:
         return False
     zygote._started.process.kill()

@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 from envcraft_sandbox.process import ProcessDriver
 
-from envcraft.budget import BUDGETS
-from envcraft.contract import ARCADE
+from envcraft.contracts.builtin import ARCADE
+from envcraft.judging.budget import BUDGETS
+from envcraft.judging.subject import Subject
+from envcraft.judging.worker_pool import WorkerPool
+from envcraft.model.target import Target
 from envcraft.similarity import behavioural
 from envcraft.similarity.behavioural import EVERY, Series
-from envcraft.subject import Subject
-from envcraft.target import Target
 from tests.similarity.games import game, renamed
 
 #: The game 0, written anew: another layout of the state, another drawing, and the same to look at.
@@ -86,11 +87,12 @@ def played() -> dict[str, str]:
     }  # fmt: skip
     found = {}
     for name, source in sources.items():
-        with Subject(Target(f"{name}.py", source), ARCADE, ProcessDriver(), BUDGETS["quick"]) as subject:
+        lease = WorkerPool(ProcessDriver()).lease()
+        with Subject(Target(f"{name}.py", source), ARCADE, lease, BUDGETS["quick"]) as subject:
             assert subject.fingerprint == ""
-            subject.rollout(subject.players.random(0))
+            subject.rollout(subject.probes.random(0))
             assert subject.fingerprint == ""
-            subject.rollout(subject.players.sticky(0))
+            subject.rollout(subject.probes.sticky(0))
             found[name] = subject.fingerprint
     return found
 
@@ -118,7 +120,7 @@ def test_fingerprints_are_small(played: dict[str, str]) -> None:
 
 
 @pytest.mark.parametrize(
-    ("what", "telling"),
+    ("what", "informative"),
     [
         (some(0), True),
         (series([5] * 9, [0.0] * 8), False),
@@ -128,8 +130,8 @@ def test_fingerprints_are_small(played: dict[str, str]) -> None:
     ],
     ids=["some", "still", "paid once", "blank", "short"],
 )
-def test_telling(what: Series, telling: bool) -> None:
-    assert what.telling is telling
+def test_informative(what: Series, informative: bool) -> None:
+    assert what.informative is informative
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,6 @@
 """The card of a data set: YAML for the Hub, and what people want to know, in Markdown.
 
-Words that came from a corpus are text in it, whatever they look like.
+Text from a corpus is escaped, so that it is never markup.
 """
 
 from __future__ import annotations
@@ -12,16 +12,15 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-from envcraft import __version__
-from envcraft.corpus.export import Exported
-from envcraft.corpus.export.hf import COLUMNS
+from envcraft.corpus.deduplication import Duplicates
+from envcraft.corpus.export.exporter import Exported
 from envcraft.corpus.export.shards import SPLITS
-from envcraft.corpus.likeness import Likeness
 from envcraft.corpus.report.data import NONE, Survey, entries
 from envcraft.corpus.store import Store
 from envcraft.errors import UsageError
-from envcraft.reports import one_line
-from envcraft.stats import Proportion
+from envcraft.judging.statistics import Proportion
+from envcraft.text import one_line
+from envcraft.version import __version__
 
 _TEMPLATE = Path(__file__).parent / "skeleton" / "dataset.md.txt"
 #: As the Hub sorts data sets by size: below so many rows, such a category.
@@ -70,8 +69,8 @@ class Contents:
         undecoded: environments that were left out because their source is no UTF-8.
     """
 
-    def __init__(self, title: str, likeness: Likeness, licences: Licences) -> None:
-        self.title, self.likeness, self.licences = title, likeness, licences
+    def __init__(self, title: str, duplicates: Duplicates, licences: Licences) -> None:
+        self.title, self.duplicates, self.licences = title, duplicates, licences
         self.rows: Counter[str] = Counter()
         self.groups: dict[str, set[int]] = {name: set() for name in SPLITS}
         self.settings: Counter[tuple[Any, ...]] = Counter()
@@ -99,9 +98,9 @@ class Contents:
         return ", ".join(f"{name} {self.rows[name]:,}" for name in SPLITS if self.rows[name])
 
 
-def card(store: Store, contents: Contents) -> str:
+def card(store: Store, contents: Contents, described: Iterable[tuple[str, str, str]]) -> str:
     """The whole card. Raises CorpusDamaged."""
-    from envcraft.commands.choices import all_checks
+    from envcraft.judging.selection import all_checks
 
     checks = all_checks()
     survey = Survey(check.name for check in checks)
@@ -118,7 +117,7 @@ def card(store: Store, contents: Contents) -> str:
             ("split", "environments", "groups"),
             [(name, contents.rows[name], len(contents.groups[name])) for name in SPLITS if contents.rows[name]],
         ),
-        "COLUMNS": columns(COLUMNS),
+        "COLUMNS": columns(described),
         "JUDGED": _left_out(contents),
         "LICENCE": _licence(contents.licences),
         "VERSION": __version__,
@@ -129,8 +128,8 @@ def card(store: Store, contents: Contents) -> str:
         "YIELDS": _yields(survey),
         "CHECKS": _checks(survey),
         "CODES": _codes(survey, rules),
-        "TOTAL": f"{contents.likeness.environments:,}",
-        "COPIES": _copies(contents.likeness),
+        "TOTAL": f"{contents.duplicates.environments:,}",
+        "COPIES": _copies(contents.duplicates),
     }
     return re.sub(r"@([A-Z]+)@", lambda found: words[found[1]], _TEMPLATE.read_text("utf-8"))
 
@@ -215,12 +214,12 @@ def _codes(survey: Survey, rules: dict[str, str]) -> str:
     return table(("code", "rule", "severity", "environments", "share of those with a verdict", "interval"), rows)
 
 
-def _copies(likeness: Likeness) -> str:
+def _copies(duplicates: Duplicates) -> str:
     rows = []
-    for name, layer in likeness.layers.items():
+    for name, layer in duplicates.layers.items():
         rows.append((name, layer.keyed, len(layer.clusters), sum(len(members) - 1 for members in layer.clusters)))
-    extra = sum(len(cluster.members) - 1 for cluster in likeness.clusters)
-    rows.append(("all layers", likeness.environments, len(likeness.clusters), extra))
+    extra = sum(len(cluster.members) - 1 for cluster in duplicates.clusters)
+    rows.append(("all layers", duplicates.environments, len(duplicates.clusters), extra))
     return table(("layer", "compared", "clusters", "environments beside the best of theirs"), rows)
 
 
@@ -243,7 +242,7 @@ def columns(told: Iterable[tuple[str, str, str]]) -> str:
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
-    """A table in Markdown; values are text in it, whatever they look like."""
+    """Write a table in Markdown; values are escaped."""
     lines = [_line(head), "|" + "---|" * len(head)]
     return "\n".join([*lines, *(_line([_cell(value) for value in row]) for row in rows)])
 

@@ -1,7 +1,7 @@
 """A data set of a corpus in the layout of the Hugging Face Hub: parquet files for each split, and a card.
 
 Copies are in one split (:mod:`envcraft.corpus.splits`). With one version of pyarrow the same corpus gives the same
-files, whatever the order in which environments were added.
+files, independent of the order in which environments were added.
 """
 
 from __future__ import annotations
@@ -10,11 +10,11 @@ import importlib.util
 import json
 from typing import TYPE_CHECKING, Any
 
-from envcraft.corpus.export import Exported, Exporter, Order, fresh_folder
+from envcraft.corpus.export.exporter import Exported, Exporter, Order, fresh_folder
 from envcraft.corpus.export.shards import SPLITS, Shards
 from envcraft.errors import UsageError
 from envcraft.plugins import hookimpl
-from envcraft.reports import plural
+from envcraft.text import plural
 
 if TYPE_CHECKING:
     import pyarrow
@@ -54,12 +54,12 @@ class DatasetExporter(Exporter):
         missing = [name for name in _NEEDED if importlib.util.find_spec(name) is None]
         if missing:
             raise UsageError(f"a data set needs {' and '.join(missing)}: pip install 'envcraft-rl[publish]'")
-        from envcraft.corpus import likeness
+        from envcraft.corpus import deduplication
         from envcraft.corpus.export.card import Contents, Licences, card
 
         with fresh_folder(order.output) as folder:
-            found = likeness.clusters(order.store)
-            groups, splits = _divided(order, likeness.grouped(order.store, found))
+            found = deduplication.clusters(order.store)
+            groups, splits = _divided(order, deduplication.grouped(order.store, found))
             contents = Contents(order.name or order.title, found, Licences(order.licence))
             with Shards(folder / "data", _schema()) as files:
                 for environment in order.environments():
@@ -68,7 +68,7 @@ class DatasetExporter(Exporter):
                         _write(order, environment, groups[environment.name], splits[environment.name], files, contents)
             if not contents.rows.total():
                 raise order.nothing()
-            (folder / "README.md").write_text(card(order.store, contents), "utf-8")
+            (folder / "README.md").write_text(card(order.store, contents, COLUMNS), "utf-8")
         told = [f"{order.output} has {plural(contents.rows.total(), 'environment')}: {contents.shares}; in Python"]
         if contents.undecoded:
             told.insert(0, f"left out, since they are no UTF-8: {contents.undecoded:,}")

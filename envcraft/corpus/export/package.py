@@ -11,13 +11,13 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from envcraft.corpus.export import Exported, Exporter, Order, fresh_folder
+from envcraft.corpus.export.exporter import Exported, Exporter, Order, fresh_folder
 from envcraft.errors import UsageError
 from envcraft.plugins import hookimpl
-from envcraft.reports import one_line, plural
+from envcraft.text import one_line, plural
 
 _SKELETON = Path(__file__).parent / "skeleton"
-#: Of ``envcraft_runtime``, what makes an environment of a class; each package has its own copy.
+#: Of ``envcraft_protocol``, what makes an environment of a class; each package has its own copy.
 _RUNTIME = ("__init__.py", "adapters.py", "classes.py")
 _ALWAYS = ("gymnasium>=1.0", "numpy>=1.26")
 #: Distributions of what the built-in contracts let environments import, but for those that are always required.
@@ -34,7 +34,7 @@ class PackageExporter(Exporter):
         if order.licence is not None:
             raise UsageError("--licence is for the card of --to hf; a package's goes into its pyproject.toml")
         package = package_name(order)
-        from envcraft.target import imported
+        from envcraft.model.target import imported
 
         modules: set[str] = set()
         entries: list[dict[str, Any]] = []
@@ -95,10 +95,10 @@ class _Names:
 
 def _entry(environment: Exported, package: str, module: str) -> dict[str, Any]:
     """What the package knows of an environment: where it is, and what was judged of it. Raises UsageError."""
-    from envcraft.corpus.settings import contract_digest
+    from envcraft.contracts.lookup import contract_named
+    from envcraft.corpus.ids import identifier
     from envcraft.corpus.store import decode
-    from envcraft.using.ids import identifier
-    from envcraft.using.sources import contract_named
+    from envcraft.judging.settings import contract_digest
 
     judged = decode(environment.report).env_class if environment.report else None
     contract = contract_named(environment.contract or "arcade")
@@ -135,7 +135,7 @@ def _requirements(modules: Iterable[str]) -> list[str]:
 def _write_code(folder: Path) -> None:
     for name in ("__init__.py", "_making.py"):
         (folder / name).write_bytes((_SKELETON / name).read_bytes())
-    spec = importlib.util.find_spec("envcraft_runtime")
+    spec = importlib.util.find_spec("envcraft_protocol")
     assert spec is not None
     assert spec.origin is not None
     (folder / "_runtime").mkdir()
@@ -146,7 +146,7 @@ def _write_code(folder: Path) -> None:
 def _write_texts(folder: Path, package: str, entries: list[dict[str, Any]], requirements: list[str]) -> None:
     import msgspec
 
-    from envcraft import __version__
+    from envcraft.version import __version__
 
     told = msgspec.json.encode({"schema": 1, "envcraft": __version__, "environments": entries})
     (folder / package / "environments.json").write_bytes(msgspec.json.format(told, indent=1) + b"\n")

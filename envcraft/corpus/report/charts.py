@@ -11,7 +11,7 @@ import numpy as np
 from envcraft.corpus.report.data import Attempt, CheckRow, CodeRow, Measure, Stage
 from envcraft.corpus.report.players import PlayerRow
 from envcraft.corpus.report.svg import COLOURS, markup
-from envcraft.stats import Proportion
+from envcraft.judging.statistics import Proportion
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -1,6 +1,7 @@
-"""What the list of environments loads while somebody reads: scripts of rows, and of all that is said about each.
+"""The data that the list of environments loads in chunks: rows of the list, and details of each environment.
 
-Scripts, since a page that was opened as a file may load nothing else. Each calls ``envcraft(kind, number, data)``.
+Each chunk is a script that calls ``envcraft(kind, number, data)``, because a page that is opened as a file can load
+nothing but scripts.
 """
 
 from __future__ import annotations
@@ -12,19 +13,20 @@ from typing import Any
 
 import msgspec
 
-from envcraft.check import Rule
 from envcraft.corpus.report.data import Entry
-from envcraft.reports import one_line, printable, repro_words
-from envcraft.verdict import CheckReport, Finding, Verdict, plain
+from envcraft.judging.check import Rule
+from envcraft.model.verdict import CheckReport, Finding, Verdict, plain
+from envcraft.reports.summary import repro_words
+from envcraft.text import one_line, printable
 
-#: Rows of a script, and bytes of a script about environments after which the next one begins.
+#: The rows of a chunk, and the size in bytes after which a chunk of details ends.
 ROWS, DETAIL = 500, 192 * 1024
-#: Characters of a source, and of one piece of evidence, that are shown.
+#: The characters of a source, and of one piece of evidence, that are shown.
 _SOURCE, _EVIDENCE = 400_000, 4_000
 
 
 class Legend:
-    """Numbers for words that many rows have."""
+    """Numbers for words that occur in many rows."""
 
     def __init__(self) -> None:
         self.words: list[str] = []
@@ -38,7 +40,7 @@ class Legend:
 
 
 class Chunks:
-    """Writes the scripts below `folder`. Call :meth:`end` after the last environment."""
+    """Writes the chunks below a folder. Call :meth:`end` after the last environment."""
 
     def __init__(self, folder: Path, rules: dict[str, Rule]) -> None:
         self._folder = folder
@@ -50,13 +52,24 @@ class Chunks:
         self.rows = self.details = 0
         folder.mkdir()
 
-    def add(self, entry: Entry, source: bytes, lines: int, command: str, picture: bool, alike: Sequence[Any]) -> None:
-        """One environment. `command` judges it again; `alike` are numbers and names of its near-duplicates."""
+    def add(
+        self, entry: Entry, source: bytes, lines: int, command: str, preview: bool, duplicates: Sequence[Any]
+    ) -> None:
+        """Add an environment.
+
+        Args:
+            entry: the environment.
+            source: its source.
+            lines: how many lines its source has.
+            command: the command that judges it again; empty if there is no verdict.
+            preview: whether it has a preview.
+            duplicates: the numbers and names of its duplicates.
+        """
         report = entry.report
         checks = [] if report is None else report.checks
         failed = [self.checks.number(check.check) for check in checks if check.verdict is Verdict.FAIL]
-        # Every word in it is printable, and so has an encoding.
-        detail = msgspec.json.encode(self._detail(entry, checks, source, command, alike))
+        # All text in it is printable and can be encoded.
+        detail = msgspec.json.encode(self._detail(entry, checks, source, command, duplicates))
         if self._details and self._size + len(detail) > DETAIL:
             self._write_details()
         self._details.append(detail)
@@ -70,7 +83,7 @@ class Chunks:
                 0 if report is None else report.steps,
                 0 if report is None else round(report.seconds, 2),
                 lines,
-                int(picture),
+                int(preview),
                 self.details,
             ]
         )
@@ -78,14 +91,14 @@ class Chunks:
             self._write_rows()
 
     def end(self) -> None:
-        """Write what is left."""
+        """Write the last chunks."""
         if self._rows:
             self._write_rows()
         if self._details:
             self._write_details()
 
     def _detail(
-        self, entry: Entry, checks: list[CheckReport], source: bytes, command: str, alike: Sequence[Any]
+        self, entry: Entry, checks: list[CheckReport], source: bytes, command: str, duplicates: Sequence[Any]
     ) -> dict[str, Any]:
         text = source.decode("utf-8", "replace")
         return {
@@ -100,7 +113,7 @@ class Chunks:
             "checks": [[one_line(c.check), c.verdict.value, c.seconds, one_line(c.reason)] for c in checks],
             "findings": [self._finding(check, finding) for check in checks for finding in check.findings],
             "command": command,
-            "alike": alike,
+            "duplicates": duplicates,
             "source": printable(text[:_SOURCE]),
             "cut": len(text) > _SOURCE,
         }

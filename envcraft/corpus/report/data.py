@@ -5,7 +5,6 @@ Kept are a few numbers for each environment; reports and sources are read one by
 
 from __future__ import annotations
 
-import json
 from array import array
 from collections import Counter
 from collections.abc import Iterable, Iterator
@@ -15,9 +14,9 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from envcraft.corpus.store import Environment, Store, decode
-from envcraft.stats import Proportion
-from envcraft.verdict import Severity, SubjectReport, Verdict
+from envcraft.corpus.store import Environment, Store, decode, verdicts
+from envcraft.judging.statistics import Proportion
+from envcraft.model.verdict import Severity, SubjectReport, Verdict
 
 #: What has no verdict on its present source.
 NONE = "none"
@@ -27,11 +26,6 @@ FAR, _MAD = 3.5, 0.6745
 TIMES = 1.5
 #: With fewer values, nothing is called an outlier.
 _FEWEST = 8
-_ROWS = (
-    "SELECT name, environments.source, environments.class, origin, added, verdicts.settings, report "
-    "FROM environments LEFT JOIN verdicts ON verdicts.id = environments.verdict "
-    "AND verdicts.source = environments.source AND verdicts.class = environments.class ORDER BY name"
-)
 
 
 class Entry(msgspec.Struct, frozen=True):
@@ -61,10 +55,9 @@ class Entry(msgspec.Struct, frozen=True):
 
 def entries(store: Store) -> Iterator[Entry]:
     """Every environment with its report. Raises CorpusDamaged."""
-    for number, row in enumerate(store.db.execute(_ROWS)):
-        name, source, env_class, origin, added, settings, report = row
-        judged = None if report is None else decode(report)
-        yield Entry(number, Environment(name, source, env_class), json.loads(origin), added, settings, judged)
+    for number, row in enumerate(verdicts.last(store)):
+        report = None if row.report is None else decode(row.report)
+        yield Entry(number, row.environment, row.origin, row.added, row.number, report)
 
 
 class Stage(msgspec.Struct, frozen=True):
@@ -90,7 +83,7 @@ class Stage(msgspec.Struct, frozen=True):
 
 
 class CheckRow(msgspec.Struct):
-    """One check over all environments, whatever the others said: counts by verdict, and seconds in all."""
+    """One check over all environments: the counts by verdict, and the seconds in total."""
 
     name: str
     verdicts: Counter[str]
@@ -190,7 +183,7 @@ class Survey:
         self._checks: dict[str, CheckRow] = {}
         self._codes: dict[str, CodeRow] = {}
         self._attempts: dict[int, Attempt] = {}
-        #: How many environments came by which verdicts: the cascade is told from these.
+        #: The numbers of environments by the verdicts of their checks; the cascade is computed from them.
         self._ways: Counter[tuple[tuple[str, Verdict], ...]] = Counter()
 
     def take(self, entry: Entry, lines: int) -> None:

@@ -1,7 +1,6 @@
-"""Pictures of environments: a few frames of one random episode each, below one another in one small file.
+"""Previews of environments: a few frames of one random episode each, one below the other in one small file.
 
-They are played in the sandbox, once for each source, and kept in the corpus by the digest of their contents. A row of
-``previews`` names the file of a source and class, or none where an environment shows no picture.
+Each source is played once, in the sandbox. The files are stored in the corpus by the digest of their contents.
 """
 
 from __future__ import annotations
@@ -14,41 +13,40 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-import click
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from envcraft.budget import BUDGETS
-from envcraft.check import Check
-from envcraft.contract import Contract
-from envcraft.corpus.audit import stored
-from envcraft.corpus.settings import contract_digest
-from envcraft.corpus.store import Environment, Store
-from envcraft.engine import Plan, stream
-from envcraft.events import SubjectFinished
-from envcraft.frames import rgb, seen, sighted
-from envcraft.pool import Pool
-from envcraft.rollout import Conditions
-from envcraft.sandbox import Driver, Limits
-from envcraft.subject import Subject
-from envcraft.verdict import Finding, Verdict
+from envcraft.corpus.audit import stored_targets
+from envcraft.corpus.store import Environment, Store, previews
+from envcraft.judging.budget import BUDGETS
+from envcraft.judging.check import Check
+from envcraft.judging.driver import Driver, Limits
+from envcraft.judging.engine import Plan, stream
+from envcraft.judging.frame_renderer import frames_of, rgb, with_frames
+from envcraft.judging.settings import contract_digest
+from envcraft.judging.subject import Subject
+from envcraft.judging.worker_pool import WorkerPool
+from envcraft.model.contract import Contract
+from envcraft.model.events import SubjectFinished
+from envcraft.model.rollout import Conditions
+from envcraft.model.verdict import Finding, Verdict
 
 MEDIA = "media"
-#: Pixels of either side of a frame, frames of a preview, and steps of the episode that they are taken from.
+#: The side of a frame in pixels, the frames of a preview, and the steps of the episode that they are from.
 SIDE, FRAMES, STEPS = 84, 12, 60
-#: Bytes of one preview, at the most.
-MOST = 10 * 1024
-#: What is tried in turn until a preview is small enough: frames, and quality; None loses nothing.
+#: The maximum size of a preview in bytes.
+MAX_BYTES = 10 * 1024
+#: Frames and quality to try in turn until a preview is small enough; the quality None is lossless.
 _CODINGS: tuple[tuple[int, int | None], ...] = ((FRAMES, None), (FRAMES, 60), (FRAMES, 25), (6, 25), (3, 10), (1, 0))
-#: Part of the recipe: another number, and every preview is made anew.
+#: Part of the recipe; another version makes all previews again.
 _VERSION = 1
 _LIMITS = Limits(job=20.0, total=40.0)
-_TELL_EVERY = 15.0
+_MESSAGE_EVERY = 15.0
 
 
 class _Preview(Check):
-    """Judges nothing: plays a little with held actions, and gives the pictures to `take`."""
+    """Judges nothing: plays a few steps with sticky random actions and passes the encoded frames to a function."""
 
     name = "preview"
     rules = ()
@@ -57,18 +55,18 @@ class _Preview(Check):
         self._take = take
 
     def judge(self, subject: Subject) -> Iterator[Finding]:
-        conditions = sighted(subject, Conditions())
-        rollout = subject.players.sticky(0).cut(STEPS).under(conditions)
-        # Not remembered: nobody asks for it a second time.
+        conditions = with_frames(subject, Conditions())
+        rollout = subject.probes.sticky(0).cut(STEPS).under(conditions)
+        # Not cached, because no check needs this rollout again.
         trace = subject.rerun(msgspec.structs.replace(rollout, keep=STEPS + 1))
-        frames = [picture for frame in seen(trace) if (picture := rgb(frame)) is not None]
+        frames = [picture for frame in frames_of(trace) if (picture := rgb(frame)) is not None]
         if frames:
             self._take(subject.target.path, encode(frames))
         return iter(())
 
 
 def pillow() -> Any:
-    """The module ``PIL.Image`` where pictures can be written, else None."""
+    """The module ``PIL.Image``; None if Pillow is not installed or cannot write WebP."""
     try:
         from PIL import Image, features
     except ImportError:
@@ -77,8 +75,13 @@ def pillow() -> Any:
 
 
 def encode(frames: Sequence[NDArray[np.uint8]]) -> bytes:
-    """Frames (height, width, 3), not all of which are taken, as one WebP file of at most `MOST` bytes: `SIDE` wide, one
-    square below the other. Needs Pillow.
+    """Encode some frames as one WebP file, one square below the other. Needs Pillow.
+
+    Args:
+        frames: RGB frames, each of shape (height, width, 3).
+
+    Returns:
+        A file of at most `MAX_BYTES` bytes, `SIDE` pixels wide.
     """
     image = pillow()
     data = b""
@@ -88,13 +91,13 @@ def encode(frames: Sequence[NDArray[np.uint8]]) -> bytes:
         written = io.BytesIO()
         image.fromarray(strip).save(written, "WEBP", lossless=quality is None, quality=quality or 0, method=4)
         data = written.getvalue()
-        if len(data) <= MOST:
+        if len(data) <= MAX_BYTES:
             break
     return data
 
 
 def _square(image: Any, frame: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """A frame in the middle of a square, as large as fits."""
+    """Scale a frame to fit a square of `SIDE` pixels, centred on black."""
     if frame.shape[:2] == (SIDE, SIDE):
         return frame
     height, width = frame.shape[:2]
@@ -108,99 +111,105 @@ def _square(image: Any, frame: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 
 def place(store: Store, sha256: str) -> Path:
-    """Where a preview lies, or would."""
+    """The path of a preview, whether it exists or not."""
     return store.root / MEDIA / sha256[:2] / f"{sha256}.webp"
 
 
 def preview(store: Store, environment: Environment) -> Path | None:
-    """The file with an environment's preview, if there is one."""
-    row = store.db.execute(
-        "SELECT media FROM previews WHERE source = ? AND class = ? AND media IS NOT NULL",
-        (environment.source, environment.env_class),
-    ).fetchone()
-    file = None if row is None else place(store, row[0])
+    """The file of an environment's preview; None if there is none."""
+    sha256 = previews.media(store, environment)
+    file = None if sha256 is None else place(store, sha256)
     return file if file is not None and file.is_file() else None
 
 
-def make(store: Store, contract: Contract, otherwise: str, driver: Driver, workers: int | None = None) -> int:
-    """Play what was last judged under this contract and has no preview yet, but for what `source` refused; give how
-    many were played. What was never judged counts as judged under the contract called `otherwise`.
+def make(
+    store: Store,
+    contract: Contract,
+    default: str,
+    driver: Driver,
+    workers: int | None = None,
+    message: Callable[[str], None] = lambda text: None,
+) -> int:
+    """Make the missing previews of environments whose last verdict is under a contract.
 
-    Each is written down as it comes, so that whatever ends this costs only those in flight. Raises OSError, and what
-    the sandbox raises.
+    Environments that the check `source` refused have none. Each preview is stored as soon as it is made.
+
+    Args:
+        store: the corpus, open for writing.
+        contract: the contract.
+        default: the name of the contract of environments without a verdict.
+        driver: the sandbox driver.
+        workers: how many environments to play at the same time; None for as many as there are cores.
+        message: called with each line about the progress.
+
+    Returns:
+        How many environments were played.
+
+    Raises:
+        OSError: if a preview cannot be written.
+        EnvCraftError: if the sandbox does not work.
     """
     recipe = f"{_VERSION} {contract_digest(contract)}"
-    found = store.db.execute(
-        "SELECT min(name), source, class FROM environments LEFT JOIN previews USING (source, class) "
-        "WHERE recipe IS NOT ? AND coalesce(verdict, 0) NOT IN "
-        "(SELECT verdict FROM findings WHERE rule_check = 'source' AND severity = 'error') "
-        "AND coalesce((SELECT contract FROM verdicts JOIN settings ON settings.id = verdicts.settings "
-        "WHERE verdicts.id = environments.verdict), ?) = ? GROUP BY source, class ORDER BY 1",
-        (recipe, otherwise, contract.name),
-    )
-    pending = [Environment(*row) for row in found]
+    pending = previews.pending(store, recipe, contract.name, default)
     if not pending:
         return 0
     made: dict[str, bytes] = {}
-    targets = stored(store, pending)
+    targets = stored_targets(store, pending)
     plan = Plan(targets, contract, driver, [_Preview(made.__setitem__)], BUDGETS["quick"], limits=_LIMITS)
-    told = time.monotonic()
-    with Pool(driver, _LIMITS, len(pending)) as pool, contextlib.closing(stream(plan, workers, pool)) as events:
+    last = time.monotonic()
+    with WorkerPool(driver, _LIMITS, len(pending)) as pool, contextlib.closing(stream(plan, workers, pool)) as events:
         done = 0
         for number, event in events:
             if not isinstance(event, SubjectFinished):
                 continue
             environment, done = pending[number - 1], done + 1
             data = made.pop(environment.name, None)
-            # What the sandbox could not do is tried again the next time.
+            # An environment that could not be played is tried again by the next report.
             if event.report.verdict is not Verdict.ERROR:
                 record(store, environment, recipe, data)
-            if time.monotonic() - told > _TELL_EVERY:
-                told = time.monotonic()
-                click.echo(f"{done:,} of {len(pending):,} previews", err=True)
+            if time.monotonic() - last > _MESSAGE_EVERY:
+                last = time.monotonic()
+                message(f"{done:,} of {len(pending):,} previews")
     _prune(store)
     return len(pending)
 
 
 def record(store: Store, environment: Environment, recipe: str, data: bytes | None) -> None:
-    """Write down an environment's preview, None where it shows none. Raises OSError."""
+    """Store an environment's preview; None if it shows no picture.
+
+    Raises:
+        OSError: if the file cannot be written.
+    """
     sha256 = None
     if data is not None:
         sha256 = hashlib.sha256(data).hexdigest()
         if not place(store, sha256).exists():
             store.keep(place(store, sha256), data)
-    store.db.execute(
-        "INSERT OR REPLACE INTO previews VALUES (?, ?, ?, ?)",
-        (environment.source, environment.env_class, recipe, sha256),
-    )
+    previews.record(store, environment, recipe, sha256)
 
 
 def _prune(store: Store) -> None:
-    """Forget the previews of what is no longer in the corpus."""
-    store.db.execute(
-        "DELETE FROM previews WHERE NOT EXISTS (SELECT 1 FROM environments "
-        "WHERE environments.source = previews.source AND environments.class = previews.class)"
-    )
+    """Delete the previews of sources that the corpus no longer has."""
+    previews.prune(store)
     for file in files(store):
-        if not _named(store, file):
+        if not _is_referenced(store, file):
             file.unlink(missing_ok=True)
 
 
 def files(store: Store) -> list[Path]:
-    """Everything that lies among the previews."""
+    """All files in the folder of previews, sorted."""
     return sorted(file for file in (store.root / MEDIA).rglob("*") if file.is_file())
 
 
-def _named(store: Store, file: Path) -> bool:
-    named = store.db.execute("SELECT 1 FROM previews WHERE media = ? LIMIT 1", (file.stem,)).fetchone()
-    return named is not None and file == place(store, file.stem)
+def _is_referenced(store: Store, file: Path) -> bool:
+    return previews.is_referenced(store, file.stem) and file == place(store, file.stem)
 
 
 def verify(store: Store, repair: bool) -> Iterator[str]:
-    """What is wrong with the previews, in words; with `repair` it is taken out, for the next report to make anew."""
+    """Yield what is wrong with the previews; with `repair`, remove it."""
     for file in files(store):
         name = file.relative_to(store.root)
-        if not _named(store, file):
+        if not _is_referenced(store, file):
             words = f"{name} belongs to no environment"
         elif (sha256 := hashlib.sha256(file.read_bytes()).hexdigest()) != file.stem:
             words = f"{name} has the digest {sha256}"
@@ -209,9 +218,9 @@ def verify(store: Store, repair: bool) -> Iterator[str]:
         if repair:
             file.unlink()
         yield words
-    for source, sha256 in store.db.execute("SELECT source, media FROM previews WHERE media IS NOT NULL").fetchall():
+    for source, sha256 in previews.rows(store):
         if place(store, sha256).is_file():
             continue
         if repair:
-            store.db.execute("DELETE FROM previews WHERE media = ?", (sha256,))
+            previews.forget(store, sha256)
         yield f"the preview of source {source[:12]} is missing"

@@ -1,4 +1,4 @@
-"""How hard the environments are: what came out of the episodes that were recorded of each player."""
+"""The section of the report on how hard the environments are: the outcomes of each player's recorded episodes."""
 
 from __future__ import annotations
 
@@ -7,15 +7,19 @@ from collections.abc import Sequence
 import msgspec
 import numpy as np
 
-from envcraft.corpus.store import Store
-from envcraft.demonstrations import keeping
-from envcraft.stats import Proportion
+from envcraft.corpus.store import Store, demonstrations
+from envcraft.judging.statistics import Proportion
 
 
 class PlayerRow(msgspec.Struct, frozen=True):
-    """One player's whole episodes over all environments: quantiles at 10, 50 and 90% of their steps and returns.
+    """The complete episodes of one player in all environments.
 
-    `rate` is of those that tell whether they were won.
+    Attributes:
+        name: the player.
+        episodes: how many episodes.
+        steps: the 10%, 50% and 90% quantiles of their steps.
+        total: the same quantiles of their returns.
+        rate: the share of won episodes, of those that report success.
     """
 
     name: str
@@ -26,14 +30,17 @@ class PlayerRow(msgspec.Struct, frozen=True):
 
 
 def player_rows(store: Store) -> list[PlayerRow]:
-    """The one whose episodes are shortest first; those without a whole episode are left out."""
-    found = []
-    for name, outcomes in keeping.outcomes(store).items():
-        told = [bool(outcome.success) for outcome in outcomes if outcome.success is not None]
+    """The players with complete episodes, the one with the shortest episodes first."""
+    by_player: dict[str, list[demonstrations.EpisodeOutcome]] = {}
+    for player, outcome in demonstrations.outcomes(store):
+        by_player.setdefault(player, []).append(outcome)
+    rows = []
+    for name, outcomes in by_player.items():
+        won = [bool(outcome.success) for outcome in outcomes if outcome.success is not None]
         steps = _quantiles([outcome.steps for outcome in outcomes])
         total = _quantiles([outcome.total for outcome in outcomes])
-        found.append(PlayerRow(name, len(outcomes), steps, total, Proportion(sum(told), len(told))))
-    return sorted(found, key=lambda row: row.steps[1])
+        rows.append(PlayerRow(name, len(outcomes), steps, total, Proportion(sum(won), len(won))))
+    return sorted(rows, key=lambda row: row.steps[1])
 
 
 def _quantiles(values: Sequence[float]) -> tuple[float, float, float]:

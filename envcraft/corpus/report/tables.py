@@ -14,11 +14,11 @@ from typing import Any
 
 import msgspec
 
-from envcraft import __version__
-from envcraft.check import Rule
 from envcraft.corpus.report.data import Entry, Survey
-from envcraft.stats import Proportion
-from envcraft.verdict import plain
+from envcraft.judging.check import Rule
+from envcraft.judging.statistics import Proportion
+from envcraft.model.verdict import plain
+from envcraft.version import __version__
 
 SCHEMA = 1
 STAGES = ("stage", "input", "failed", "not_judged", "skipped", "output", "pass_rate", "low", "high")

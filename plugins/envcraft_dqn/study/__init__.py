@@ -1,1 +1,1 @@
-"""``envcraft study generalisation``: does an agent play better than chance in environments that it has never seen?"""
+"""``envcraft study``: experiments over many environments, from their selection to a report."""

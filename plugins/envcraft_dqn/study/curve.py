@@ -1,62 +1,59 @@
-"""The learning curve of one training, a line of JSON a point, which outlives the process that trains."""
+"""The learning curve of a training, stored as JSON lines."""
 
 from __future__ import annotations
 
 import json
-import os
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from envcraft_dqn.telling import Counter
+from envcraft_dqn.callbacks import EpisodeStatistics
+from envcraft_dqn.files import write_atomically
 
-#: Of each phase.
+#: The number of points per phase.
 POINTS = 100
-#: That a mean over episodes is taken over at least: with fewer, they wait for the next point.
-_EPISODES = 10
+#: The minimum number of episodes in a mean. With fewer, episodes count towards the next point.
+_MIN_EPISODES = 10
 
 
-class Curve(Counter):
-    """Writes points into `file`: means since the last one, over updates and over episodes that ended by themselves.
+class LearningCurve(EpisodeStatistics):
+    """Writes points to `file`: means over the updates and the finished episodes since the last point.
 
-    A run that goes on from a checkpoint takes back the points that came after it.
+    A run that resumes from a checkpoint removes the points after it.
     """
 
     def __init__(self, file: Path) -> None:
         super().__init__()
         self._file = file
         self._points = read(file)
-        self.begin("", 0, 0)
+        self.on_phase_start("", 0, 0)
 
-    def begin(self, phase: str, done: int, total: int, updates: int = 0) -> None:
-        self._phase, self._each = phase, max(total / POINTS, 1.0)
-        self._next = (done // self._each + 1) * self._each
+    def on_phase_start(self, phase: str, done: int, total: int, updates: int = 0) -> None:
+        self._phase, self._interval = phase, max(total / POINTS, 1.0)
+        self._next = (done // self._interval + 1) * self._interval
         self._points = [point for point in self._points if point["phase"] != phase or point["done"] <= done]
 
-    def progress(self, steps: int, updates: int, done: int, epsilon: float | None = None) -> None:
+    def on_progress(self, steps: int, updates: int, done: int, epsilon: float | None = None) -> None:
         if done < self._next:
             return
-        self._next = (done // self._each + 1) * self._each
+        self._next = (done // self._interval + 1) * self._interval
         point = {"phase": self._phase, "done": done, "steps": steps, "updates": updates}
-        for name, values, least in (
+        for name, values, minimum in (
             ("loss", self._losses, 1),
-            ("return", self._returns, _EPISODES),
-            ("length", self._lengths, _EPISODES),
+            ("return", self._returns, _MIN_EPISODES),
+            ("length", self._lengths, _MIN_EPISODES),
         ):
-            point[name] = float(np.mean(values)) if len(values) >= least else None
-            if len(values) >= least:
+            point[name] = float(np.mean(values)) if len(values) >= minimum else None
+            if len(values) >= minimum:
                 values.clear()
         self._points.append(point)
-        self._file.parent.mkdir(parents=True, exist_ok=True)
-        # A run that is killed here goes on from a checkpoint, and has the points before that in this file alone.
-        new = self._file.with_suffix(".new")
-        new.write_text("".join(f"{json.dumps(one)}\n" for one in self._points), "utf-8")
-        os.replace(new, self._file)
+        # Earlier points exist only in this file, so a killed process must not truncate it.
+        write_atomically(self._file, "".join(f"{json.dumps(one)}\n" for one in self._points))
 
 
 def read(file: Path) -> list[dict[str, Any]]:
-    """The points of a curve; none where there is no such file. A line that was being written is left out."""
+    """The points of a curve, or none without a file. An incomplete last line is ignored."""
     if not file.is_file():
         return []
     lines = file.read_text("utf-8").splitlines()

@@ -1,50 +1,62 @@
-"""A study from its first environment to its report."""
+"""A study, from its environments to its report."""
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 from pathlib import Path
 
 import msgspec
 
+from envcraft.corpus.executors import ExecutorPlugin
 from envcraft.errors import EnvCraftError, UsageError
-from envcraft.executors import ExecutorPlugin
-from envcraft.reports import plural
-from envcraft_dqn.lock import alone
-from envcraft_dqn.study import places, privileged, running
-from envcraft_dqn.study.places import Chosen, Place
+from envcraft.text import plural
+from envcraft_dqn.files import exclusive, write_atomically
+from envcraft_dqn.study import privileged, runner, selection
 from envcraft_dqn.study.protocol import Protocol, Task, tasks
-from envcraft_dqn.study.work import Order
+from envcraft_dqn.study.selection import EnvFactory, StudyEnv
+from envcraft_dqn.study.worker import TaskRequest
 
 _PLAN = "study.json"
 
 
 class _Plan(msgspec.Struct, frozen=True):
-    """What a folder's results are of."""
+    """The identity of a study, which its folder stores."""
 
     protocol: Protocol
-    environments: list[Chosen]
+    environments: list[StudyEnv]
     player: str
 
 
 class Experiment:
-    """A study whose environments and demonstrations are there, and which may have been begun."""
+    """A study whose environments exist.
+
+    Args:
+        protocol: The protocol.
+        folder: The folder of the study.
+        factory: Makes its environments.
+        environments: Its environments.
+        player: The name of the privileged player.
+        device: The torch device.
+        sandbox: The sandbox of the privileged player.
+
+    Raises:
+        UsageError: The folder has another study.
+        EnvCraftError: The folder cannot be written.
+    """
 
     def __init__(
         self,
         protocol: Protocol,
         folder: Path,
-        place: Place,
-        environments: list[Chosen],
+        factory: EnvFactory,
+        environments: list[StudyEnv],
         player: str,
         device: str,
         sandbox: str,
     ) -> None:
-        """Raises UsageError where the folder has another study."""
         self.protocol, self.folder, self.environments = protocol, folder, environments
         self.tasks = tasks(protocol, [one.name for one in environments])
-        self._place, self._player, self._device, self._sandbox = place, player, device, sandbox
+        self._factory, self._player, self._device, self._sandbox = factory, player, device, sandbox
         self._claim(_Plan(protocol, environments, player))
 
     @classmethod
@@ -59,64 +71,74 @@ class Experiment:
         device: str,
         workers: int | None,
     ) -> Experiment:
-        """Write the environments where no corpus is named, and record the demonstrations that are missing.
+        """Select or generate the environments, and record missing demonstrations.
 
-        Raises UsageError where the environments cannot be used, EnvCraftError where they cannot be played.
+        Args:
+            protocol: The protocol, whose metric and number of variants are replaced.
+            corpus: The corpus; None generates variants into a corpus in `folder`.
+            folder: The folder of the study.
+            patterns: Shell patterns of names of environments.
+            metric: ``length``, ``return``, or ``auto`` for length in the family tetris and return elsewhere.
+            sandbox: The sandbox of the privileged player.
+            device: The torch device.
+            workers: The number of processes; by default, one per core.
+
+        Raises:
+            UsageError: The environments cannot be used, or the options are incompatible.
+            EnvCraftError: The privileged player fails.
         """
         if corpus is None:
-            # What does not go together is told before anything is written.
+            # Incompatible options are reported before anything is written.
             tasks(protocol, [str(number) for number in range(protocol.variants)])
-            root = places.written(folder / "corpus", protocol.variants, protocol.seed)
+            root = selection.generate(folder / "corpus", protocol.variants, protocol.seed)
         else:
             root = corpus
-        environments = places.chosen(root, patterns)
+        environments = selection.select(root, patterns)
         if metric == "auto":
-            metric = "length" if all(one.family == places.FAMILY for one in environments) else "return"
+            metric = "length" if all(one.family == selection.FAMILY for one in environments) else "return"
         protocol = msgspec.structs.replace(protocol, metric=metric, variants=len(environments))
-        # Before anything that takes time.
+        # Incompatible options are reported before demonstrations are recorded.
         names = [one.name for one in environments]
         tasks(protocol, names)
-        place = places.place_of(root.resolve(), environments)
+        factory = selection.factory_for(root.resolve(), environments)
         player = privileged.player_for(environments)
-        experiment = cls(protocol, folder, place, environments, player.name, device, sandbox)
+        experiment = cls(protocol, folder, factory, environments, player.name, device, sandbox)
         steps = protocol.settings.demonstrations
         privileged.record(root, names, player, steps, protocol.seed, sandbox, workers or None)
         return experiment
 
-    def told(self) -> str:
-        """In words, how much there is to do."""
+    def summary(self) -> str:
+        """The size of the study as text."""
         return f"{plural(len(self.environments), 'environment')} in {plural(self.protocol.folds, 'fold')}, " + plural(
             len(self.tasks), "task"
         )
 
-    def run(self, plugin: ExecutorPlugin, workers: int | None, scheduler: str | None, tell: running.Tell) -> Path:
-        """Do what is left to do, and write the report; give its file."""
+    def run(
+        self, plugin: ExecutorPlugin, workers: int | None, scheduler: str | None, on_result: runner.OnResult
+    ) -> Path:
+        """Run the remaining tasks and write the report; return its file. See :func:`runner.run` for the arguments."""
         from envcraft_dqn.study.report import write
         from envcraft_dqn.study.summary import summarise
 
-        with alone(self.folder):
-            results = running.run(self.tasks, self._order, self.folder, plugin, workers, scheduler, tell)
+        with exclusive(self.folder):
+            results = runner.run(self.tasks, self._request, self.folder, plugin, workers, scheduler, on_result)
             kinds = {one.name: one.kind for one in self.environments}
             return write(self.folder, self.protocol, self._player, results, summarise(self.protocol, results, kinds))
 
-    def _order(self, task: Task) -> Order:
+    def _request(self, task: Task) -> TaskRequest:
         folder = str(self.folder.resolve())
-        return Order(
-            self.protocol, self._place, folder, task, self._player, self.environments, self._device, self._sandbox
+        return TaskRequest(
+            self.protocol, self._factory, folder, task, self._player, self.environments, self._device, self._sandbox
         )
 
     def _claim(self, plan: _Plan) -> None:
-        """Write down what the folder is for. Raises UsageError where that is something else."""
+        """Store the identity of the study in its folder. Raises UsageError if the folder has another study."""
         file = self.folder / _PLAN
         data = msgspec.json.format(msgspec.json.encode(plan), indent=1) + b"\n"
         try:
-            if file.is_file():
-                if file.read_bytes() != data:
-                    raise UsageError(f"{file} is that of another study; choose another --output, or the same options")
-                return
-            self.folder.mkdir(parents=True, exist_ok=True)
-            new = file.with_suffix(".new")
-            new.write_bytes(data)
-            os.replace(new, file)
+            if not file.is_file():
+                write_atomically(file, data)
+            elif file.read_bytes() != data:
+                raise UsageError(f"{file} belongs to another study; choose another --output, or the same options")
         except OSError as error:
             raise EnvCraftError(f"{file} cannot be written: {error.strerror or error}") from None

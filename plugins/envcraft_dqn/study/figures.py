@@ -1,4 +1,4 @@
-"""The figures of a study, drawn by matplotlib: ``NAME.png`` in a folder each."""
+"""The figures of a study as PNG files, drawn by matplotlib."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from envcraft_dqn.study.metric import Interval
 from envcraft_dqn.study.protocol import AGENT, SUBSET, Protocol
 from envcraft_dqn.study.summary import Condition, Summary
-from envcraft_dqn.study.work import Result
+from envcraft_dqn.study.worker import TaskResult
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -32,37 +32,42 @@ _WIDTH = 9.0
 
 
 def unit(protocol: Protocol) -> str:
-    """What the figures of environments are called."""
+    """The name of the metric with its unit."""
     if protocol.metric == "length":
         return "change of mean episode length over random play, %"
     return "return, 0 random, 100 privileged player"
 
 
-def draw(folder: Path, protocol: Protocol, results: Mapping[str, Result], summary: Summary) -> list[tuple[str, str]]:
-    """Draw all that there is something for; give the name and the words below each. Raises OSError."""
+def draw(
+    folder: Path, protocol: Protocol, results: Mapping[str, TaskResult], summary: Summary
+) -> list[tuple[str, str]]:
+    """Draw the figures that have data into a folder; return their names and captions. Raises OSError."""
     folder.mkdir(parents=True, exist_ok=True)
     drawn = []
     for name, condition in summary.conditions.items():
         if name in (AGENT, "pretrained"):
             _save(folder / f"{name}.png", 3.6, lambda axes, found=condition: _bars(axes, found, protocol))
-            held = f"{condition.over.count} environments that were held out"
-            words = "after pretraining alone" if name != AGENT else "after all of its training"
+            held_out = f"{condition.over.count} held-out environments"
+            when = "after pretraining alone" if name != AGENT else "after all of its training"
             drawn.append(
-                (name, f"The agent {words}, in {held}: each with its 95% interval, the mean and its interval.")
+                (
+                    name,
+                    f"The agent {when} in {held_out}, and the mean, with 95% confidence intervals.",
+                )
             )
     _save(folder / "conditions.png", 0.9 + 0.36 * len(summary.conditions), lambda axes: _dots(axes, protocol, summary))
-    drawn.append(("conditions", "The agent and its controls: means over environments with 95% intervals."))
+    drawn.append(("conditions", "The agent and its controls: means over environments with 95% confidence intervals."))
     sizes = _sizes(results, summary)
     if len(sizes) > 1:
         _save(folder / "scaling.png", 3.4, lambda axes: _scaling(axes, protocol, sizes))
-        drawn.append(("scaling", "By how many environments an agent was trained on."))
+        drawn.append(("scaling", "The metric by the number of training environments."))
     curves = [result for result in results.values() if result.curve and result.task.condition == AGENT]
     _save(folder / "curves.png", 4.8, lambda top, bottom: _curves(top, bottom, curves), 2)
     drawn.append(
         (
             "curves",
-            "Learning, a line a split: the loss, and the length of episodes in the environments of the training, of "
-            "those that ended before their turn did, random actions included.",
+            "Learning curves by split: the loss, and the length of training episodes, random actions included. The "
+            "lengths leave out episodes that a forced reset truncated.",
         )
     )
     return drawn
@@ -74,15 +79,15 @@ def _save(file: Path, height: float, paint: Callable[..., None], panels: int = 1
     with matplotlib.rc_context(_STYLE):
         from matplotlib.figure import Figure
 
-        # By itself, not by pyplot, which would look for a screen and keep it.
+        # Without pyplot, which would need a display backend and keep the figure.
         figure = Figure(figsize=(_WIDTH, height), layout="constrained")
         paint(*figure.subplots(panels, 1, squeeze=False)[:, 0])
-        # The same picture from the same numbers, whichever version drew it.
+        # Without the version of matplotlib, equal numbers give equal files.
         figure.savefig(file, dpi=110, metadata={"Software": None})
 
 
 def _bars(axes: Axes, condition: Condition, protocol: Protocol) -> None:
-    """Sorted bars with intervals, the mean as a line and its interval as a band."""
+    """Draw sorted bars with intervals, and the mean as a line with its interval as a band."""
     changes = sorted(condition.changes, key=lambda change: change.value)
     values = np.array([change.value for change in changes])
     places = np.arange(len(values))
@@ -108,20 +113,20 @@ def _dots(axes: Axes, protocol: Protocol, summary: Summary) -> None:
     for place, condition in enumerate(found):
         mean = condition.over.value
         axes.errorbar([mean.mean], [place], xerr=_errors([mean]), fmt="o", color=_MEAN, capsize=3)
-    # One that is far off leaves no room for the others.
+    # A linear scale would squeeze all other values if there is an outlier.
     if max(abs(condition.over.value.mean) for condition in found) > 100:
         axes.set_xscale("symlog", linthresh=10)
     axes.axvline(0, color=_SOFT, linewidth=0.8)
     axes.set_xlabel(unit(protocol))
 
 
-def _sizes(results: Mapping[str, Result], summary: Summary) -> list[tuple[int, Condition]]:
-    """How many environments were trained on, and what that led to, the fewest first."""
+def _sizes(results: Mapping[str, TaskResult], summary: Summary) -> list[tuple[int, Condition]]:
+    """The number of training environments and the results, sorted by that number."""
     count = {task.condition: len(task.environments) for task in (result.task for result in results.values())
              if task.kind == "train"}  # fmt: skip
-    wanted = (AGENT, SUBSET)
+    scaled = (AGENT, SUBSET)
     return sorted(
-        ((count[name], found) for name, found in summary.conditions.items() if name.startswith(wanted)),
+        ((count[name], found) for name, found in summary.conditions.items() if name.startswith(scaled)),
         key=lambda pair: pair[0],
     )
 
@@ -131,17 +136,17 @@ def _scaling(axes: Axes, protocol: Protocol, sizes: Sequence[tuple[int, Conditio
     places = [size for size, _ in sizes]
     axes.errorbar(places, [mean.mean for mean in means], yerr=_errors(means), fmt="o-", color=_MEAN, capsize=3)
     axes.axhline(0, color=_SOFT, linewidth=0.8)
-    axes.set_xlabel("environments of the training")
+    axes.set_xlabel("training environments")
     axes.set_ylabel(_wrapped(unit(protocol)))
 
 
 def _errors(means: Sequence[Interval]) -> NDArray[np.float64]:
-    """How far intervals reach to either side; 0 for that of a single environment, which has no bounds."""
+    """The widths of intervals on either side of the mean; 0 for infinite intervals."""
     reach = np.array([[mean.mean - mean.low for mean in means], [mean.high - mean.mean for mean in means]])
     return np.where(np.isfinite(reach), reach, 0.0)
 
 
-def _curves(top: Axes, bottom: Axes, found: Sequence[Result]) -> None:
+def _curves(top: Axes, bottom: Axes, found: Sequence[TaskResult]) -> None:
     for result in found:
         for axes, name in ((top, "loss"), (bottom, "length")):
             points = [(point["updates"], point[name]) for point in result.curve if point[name] is not None]

@@ -1,4 +1,4 @@
-"""Which environments an agent is trained on, and which it is tested on: every one of them is tested once."""
+"""Cross-validation folds over environments."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _T = TypeVar("_T")
 
 
 class Split(msgspec.Struct, frozen=True):
-    """One fold is held out (`test`), the others are what is trained on (`train`); both in the order of the names."""
+    """The environments for training and the held-out fold for testing, both sorted by name."""
 
     number: int
     train: tuple[str, ...]
@@ -22,16 +22,22 @@ class Split(msgspec.Struct, frozen=True):
 
 
 def splits(names: Sequence[str], folds: int, seed: int) -> list[Split]:
-    """A random partition into `folds` parts, which differ by one in size at the most; each is held out in turn.
+    """Partition environments at random into folds whose sizes differ by at most one, and hold each out in turn.
 
-    Raises UsageError where there are fewer environments than folds, fewer than two folds, or a name twice.
+    Args:
+        names: The distinct names of the environments.
+        folds: The number of folds, at least two.
+        seed: The seed of the partition.
+
+    Raises:
+        UsageError: There are fewer than two folds, fewer environments than folds, or repeated names.
     """
     if folds < 2:
-        raise UsageError(f"{folds} folds leave nothing to train on: take 2 or more")
+        raise UsageError(f"{folds} folds leave no environments for training: use 2 or more")
     if len(names) < folds:
-        raise UsageError(f"{len(names)} environments cannot be parted into {folds} folds: take fewer --folds")
+        raise UsageError(f"{len(names)} environments cannot be split into {folds} folds: use fewer --folds")
     if len(set(names)) < len(names):
-        raise UsageError("an environment is there twice: it would be trained on and tested")
+        raise UsageError("an environment occurs twice, which would put it into training and test")
     order = _shuffled(sorted(names), [seed, 10])
     found = []
     for number in range(folds):
@@ -42,17 +48,18 @@ def splits(names: Sequence[str], folds: int, seed: int) -> list[Split]:
 
 
 def subset(split: Split, size: int, seed: int) -> tuple[str, ...]:
-    """So many of the environments that a split trains on; smaller subsets are contained in larger ones.
+    """A random subset of the training environments of a split. Smaller subsets are contained in larger ones.
 
-    Raises UsageError where there are not as many.
+    Raises:
+        UsageError: The split has fewer training environments.
     """
     if not 1 <= size <= len(split.train):
-        raise UsageError(f"a subset of {size} cannot be taken of the {len(split.train)} that a split trains on")
+        raise UsageError(f"a subset of {size} is not possible: a split trains on {len(split.train)} environments")
     return tuple(sorted(_shuffled(split.train, [seed, 11, split.number])[:size]))
 
 
 def sample(split: Split, size: int, seed: int) -> tuple[str, ...]:
-    """So many of the environments that a split trains on, or all of them, for the agent to be tested on, too."""
+    """A random sample of at most `size` training environments of a split, for tests in familiar environments."""
     return tuple(sorted(_shuffled(split.train, [seed, 12, split.number])[:size]))
 
 

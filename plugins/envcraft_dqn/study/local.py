@@ -1,4 +1,4 @@
-"""Where tasks run on this machine: in this process, or in some of their own."""
+"""An executor for tasks on this machine: in worker processes, or in this process."""
 
 from __future__ import annotations
 
@@ -10,37 +10,38 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from typing import Any
 
-from envcraft.executors import ExecutorPlugin, Opened
+from envcraft.corpus.executors import ExecutorPlugin, Opened
 
 _PR_SET_PDEATHSIG = 1
 
 
 class LocalExecutor(ExecutorPlugin):
-    """So many worker processes; with none, tasks run in this process, one after the other."""
+    """Runs tasks in worker processes, or with 0 workers in this process."""
 
     name = "local"
 
     @contextlib.contextmanager
     def open(self, workers: int | None, scheduler: str | None = None) -> Iterator[Opened]:
+        """Start the workers; by default, one per core."""
         if workers == 0:
-            yield Opened(_Here(), lambda: 1)
+            yield Opened(_SerialExecutor(), lambda: 1)
             return
-        from envcraft.engine import cores
+        from envcraft.judging.engine import cores
 
         count = workers or cores()
         before = set(multiprocessing.active_children())
-        pool = ProcessPoolExecutor(count, multiprocessing.get_context("spawn"), _begin)
+        pool = ProcessPoolExecutor(count, multiprocessing.get_context("spawn"), _initialise_worker)
         try:
             yield Opened(pool, lambda: count)
         finally:
-            # Each task can be done again, and a training goes on from its checkpoint.
+            # Tasks can run again, and trainings resume from their checkpoints.
             for child in set(multiprocessing.active_children()) - before:
                 child.kill()
             pool.shutdown(wait=True, cancel_futures=True)
 
 
-class _Here(Executor):
-    """Runs a task when it is submitted."""
+class _SerialExecutor(Executor):
+    """Runs a task on submission."""
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
         future: Future[Any] = Future()
@@ -51,8 +52,8 @@ class _Here(Executor):
         return future
 
 
-def _begin() -> None:
-    """Leave Ctrl-C to the process that gives out tasks, and end with it, by whatever it is ended."""
+def _initialise_worker() -> None:
+    """Leave Ctrl-C to the parent process, and end with it even if it is killed."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if sys.platform == "linux":
         import ctypes

@@ -1,11 +1,12 @@
-"""How much better than chance: for each environment with its error, and over all of them.
+"""The metric of a study: improvement over random play, per environment and over all environments.
 
-An environment's figure is the percentage by which its episodes are longer than those of random play, or, where length
-is no measure, the return on a scale from 0 (random) to 100 (the privileged player). Both are functions of independent
-means, whose errors are put together by the delta method, and degrees of freedom by Welch (1947,
-doi:10.1093/biomet/34.1-2.28). Over environments it is a mean with the interval of Student's t: it is environments that
-are counted, not episodes, since what is asked for is what another such environment would give. A percentile bootstrap
-would miss the true mean of three environments once in four times, and that of twelve once in eleven.
+For an environment, it is the percentage by which episodes are longer than those of random play, or the return on a
+scale from 0 (random play) to 100 (the privileged player). Both are functions of independent means. The delta method
+combines their standard errors, and the Welch-Satterthwaite equation their degrees of freedom (Welch 1947,
+doi:10.1093/biomet/34.1-2.28). Over environments, it is the mean with the confidence interval of Student's t. The sample
+size is the number of environments, not of episodes, because the result is to hold for other such environments. At a
+nominal 95%, a percentile bootstrap misses the true mean of three environments once in four times, and of twelve
+environments once in eleven.
 """
 
 from __future__ import annotations
@@ -15,12 +16,12 @@ from math import sqrt
 
 import msgspec
 
-from envcraft.stats import Mean, Proportion, student
+from envcraft.judging.statistics import Mean, Proportion, student
 from envcraft_dqn.evaluation import Evaluation
 
 
 class Score(msgspec.Struct, frozen=True):
-    """What a player came to in one environment: the means over its episodes."""
+    """The mean length and the mean return of a player in one environment."""
 
     name: str
     episodes: int
@@ -28,13 +29,21 @@ class Score(msgspec.Struct, frozen=True):
     total: Mean
 
     @classmethod
-    def of(cls, found: Evaluation) -> Score:
-        return cls(found.name, found.episodes, found.length, found.total)
+    def of(cls, evaluation: Evaluation) -> Score:
+        """The score of an evaluation."""
+        return cls(evaluation.name, evaluation.episodes, evaluation.length, evaluation.total)
 
 
 class Change(msgspec.Struct, frozen=True):
-    """An environment's figure `value` with standard error and 95% interval; `steps` is by how much its episodes are
-    longer than random play's, and `total` by how much they return more.
+    """The metric in one environment.
+
+    Attributes:
+        name, split: The environment and the split.
+        value: The metric.
+        standard_error: Its standard error.
+        low, high: Its 95% confidence interval.
+        steps: The difference of mean lengths to random play, in steps.
+        total: The difference of mean returns to random play.
     """
 
     name: str
@@ -48,7 +57,7 @@ class Change(msgspec.Struct, frozen=True):
 
 
 class Interval(msgspec.Struct, frozen=True):
-    """A mean over environments with its 95% interval, whose bounds are infinite (in JSON, null) for a single one."""
+    """A mean over environments with its 95% confidence interval, which is infinite (null in JSON) for a single one."""
 
     mean: float
     low: float
@@ -56,10 +65,15 @@ class Interval(msgspec.Struct, frozen=True):
 
 
 class Pooled(msgspec.Struct, frozen=True):
-    """Over environments: the mean figure, the mean of `steps`, and the shares whose figure is above zero (`improved`)
-    and whose return is higher than random play's (`richer`).
+    """Statistics over environments.
 
-    `above` and `below` count those whose own interval lies above or below zero.
+    Attributes:
+        count: The number of environments.
+        value: The mean of the metric.
+        steps: The mean difference of lengths to random play, in steps.
+        improved: The share of environments with a positive metric.
+        richer: The share of environments with a higher mean return than random play.
+        above, below: The number of environments whose own confidence interval lies above or below zero.
     """
 
     count: int
@@ -72,7 +86,7 @@ class Pooled(msgspec.Struct, frozen=True):
 
 
 def by_length(agent: Score, random: Score, split: int) -> Change:
-    """The percentage by which episodes are longer than those of random play.
+    """The percentage by which the episodes of a player are longer than those of random play.
 
     The variance of a ratio a/r of independent means is, to the first order, (a/r)² (s_a²/a² + s_r²/r²).
     """
@@ -85,8 +99,9 @@ def by_length(agent: Score, random: Score, split: int) -> Change:
 
 
 def by_return(agent: Score, random: Score, privileged: Score, split: int) -> Change | None:
-    """The return from 0, random play's, to 100, the privileged player's; None where the interval of the latter's lead
-    over the former does not lie above zero, so that there is no scale.
+    """The return on a scale from 0 (random play) to 100 (the privileged player).
+
+    It is None if the confidence interval of the lead of the privileged player is not above zero.
 
     With f = (a - r) / (p - r): df/da = 1 / (p - r), df/dr = (f - 1) / (p - r), df/dp = -f / (p - r).
     """
@@ -108,20 +123,21 @@ def _change(agent: Score, random: Score, split: int, value: float, parts: Sequen
 
 
 def _spread(parts: Sequence[tuple[float, int]]) -> tuple[float, float]:
-    """The standard error of a sum of independent means, and half of its 95% interval; `parts` are the standard error of
-    each and the number of its episodes.
+    """The standard error of a sum of independent means, and half the width of its 95% confidence interval.
+
+    `parts` has the standard error and the number of episodes of each mean.
     """
     scattered = [(error**2, episodes - 1) for error, episodes in parts if error]
     if not scattered:
         return 0.0, 0.0
     variance = sum(part for part, _ in scattered)
     freedom = variance**2 / sum(part**2 / own for part, own in scattered)
-    # Never fewer than the least of the parts has, but for rounding.
+    # Rounding could give fewer degrees of freedom than the least of the parts.
     return sqrt(variance), student(max(freedom, min(own for _, own in scattered))) * sqrt(variance)
 
 
 def pooled(changes: Sequence[Change]) -> Pooled:
-    """Over at least one environment."""
+    """Pool the metric over at least one environment."""
     values = [change.value for change in changes]
     return Pooled(
         len(changes),
@@ -135,13 +151,13 @@ def pooled(changes: Sequence[Change]) -> Pooled:
 
 
 def _share(values: Sequence[float]) -> Interval:
-    """Of those above zero, with Wilson's interval."""
+    """The share of positive values with its Wilson score interval."""
     found = Proportion(sum(value > 0 for value in values), len(values))
     return Interval(found.estimate, found.low, found.high)
 
 
 def paired(changes: Sequence[Change], others: Sequence[Change]) -> Interval | None:
-    """The mean by which the figures of `changes` lie above those of `others`, in the environments that both have."""
+    """The mean paired difference of the metric over the environments in both lists; None if there are none."""
     known = {other.name: other.value for other in others}
     differences = [change.value - known[change.name] for change in changes if change.name in known]
     return _mean(differences) if differences else None

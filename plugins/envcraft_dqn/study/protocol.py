@@ -1,4 +1,4 @@
-"""What a study is made of, as plain data, and the tasks that it comes to."""
+"""The protocol of a study as plain data, and its tasks."""
 
 from __future__ import annotations
 
@@ -11,33 +11,33 @@ from envcraft.errors import UsageError
 from envcraft_dqn.settings import Settings
 from envcraft_dqn.study.folds import Split, sample, splits, subset
 
-#: Players that an agent is held against.
+#: Baselines of an agent.
 RANDOM, PRIVILEGED, UNTRAINED, NOOP = "random", "privileged", "untrained", "noop"
-#: What training leads to: the agent, as it was after its demonstrations, and in environments that it was trained on.
+#: The agent, the agent after pretraining, and the agent in environments of its training.
 AGENT, PRETRAINED, FAMILIAR = "agent", "pretrained", "familiar"
-#: The same trained otherwise.
+#: Agents with other trainings.
 WITHOUT, SEED, SUBSET = "without demonstrations", "seed", "subset"
 
 
-class Protocol(msgspec.Struct, frozen=True, kw_only=True):
-    """A study.
+class Protocol(msgspec.Struct, frozen=True, kw_only=True, rename={"num_envs": "lanes"}):
+    """The protocol of a study.
 
     Attributes:
-        scale: what it was made from.
-        variants: environments that are written where no corpus is named.
-        folds: parts of the partition.
-        episodes: of each environment, by random play and by each agent.
-        privileged_episodes: of each environment, by the privileged player.
-        lanes: episodes side by side.
-        epsilon: random actions of agents that are tested.
-        seed: of everything that is drawn.
-        seeds: agents of each split that differ in their seed alone; those after the first are a control.
-        controls: splits in which the controls are trained that take a training of their own.
-        familiar: environments of each split's training that its agent is tested on, too.
-        subsets: how many environments are trained on, in how many splits.
+        scale: The name of the preset.
+        variants: The number of environments.
+        folds: The number of folds.
+        episodes: The episodes of each environment by random play and by each agent.
+        privileged_episodes: The episodes of each environment by the privileged player.
+        num_envs: The environments to step in parallel; ``lanes`` in files.
+        epsilon: The rate of random actions of agents in tests.
+        seed: The seed of all random numbers.
+        seeds: The number of agents per split with different seeds. All but the first are controls.
+        controls: The number of splits with the controls that need training.
+        familiar: The number of environments of its training on which each agent is tested as well.
+        subsets: Sizes of training sets, each with a number of splits.
         metric: ``length`` or ``return``.
-        threads: of each task.
-        settings: of each training.
+        threads: The threads of each task.
+        settings: The settings of each training.
     """
 
     scale: str
@@ -45,7 +45,7 @@ class Protocol(msgspec.Struct, frozen=True, kw_only=True):
     folds: int
     episodes: int
     privileged_episodes: int
-    lanes: int = 16
+    num_envs: int = 16
     epsilon: float = 0.0
     seed: int = 0
     seeds: int = 2
@@ -57,30 +57,31 @@ class Protocol(msgspec.Struct, frozen=True, kw_only=True):
     settings: Settings
 
     def check(self) -> None:
-        """Raises UsageError on what does not go together."""
+        """Raises UsageError for invalid or incompatible values."""
         self.settings.check()
         if not self.settings.pretrain_updates:
-            raise UsageError("a study pretrains on demonstrations: take --pretrain-updates of 1 or more")
+            raise UsageError("a study pretrains on demonstrations: --pretrain-updates must be 1 or more")
         if self.metric == "return" and not self.privileged_episodes:
-            raise UsageError("returns are put between random and privileged: take --privileged-episodes of 2 or more")
+            raise UsageError("the metric return needs the privileged player: --privileged-episodes must be 2 or more")
         for name in ("controls", *(["subsets"] if self.subsets else [])):
             most = self.controls if name == "controls" else max(count for _, count in self.subsets)
             if most > self.folds:
-                raise UsageError(f"{name} in {most} splits need as many --folds, which are {self.folds}")
+                raise UsageError(f"{name} in {most} splits need at least {most} --folds, not {self.folds}")
 
 
 class Task(msgspec.Struct, frozen=True):
-    """One thing to do, after the tasks named in `after`.
+    """A unit of work.
 
     Attributes:
-        name: which also names the file of its result.
+        name: The name, which is also that of the result file.
         kind: ``train`` an agent on environments, or ``play`` in them.
-        condition: what it is for.
-        split: which one.
-        environments: their names.
-        player: of ``play``: random, noop, privileged, untrained, or the file of an agent, below the study's folder.
-        seed: of the training, or of the episodes.
-        demonstrations: of ``train``: whether there are any.
+        condition: The condition that the task belongs to.
+        split: The number of the split.
+        environments: The names of the environments.
+        player: For ``play``: random, noop, privileged, untrained, or the file of an agent in the folder of the study.
+        seed: The seed of the training or of the episodes.
+        demonstrations: For ``train``: whether there are demonstrations.
+        after: The names of the tasks that must be done first.
     """
 
     name: str
@@ -95,8 +96,12 @@ class Task(msgspec.Struct, frozen=True):
 
 
 def tasks(protocol: Protocol, names: Sequence[str]) -> list[Task]:
-    """All tasks, in the order in which they are best begun: what the others are held against, agents, controls. None
-    comes before one that it waits for. Raises UsageError where the names do not suffice.
+    """All tasks of a study over named environments.
+
+    The order is that of priority: random play, agents, controls. Dependencies come first.
+
+    Raises:
+        UsageError: The protocol is invalid, or there are too few environments.
     """
     protocol.check()
     parts = splits(names, protocol.folds, protocol.seed)
@@ -111,7 +116,7 @@ def tasks(protocol: Protocol, names: Sequence[str]) -> list[Task]:
 
 
 def training_settings(protocol: Protocol, task: Task) -> Settings:
-    """Those of one training. Without demonstrations there is nothing to begin with but chance."""
+    """The settings of one training. Without demonstrations, it explores more."""
     settings = msgspec.structs.replace(protocol.settings, seed=task.seed)
     if task.demonstrations:
         return settings
@@ -121,7 +126,7 @@ def training_settings(protocol: Protocol, task: Task) -> Settings:
 
 
 def _trainings(protocol: Protocol, split: Split) -> Iterator[Task]:
-    """The trainings of a split: the agent, and controls where they are due."""
+    """The trainings of a split: the agent, and its controls."""
     first = protocol.seed
     yield _training(split, AGENT, split.train, first)
     if split.number < protocol.controls:
@@ -141,7 +146,7 @@ def _training(
 
 
 def _plays(protocol: Protocol, split: Split, training: Task) -> Iterator[Task]:
-    """What an agent is tested on, and as what."""
+    """The tests of an agent."""
     agent = f"runs/{training.name}/agent.safetensors"
     yield _play(protocol, split, training.condition, split.test, agent, training.name)
     if training.condition == AGENT:
@@ -161,7 +166,7 @@ def _play(
         split.number,
         environments,
         player,
-        # Random play and an agent are not to see the same games by accident.
+        # Random play and agents need independent games.
         protocol.seed + 1_000 * (1 + split.number) + (player != RANDOM),
         after=(after,) if after else (),
     )

@@ -1,18 +1,19 @@
-"""The report of a study: a page with its figures, and its numbers for other programs."""
+"""The report of a study as Markdown, HTML and JSON, with its figures."""
 
 from __future__ import annotations
 
-import os
 import platform
+import re
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import msgspec
 
 from envcraft.errors import EnvCraftError
+from envcraft_dqn.files import write_atomically
 from envcraft_dqn.study.figures import draw, unit
 from envcraft_dqn.study.metric import Interval, Pooled
-from envcraft_dqn.study.page import Page
 from envcraft_dqn.study.protocol import (
     AGENT,
     FAMILIAR,
@@ -26,11 +27,12 @@ from envcraft_dqn.study.protocol import (
     Protocol,
 )
 from envcraft_dqn.study.summary import Condition, Summary
-from envcraft_dqn.study.work import Result
+from envcraft_dqn.study.worker import TaskResult
 
-#: What the study that this one follows came to, over 1,000 variants: the share that improves, steps, percent.
+#: The results of the reference study with 1,000 variants: the share that improves, the steps and the percentage.
 REFERENCE = ("68.7%", "+1.96", "+7.4 [4.97, 9.81]")
-_WORDS = {
+_TITLE = "Generalisation to held-out environments"
+_NAMES = {
     AGENT: "the agent",
     PRETRAINED: "pretrained only",
     WITHOUT: "trained without demonstrations",
@@ -39,113 +41,162 @@ _WORDS = {
     FAMILIAR: "the agent, in environments of its training",
     PRIVILEGED: "privileged player (the ceiling)",
 }
+#: Settings that do not affect results, or that the table has already.
+_OMITTED = ("seed", "replay", "compiled", "device")
+#: One part of the page: a heading, a text, a figure with its caption, or the head and the rows of a table.
+_Block = dict[str, Any]
 
 
-def write(folder: Path, protocol: Protocol, player: str, results: Mapping[str, Result], summary: Summary) -> Path:
-    """Write the report into a study's folder; give its file as Markdown. Raises EnvCraftError."""
+def write(folder: Path, protocol: Protocol, player: str, results: Mapping[str, TaskResult], summary: Summary) -> Path:
+    """Write the report and its figures.
+
+    Args:
+        folder: The folder of the study.
+        protocol: The protocol.
+        player: The name of the privileged player.
+        results: The results of all tasks by name.
+        summary: Their summary.
+
+    Returns:
+        The file with the Markdown report.
+
+    Raises:
+        EnvCraftError: A file cannot be written.
+    """
     try:
         figures = draw(folder / "figures", protocol, results, summary)
-        page = _page(protocol, player, summary, figures)
-        for name, text in (
-            ("summary.json", msgspec.json.format(msgspec.json.encode(summary), indent=1).decode() + "\n"),
-            ("report.html", page.html()),
-            ("report.md", page.markdown()),
-        ):
-            (folder / f"{name}.new").write_text(text, "utf-8")
-            os.replace(folder / f"{name}.new", folder / name)
+        blocks = _blocks(protocol, player, summary, figures)
+        data = msgspec.json.format(msgspec.json.encode(summary), indent=1) + b"\n"
+        write_atomically(folder / "summary.json", data)
+        for name in ("report.html", "report.md"):
+            write_atomically(folder / name, _render(name, blocks))
     except OSError as error:
         raise EnvCraftError(f"{error.filename or folder} cannot be written: {error.strerror or error}") from None
     return folder / "report.md"
 
 
-def _page(protocol: Protocol, player: str, summary: Summary, figures: list[tuple[str, str]]) -> Page:
-    page = Page("Generalisation to environments that were held out")
+def _render(name: str, blocks: list[_Block]) -> str:
+    import jinja2
+
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(Path(__file__).with_name("templates")),
+        autoescape=name.endswith(".html"),
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+        undefined=jinja2.StrictUndefined,
+    )
+    environment.filters["markdown"] = _escape_markdown
+    return environment.get_template(f"{name}.j2").render(title=_TITLE, blocks=blocks)
+
+
+def _escape_markdown(text: str) -> str:
+    return re.sub(r"([\\`*_\[\]<>|])", r"\\\1", text)
+
+
+def _blocks(protocol: Protocol, player: str, summary: Summary, figures: list[tuple[str, str]]) -> list[_Block]:
     agent = summary.conditions[AGENT].over
-    page.text(" ".join(filter(None, (_verdict("After all of its training", agent), _without_learning(summary)))))
-    if PRETRAINED in summary.conditions:
-        page.text(_verdict("After pretraining on demonstrations alone", summary.conditions[PRETRAINED].over))
-    page.heading("Beside the reference")
-    page.table(["", "this study", "reference"], _reference(protocol, agent))
-    page.text(
-        "The reference had 1,000 variants of its own, 900 of them in each training, 1,000 episodes for each "
-        "environment, 250,000 updates of pretraining and about 9 million steps. This study is of the scale "
-        f"{protocol.scale}, with the numbers at the end of this page; what it may be held against is its own controls."
-    )
-    page.heading("The agent and its controls")
-    page.text(f"Mean over environments with a 95% interval (Student's t); the figure is the {unit(protocol)}.")
-    head = [
-        "",
-        "environments",
-        "figure",
-        "steps longer",
-        "improve",
-        "return higher",
-        "own interval above zero",
-        "own interval below zero",
-        "the agent's lead",
+    blocks: list[_Block] = [
+        {"text": " ".join(filter(None, (_verdict("after all of its training", agent), _without_learning(summary))))}
     ]
-    page.table(head, [_row(condition) for condition in summary.conditions.values()])
-    page.text(
-        "Return higher: the share of environments in which the mean return is higher than that of random play, which "
-        "need not be so where episodes are longer. The agent's lead is by how much its figure is the higher one, in "
-        "the environments that both were tested in. Own interval: how many environments have one of their own, of 95%, "
-        "that lies above zero, or below."
-    )
+    if PRETRAINED in summary.conditions:
+        over = summary.conditions[PRETRAINED].over
+        blocks.append({"text": _verdict("after pretraining on demonstrations alone", over)})
+    blocks += [
+        {"heading": "Comparison with the reference"},
+        {"head": ["", "this study", "reference"], "rows": _reference(protocol, agent)},
+        {
+            "text": "The reference study had 1,000 other variants, 900 of them in each training, 1,000 episodes per "
+            "environment, 250,000 updates of pretraining and about 9 million steps. This study has the scale "
+            f"{protocol.scale}, with the settings at the end of this page. Compare it with its own controls."
+        },
+        {"heading": "The agent and its controls"},
+        {"text": f"Means over environments with 95% confidence intervals (Student's t). Metric: {unit(protocol)}."},
+        {
+            "head": [
+                "",
+                "environments",
+                "metric",
+                "steps longer",
+                "improve",
+                "return higher",
+                "own interval above zero",
+                "own interval below zero",
+                "the agent's lead",
+            ],
+            "rows": [_row(condition) for condition in summary.conditions.values()],
+        },
+        {
+            "text": "Return higher: the share of environments with a mean return above that of random play. It can be "
+            "small even if episodes are longer. The agent's lead: the mean paired difference of the metric between the "
+            "agent and the condition, over the environments of both. Own interval: the number of environments whose "
+            "own 95% confidence interval lies above or below zero."
+        },
+    ]
     if WITHOUT in summary.conditions:
-        page.text(
-            "The agent without demonstrations makes no updates of pretraining and takes more of its steps at random, "
-            "so that the lead over it is not the demonstrations' alone."
+        blocks.append(
+            {
+                "text": "The agent without demonstrations makes no updates of pretraining and takes more random "
+                "actions. The lead over it is therefore not due to the demonstrations alone."
+            }
         )
     if summary.gap is not None:
-        page.text(
-            "In the same environments, the lead of agents that were trained on them over the one that was not is "
-            f"{_interval(summary.gap)}, {_side(summary.gap, 'the latter')}."
+        blocks.append(
+            {
+                "text": "In the same environments, agents that trained on them lead the agent that did not by "
+                f"{_interval(summary.gap)}, {_side(summary.gap, 'the latter', plural=True)}."
+            }
         )
     if summary.without_scale:
-        page.text(
-            "Left out, since the interval of the privileged player's lead over random play is not above zero there: "
-            + ", ".join(summary.without_scale)
+        blocks.append(
+            {
+                "text": "Omitted, because the interval of the privileged player's lead over random play is not above "
+                "zero: " + ", ".join(summary.without_scale)
+            }
         )
-    for name, words in figures:
-        page.figure(f"figures/{name}.png", words)
+    blocks += [{"figure": f"figures/{name}.png", "caption": caption} for name, caption in figures]
     if summary.conditions[AGENT].kinds:
-        page.heading("By kind of environment")
-        page.table(["", "", "environments", "figure", "steps longer", "the agent's lead"], _kinds(summary))
-    page.heading("By split")
+        head = ["", "", "environments", "metric", "steps longer", "the agent's lead"]
+        blocks += [{"heading": "By kind of environment"}, {"head": head, "rows": _kinds(summary)}]
     rows = [
         [f"split {number + 1}", f"{over.count}", _interval(over.value), _interval(over.steps, 2)]
         for number, over in summary.conditions[AGENT].splits.items()
     ]
-    page.table(["", "environments", "figure", "steps longer"], rows)
-    _numbers(page, protocol, player, summary)
-    return page
+    return [
+        *blocks,
+        {"heading": "By split"},
+        {"head": ["", "environments", "metric", "steps longer"], "rows": rows},
+        {"heading": "Settings"},
+        {"head": ["", ""], "rows": _settings(protocol, player, summary)},
+    ]
 
 
 def _verdict(when: str, over: Pooled) -> str:
     interval = f"[{over.value.low:.1f}, {over.value.high:.1f}]"
     return (
-        f"{when}, in {over.count} environments that it had not seen, the mean figure is {over.value.mean:+.1f} with a "
-        f"95% interval of {interval}, {_side(over.value, 'chance')}."
+        f"In {over.count} held-out environments, {when}, the mean of the metric is {over.value.mean:+.1f} with a 95% "
+        f"confidence interval of {interval}, {_side(over.value, 'chance')}."
     )
 
 
 def _without_learning(summary: Summary) -> str:
-    """How the agent stands against what has learnt nothing; "" where no such control was played."""
+    """The comparison of the agent with controls that have learned nothing; empty without such controls."""
     leads = [
-        f"over {words} {_interval(lead)}, {_side(lead, 'that')}"
-        for name, words in ((UNTRAINED, "an untrained network"), (NOOP, "doing nothing"))
-        if name in summary.conditions and (lead := summary.conditions[name].agent) is not None
+        f"over {name} {_interval(lead)}, {_side(lead, 'that')}"
+        for condition, name in ((UNTRAINED, "an untrained network"), (NOOP, "doing nothing"))
+        if condition in summary.conditions and (lead := summary.conditions[condition].agent) is not None
     ]
-    return f"Held against what has learnt nothing, its lead is {'; and '.join(leads)}." if leads else ""
+    return f"Its lead over controls that have learned nothing: {'; '.join(leads)}." if leads else ""
 
 
-def _side(lead: Interval, other: str) -> str:
-    """Where the interval of a lead over another lies, and what that says."""
+def _side(lead: Interval, other: str, plural: bool = False) -> str:
+    """The position of an interval relative to zero, and its interpretation."""
+    subject = "they perform" if plural else "it performs"
     if lead.low > 0:
-        return f"above zero: it does better than {other}"
+        return f"above zero: {subject} better than {other}"
     if lead.high < 0:
-        return f"below zero: it does worse than {other}"
-    return f"on both sides of zero: this does not tell it from {other}"
+        return f"below zero: {subject} worse than {other}"
+    return f"on both sides of zero: the difference from {other} is not significant"
 
 
 def _reference(protocol: Protocol, agent: Pooled) -> list[list[str]]:
@@ -161,7 +212,7 @@ def _row(condition: Condition) -> list[str]:
     over = condition.over
     lead = "" if condition.agent is None else _interval(condition.agent)
     return [
-        _called(condition.name),
+        _name(condition.name),
         f"{over.count}",
         _interval(over.value),
         _interval(over.steps),
@@ -176,48 +227,44 @@ def _row(condition: Condition) -> list[str]:
 def _kinds(summary: Summary) -> list[list[str]]:
     rows = []
     for kind in summary.conditions[AGENT].kinds:
-        found = [(condition.name, condition.kinds[kind]) for condition in summary.conditions.values()
-                 if kind in condition.kinds]  # fmt: skip
-        for number, (name, (over, lead)) in enumerate(found):
-            told = [
-                f"{over.count}",
-                _interval(over.value),
-                _interval(over.steps),
-                "" if lead is None else _interval(lead),
-            ]
-            rows.append(["" if number else kind, _called(name), *told])
+        conditions = [condition for condition in summary.conditions.values() if kind in condition.kinds]
+        for number, condition in enumerate(conditions):
+            over, lead = condition.kinds[kind]
+            values = [f"{over.count}", _interval(over.value), _interval(over.steps)]
+            rows.append(
+                ["" if number else kind, _name(condition.name), *values, "" if lead is None else _interval(lead)]
+            )
     return rows
 
 
-def _called(name: str) -> str:
-    kind, _, number = name.rpartition(" ")
-    return {SEED: f"another seed ({number})", SUBSET: f"trained on {number} environments"}.get(kind) or _WORDS[name]
+def _name(condition: str) -> str:
+    kind, _, number = condition.rpartition(" ")
+    names = {SEED: f"another seed ({number})", SUBSET: f"trained on {number} environments"}
+    return names.get(kind) or _NAMES[condition]
 
 
 def _interval(interval: Interval, digits: int = 1) -> str:
     return f"{interval.mean:+.{digits}f} [{interval.low:.{digits}f}, {interval.high:.{digits}f}]"
 
 
-def _numbers(page: Page, protocol: Protocol, player: str, summary: Summary) -> None:
-    """What it takes to do it again."""
-    settings = protocol.settings
-    page.heading("What it was run with")
+def _settings(protocol: Protocol, player: str, summary: Summary) -> list[list[str]]:
+    """The settings that reproduce the study, and its cost."""
     own = {
         "environments": f"{protocol.variants:,}",
         "folds": f"{protocol.folds}",
-        "episodes of each environment and player": f"{protocol.episodes:,}",
+        "episodes per environment and player": f"{protocol.episodes:,}",
         "episodes of the privileged player": f"{protocol.privileged_episodes:,}",
-        "random actions of agents that are tested": f"{protocol.epsilon:.0%}",
+        "random actions in tests": f"{protocol.epsilon:.0%}",
         "seed": f"{protocol.seed}",
-        "splits with controls that take a training": f"{protocol.controls}",
-        "who demonstrates": player,
+        "splits with controls that need training": f"{protocol.controls}",
+        "player of the demonstrations": player,
         "parameters of the network": f"{summary.parameters:,}",
         "processor hours": f"{summary.processor_seconds / 3600:.2f}",
-        "hours, one task after the other": f"{summary.seconds / 3600:.2f}",
-        "processor": f"{platform.machine()}, {protocol.threads} thread a task",
+        "hours of all tasks in sequence": f"{summary.seconds / 3600:.2f}",
+        "processor": f"{platform.machine()}, {protocol.threads} threads per task",
     }
-    told = {name.replace("_", " "): f"{value}" for name, value in msgspec.to_builtins(settings).items()}
-    left_out = ("seed", "replay", "compiled", "device")
+    training = msgspec.to_builtins(protocol.settings)
     rows = [[name, value] for name, value in own.items()]
-    rows += [[f"training: {name}", value] for name, value in told.items() if name not in left_out]
-    page.table(["", ""], rows)
+    return rows + [
+        [f"training: {name.replace('_', ' ')}", f"{value}"] for name, value in training.items() if name not in _OMITTED
+    ]

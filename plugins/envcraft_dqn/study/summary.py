@@ -1,4 +1,4 @@
-"""What the results of a study come to: each condition over its environments, and what two of them differ by."""
+"""Summarise the results of a study: each condition, and its difference from the agent."""
 
 from __future__ import annotations
 
@@ -21,18 +21,19 @@ from envcraft_dqn.study.protocol import (
     WITHOUT,
     Protocol,
 )
-from envcraft_dqn.study.work import Result
+from envcraft_dqn.study.worker import TaskResult
 
 
 class Condition(msgspec.Struct, frozen=True):
-    """How one kind of player did.
+    """The results of one condition.
 
     Attributes:
-        name: as :mod:`envcraft_dqn.study.protocol` has it.
-        changes: one an environment and split, in the order of names.
-        over: all of them; `splits` has each split by itself.
-        agent: the difference to the agent in the same environments, where both were tested.
-        kinds: `over` and `agent` for each kind of environment by itself, where there are several.
+        name: The name in :mod:`envcraft_dqn.study.protocol`.
+        changes: The metric by environment and split, sorted by name.
+        over: Statistics over all environments.
+        splits: Statistics of each split.
+        agent: The mean paired lead of the agent in the environments of both.
+        kinds: `over` and `agent` for each kind of environments, if there are several kinds.
     """
 
     name: str
@@ -44,15 +45,15 @@ class Condition(msgspec.Struct, frozen=True):
 
 
 class Summary(msgspec.Struct, frozen=True):
-    """A study in numbers.
+    """The results of a study.
 
     Attributes:
-        conditions: by name, the agent first.
-        without_scale: environments that have no figure, since the interval of the privileged player's lead over random
-            play does not lie above zero there.
-        gap: by how much agents that were trained on an environment do better there than the one that was not.
-        parameters: of the network.
-        seconds, processor_seconds: of all tasks together.
+        conditions: The conditions by name, the agent first.
+        without_scale: Environments without a metric, because the confidence interval of the privileged player's lead
+            over random play is not above zero.
+        gap: The generalisation gap: the lead of agents trained on an environment over the agent that was not.
+        parameters: The number of parameters of the network.
+        seconds, processor_seconds: The total time of all tasks.
     """
 
     conditions: dict[str, Condition]
@@ -63,14 +64,18 @@ class Summary(msgspec.Struct, frozen=True):
     processor_seconds: float
 
 
-def summarise(protocol: Protocol, results: Mapping[str, Result], kinds: Mapping[str, str]) -> Summary:
-    """All that the report says; `kinds` are those of the environments, by name. Every environment that was played in
-    has a score of random play.
+def summarise(protocol: Protocol, results: Mapping[str, TaskResult], kinds: Mapping[str, str]) -> Summary:
+    """Summarise the results of a study.
+
+    Args:
+        protocol: The protocol.
+        results: The results of the tasks by name, with a score of random play for every environment.
+        kinds: The kinds of the environments by name.
     """
     random = _scores(results.values(), RANDOM)
     privileged = _scores(results.values(), PRIVILEGED)
     changes: dict[str, list[Change]] = {}
-    nowhere: set[str] = set()
+    without_scale: set[str] = set()
     for result in results.values():
         name = result.task.condition
         if result.task.kind == "train" or name == RANDOM:
@@ -78,7 +83,7 @@ def summarise(protocol: Protocol, results: Mapping[str, Result], kinds: Mapping[
         for score in result.scores:
             change = _change(protocol, score, random, privileged, result.task.split)
             if change is None:
-                nowhere.add(score.name)
+                without_scale.add(score.name)
             else:
                 changes.setdefault(name, []).append(change)
     agent = changes.get(AGENT, [])
@@ -87,7 +92,7 @@ def summarise(protocol: Protocol, results: Mapping[str, Result], kinds: Mapping[
     }
     return Summary(
         conditions,
-        sorted(nowhere),
+        sorted(without_scale),
         _gap(changes.get(FAMILIAR, []), agent),
         max((result.parameters for result in results.values()), default=0),
         sum(result.seconds for result in results.values()),
@@ -95,7 +100,7 @@ def summarise(protocol: Protocol, results: Mapping[str, Result], kinds: Mapping[
     )
 
 
-def _scores(results: Iterable[Result], condition: str) -> dict[str, Score]:
+def _scores(results: Iterable[TaskResult], condition: str) -> dict[str, Score]:
     return {score.name: score for result in results if result.task.condition == condition for score in result.scores}
 
 
@@ -110,22 +115,22 @@ def _change(
 def _condition(name: str, changes: list[Change], agent: list[Change], kinds: Mapping[str, str]) -> Condition:
     numbers = sorted({change.split for change in changes})
     splits = {number: pooled([one for one in changes if one.split == number]) for number in numbers}
-    # The environments of its training are tested in several splits, and held out in another one.
+    # Familiar environments are tested in several splits, so that they have no paired test environment.
     compared = name not in (AGENT, FAMILIAR)
 
-    def told(some: list[Change]) -> tuple[Pooled, Interval | None]:
+    def statistics(some: list[Change]) -> tuple[Pooled, Interval | None]:
         return pooled(some), paired(agent, some) if compared else None
 
-    over, difference = told(changes)
+    over, difference = statistics(changes)
     apart: dict[str, tuple[Pooled, Interval | None]] = {}
     if len(set(kinds.values())) > 1:
         by_kind = {kind: [one for one in changes if kinds[one.name] == kind] for kind in sorted(set(kinds.values()))}
-        apart = {kind: told(some) for kind, some in by_kind.items() if some}
+        apart = {kind: statistics(some) for kind, some in by_kind.items() if some}
     return Condition(name, changes, over, splits, difference, apart)
 
 
 def _gap(familiar: list[Change], agent: list[Change]) -> Interval | None:
-    """In the environments that are in both, each of which counts once, whichever splits it was tested in."""
+    """The gap over the environments in both lists. Each counts once, even if several splits tested it."""
     by_name: dict[str, list[Change]] = {}
     for change in familiar:
         by_name.setdefault(change.name, []).append(change)
@@ -138,7 +143,7 @@ def _key(change: Change) -> tuple[str, int]:
 
 
 def _rank(name: str) -> tuple[int, int, str]:
-    """The order in which conditions are told of: subsets by their size."""
+    """The rank of a condition in reports. Subsets are ranked by size."""
     order = (AGENT, PRETRAINED, WITHOUT, UNTRAINED, NOOP, FAMILIAR, PRIVILEGED, SEED, SUBSET)
     kind = next(number for number, known in enumerate(order) if name.startswith(known))
     number = name.rpartition(" ")[2]

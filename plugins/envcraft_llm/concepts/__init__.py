@@ -1,5 +1,5 @@
-"""The first stage: ideas for games, put together from curated pools. No model is asked.
+"""Concepts: ideas for games, combined from curated pools without a model.
 
-:mod:`.pools` has the pools, :mod:`.strategies` draws ingredients from them, :mod:`.writing` makes a text of these, and
-:func:`.generation.concepts` gives as many distinct ones as are asked for.
+:mod:`.pools` loads the pools, :mod:`.strategies` draws ingredients from them, :mod:`.writing` turns these into a text,
+and :func:`.generation.concepts` generates distinct concepts.
 """

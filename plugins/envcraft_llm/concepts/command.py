@@ -1,4 +1,4 @@
-"""``envcraft concepts``: ideas for games, as many as are asked for."""
+"""``envcraft concepts``: generates ideas for games."""
 
 from __future__ import annotations
 
@@ -18,57 +18,65 @@ if TYPE_CHECKING:
 
 
 @click.command()
-@click.option("--count", type=click.IntRange(1), default=100, show_default=True, help="How many.")
+@click.option("--count", type=click.IntRange(1), default=100, show_default=True, help="Number of concepts.")
 @click.option(
-    "--seed", type=click.IntRange(0), default=0, show_default=True, help="Same seed, same concepts; more begin alike."
+    "--seed",
+    type=click.IntRange(0),
+    default=0,
+    show_default=True,
+    help="Seed of the concepts. A larger --count adds to those of a smaller one.",
 )
 @click.option(
     "--strategy-share",
     "shares",
     metavar="NAME=SHARE,...",
-    help="How many come from each strategy; what is left out has none.  "
+    help="Share of each strategy; strategies that are not named have none.  "
     "[default: genre-blend=0.4,mechanical=0.3,thematic=0.2,experimental=0.1]",
 )
-@click.option("--output", metavar="FILE", type=click.Path(path_type=Path), help="Write there, not to standard output.")
+@click.option(
+    "--output", metavar="FILE", type=click.Path(path_type=Path), help="Write to this file.  [default: standard output]"
+)
 @click.option(
     "--format",
     "form",
     type=click.Choice(["jsonl", "text"]),
     default="jsonl",
     show_default=True,
-    help="A JSON object a line, or the texts alone, to be read.",
+    help="Write one JSON object per line, or the texts only.",
 )
 def concepts(count: int, seed: int, shares: str | None, output: Path | None, form: str) -> None:
-    """Put together concepts of games from curated pools of genres, mechanics, themes, twists, mashups and experiments.
+    """Combine concepts of games from curated pools.
 
-    No model is asked. All are distinct, and which entries they use, and how often, is told on standard error.
+    The pools hold genres, mechanics, themes, twists, mashups and experiments. No model is used, and all concepts are
+    distinct. The command prints on standard error how often each pool was used.
     """
     from . import generation
 
-    made = generation.concepts(count, seed, generation.SHARES if shares is None else _shares(shares))
+    generated = generation.concepts(count, seed, generation.SHARES if shares is None else _shares(shares))
     coverage = generation.Coverage()
     with _opened(output) as stream:
-        for concept in made:
+        for concept in generated:
             coverage.add(concept)
             stream.write(_line(concept, form))
-    _tell(coverage)
+    _print(coverage)
 
 
 def _shares(text: str) -> dict[str, float]:
-    """Raises UsageError on what cannot be read as shares."""
-    found: dict[str, float] = {}
+    """Raises UsageError if the text is not a list of shares."""
+    values: dict[str, float] = {}
     for part in text.split(","):
         name, _, share = part.partition("=")
         name = name.strip()
         try:
-            if name in found:
+            if name in values:
                 raise ValueError
-            found[name] = float(share)
+            values[name] = float(share)
         except ValueError:
             raise UsageError(
-                f"--strategy-share {part.strip()!r} is no share: write genre-blend=0.4,mechanical=0.6, each name once"
+                f"--strategy-share {part.strip()!r} is not a share: write genre-blend=0.4,mechanical=0.6, each name "
+                "once"
             ) from None
-    return found
+    return values
 
 
 @contextlib.contextmanager
@@ -92,7 +100,7 @@ def _line(concept: Concept, form: str) -> bytes:
     return msgspec.json.encode(concept) + b"\n"
 
 
-def _tell(coverage: Coverage) -> None:
+def _print(coverage: Coverage) -> None:
     counts = ", ".join(f"{name} {number:,}" for name, number in coverage.strategies.most_common())
     click.echo(f"{coverage.strategies.total():,} concepts: {counts}", err=True)
     for pool, entries in coverage.entries.items():

@@ -1,4 +1,4 @@
-"""Distinct concepts, as many as are asked for, the same for the same seed."""
+"""Generation of distinct concepts, reproducible by seed."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from .pools import Pools, pools
 from .strategies import STRATEGIES, Strategy
 from .writing import Concept, Draft, write
 
-#: Which share of the concepts each strategy makes unless told.
+#: The default share of each strategy.
 SHARES: Mapping[str, float] = {"genre-blend": 0.4, "mechanical": 0.3, "thematic": 0.2, "experimental": 0.1}
-#: The kind of ingredient that comes from each pool.
+#: The kind of ingredient by pool.
 KINDS = {
     "genres": "genre",
     "mechanics": "mechanic",
@@ -28,36 +28,44 @@ KINDS = {
 
 
 def concepts(count: int, seed: int = 0, shares: Mapping[str, float] = SHARES) -> Iterator[Concept]:
-    """`count` concepts, no two of the same ingredients and none with another's text; the first of any number have these
-    shares as nearly as can be. A larger count, with the same seed and shares, begins with the same concepts.
+    """Generate concepts with distinct ingredients and distinct texts.
 
-    Raises UsageError, before the first is made, on a strategy that does not exist, shares that do not sum up to 1, and
-    more concepts than there are.
+    Every prefix of the sequence has the shares as exactly as possible. A larger count, with the same seed and shares,
+    starts with the same concepts.
+
+    Args:
+        count: Number of concepts.
+        seed: Seed of the random choices.
+        shares: Share of each strategy, summing to 1.
+
+    Raises:
+        UsageError: Before the first concept, if a strategy does not exist, the shares do not sum to 1, or a strategy
+            has too few combinations.
     """
-    checked = _checked(shares)
+    _check(shares)
     sources = [
         _Source(strategy(pools(), random.Random(f"{seed} {strategy.name}")), share)
         for strategy in STRATEGIES
-        if (share := checked.get(strategy.name, 0)) > 0
+        if (share := shares.get(strategy.name, 0)) > 0
     ]
     for source in sources:
         wanted = math.ceil(source.share * count - 1e-6)
         if wanted > source.strategy.capacity:
             raise UsageError(
-                f"{count:,} concepts need {wanted:,} of the strategy {source.strategy.name}, which holds "
-                f"{source.strategy.capacity:,}: ask for fewer, or give it a smaller share than {source.share:g}"
+                f"{count:,} concepts need {wanted:,} of the strategy {source.strategy.name}, which has "
+                f"{source.strategy.capacity:,}: lower the count, or give it a smaller share than {source.share:g}"
             )
-    return _made(count, sources)
+    return _generate(count, sources)
 
 
 def capacity() -> dict[str, int]:
-    """In how many ways each strategy can choose its ingredients."""
+    """Return the number of combinations of each strategy."""
     return {strategy.name: strategy(pools(), random.Random(0)).capacity for strategy in STRATEGIES}
 
 
 @dataclass
 class Coverage:
-    """What concepts were made of: how many by each strategy, and how often each entry of each pool was used."""
+    """Usage of the pools: concepts by strategy, and uses of each entry by pool."""
 
     strategies: Counter[str] = field(default_factory=Counter)
     entries: dict[str, Counter[str]] = field(default_factory=dict)
@@ -80,7 +88,7 @@ _POOLS = {kind: pool for pool, kind in KINDS.items()}
 
 @dataclass
 class _Source:
-    """A strategy at work."""
+    """A strategy, its share, and the combinations that it has drawn."""
 
     strategy: Strategy
     share: float
@@ -88,10 +96,10 @@ class _Source:
     seen: set[tuple[str, ...]] = field(default_factory=set)
 
     def next(self) -> Draft:
-        """A draft of ingredients that were not there together before. Raises UsageError where there are no more."""
-        # The rounding of shares may ask for one more than was counted.
+        """Draw a new combination. Raises UsageError if there is none left."""
+        # Rounding of the shares may need one more combination than the check counted.
         if self.made == self.strategy.capacity:
-            raise UsageError(f"the strategy {self.strategy.name} holds {self.made:,} concepts, and all are made")
+            raise UsageError(f"the strategy {self.strategy.name} has {self.made:,} concepts, and all are used")
         draft = self.strategy.draw()
         while draft.ingredients in self.seen:
             draft = self.strategy.draw()
@@ -100,10 +108,10 @@ class _Source:
         return draft
 
 
-def _made(count: int, sources: Iterable[_Source]) -> Iterator[Concept]:
+def _generate(count: int, sources: Iterable[_Source]) -> Iterator[Concept]:
     known: set[str] = set()
     for number in range(1, count + 1):
-        # Whichever is furthest behind its share.
+        # The strategy that is furthest behind its share.
         source = max(sources, key=lambda source: source.share * number - source.made)
         concept = write(source.next(), source.strategy.rng)
         while concept.text_sha256 in known:
@@ -113,15 +121,14 @@ def _made(count: int, sources: Iterable[_Source]) -> Iterator[Concept]:
         yield concept
 
 
-def _checked(shares: Mapping[str, float]) -> Mapping[str, float]:
-    """Raises UsageError on what are no shares of strategies."""
+def _check(shares: Mapping[str, float]) -> None:
+    """Raises UsageError if the shares are invalid."""
     names = [strategy.name for strategy in STRATEGIES]
     for name, share in shares.items():
         if name not in names:
-            raise UsageError(f"no strategy is called {name}: there are {', '.join(names)}")
+            raise UsageError(f"there is no strategy {name}; there are {', '.join(names)}")
         if not 0 <= share <= 1:
             raise UsageError(f"the share of {name} is {share:g}: a share is a number from 0 to 1")
     total = math.fsum(shares.values())
     if abs(total - 1) > 1e-6:
-        raise UsageError(f"the shares sum up to {total:g}: they have to sum up to 1, and what is left out has none")
-    return shares
+        raise UsageError(f"the shares sum to {total:g}; they must sum to 1")

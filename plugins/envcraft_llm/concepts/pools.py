@@ -1,8 +1,8 @@
-"""The curated pools: 234 entries, each specific enough to build on, read from the TOML files in ``pools/``.
+"""The curated pools, loaded from the TOML files in ``pools/``.
 
-Texts of entries are templates. ``{hero}``, ``{home}``, ``{foe}``, ``{foes}`` and ``{a_foe}``, and the same of prize and
-block, are filled in from a theme; ``{button}`` and ``{button2}`` are the entry's first and second button, whichever
-these turn out to be; all other fields are parameters of the entry.
+The texts of entries are templates. A theme fills ``{hero}``, ``{home}``, ``{foe}``, ``{foes}`` and ``{a_foe}``, and the
+same of prize and block. ``{button}`` and ``{button2}`` are the entry's first and second button; which of the game's
+buttons these are depends on the combination. All other fields are parameters of the entry.
 """
 
 from __future__ import annotations
@@ -27,14 +27,14 @@ _FIELD = re.compile(r"\{(\w+)\}")
 
 
 class Entry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What entries of all pools have."""
+    """An entry of a pool."""
 
     id: str
     name: str
 
 
 class Theme(Entry, frozen=True):
-    """Where a game takes place and what it is played with; of foe, prize and block the singular and the plural."""
+    """The place and the nouns of a game; foe, prize and block have singular and plural."""
 
     scene: str
     hero: str
@@ -46,13 +46,13 @@ class Theme(Entry, frozen=True):
 
 
 class Part(Entry, frozen=True, kw_only=True):
-    """What has rules, with the parameters in their texts."""
+    """An entry with rules and the ranges of their parameters."""
 
     parameters: dict[str, Range]
 
 
 class Genre(Part, frozen=True, kw_only=True):
-    """`pad` is what moves and buttons do, `loop` what happens, `lend` what another genre takes over from this one."""
+    """A genre: `pad` says what moves and buttons do, `loop` what happens, `lend` the rule that it lends to a blend."""
 
     views: tuple[View]
     pad: str
@@ -64,9 +64,7 @@ class Genre(Part, frozen=True, kw_only=True):
 
 
 class Mechanic(Part, frozen=True, kw_only=True):
-    """`control` is what it needs: the pad (what the moves do), one button, or nothing. A game has at most one mechanic
-    of a `group`.
-    """
+    """A mechanic: `control` is the control that it needs, if any. A game has at most one mechanic of a `group`."""
 
     control: Literal["pad", "button", "world"]
     views: tuple[View, ...]
@@ -77,7 +75,7 @@ class Mechanic(Part, frozen=True, kw_only=True):
 
 
 class Twist(Part, frozen=True, kw_only=True):
-    """A rule that changes a game; `needs` is what the game must have for it to mean anything."""
+    """A rule that changes a game; `needs` is what the game must have for the rule to matter."""
 
     views: tuple[View, ...]
     rule: str
@@ -85,7 +83,7 @@ class Twist(Part, frozen=True, kw_only=True):
 
 
 class Mashup(Part, frozen=True, kw_only=True):
-    """Two or three genres, the first of which gives controls and loop, and the `rule` that joins them."""
+    """Two or three genres and the `rule` that joins them; the first genre gives controls and loop."""
 
     genres: tuple[str, ...]
     rule: str
@@ -94,7 +92,7 @@ class Mashup(Part, frozen=True, kw_only=True):
 
 
 class Experiment(Part, frozen=True, kw_only=True):
-    """An idea that is complete by itself."""
+    """An experimental idea that needs no other ingredient."""
 
     views: tuple[View]
     pad: str
@@ -104,7 +102,7 @@ class Experiment(Part, frozen=True, kw_only=True):
 
 
 class Pools(msgspec.Struct, frozen=True):
-    """All pools, each by the ids of its entries, in the order of its file."""
+    """All pools: entries by id, in file order."""
 
     genres: dict[str, Genre]
     mechanics: dict[str, Mechanic]
@@ -119,7 +117,7 @@ _Kind = TypeVar("_Kind", bound=Entry)
 
 @cache
 def pools() -> Pools:
-    """The pools, read once."""
+    """Load the pools once."""
     return Pools(
         _read("genres", Genre),
         _read("mechanics", Mechanic),
@@ -132,13 +130,13 @@ def pools() -> Pools:
 
 @cache
 def fields(template: str) -> tuple[str, ...]:
-    """The names that are filled into a template, each once, in the order of the text."""
+    """Return the field names of a template, without repetition, in text order."""
     return tuple(dict.fromkeys(_FIELD.findall(template)))
 
 
 @cache
 def buttons(*templates: str) -> int:
-    """How many buttons one entry needs, by its templates."""
+    """Return how many buttons an entry needs, by its templates."""
     return sum(any(name in fields(template) for template in templates) for name in BUTTONS)
 
 

@@ -1,4 +1,4 @@
-"""How ingredients are chosen: four strategies, each of which draws drafts without end and uses its pools evenly."""
+"""The four strategies that choose ingredients; each draws drafts endlessly and uses its pools evenly."""
 
 from __future__ import annotations
 
@@ -11,28 +11,28 @@ from functools import cached_property
 from typing import Generic, TypeVar
 
 from .pools import Entry, Experiment, Genre, Mechanic, Part, Pools, Theme, Twist, View, buttons
-from .writing import Draft, Said, takes_lives
+from .writing import Clause, Draft, takes_lives
 
 _Kind = TypeVar("_Kind", bound=Entry)
 
-#: What a player can press.
+#: Number of buttons of a game.
 BUTTONS = 2
-#: How many mechanics a mechanical concept has.
+#: Number of mechanics of a mechanical concept.
 MECHANICS = 4
-#: Of so many blends one is of a mashup.
+#: One in this many blends is a mashup.
 MASHUPS = 4
 
-#: What the pad does where no ingredient says so.
-MOVES: dict[View, Said] = {
-    "grid": Said(
+#: What the pad does if no ingredient says so.
+MOVES: dict[View, Clause] = {
+    "grid": Clause(
         Part(id="pad", name="walking", parameters={"pace": (2, 4, 1)}),
         "Each move takes the {hero} one cell on a board of 14 by 14, and the next can follow {pace} steps later.",
     ),
-    "top": Said(
+    "top": Clause(
         Part(id="pad", name="walking", parameters={"speed": (1, 3, 0.5)}),
         "The pad moves the {hero} {speed} pixels a step in four directions.",
     ),
-    "side": Said(
+    "side": Clause(
         Part(id="pad", name="walking", parameters={"speed": (1, 2, 0.5), "height": (14, 22, 2), "ledges": (4, 7, 1)}),
         "Left and right walk {speed} pixels a step, up jumps {height} pixels high, and down drops through the thin "
         "ledges, of which {ledges} hang above the floor.",
@@ -41,7 +41,7 @@ MOVES: dict[View, Said] = {
 
 
 class Deck(Generic[_Kind]):
-    """A pool that is dealt out in random order, all of it once before anything twice, as far as entries fit."""
+    """A pool dealt like cards: in random order, every fitting entry once before any entry twice."""
 
     def __init__(self, entries: Iterable[_Kind], rng: random.Random) -> None:
         self._all = list(entries)
@@ -49,20 +49,20 @@ class Deck(Generic[_Kind]):
         self._rng = rng
 
     def take(self, fits: Callable[[_Kind], bool] = lambda _: True) -> _Kind:
-        """The next entry that fits. Raises LookupError where none in the whole pool does."""
+        """Deal the next entry that fits. Raises LookupError if no entry of the pool fits."""
         for _ in range(2):
             for place in range(len(self._left) - 1, -1, -1):
                 if fits(self._left[place]):
                     return self._left.pop(place)
-            # What does not fit this time stays, and is not put in a second time.
-            again = [entry for entry in self._all if fits(entry)]
-            self._rng.shuffle(again)
-            self._left += again
-        raise LookupError("nothing in the pool fits")
+            # Entries that do not fit stay in the deck and are not added again.
+            refill = [entry for entry in self._all if fits(entry)]
+            self._rng.shuffle(refill)
+            self._left += refill
+        raise LookupError("no entry of the pool fits")
 
 
 class Strategy(ABC):
-    """A way to choose ingredients. `capacity` is in how many ways it can; two drafts may be the same."""
+    """Chooses ingredients. Two drafts may be equal."""
 
     name: str
 
@@ -73,16 +73,17 @@ class Strategy(ABC):
     @property
     @abstractmethod
     def capacity(self) -> int:
-        """How many different sets of ingredients there are."""
+        """The number of distinct combinations."""
 
     @abstractmethod
     def draw(self) -> Draft:
-        """The next draft."""
+        """Draw a draft."""
 
 
 class GenreBlend(Strategy):
-    """Three genres: one gives controls, loop and goal, two each lend it a rule. Of four blends one is of a mashup,
-    whose rule and goal take the place of what its genres would lend.
+    """Three genres: one gives controls, loop and goal, the other two lend it a rule each.
+
+    One blend in four is a mashup, whose rule and goal replace those that its genres would lend.
     """
 
     name = "genre-blend"
@@ -128,10 +129,10 @@ class GenreBlend(Strategy):
             (f"theme:{theme.id}", *(f"genre:{genre.id}" for genre in (host, *guests))),
             theme,
             host.views[0],
-            [Said(host, host.pad)],
-            [Said(host, host.loop), *(Said(guest, guest.lend) for guest in guests)],
-            Said(host, host.win),
-            Said(host, host.loss),
+            [Clause(host, host.pad)],
+            [Clause(host, host.loop), *(Clause(guest, guest.lend) for guest in guests)],
+            Clause(host, host.win),
+            Clause(host, host.loss),
             host.objects,
         )
 
@@ -139,12 +140,12 @@ class GenreBlend(Strategy):
         mashup = self._mashups.take()
         genres = [self.pools.genres[name] for name in mashup.genres]
         host, theme = genres[0], self.themes.take()
-        lent: list[Said] = []
+        lent: list[Clause] = []
         besides = ""
         if len(genres) < 3:
             guest = self._guest(host, set(mashup.genres))
             genres.append(guest)
-            lent = [Said(guest, guest.lend)]
+            lent = [Clause(guest, guest.lend)]
             besides = f", with a rule of {guest.name} besides"
         blended = " and ".join(self.pools.genres[name].name for name in mashup.genres[1:])
         return Draft(
@@ -154,10 +155,10 @@ class GenreBlend(Strategy):
             (f"theme:{theme.id}", f"mashup:{mashup.id}", *(f"genre:{genre.id}" for genre in genres)),
             theme,
             host.views[0],
-            [Said(host, host.pad)],
-            [Said(host, host.loop), Said(mashup, mashup.rule), *lent],
-            Said(mashup, mashup.win),
-            Said(mashup, mashup.loss),
+            [Clause(host, host.pad)],
+            [Clause(host, host.loop), Clause(mashup, mashup.rule), *lent],
+            Clause(mashup, mashup.win),
+            Clause(mashup, mashup.loss),
             host.objects,
         )
 
@@ -212,10 +213,10 @@ class Mechanical(Strategy):
             (f"theme:{theme.id}", *(f"mechanic:{mechanic.id}" for mechanic in chosen)),
             theme,
             pad.views[0],
-            [Said(mechanic, mechanic.rule) for mechanic in chosen if mechanic.control != "world"],
-            [Said(mechanic, mechanic.rule) for mechanic in chosen if mechanic.control == "world"],
-            Said(winning, winning.win),
-            Said(losing, losing.loss),
+            [Clause(mechanic, mechanic.rule) for mechanic in chosen if mechanic.control != "world"],
+            [Clause(mechanic, mechanic.rule) for mechanic in chosen if mechanic.control == "world"],
+            Clause(winning, winning.win),
+            Clause(losing, losing.loss),
         )
 
 
@@ -238,9 +239,9 @@ class Thematic(Strategy):
         theme, core = self.themes.take(), self._mechanics.take()
         twist = self._twists.take(lambda twist: _twists(twist, core))
         view = self.rng.choice([view for view in core.views if view in twist.views])
-        controls, rules = [] if core.control == "pad" else [MOVES[view]], [Said(twist, twist.rule)]
+        controls, rules = [] if core.control == "pad" else [MOVES[view]], [Clause(twist, twist.rule)]
         (rules if core.control == "world" else controls).insert(
-            1 if core.control == "button" else 0, Said(core, core.rule)
+            1 if core.control == "button" else 0, Clause(core, core.rule)
         )
         return Draft(
             self.name,
@@ -251,8 +252,8 @@ class Thematic(Strategy):
             view,
             controls,
             rules,
-            Said(core, core.win),
-            Said(core, core.loss),
+            Clause(core, core.win),
+            Clause(core, core.loss),
         )
 
 
@@ -281,10 +282,10 @@ class Experimental(Strategy):
             (f"theme:{theme.id}", f"experimental:{idea.id}", f"twist:{twist.id}"),
             theme,
             idea.views[0],
-            [Said(idea, idea.pad)],
-            [Said(idea, idea.rule), Said(twist, twist.rule)],
-            Said(idea, idea.win),
-            Said(idea, idea.loss),
+            [Clause(idea, idea.pad)],
+            [Clause(idea, idea.rule), Clause(twist, twist.rule)],
+            Clause(idea, idea.win),
+            Clause(idea, idea.loss),
         )
 
 
@@ -292,24 +293,24 @@ STRATEGIES: tuple[type[Strategy], ...] = (GenreBlend, Mechanical, Thematic, Expe
 
 
 def _goes_with(mechanic: Mechanic, chosen: list[Mechanic]) -> bool:
-    """Whether a mechanic can be played together with those, the first of which is the pad's."""
+    """Whether a mechanic is compatible with the chosen ones, the first of which controls the pad."""
     if mechanic in chosen or chosen[0].views[0] not in mechanic.views:
         return False
     return mechanic.group is None or all(mechanic.group != other.group for other in chosen)
 
 
 def _by_groups(mechanics: list[Mechanic], number: int) -> Counter[tuple[str, ...]]:
-    """How many choices of so many there are, by the groups that are taken; none has a group twice."""
+    """Count the combinations of this many mechanics by their groups; no combination has a group twice."""
     choices = itertools.combinations(mechanics, number)
-    taken = (tuple(mechanic.group for mechanic in chosen if mechanic.group) for chosen in choices)
-    return Counter(groups for groups in taken if len(set(groups)) == len(groups))
+    groups_of = (tuple(mechanic.group for mechanic in chosen if mechanic.group) for chosen in choices)
+    return Counter(groups for groups in groups_of if len(set(groups)) == len(groups))
 
 
 def _twists(twist: Twist, core: Mechanic | Experiment) -> bool:
-    """Whether a twist means anything in a game of this core."""
+    """Whether a twist matters in a game of this core."""
     if not set(twist.views) & set(core.views):
         return False
     texts = [core.rule, core.pad] if isinstance(core, Experiment) else [core.rule]
     if twist.needs == "lives":
-        return takes_lives(Said(core, text) for text in texts)
+        return takes_lives(Clause(core, text) for text in texts)
     return twist.needs is None or buttons(*texts) > 0

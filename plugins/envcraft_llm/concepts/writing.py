@@ -1,4 +1,4 @@
-"""From ingredients to a concept: numbers drawn, nouns and buttons filled in, and one text that says all of it."""
+"""Writing of concepts: draws the numbers, fills in nouns and buttons, and composes the text."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ import msgspec
 
 from .pools import BUTTONS, THEMED, Mashup, Part, Range, Theme, View, fields
 
-#: With so many lives a game begins that takes any, and after so many steps one ends that is not won by lasting.
+#: Range of the initial lives, and of the step limit of a game that is not won by survival.
 LIVES: Range = (2, 4, 1)
 LIMIT: Range = (800, 1000, 50)
 
-_SEEN: dict[View, str] = {
+_VIEWS: dict[View, str] = {
     "grid": "It is seen from above, on a board of square cells.",
     "top": "It is seen from above.",
     "side": "It is seen from the side.",
@@ -32,8 +32,16 @@ _LIFE = re.compile(r"\ba life\b")
 
 
 class Concept(msgspec.Struct, frozen=True):
-    """An idea for a game. `ingredients` are names of entries, such as ``theme:coral-reef``, `parameters` the numbers in
-    the text; `text_sha256` is the digest of the text without case, punctuation and spacing, and `id` its beginning.
+    """An idea for a game.
+
+    Attributes:
+        id: The first 16 characters of `text_sha256`.
+        strategy: Name of the strategy.
+        title: Title of the game.
+        ingredients: Names of entries, such as ``theme:coral-reef``.
+        parameters: The numbers in the text, by entry.
+        text: The text.
+        text_sha256: Digest of the text without case, punctuation and spacing.
     """
 
     id: str
@@ -45,15 +53,15 @@ class Concept(msgspec.Struct, frozen=True):
     text_sha256: str
 
 
-class Said(NamedTuple):
-    """A template, and the entry whose parameters it has."""
+class Clause(NamedTuple):
+    """A template and the entry that its parameters belong to."""
 
     part: Part
     template: str
 
 
 class Draft(NamedTuple):
-    """Ingredients that go together, and what each of them says in the concept."""
+    """A combination of ingredients, with the clause that each contributes."""
 
     strategy: str
     title: str
@@ -61,28 +69,28 @@ class Draft(NamedTuple):
     ingredients: tuple[str, ...]
     theme: Theme
     view: View
-    controls: list[Said]
-    rules: list[Said]
-    win: Said
-    loss: Said
+    controls: list[Clause]
+    rules: list[Clause]
+    win: Clause
+    loss: Clause
     objects: tuple[str, ...] = ()
 
 
-def takes_lives(said: Iterable[Said]) -> bool:
-    """Whether a life can be lost in a game with these rules."""
-    return any(_costs_life(template) for _, template in said)
+def takes_lives(clauses: Iterable[Clause]) -> bool:
+    """Whether these clauses can cost a life."""
+    return any(_costs_life(template) for _, template in clauses)
 
 
 def write(draft: Draft, rng: random.Random) -> Concept:
-    """The concept that a draft makes, with numbers drawn from `rng`."""
-    theme, spoken = draft.theme, [*draft.controls, *draft.rules]
-    everything = [*spoken, draft.win, draft.loss]
+    """Write the concept of a draft, with numbers drawn from `rng`."""
+    theme, clauses = draft.theme, [*draft.controls, *draft.rules]
+    all_clauses = [*clauses, draft.win, draft.loss]
     values = _Values(theme, rng)
     win = values.clause(draft.win)
-    controls = [values.sentences(said) for said in draft.controls]
-    rules = [values.sentences(said) for said in draft.rules]
+    controls = [values.sentences(clause) for clause in draft.controls]
+    rules = [values.sentences(clause) for clause in draft.rules]
     lost = [values.clause(draft.loss)]
-    if takes_lives(everything):
+    if takes_lives(all_clauses):
         lost.append(f"the last of {values.draw('lives', LIVES)} lives is lost")
     if "last" not in fields(draft.win.template):
         lost.append(f"{values.draw('limit', LIMIT)} steps have passed without a win")
@@ -90,12 +98,12 @@ def write(draft: Draft, rng: random.Random) -> Concept:
     text = "\n".join(
         [
             f"{title}.",
-            f"{draft.summary} The place is {theme.scene}, and the player is the {theme.hero}. {_SEEN[draft.view]}",
+            f"{draft.summary} The place is {theme.scene}, and the player is the {theme.hero}. {_VIEWS[draft.view]}",
             f"Controls: {' '.join([*controls, *values.idle_buttons()])}",
-            f"Rules: {' '.join([*rules, *_kept_apart(theme, spoken)])}",
+            f"Rules: {' '.join([*rules, *_distinction(theme, clauses)])}",
             f"Win: the game is won when {win}.",
             f"Loss: the game is lost when {', when '.join(lost[:-1])}{', or when ' if lost[1:] else ''}{lost[-1]}.",
-            _picture(draft, everything),
+            _picture(draft, all_clauses),
         ]
     )
     digest = text_sha256(text)
@@ -103,13 +111,13 @@ def write(draft: Draft, rng: random.Random) -> Concept:
 
 
 def text_sha256(text: str) -> str:
-    """The digest by which two concepts are the same: case, punctuation, spacing and forms of letters do not count."""
+    """Return the digest that identifies a text; case, punctuation, spacing and Unicode forms do not affect it."""
     plain = " ".join(unicodedata.normalize("NFKC", text).casefold().translate(_SPACED).split())
     return hashlib.sha256(plain.encode()).hexdigest()
 
 
 class _Values:
-    """What is filled into the templates of one concept."""
+    """The values of one concept's templates."""
 
     def __init__(self, theme: Theme, rng: random.Random) -> None:
         self._rng = rng
@@ -117,47 +125,47 @@ class _Values:
         self._buttons: dict[tuple[str, str], str] = {}
         self._known: dict[tuple[str, str], int | float] = {}
 
-    def sentences(self, said: Said) -> str:
-        """The text of a template that consists of whole sentences."""
-        return self._filled(said.part, _capitalised(said.template))
+    def sentences(self, clause: Clause) -> str:
+        """Fill a template of whole sentences."""
+        return self._filled(clause.part, _capitalised(clause.template))
 
-    def clause(self, said: Said) -> str:
-        """The text of a template that goes on where a sentence has begun."""
-        return self._filled(said.part, said.template)
+    def clause(self, clause: Clause) -> str:
+        """Fill a template within a sentence."""
+        return self._filled(clause.part, clause.template)
 
     def draw(self, name: str, within: Range) -> int | float:
-        """A number of the game itself."""
+        """Draw a number of the game itself."""
         return self._known.setdefault(("game", name), _drawn(within, self._rng))
 
     def idle_buttons(self) -> list[str]:
-        """What to say of buttons that no rule needs, once all rules are filled in."""
+        """Return the sentence about buttons that no rule uses. Call it after all rules are filled in."""
         if not self._buttons:
             return ["Neither button is used."]
         return ["The second button is not used."] if len(self._buttons) == 1 else []
 
     def named(self) -> dict[str, int | float]:
-        """All numbers, by entry and parameter."""
+        """Return all numbers by entry and parameter."""
         return {f"{part}.{name}": value for (part, name), value in self._known.items()}
 
     def _filled(self, part: Part, template: str) -> str:
-        """The same parameter of the same entry has one value throughout."""
+        """Fill a template; a parameter of an entry has the same value everywhere."""
         single = False
-        found: dict[str, object] = {}
+        values: dict[str, object] = {}
         for name in fields(template):
             if name in self._words:
-                found[name] = self._words[name]
+                values[name] = self._words[name]
             elif (small := name.lower()) in BUTTONS:
                 if (part.id, small) not in self._buttons:
                     self._buttons[part.id, small] = _ORDINALS[len(self._buttons)]
                 words = self._buttons[part.id, small]
-                found[name] = words if name == small else _capital(words)
+                values[name] = words if name == small else _capital(words)
             else:
                 if (part.id, name) not in self._known:
                     self._known[part.id, name] = _drawn(part.parameters[name], self._rng)
                 value = self._known[part.id, name]
-                found[name] = value
+                values[name] = value
                 single |= value == 1
-        text = template.format_map(found)
+        text = template.format_map(values)
         return _SINGLE.sub(r"1 \1", text) if single else text
 
 
@@ -169,7 +177,7 @@ def _capital(words: str) -> str:
 def _nouns(
     _theme: str, hero: str, home: str, foe: tuple[str, str], prize: tuple[str, str], block: tuple[str, str]
 ) -> dict[str, str]:
-    """What is filled in from a theme; under a name with a capital, words with a capital."""
+    """Return the nouns of a theme by field; a capitalised field has capitalised words."""
     words = {"hero": hero, "home": home}
     for name, (one, many) in (("foe", foe), ("prize", prize), ("block", block)):
         article = "an" if one[0] in "aeiou" else "a"
@@ -179,11 +187,11 @@ def _nouns(
 
 @cache
 def _capitalised(template: str) -> str:
-    """A template whose nouns and buttons at the beginning of sentences have names with a capital."""
+    """Return a template with capitalised fields at the start of sentences."""
 
-    def capital(found: re.Match[str]) -> str:
-        name = found[2].capitalize() if found[2] in THEMED or found[2] in BUTTONS else found[2]
-        return f"{found[1]}{{{name}}}"
+    def capital(match: re.Match[str]) -> str:
+        name = match[2].capitalize() if match[2] in THEMED or match[2] in BUTTONS else match[2]
+        return f"{match[1]}{{{name}}}"
 
     return _START.sub(capital, template)
 
@@ -195,22 +203,22 @@ def _costs_life(template: str) -> bool:
 
 @cache
 def _roles(template: str) -> frozenset[str]:
-    """Of a theme's nouns those that a template has, in the singular."""
+    """Return the nouns of a theme that a template uses, in the singular."""
     return frozenset(name.removeprefix("a_").removesuffix("s") for name in fields(template) if name in THEMED)
 
 
 def _drawn(within: Range, rng: random.Random) -> int | float:
     lowest, highest, step = within
-    # Quicker than randrange, and as even as these few values need.
+    # Faster than randrange, and even enough for a few values.
     value = lowest + step * int(rng.random() * (round((highest - lowest) / step) + 1))
     return int(value) if value == int(value) else round(value, 3)
 
 
-def _kept_apart(theme: Theme, spoken: Sequence[Said]) -> list[str]:
-    """A sentence where several entries speak of what has one name, since each means its own."""
+def _distinction(theme: Theme, clauses: Sequence[Clause]) -> list[str]:
+    """Return a sentence that separates the objects of rules with the same noun."""
     users: dict[str, set[str]] = {"foe": set(), "prize": set(), "block": set()}
-    for part, template in spoken:
-        # A mashup speaks of what its genres have.
+    for part, template in clauses:
+        # A mashup refers to the objects of its genres.
         if not isinstance(part, Mashup):
             for role in _roles(template) & users.keys():
                 users[role].add(part.id)
@@ -222,9 +230,9 @@ def _kept_apart(theme: Theme, spoken: Sequence[Said]) -> list[str]:
     ]
 
 
-def _picture(draft: Draft, said: Sequence[Said]) -> str:
+def _picture(draft: Draft, clauses: Sequence[Clause]) -> str:
     theme = draft.theme
-    roles = frozenset[str]().union(*(_roles(template) for _, template in said))
+    roles = frozenset[str]().union(*(_roles(template) for _, template in clauses))
     nouns = (("foe", theme.foe[1]), ("prize", theme.prize[1]), ("block", theme.block[1]), ("home", theme.home))
     things = [theme.hero, *(noun for role, noun in nouns if role in roles), *draft.objects]
     shown = (
@@ -237,5 +245,5 @@ def _picture(draft: Draft, said: Sequence[Said]) -> str:
 
 
 def _listed(words: Sequence[str], last: str) -> str:
-    """Words as a list in a sentence: "a", "a or b", "a, b or c"."""
+    """Join words as a list in a sentence: "a", "a or b", "a, b or c"."""
     return f"{', '.join(words[:-1])} {last} {words[-1]}" if words[1:] else words[0]

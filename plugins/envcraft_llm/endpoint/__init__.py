@@ -1,11 +1,11 @@
-"""Endpoints with an OpenAI-compatible interface, and what lies between them and the stages: journal, pace and accounts.
+"""Endpoints with an OpenAI-compatible interface: client, retries, concurrency limit, usage and journal.
 
-A command takes `model_options` and gives the choice that comes of them to `open_model`::
+A command takes `model_options` and passes the resulting settings to `open_model`::
 
     @click.command()
     @model_options
-    def generate(chosen: ModelChoice) -> None:
-        model = open_model(chosen, corpus)
+    def generate(model_settings: ModelSettings) -> None:
+        model = open_model(model_settings, corpus)
 """
 
 from __future__ import annotations
@@ -13,18 +13,18 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from .options import model_options
-from .settings import ModelChoice
+from .settings import ModelSettings
 
 if TYPE_CHECKING:
-    from .opening import OpenedModel, open_model
+    from .factory import JournaledModel, open_model
 
-__all__ = ["ModelChoice", "OpenedModel", "model_options", "open_model"]
+__all__ = ["JournaledModel", "ModelSettings", "model_options", "open_model"]
 
 
 def __getattr__(name: str) -> Any:
-    # The options are asked for at the start of every command, and what opens a model needs asyncio.
-    if name in ("OpenedModel", "open_model"):
-        from . import opening
+    # Every command imports the options at its start; the factory needs asyncio.
+    if name in ("JournaledModel", "open_model"):
+        from . import factory
 
-        return getattr(opening, name)
+        return getattr(factory, name)
     raise AttributeError(name)

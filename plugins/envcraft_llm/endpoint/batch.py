@@ -1,4 +1,7 @@
-"""Requests that are answered by the Batch interface, at a lower price and within a day."""
+"""Requests through the Batch interface of OpenAI [1]_: at a lower price, completed within a day.
+
+.. [1] https://platform.openai.com/docs/guides/batch
+"""
 
 from __future__ import annotations
 
@@ -10,77 +13,77 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from envcraft.errors import EnvCraftError
-from envcraft_llm.model import Answer, Model, ModelStopped, Request
+from envcraft.files import atomic_write
+from envcraft_llm.model import Completion, Model, ModelUnavailable, Request
 
 from . import batch_files
-from .accounts import Accounts, Reserved
 from .connection import Connection
-from .faults import Again, fault
-from .journal import Failed, Journal, Outcome
-from .reading import shown
-from .settings import ModelChoice
+from .errors import RetryableError, error_from_response
+from .journal import Failure, Journal, Result
+from .response import excerpt
+from .settings import ModelSettings
+from .usage import Reservation, UsageTracker
 
-#: A batch is sent once no request has come for so many seconds, and is looked after every so many.
+#: Seconds without a new request after which a batch is sent, and between polls of its status.
 QUIET, POLL = 5.0, 30.0
-#: How many batches may end without an answer to a request before it has failed.
-_MISSES = 2
+#: Batches that may end without a result for a request before the request fails.
+_MAX_MISSES = 2
 _ENDED = frozenset({"completed", "failed", "expired", "cancelled"})
 _T = TypeVar("_T")
 
 
 class BatchModel(Model):
-    """Collects requests until no more come, has them answered as batches, and reads the answers into the journal.
-    Stages see nothing of it but that answers take long.
+    """Collects requests, sends them as batches, and writes the results to the journal.
 
-    What is sent outlives the run: one that ends is gone on with by the next on the same journal, which asks for nothing
-    again. Where the endpoint has no such interface, the files remain, and ModelStopped tells what to do with them.
+    A batch outlives the run that sent it: the next run on the same journal waits for it and sends nothing twice. If the
+    endpoint has no Batch interface, the input files remain, and ModelUnavailable says what to do with them.
 
     Args:
-        folder: where the files of the batches lie.
+        folder: Folder of the batch files.
     """
 
-    def __init__(self, choice: ModelChoice, accounts: Accounts, journal: Journal, folder: Path) -> None:
-        self._choice, self._accounts, self._journal, self._folder = choice, accounts, journal, folder
-        self._connection = Connection(choice)
-        self._waiting: dict[str, tuple[Request, Reserved, asyncio.Future[Outcome]]] = {}
+    def __init__(self, settings: ModelSettings, usage: UsageTracker, journal: Journal, folder: Path) -> None:
+        self._settings, self._usage, self._journal, self._folder = settings, usage, journal, folder
+        self._connection = Connection(settings)
+        self._waiting: dict[str, tuple[Request, Reservation, asyncio.Future[Result]]] = {}
         self._unsent: dict[str, Request] = {}
         self._sent: set[str] = set()
-        self._missed: Counter[str] = Counter()
-        self._refused: dict[str, set[str]] = {}
+        self._misses: Counter[str] = Counter()
+        self._unsupported: dict[str, set[str]] = {}
         self._tasks: set[asyncio.Task[None]] = set()
         self._timer: asyncio.TimerHandle | None = None
-        self._stopped: ModelStopped | None = None
+        self._unavailable: ModelUnavailable | None = None
         self._resumed = False
 
-    async def ask(self, request: Request) -> Answer:
+    async def generate(self, request: Request) -> Completion:
         self._resume()
-        if self._stopped is not None:
-            raise type(self._stopped)(str(self._stopped))
+        if self._unavailable is not None:
+            raise type(self._unavailable)(str(self._unavailable))
         key = request.key()
-        # A batch of an earlier run may just have come in.
-        outcome = self._journal.find(key)
-        if outcome is None:
-            waiting: asyncio.Future[Outcome] = asyncio.get_running_loop().create_future()
-            self._waiting[key] = (request, self._accounts.reserve(request), waiting)
+        # A batch of an earlier run may have ended in the meantime.
+        result = self._journal.get(key)
+        if result is None:
+            future: asyncio.Future[Result] = asyncio.get_running_loop().create_future()
+            self._waiting[key] = (request, self._usage.reserve(request), future)
             if key not in self._sent:
                 self._collect(request)
-            outcome = await waiting
-        if isinstance(outcome, Failed):
-            raise outcome.error()
-        return outcome
+            result = await future
+        if isinstance(result, Failure):
+            raise result.error()
+        return result
 
-    def stop(self, reason: ModelStopped) -> None:
-        """Send no more batches; those who wait raise `reason`. What is sent stays with the endpoint."""
-        if self._stopped is None:
-            self._stopped = reason
+    def stop(self, reason: ModelUnavailable) -> None:
+        """Send no more batches: requests that wait raise `reason`. Batches that were sent stay with the endpoint."""
+        if self._unavailable is None:
+            self._unavailable = reason
         if self._timer is not None:
             self._timer.cancel()
         self._unsent.clear()
         for key in list(self._waiting):
-            request, reserved, waiting = self._waiting.pop(key)
-            self._accounts.settle(request, reserved)
-            if not waiting.done():
-                waiting.set_exception(type(reason)(str(reason)))
+            request, reservation, future = self._waiting.pop(key)
+            self._usage.release(request, reservation)
+            if not future.done():
+                future.set_exception(type(reason)(str(reason)))
 
     async def close(self) -> None:
         for task in self._tasks:
@@ -89,18 +92,18 @@ class BatchModel(Model):
         await self._connection.client.close()
 
     def _resume(self) -> None:
-        """Go on with the batches of earlier runs."""
+        """Continue the batches of earlier runs."""
         if self._resumed:
             return
         self._resumed = True
         for name in batch_files.outstanding(self._folder):
             try:
-                self._sent.update(batch_files.known(self._folder, name))
+                self._sent.update(batch_files.load_requests(self._folder, name))
             except EnvCraftError as error:
-                # None is asked twice because one file of another run cannot be read.
-                self.stop(self._broken(error))
+                # Otherwise the requests of the unreadable file would be sent twice.
+                self.stop(self._as_unavailable(error))
                 return
-            self._begin(name, earlier=True)
+            self._start(name, earlier=True)
 
     def _collect(self, request: Request) -> None:
         self._unsent[request.key()] = request
@@ -110,73 +113,74 @@ class BatchModel(Model):
 
     def _send(self) -> None:
         try:
-            names = batch_files.write_batches(self._unsent.values(), self._folder, self._refused)
+            names = batch_files.write_batches(self._unsent.values(), self._folder, self._unsupported)
         except Exception as error:
-            self.stop(self._broken(error))
+            self.stop(self._as_unavailable(error))
             return
         self._sent.update(self._unsent)
         self._unsent.clear()
         for name in names:
-            self._begin(name)
+            self._start(name)
 
-    def _begin(self, name: str, earlier: bool = False) -> None:
-        task = asyncio.create_task(self._carry(name, earlier))
+    def _start(self, name: str, earlier: bool = False) -> None:
+        task = asyncio.create_task(self._process(name, earlier))
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
 
-    async def _carry(self, name: str, earlier: bool) -> None:
-        """Have a batch answered, and its answers written."""
+    async def _process(self, name: str, earlier: bool) -> None:
+        """Send a batch, wait for its output and store the results."""
         try:
             output = self._folder / f"{name}{batch_files.OUTPUT}"
             if not output.exists():
-                await self._answered(name, output, earlier)
-            self._take(name, output)
+                await self._download_output(name, output, earlier)
+            self._store_output(name, output)
         except Exception as error:
-            # Whatever it is: nobody else would wake those who wait.
-            self.stop(self._broken(error))
+            # Every exception: nothing else would wake the requests that wait.
+            self.stop(self._as_unavailable(error))
 
-    def _broken(self, error: Exception) -> ModelStopped:
-        """An error as what ends the run."""
-        if isinstance(error, ModelStopped):
+    def _as_unavailable(self, error: Exception) -> ModelUnavailable:
+        if isinstance(error, ModelUnavailable):
             return error
-        said = str(error) if isinstance(error, OSError | EnvCraftError) else f"{type(error).__name__}: {error}"
-        return ModelStopped(self._connection.plain(said))
+        message = str(error) if isinstance(error, OSError | EnvCraftError) else f"{type(error).__name__}: {error}"
+        return ModelUnavailable(self._connection.redact(message))
 
-    async def _answered(self, name: str, output: Path, earlier: bool) -> None:
-        """Send a batch, unless it is, and fetch what comes of it. Raises ModelStopped and OSError."""
-        calls = self._connection.client
+    async def _download_output(self, name: str, output: Path, earlier: bool) -> None:
+        """Send a batch unless an earlier run did, wait for its end and write its output.
+
+        Raises ModelUnavailable, OSError.
+        """
+        client = self._connection.client
         batch: Any = await self._find(name) if earlier else None
         if batch is None:
-            sent = await self._call(
-                name, lambda: calls.files.create(file=self._folder / f"{name}{batch_files.INPUT}", purpose="batch")
+            uploaded = await self._call(
+                name, lambda: client.files.create(file=self._folder / f"{name}{batch_files.INPUT}", purpose="batch")
             )
-            batch = await self._create(name, sent.id)
+            batch = await self._create(name, uploaded.id)
         while batch.status not in _ENDED:
             await asyncio.sleep(POLL)
-            batch = await self._call(name, functools.partial(calls.batches.retrieve, batch.id))
-        # The key is in nothing that lies about.
-        written = ""
+            batch = await self._call(name, functools.partial(client.batches.retrieve, batch.id))
+        text = ""
         for file in filter(None, (batch.output_file_id, batch.error_file_id)):
-            content = await self._call(name, functools.partial(calls.files.content, file))
-            written += self._connection.answered(content.content.decode("utf-8", "replace")).strip() + "\n"
-        if not written.strip() and batch.status in ("failed", "cancelled"):
-            said = shown(self._connection.plain(str(batch.errors)))
-            raise ModelStopped(f"the batch {batch.id} ended as {batch.status}: {said}")
-        unfinished = output.with_name(f"{output.name}.part")
-        unfinished.write_text(written, "utf-8", newline="\n")
-        unfinished.replace(output)
+            content = await self._call(name, functools.partial(client.files.content, file))
+            text += self._connection.redact_completion(content.content.decode("utf-8", "replace")).strip() + "\n"
+        if not text.strip() and batch.status in ("failed", "cancelled"):
+            reason = excerpt(self._connection.redact(str(batch.errors)))
+            raise ModelUnavailable(f"the batch {batch.id} ended as {batch.status}: {reason}")
+        with atomic_write(output) as stream:
+            stream.write(text.encode())
 
     async def _create(self, name: str, file: str) -> Any:
-        """Make the batch of an input file, once: one whose making was not confirmed may be there all the same. Raises
-        ModelStopped.
-        """
-        tried = False
+        """Create the batch of an input file once, even if the response to the first attempt was lost.
 
-        async def make() -> Any:
-            nonlocal tried
-            if tried and (found := await self._find(name)) is not None:
-                return found
-            tried = True
+        Raises ModelUnavailable.
+        """
+        retry = False
+
+        async def create() -> Any:
+            nonlocal retry
+            if retry and (existing := await self._find(name)) is not None:
+                return existing
+            retry = True
             return await self._connection.client.batches.create(
                 input_file_id=file,
                 endpoint="/v1/chat/completions",
@@ -184,86 +188,95 @@ class BatchModel(Model):
                 metadata={"envcraft": name},
             )
 
-        return await self._call(name, make)
+        return await self._call(name, create)
 
     async def _find(self, name: str) -> Any:
-        """The batch of this name at the endpoint, if it is there and did not end in vain. Raises ModelStopped."""
-        listing = self._connection.client.batches.list
+        """Return the batch of this name at the endpoint, unless it failed; None if there is none.
+
+        Raises ModelUnavailable.
+        """
+        list_batches = self._connection.client.batches.list
         page: dict[str, Any] = {"limit": 100}
         seen: set[str] = set()
         while True:
-            listed: Any = await self._call(name, functools.partial(listing, **page))
+            listed: Any = await self._call(name, functools.partial(list_batches, **page))
             for batch in listed.data:
                 if (batch.metadata or {}).get("envcraft") == name and batch.status not in ("failed", "cancelled"):
                     return batch
-            # An endpoint that knows no pages gives the same one again.
+            # An endpoint without pagination returns the same page again.
             last = listed.data[-1].id if listed.data else None
             if last is None or last in seen or not getattr(listed, "has_more", False):
                 return None
             seen.add(last)
             page["after"] = last
 
-    async def _call(self, name: str, make: Callable[[], Awaitable[_T]]) -> _T:
-        """A call of the interface, repeated where another may do. Raises ModelStopped."""
+    async def _call(self, name: str, call: Callable[[], Awaitable[_T]]) -> _T:
+        """Call the interface with retries. Raises ModelUnavailable."""
         from openai import APIConnectionError, APIStatusError
 
-        for number in range(self._choice.retries + 1):
+        for number in range(self._settings.retries + 1):
             try:
-                return await make()
+                return await call()
             except APIConnectionError as error:
-                again = Again("disconnected", str(error.__cause__ or error))
+                retryable = RetryableError("disconnected", str(error.__cause__ or error))
             except APIStatusError as error:
                 if error.status_code in (404, 405, 501):
-                    raise ModelStopped(self._by_hand(name)) from None
-                found = fault(
+                    raise ModelUnavailable(self._manual_steps(name)) from None
+                classified = error_from_response(
                     error.status_code,
-                    self._connection.plain(error.message),
+                    self._connection.redact(error.message),
                     error.response.headers,
                     Request("", ()),
                     {},
                 )
-                if not isinstance(found, Again):
-                    raise ModelStopped(f"{self._connection.where}: {found}") from None
-                again = found
-            await asyncio.sleep(again.pause(number))
-        said = self._connection.plain(str(again))
-        raise ModelStopped(f"{self._connection.where}: {said} ({number + 1} attempts); the next run goes on")
-
-    def _by_hand(self, name: str) -> str:
-        place = self._folder / name
-        return (
-            f"{self._connection.where} takes no batches: have {place}{batch_files.INPUT} answered elsewhere, put the "
-            f"answers there as {name}{batch_files.OUTPUT}, and the same command goes on"
+                if not isinstance(classified, RetryableError):
+                    raise ModelUnavailable(f"{self._connection.address}: {classified}") from None
+                retryable = classified
+            await asyncio.sleep(retryable.backoff(number))
+        reason = self._connection.redact(str(retryable))
+        raise ModelUnavailable(
+            f"{self._connection.address}: {reason} ({number + 1} attempts); run the same command again to continue"
         )
 
-    def _take(self, name: str, output: Path) -> None:
-        """Write what came of a batch, and hand it to those who wait; what did not come of it is asked again: by a later
-        run, where the endpoint told that none can be answered. Raises ModelStopped there, and EnvCraftError.
+    def _manual_steps(self, name: str) -> str:
+        path = self._folder / name
+        return (
+            f"{self._connection.address} has no Batch interface: have {path}{batch_files.INPUT} processed elsewhere, "
+            f"put the output beside it as {name}{batch_files.OUTPUT}, and run the same command again to continue"
+        )
+
+    def _store_output(self, name: str, output: Path) -> None:
+        """Write the results of a batch to the journal and wake the requests that wait.
+
+        Requests without a result are collected again; if the output says that no request can succeed, a later run sends
+        them. Raises ModelUnavailable in that case, and EnvCraftError.
         """
-        requests = batch_files.known(self._folder, name)
-        outcomes: list[tuple[Request, Outcome]] = []
-        came = batch_files.read_output(output, requests, self._refused, self._connection.answered)
-        for request, outcome, tokens in came.outcomes:
-            self._accounts.use(request, *tokens, 0.0)
-            outcomes.append((request, outcome))
-        self._journal.keep_now(outcomes)
-        (self._folder / f"{name}{batch_files.KNOWN}").unlink()
+        requests = batch_files.load_requests(self._folder, name)
+        parsed = batch_files.read_output(output, requests, self._unsupported, self._connection.redact_completion)
+        results: list[tuple[Request, Result]] = []
+        for request, result, tokens in parsed.results:
+            self._usage.record(request, *tokens, 0.0)
+            results.append((request, result))
+        self._journal.put_all(results)
+        (self._folder / f"{name}{batch_files.REQUESTS}").unlink()
         self._sent.difference_update(requests)
-        for request, outcome in outcomes:
+        for request, result in results:
             requests.pop(request.key(), None)
-            self._hand(request.key(), outcome)
-        if came.stopped is not None:
-            raise ModelStopped(f"{self._connection.where}: {came.stopped}; the next run asks again")
+            self._resolve(request.key(), result)
+        if parsed.unavailable is not None:
+            raise ModelUnavailable(
+                f"{self._connection.address}: {parsed.unavailable}; the next run sends the remaining requests again"
+            )
         for key, request in requests.items():
-            self._missed[key] += 1
-            if self._missed[key] > _MISSES:
-                self._hand(key, Failed("server-error", f"{_MISSES + 1} batches ended without an answer"))
+            self._misses[key] += 1
+            if self._misses[key] > _MAX_MISSES:
+                self._resolve(key, Failure("server-error", f"{_MAX_MISSES + 1} batches ended without a result"))
             elif key in self._waiting:
                 self._collect(request)
 
-    def _hand(self, key: str, outcome: Outcome) -> None:
+    def _resolve(self, key: str, result: Result) -> None:
         if key in self._waiting:
-            request, reserved, waiting = self._waiting.pop(key)
-            self._accounts.settle(request, reserved)
-            if not waiting.done():
-                waiting.set_result(outcome)
+            request, reservation, future = self._waiting.pop(key)
+            self._usage.release(request, reservation)
+            if not future.done():
+                future.set_result(result)

@@ -1,8 +1,8 @@
-"""Files of the OpenAI Batch interface: requests written for it, and answers read back.
+"""Files of the Batch interface: requests to send, and results to read.
 
-A batch is three files in one folder: ``NAME.input.jsonl``, which the endpoint takes, ``NAME.requests.jsonl`` with the
-same requests as EnvCraft knows them, and ``NAME.output.jsonl``, once there is one. The second is there as long as the
-answers are not in the journal.
+A batch is three files in one folder: ``NAME.input.jsonl``, which the endpoint reads; ``NAME.requests.jsonl`` with the
+same requests as `Request` objects; and ``NAME.output.jsonl``, once the batch has ended. The second file exists until
+the results are in the journal.
 """
 
 from __future__ import annotations
@@ -16,60 +16,68 @@ from typing import Any, NamedTuple
 import msgspec
 
 from envcraft.errors import EnvCraftError
-from envcraft_llm.model import ModelFailure, ModelStopped, Request
+from envcraft.files import atomic_write
+from envcraft_llm.model import ModelUnavailable, Request, RequestFailed
 
-from .accounts import estimate
-from .faults import Again, ParameterRefused, fault
-from .journal import Failed, Outcome
-from .reading import Garbled, Reading, decode
-from .wording import body
+from .errors import RetryableError, UnsupportedParameter, error_from_response
+from .journal import Failure, Result
+from .request_body import request_body
+from .response import CompletionBuilder, MalformedResponse, decode_chunk
+from .usage import estimated_prompt_tokens
 
-#: What one file may hold at most at the endpoints that have the interface.
-REQUESTS, BYTES = 50_000, 100 * 2**20
-INPUT, KNOWN, OUTPUT = ".input.jsonl", ".requests.jsonl", ".output.jsonl"
+#: Limits of one input file: requests, and bytes.
+MAX_REQUESTS, MAX_BYTES = 50_000, 100 * 2**20
+INPUT, REQUESTS, OUTPUT = ".input.jsonl", ".requests.jsonl", ".output.jsonl"
 
 
-class Response(msgspec.Struct):
+class BatchResponse(msgspec.Struct):
     status_code: int = 200
     body: msgspec.Raw = msgspec.Raw(b"null")
 
 
-class Line(msgspec.Struct):
+class OutputLine(msgspec.Struct):
     """One line of an output file."""
 
     custom_id: str
-    response: Response | None = None
+    response: BatchResponse | None = None
     error: Any = None
 
 
-_line, _request = msgspec.json.Decoder(Line), msgspec.json.Decoder(Request)
+_line, _request = msgspec.json.Decoder(OutputLine), msgspec.json.Decoder(Request)
 
 
 class Output(NamedTuple):
-    """What came of a batch.
+    """The content of an output file.
 
-    `outcomes` has requests with what came of them and the tokens of prompt and answer, `stopped` why none of the others
-    can be answered, if the endpoint told so.
+    Attributes:
+        results: Requests with their results and the tokens of prompt and completion.
+        unavailable: Why no other request can succeed, if a line says so.
     """
 
-    outcomes: list[tuple[Request, Outcome, tuple[int, int]]]
-    stopped: ModelStopped | None
+    results: list[tuple[Request, Result, tuple[int, int]]]
+    unavailable: ModelUnavailable | None
 
 
-def write_batches(requests: Iterable[Request], folder: Path, refused: Mapping[str, Collection[str]] = {}) -> list[str]:
-    """Write requests as batches, each of one model and within the bounds of the interface; gives their names.
+def write_batches(
+    requests: Iterable[Request], folder: Path, unsupported: Mapping[str, Collection[str]] = {}
+) -> list[str]:
+    """Write requests as batches, each of one model and within the limits of the interface.
 
     Args:
-        requests: no two the same.
-        folder: made where it does not exist.
-        refused: the parameters that are left out, by the name of the model.
+        requests: Distinct requests.
+        folder: Folder of the batch files; created if it does not exist.
+        unsupported: Unsupported parameters by name of the model.
 
-    Raises EnvCraftError where the files cannot be written.
+    Returns:
+        The names of the batches.
+
+    Raises:
+        EnvCraftError: If the files cannot be written.
     """
     by_model: dict[str, list[tuple[bytes, Request]]] = {}
     for request in requests:
-        told = body(request, refused.get(request.model, ()), stream=False)
-        line = {"custom_id": request.key(), "method": "POST", "url": "/v1/chat/completions", "body": told}
+        body = request_body(request, unsupported.get(request.model, ()), stream=False)
+        line = {"custom_id": request.key(), "method": "POST", "url": "/v1/chat/completions", "body": body}
         by_model.setdefault(request.model, []).append((msgspec.json.encode(line), request))
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -79,13 +87,17 @@ def write_batches(requests: Iterable[Request], folder: Path, refused: Mapping[st
 
 
 def outstanding(folder: Path) -> list[str]:
-    """The names of the batches whose answers are not in the journal."""
-    return sorted(path.name.removesuffix(KNOWN) for path in folder.glob(f"*{KNOWN}"))
+    """Return the names of the batches whose results are not in the journal."""
+    return sorted(path.name.removesuffix(REQUESTS) for path in folder.glob(f"*{REQUESTS}"))
 
 
-def known(folder: Path, name: str) -> dict[str, Request]:
-    """The requests of a batch, by key. Raises EnvCraftError where they cannot be read."""
-    path = folder / f"{name}{KNOWN}"
+def load_requests(folder: Path, name: str) -> dict[str, Request]:
+    """Return the requests of a batch by key.
+
+    Raises:
+        EnvCraftError: If their file cannot be read.
+    """
+    path = folder / f"{name}{REQUESTS}"
     try:
         requests = [_request.decode(line) for line in path.read_bytes().splitlines()]
     except (OSError, msgspec.DecodeError) as error:
@@ -94,68 +106,76 @@ def known(folder: Path, name: str) -> dict[str, Request]:
 
 
 def read_output(
-    output: Path, requests: Mapping[str, Request], refused: dict[str, set[str]], plain: Callable[[str], str] = str
+    output: Path, requests: Mapping[str, Request], unsupported: dict[str, set[str]], redact: Callable[[str], str] = str
 ) -> Output:
-    """What came of requests by an output file, whose lines `plain` rids of the key. Lines of other requests, and lines
-    that are none beside some that are, are passed over; a request whose parameter the endpoint does not take is left
-    out, and the parameter added to `refused`.
+    """Read the results of requests from an output file.
 
-    Raises EnvCraftError where the file cannot be read, or is no such file.
+    Lines about other requests are skipped, and so are malformed lines if at least one line is valid. A request with an
+    unsupported parameter has no result.
+
+    Args:
+        output: The output file.
+        requests: The requests of the batch by key.
+        unsupported: Unsupported parameters by name of the model; this function adds to it.
+        redact: Removes the key from a line.
+
+    Raises:
+        EnvCraftError: If the file cannot be read, or has no valid line.
     """
-    found = Output([], None)
-    wrong, lines = "", 0
+    parsed = Output([], None)
+    malformed, valid = "", 0
     try:
         with output.open("rb") as file:
-            for number, line in enumerate(file, 1):
-                if not line.strip():
+            for number, data in enumerate(file, 1):
+                if not data.strip():
                     continue
                 try:
-                    told = _line.decode(plain(line.decode()))
+                    line = _line.decode(redact(data.decode()))
                 except (msgspec.DecodeError, UnicodeDecodeError) as error:
-                    wrong = wrong or f"{output}, line {number}: {error}"
+                    malformed = malformed or f"{output}, line {number}: {error}"
                     continue
-                lines += 1
-                if (request := requests.get(told.custom_id)) is None:
+                valid += 1
+                if (request := requests.get(line.custom_id)) is None:
                     continue
                 try:
-                    found.outcomes.append((request, *_outcome(request, told)))
-                except ParameterRefused as parameter:
-                    refused.setdefault(request.model, set()).add(parameter.name)
-                except ModelStopped as stopped:
-                    found = found._replace(stopped=found.stopped or stopped)
+                    parsed.results.append((request, *_result(request, line)))
+                except UnsupportedParameter as parameter:
+                    unsupported.setdefault(request.model, set()).add(parameter.name)
+                except ModelUnavailable as unavailable:
+                    parsed = parsed._replace(unavailable=parsed.unavailable or unavailable)
     except OSError as error:
         raise EnvCraftError(f"{output} cannot be read: {error}") from None
-    if wrong and not lines:
-        raise EnvCraftError(wrong)
-    return found
+    if malformed and not valid:
+        raise EnvCraftError(malformed)
+    return parsed
 
 
-def _outcome(request: Request, line: Line) -> tuple[Outcome, tuple[int, int]]:
-    """Raises ParameterRefused and ModelStopped."""
-    reading = Reading()
+def _result(request: Request, line: OutputLine) -> tuple[Result, tuple[int, int]]:
+    """Raises UnsupportedParameter, ModelUnavailable."""
+    builder = CompletionBuilder()
     try:
         if line.response is None or line.error is not None:
-            raise Again("server-error", f"the batch has no answer: {line.error}")
-        told = bytes(line.response.body)
+            raise RetryableError("server-error", f"the batch has no result: {line.error}")
+        body = bytes(line.response.body)
         if line.response.status_code != 200:
-            sent = body(request, stream=False)
-            raise fault(line.response.status_code, told.decode("utf-8", "replace"), {}, request, sent)
-        reading.take(decode(told))
-        tokens = reading.tokens(estimate(request))
-        return reading.answer(tokens, 0.0), tokens
-    except Again as again:
-        return Failed(again.kind, str(again)), (0, 0)
-    except Garbled as garbled:
-        return Failed("garbage", str(garbled)), (0, 0)
-    except ModelFailure as failure:
-        return Failed(failure.kind, str(failure)), reading.tokens(0)
+            sent = request_body(request, stream=False)
+            raise error_from_response(line.response.status_code, body.decode("utf-8", "replace"), {}, request, sent)
+        builder.add(decode_chunk(body))
+        tokens = builder.tokens(estimated_prompt_tokens(request))
+        return builder.build(tokens, 0.0), tokens
+    except RetryableError as error:
+        return Failure(error.kind, str(error)), (0, 0)
+    except MalformedResponse as malformed:
+        return Failure("garbage", str(malformed)), (0, 0)
+    except RequestFailed as failure:
+        return Failure(failure.kind, str(failure)), builder.tokens(0)
 
 
 def _parts(lines: list[tuple[bytes, Request]]) -> Iterator[list[tuple[bytes, Request]]]:
     part: list[tuple[bytes, Request]] = []
     size = 0
     for line in lines:
-        if part and (len(part) == REQUESTS or size + len(line[0]) + 1 > BYTES):
+        if part and (len(part) == MAX_REQUESTS or size + len(line[0]) + 1 > MAX_BYTES):
             yield part
             part, size = [], 0
         part.append(line)
@@ -165,16 +185,16 @@ def _parts(lines: list[tuple[bytes, Request]]) -> Iterator[list[tuple[bytes, Req
 
 
 def _write(part: list[tuple[bytes, Request]], folder: Path) -> str:
-    """Raises OSError. What tells that a batch is outstanding comes last."""
+    """Raises OSError."""
     digest = hashlib.sha256(b"".join(line for line, _ in part)).hexdigest()[:16]
-    # The same requests may have been sent before, and not all answered.
-    names = itertools.chain([digest], (f"{digest}-{again}" for again in itertools.count(2)))
+    # An earlier batch may have had the same requests, without a result for all of them.
+    names = itertools.chain([digest], (f"{digest}-{number}" for number in itertools.count(2)))
     name = next(name for name in names if not (folder / f"{name}{INPUT}").exists())
+    # The requests last: their file marks the batch as outstanding.
     for suffix, lines in (
         (INPUT, (line for line, _ in part)),
-        (KNOWN, (msgspec.json.encode(asked) for _, asked in part)),
+        (REQUESTS, (msgspec.json.encode(request) for _, request in part)),
     ):
-        unfinished = folder / f"{name}{suffix}.part"
-        unfinished.write_bytes(b"".join(line + b"\n" for line in lines))
-        unfinished.replace(folder / f"{name}{suffix}")
+        with atomic_write(folder / f"{name}{suffix}") as file:
+            file.writelines(line + b"\n" for line in lines)
     return name

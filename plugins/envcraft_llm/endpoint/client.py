@@ -8,298 +8,314 @@ import json
 from collections.abc import AsyncGenerator, AsyncIterator
 from typing import TYPE_CHECKING, Any
 
-from envcraft_llm.model import Answer, Model, ModelFailure, ModelStopped, Request
+from envcraft_llm.model import Completion, Model, ModelUnavailable, Request, RequestFailed
 
-from .accounts import Accounts, estimate
+from .concurrency import ConcurrencyLimiter
 from .connection import Connection
-from .faults import Again, ParameterRefused, fault
-from .pace import Pace
-from .reading import Chunk, Events, Garbled, Reading, decode, shown
-from .settings import ModelChoice
-from .wording import body
+from .errors import RetryableError, UnsupportedParameter, error_from_response
+from .request_body import request_body
+from .response import Chunk, CompletionBuilder, EventStreamDecoder, MalformedResponse, decode_chunk, excerpt
+from .settings import ModelSettings
+from .usage import UsageTracker, estimated_prompt_tokens
 
 if TYPE_CHECKING:
     from openai import AsyncAPIResponse
 
-#: So many requests in a row that fail for good, with no answer between, are the endpoint's fault.
-_HOPELESS = 20
-#: For the list of models, which is asked for once.
-_GREETING_SECONDS = 20.0
-#: How often a connection is tried at first; one that stood before is tried as often as any request.
-_FIRST_TRIES = 3
-#: What follows the last piece of an answer, its usage, comes within so long or not at all.
-_TAIL_SECONDS = 5.0
-#: Names of errors where there is no endpoint, and where there was one.
-_ABSENT = frozenset({"ConnectError", "ConnectTimeout"})
-_HUNG_UP = frozenset({"ServerDisconnectedError", "ClientOSError", "ConnectionResetError", "BrokenPipeError"})
-#: Of timers, in seconds.
+#: Failed requests in a row, without a completion in between, after which the endpoint counts as broken.
+_MAX_CONSECUTIVE_FAILURES = 20
+#: Timeout of the list of models, which is requested once.
+_MODELS_SECONDS = 20.0
+#: Attempts of the first connection. Once connected, a request has as many attempts as any other.
+_CONNECT_ATTEMPTS = 3
+#: Timeout of the usage that follows the last chunk of a completion.
+_TRAILER_SECONDS = 5.0
+#: Names of errors if nothing listens at the address, and if the peer closed the connection.
+_UNREACHABLE = frozenset({"ConnectError", "ConnectTimeout"})
+_CLOSED_BY_PEER = frozenset({"ServerDisconnectedError", "ClientOSError", "ConnectionResetError", "BrokenPipeError"})
+#: Resolution of timers, in seconds.
 _RESOLUTION = 1e-3
 
 
 class EndpointModel(Model):
-    """Asks an endpoint. Each attempt waits for its place in `pace`; those that another attempt may mend are repeated,
-    with growing pauses. Once one request finds that none can be answered, no other is sent.
+    """Sends requests to an endpoint.
 
-    Raises UsageError where the client is not installed, or no endpoint is named.
+    Each attempt acquires a slot of the limiter. Retryable errors are retried with backoff. Once one request shows that
+    none can succeed, no other is sent.
+
+    Raises:
+        UsageError: If the client is not installed, or no endpoint is configured.
     """
 
-    def __init__(self, choice: ModelChoice, pace: Pace, accounts: Accounts) -> None:
-        self._choice, self._pace, self._accounts = choice, pace, accounts
-        self._connection = Connection(choice)
-        self._greeting: asyncio.Task[None] | None = None
-        self._names: list[str] = []
-        self._refused: dict[str, set[str]] = {}
-        self._failed_in_a_row = 0
-        self._stopped: ModelStopped | None = None
-        self._stop = asyncio.Event()
+    def __init__(self, settings: ModelSettings, limiter: ConcurrencyLimiter, usage: UsageTracker) -> None:
+        self._settings, self._limiter, self._usage = settings, limiter, usage
+        self._connection = Connection(settings)
+        self._check: asyncio.Task[None] | None = None
+        self._model_names: list[str] = []
+        self._unsupported: dict[str, set[str]] = {}
+        self._consecutive_failures = 0
+        self._unavailable: ModelUnavailable | None = None
+        self._stopped = asyncio.Event()
 
-    async def ask(self, request: Request) -> Answer:
-        if self._greeting is None:
-            self._greeting = asyncio.create_task(self._greet())
-        await asyncio.shield(self._greeting)
-        number = 0
+    async def generate(self, request: Request) -> Completion:
+        if self._check is None:
+            self._check = asyncio.create_task(self._check_endpoint())
+        await asyncio.shield(self._check)
+        attempts = 0
         while True:
             try:
-                answer = await self._turn(request, number)
-            except Again as again:
-                number += 1
-                if number > self._choice.retries:
-                    raise self._given_up(again, number) from None
-                self._accounts.of(request.stage).retries += 1
-                await self._rest(again.pause(number - 1))
-            except ModelFailure as failure:
-                # The endpoint works; but one that finds fault with every request is of no use.
-                self._failed_in_a_row = self._failed_in_a_row + 1 if failure.kind == "server-error" else 0
-                self._hopeless(failure)
+                completion = await self._attempt_in_slot(request, attempts)
+            except RetryableError as error:
+                attempts += 1
+                if attempts > self._settings.retries:
+                    raise self._out_of_retries(error, attempts) from None
+                self._usage.of(request.stage).retries += 1
+                await self._sleep(error.backoff(attempts - 1))
+            except RequestFailed as failure:
+                # The endpoint works; but one that rejects every request is useless.
+                self._consecutive_failures = self._consecutive_failures + 1 if failure.kind == "server-error" else 0
+                self._stop_if_broken(failure)
                 raise
-            except ModelStopped as stopped:
-                self.stop(stopped)
+            except ModelUnavailable as unavailable:
+                self.stop(unavailable)
                 raise
             else:
-                self._failed_in_a_row = 0
-                return answer
+                self._consecutive_failures = 0
+                return completion
 
-    def stop(self, reason: ModelStopped) -> None:
-        """Send no more requests: those that wait raise `reason`, and those that are under way come to their end."""
-        if self._stopped is None:
-            self._stopped = reason
-            self._stop.set()
-            self._pace.end()
+    def stop(self, reason: ModelUnavailable) -> None:
+        """Send no more requests: those that wait raise `reason`, and those in flight complete."""
+        if self._unavailable is None:
+            self._unavailable = reason
+            self._stopped.set()
+            self._limiter.stop()
 
     async def close(self) -> None:
-        if self._greeting is not None:
-            self._greeting.cancel()
+        if self._check is not None:
+            self._check.cancel()
         await self._connection.client.close()
 
-    async def _rest(self, seconds: float) -> None:
-        """Wait for so long, or until nothing is sent any more."""
+    async def _sleep(self, seconds: float) -> None:
+        """Sleep until the time is over or `stop` is called."""
         with contextlib.suppress(TimeoutError):
-            await asyncio.wait_for(self._stop.wait(), seconds)
+            await asyncio.wait_for(self._stopped.wait(), seconds)
 
-    async def _turn(self, request: Request, number: int) -> Answer:
-        """One attempt in its place. Raises Again, ModelFailure or ModelStopped."""
-        entry = await self._pace.enter(again=number > 0)
+    async def _attempt_in_slot(self, request: Request, number: int) -> Completion:
+        """Acquire a slot and make one attempt. Raises RetryableError, RequestFailed, ModelUnavailable."""
+        ticket = await self._limiter.acquire(retry=number > 0)
         try:
-            if self._stopped is not None:
-                raise type(self._stopped)(str(self._stopped))
-            reserved = self._accounts.reserve(request)
+            if self._unavailable is not None:
+                raise type(self._unavailable)(str(self._unavailable))
+            reservation = self._usage.reserve(request)
             try:
-                answer = await self._attempts(request)
+                completion = await self._attempt_with_supported_parameters(request)
             finally:
-                self._accounts.settle(request, reserved)
-            self._pace.succeeded()
-            return answer
-        except ModelFailure:
-            # Answered all the same.
-            self._pace.succeeded()
+                self._usage.release(request, reservation)
+            self._limiter.on_success()
+            return completion
+        except RequestFailed:
+            # The endpoint responded, so its load is no reason to slow down.
+            self._limiter.on_success()
             raise
-        except Again as again:
-            if again.limited:
-                self._pace.turned_away(entry, again.after)
+        except RetryableError as error:
+            if error.rate_limited:
+                self._limiter.on_rate_limit(ticket, error.retry_after)
             raise
         finally:
-            self._pace.leave()
+            self._limiter.release()
 
-    async def _attempts(self, request: Request) -> Answer:
-        """One attempt, repeated at once without each parameter that the endpoint does not take."""
+    async def _attempt_with_supported_parameters(self, request: Request) -> Completion:
+        """Make one attempt, and repeat it at once without each unsupported parameter."""
         while True:
             try:
                 return await self._attempt(request)
-            except ParameterRefused as refused:
-                self._refused.setdefault(request.model, set()).add(refused.name)
+            except UnsupportedParameter as error:
+                self._unsupported.setdefault(request.model, set()).add(error.name)
 
-    async def _attempt(self, request: Request) -> Answer:
-        loop, choice, reading = asyncio.get_running_loop(), self._choice, Reading(self._connection.answered)
-        began = loop.time()
-        ends = began + choice.total_seconds
+    async def _attempt(self, request: Request) -> Completion:
+        loop, settings = asyncio.get_running_loop(), self._settings
+        builder = CompletionBuilder(self._connection.redact_completion)
+        start = loop.time()
+        deadline = start + settings.total_seconds
         try:
-            async with asyncio.timeout_at(min(ends, began + choice.first_seconds)) as clock:
+            async with asyncio.timeout_at(min(deadline, start + settings.first_seconds)) as timeout:
                 async with self._response(request) as response, contextlib.aclosing(_chunks(response)) as chunks:
                     async for chunk in chunks:
                         if chunk.error is not None:
-                            raise self._told(chunk.error, request)
-                        reading.take(chunk)
-                        silence = choice.silence_seconds if reading.finish is None else _TAIL_SECONDS
-                        clock.reschedule(min(ends, loop.time() + silence))
+                            raise self._stream_error(chunk.error, request)
+                        builder.add(chunk)
+                        silence = settings.silence_seconds if builder.finish is None else _TRAILER_SECONDS
+                        timeout.reschedule(min(deadline, loop.time() + silence))
         except TimeoutError:
-            if reading.finish is None:
-                raise self._late(reading, loop.time() - began) from None
-        except Garbled as garbled:
-            raise Again("garbage", self._connection.plain(str(garbled))) from None
+            if builder.finish is None:
+                raise self._timeout_error(builder, loop.time() - start) from None
+        except MalformedResponse as malformed:
+            raise RetryableError("garbage", self._connection.redact(str(malformed))) from None
         finally:
-            tokens = reading.tokens(estimate(request))
-            if reading.pieces or reading.usage:
-                self._accounts.use(request, *tokens, loop.time() - began)
-        return reading.answer(tokens, loop.time() - began)
+            tokens = builder.tokens(estimated_prompt_tokens(request))
+            if builder.chunks or builder.usage:
+                self._usage.record(request, *tokens, loop.time() - start)
+        return builder.build(tokens, loop.time() - start)
 
     @contextlib.asynccontextmanager
     async def _response(self, request: Request) -> AsyncIterator[AsyncAPIResponse[Any]]:
-        """Raises Again, ParameterRefused, ModelFailure and ModelStopped."""
+        """Raises RetryableError, UnsupportedParameter, RequestFailed, ModelUnavailable."""
         from openai import APIConnectionError, APIStatusError
 
-        sent = body(request, self._refused.get(request.model, set()))
-        # As the extra body: what the client does to each message of a body costs more than all else here together.
+        body = request_body(request, self._unsupported.get(request.model, set()))
+        # As the extra body: the client's processing of each message in a typed body costs more than all the rest.
         streamed = self._connection.client.chat.completions.with_streaming_response.create(
-            model=request.model, messages=[], stream=True, extra_body=sent
+            model=request.model, messages=[], stream=True, extra_body=body
         )
         try:
             response = await streamed.__aenter__()
         except APIConnectionError as error:
-            raise self._unconnected(error) from None
+            raise self._connection_error(error) from None
         except APIStatusError as error:
-            said = self._connection.plain(await _text(error.response))
-            raise self._named(fault(error.status_code, said, error.response.headers, request, sent)) from None
+            text = self._connection.redact(await _text(error.response))
+            raise self._explained(
+                error_from_response(error.status_code, text, error.response.headers, request, body)
+            ) from None
         try:
             yield response
         finally:
             await streamed.__aexit__(None, None, None)
 
-    def _unconnected(self, error: Exception) -> Again:
-        """Whether nobody was there, or one who hung up, only the names of the causes tell: which library lies below the
-        client depends on its version, and what it makes of an error of that library may be another one.
+    def _connection_error(self, error: Exception) -> RetryableError:
+        """Classify a connection error by the names of its causes.
+
+        Which library lies below the client depends on the client's version, and so do the classes of its errors.
         """
         cause: BaseException | None = error
-        names, words = set(), ""
+        names, message = set(), ""
         while cause is not None:
             names.add(type(cause).__name__)
-            words, cause = str(cause) or type(cause).__name__, cause.__cause__
-        down = not names.isdisjoint(_ABSENT) and names.isdisjoint(_HUNG_UP)
-        return Again("server-error" if down else "disconnected", self._connection.plain(words), down=down)
+            message, cause = str(cause) or type(cause).__name__, cause.__cause__
+        unreachable = not names.isdisjoint(_UNREACHABLE) and names.isdisjoint(_CLOSED_BY_PEER)
+        return RetryableError(
+            "server-error" if unreachable else "disconnected", self._connection.redact(message), unreachable=unreachable
+        )
 
-    def _told(self, error: Any, request: Request) -> Exception:
-        """An error that came in the stream, after the status."""
-        told = error if isinstance(error, dict) else {"message": str(error)}
-        code = told.get("code")
-        return fault(code if isinstance(code, int) else 500, self._connection.plain(json.dumps(told)), {}, request, {})
+    def _stream_error(self, error: Any, request: Request) -> Exception:
+        """Classify an error that arrived in the stream, after a successful status."""
+        details = error if isinstance(error, dict) else {"message": str(error)}
+        code = details.get("code")
+        status = code if isinstance(code, int) else 500
+        return error_from_response(status, self._connection.redact(json.dumps(details)), {}, request, {})
 
-    def _late(self, reading: Reading, seconds: float) -> Exception:
-        """What has come to nothing within its time is not waited for again, if it used all of it."""
-        if seconds > self._choice.total_seconds - _RESOLUTION:
-            return ModelFailure("timeout", f"no end of the answer within {self._choice.total_seconds:g} s")
-        if reading.pieces:
-            return Again("timeout", f"nothing more for {self._choice.silence_seconds:g} s, in the midst of the answer")
-        return Again("timeout", f"no beginning of an answer within {self._choice.first_seconds:g} s")
+    def _timeout_error(self, builder: CompletionBuilder, seconds: float) -> Exception:
+        """Classify a timeout: an attempt that used the total time is not retried."""
+        if seconds > self._settings.total_seconds - _RESOLUTION:
+            return RequestFailed("timeout", f"the completion did not end within {self._settings.total_seconds:g} s")
+        if builder.chunks:
+            return RetryableError("timeout", f"no chunk within {self._settings.silence_seconds:g} s of the last one")
+        return RetryableError("timeout", f"no first chunk within {self._settings.first_seconds:g} s")
 
-    def _named(self, found: Exception) -> Exception:
-        """A fault, with what helps against it."""
-        if isinstance(found, ModelStopped):
-            said = str(found)
-            if "refuses the key" in said:
-                had = "the one in" if self._connection.has_key else "none is set in"
-                return ModelStopped(f"{self._connection.where}: {said}; {had} {self._connection.key_name}")
-            if "has no model" in said and self._names:
-                return ModelStopped(f"{self._connection.where}: {said}; it has {', '.join(self._names[:20])}")
-            return ModelStopped(f"{self._connection.where}: {said}")
-        return found
+    def _explained(self, error: Exception) -> Exception:
+        """Add the address, and what the user can do, to a ModelUnavailable."""
+        if isinstance(error, ModelUnavailable):
+            message = str(error)
+            if "rejects the key" in message:
+                key = "the one in" if self._connection.has_key else "none is set in"
+                message = f"{message}; {key} {self._connection.key_name}"
+            elif "has no model" in message and self._model_names:
+                message = f"{message}; it has {', '.join(self._model_names[:20])}"
+            return ModelUnavailable(f"{self._connection.address}: {message}")
+        return error
 
-    def _given_up(self, again: Again, number: int) -> Exception:
-        """What a request ends with whose attempts all failed."""
-        if again.down:
-            stopped = ModelStopped(
-                f"nothing answers at {self._connection.where} any more ({again}; {number} attempts): what was answered "
-                "is kept; start the endpoint again, and the same command goes on"
+    def _out_of_retries(self, error: RetryableError, attempts: int) -> Exception:
+        """The exception that a request raises whose attempts all failed."""
+        if error.unreachable:
+            unavailable = ModelUnavailable(
+                f"nothing listens at {self._connection.address} any more ({error}; {attempts} attempts): all "
+                "completions so far are stored; start the endpoint again, and run the same command again to continue"
             )
-            self.stop(stopped)
-            return stopped
-        failure = ModelFailure(again.kind, f"{again} ({number} attempts)")
-        self._failed_in_a_row += 1
-        self._hopeless(failure)
+            self.stop(unavailable)
+            return unavailable
+        failure = RequestFailed(error.kind, f"{error} ({attempts} attempts)")
+        self._consecutive_failures += 1
+        self._stop_if_broken(failure)
         return failure
 
-    def _hopeless(self, failure: ModelFailure) -> None:
-        if self._failed_in_a_row >= _HOPELESS:
+    def _stop_if_broken(self, failure: RequestFailed) -> None:
+        if self._consecutive_failures >= _MAX_CONSECUTIVE_FAILURES:
             self.stop(
-                ModelStopped(f"{self._connection.where} failed {_HOPELESS} requests in a row, the last with: {failure}")
+                ModelUnavailable(
+                    f"{self._connection.address} failed {_MAX_CONSECUTIVE_FAILURES} requests in a row, the last with: "
+                    f"{failure}"
+                )
             )
 
-    async def _greet(self) -> None:
-        """Ask for the names of models. An endpoint that does not tell them is taken as it is; one that is not there, or
-        refuses the key, raises ModelStopped.
+    async def _check_endpoint(self) -> None:
+        """Request the list of models.
+
+        An endpoint without that list is accepted. Raises ModelUnavailable if nothing listens at the address, or the
+        endpoint rejects the key.
         """
         from openai import APIConnectionError, APIError, APIStatusError
 
-        for number in range(_FIRST_TRIES):
+        for number in range(_CONNECT_ATTEMPTS):
             try:
-                async with asyncio.timeout(_GREETING_SECONDS):
-                    listed = await self._connection.client.models.list()
-                    self._names = [model.id async for model in listed if isinstance(model.id, str)]
+                async with asyncio.timeout(_MODELS_SECONDS):
+                    models = await self._connection.client.models.list()
+                    self._model_names = [model.id async for model in models if isinstance(model.id, str)]
                 return
             except APIConnectionError as error:
-                again = self._unconnected(error)
-                if not again.down:
+                retryable = self._connection_error(error)
+                if not retryable.unreachable:
                     return
-                if number + 1 < _FIRST_TRIES:
-                    await self._rest(again.pause(number))
-                    if self._stopped is not None:
-                        raise type(self._stopped)(str(self._stopped)) from None
+                if number + 1 < _CONNECT_ATTEMPTS:
+                    await self._sleep(retryable.backoff(number))
+                    if self._unavailable is not None:
+                        raise type(self._unavailable)(str(self._unavailable)) from None
                     continue
-                stopped = ModelStopped(
-                    f"nothing answers at {self._connection.where} ({again}): start the endpoint there, or give another "
+                unavailable = ModelUnavailable(
+                    f"nothing listens at {self._connection.address} ({retryable}): start the endpoint, or give another "
                     "--base-url"
                 )
-                self.stop(stopped)
-                raise stopped from None
+                self.stop(unavailable)
+                raise unavailable from None
             except APIStatusError as error:
                 if error.status_code == 401:
-                    said = self._connection.plain(await _text(error.response))
-                    refused = self._named(fault(401, said, {}, Request("", ()), {}))
-                    assert isinstance(refused, ModelStopped)
-                    self.stop(refused)
-                    raise refused from None
+                    text = self._connection.redact(await _text(error.response))
+                    rejected = self._explained(error_from_response(401, text, {}, Request("", ()), {}))
+                    assert isinstance(rejected, ModelUnavailable)
+                    self.stop(rejected)
+                    raise rejected from None
                 return
             except (APIError, ValueError, TypeError, AttributeError, TimeoutError):
                 return
 
 
 async def _chunks(response: AsyncAPIResponse[Any]) -> AsyncGenerator[Chunk, None]:
-    """The pieces of an answer. Raises Again where they break off, Garbled where they are none."""
-    events, finished = Events(), False
+    """Yield the chunks of a response. Raises RetryableError if it breaks off, MalformedResponse."""
+    decoder, finished = EventStreamDecoder(), False
     streamed = not response.headers.get("content-type", "").startswith("application/json")
     whole: list[bytes] = []
-    pieces = response.iter_bytes()
+    parts = response.iter_bytes()
     while True:
         try:
-            piece = await anext(pieces)
+            part = await anext(parts)
         except StopAsyncIteration:
             break
         except Exception as error:
-            # Whatever the transport raises: its classes are those of the library below the client's.
+            # Every exception: the classes are those of the library below the client's.
             if finished:
                 return
-            raise Again("disconnected", f"the connection broke: {shown(str(error)) or type(error).__name__}") from None
+            reason = excerpt(str(error)) or type(error).__name__
+            raise RetryableError("disconnected", f"the connection broke: {reason}") from None
         if not streamed:
-            whole.append(piece)
+            whole.append(part)
             continue
-        for data in events.feed(piece):
-            chunk = decode(data)
+        for event in decoder.feed(part):
+            chunk = decode_chunk(event)
             finished = finished or bool(chunk.choices and chunk.choices[0].finish_reason)
             yield chunk
-    for data in events.end() if streamed else [b"".join(whole)]:
-        chunk = decode(data)
+    for event in decoder.flush() if streamed else [b"".join(whole)]:
+        chunk = decode_chunk(event)
         finished = finished or bool(chunk.choices and chunk.choices[0].finish_reason)
         yield chunk
     if not finished:
-        raise Again("disconnected", "the connection ended before the answer did")
+        raise RetryableError("disconnected", "the connection closed before the completion ended")
 
 
 async def _text(response: Any) -> str:

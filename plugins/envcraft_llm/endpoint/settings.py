@@ -1,4 +1,4 @@
-"""``[tool.envcraft.llm]``: which models, where, at which prices and pace; and what the options of a command change."""
+"""``[tool.envcraft.llm]``: endpoint, models, prices and limits, and the options that override them."""
 
 from __future__ import annotations
 
@@ -9,48 +9,48 @@ from typing import Any, Literal
 
 import msgspec
 
-from envcraft.cli import unknown
+from envcraft.config import settings as pyproject_settings
 from envcraft.errors import UsageError
-from envcraft.pyproject import settings
+from envcraft.registry import did_you_mean
 
-#: The stages that a small model is good enough for.
+#: The stages that use the small model.
 SMALL_STAGES = frozenset({"elaboration", "briefs", "viability"})
-#: The models unless told.
+#: The default models.
 SMALL, LARGE = "gpt-oss-20b", "gpt-oss-120b"
-#: The environment variable that holds the key, and the one that may name another.
+#: The environment variable that holds the key, and the one that may name another variable.
 KEY, KEY_NAME = "OPENAI_API_KEY", "ENVCRAFT_LLM_KEY_ENV"
 
 Effort = Literal["", "low", "medium", "high"]
 
 
 class Price(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """What a million tokens cost, in any one currency."""
+    """Cost of a million tokens, in any one currency."""
 
     prompt: float = 0.0
     completion: float = 0.0
 
 
-class ModelChoice(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, rename="kebab"):
-    """Settings and options together. Seconds are of one attempt, limits of one run.
+class ModelSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, rename="kebab"):
+    """Settings merged with options. Timeouts apply to one attempt, limits to one run.
 
     Attributes:
-        base_url: where the endpoint is, with ``/v1``; empty where none is named.
-        model: its name for the stages that write code, or empty for gpt-oss-120b.
-        small_model: its name for elaboration, briefs and viability, or empty for `model` where that is given, else
-            gpt-oss-20b.
-        models: names for single stages.
-        effort: of reasoning, or empty for the endpoint's own.
-        prices: by the name of the model.
-        min_concurrency, max_concurrency: how many requests may be under way, at least and at most.
-        connect_seconds: until the connection stands.
-        first_seconds: until the first piece of the answer, the endpoint's queue included.
-        silence_seconds: between two pieces.
-        total_seconds: until the end of the answer.
-        retries: how often a request is sent again that was turned away or broke off.
-        batch: whether requests are answered by the endpoint's Batch interface: cheaper, and within a day.
-        max_cost: in the currency of the prices, or None for no limit.
-        max_tokens_total: of prompts and answers, or None.
-        max_seconds: from `open_model` until the last request is sent, or None.
+        base_url: Address of the endpoint, with ``/v1``; empty if none is configured.
+        model: Model of the stages that write code; empty for gpt-oss-120b.
+        small_model: Model for elaboration, briefs and viability; empty for `model` if that is given, else gpt-oss-20b.
+        models: Models by stage.
+        effort: Reasoning effort; empty for the endpoint's default.
+        prices: Prices by name of the model.
+        min_concurrency: Lower bound of the limit of requests in flight.
+        max_concurrency: Upper bound of that limit.
+        connect_seconds: Timeout of the connection.
+        first_seconds: Timeout of the first chunk, the endpoint's queue included.
+        silence_seconds: Timeout between two chunks.
+        total_seconds: Timeout of the whole completion.
+        retries: Attempts after the first.
+        batch: Whether to use the endpoint's Batch interface.
+        max_cost: Limit of the cost, in the currency of the prices, or None.
+        max_tokens_total: Limit of prompt and completion tokens, or None.
+        max_seconds: Seconds from `open_model` after which no request is sent, or None.
     """
 
     base_url: str = ""
@@ -73,83 +73,90 @@ class ModelChoice(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
 
     @property
     def large(self) -> str:
-        """The name of the model that writes code."""
+        """Name of the model that writes code."""
         return self.model or LARGE
 
     @property
     def small(self) -> str:
-        """The name of the model for elaboration, briefs and viability."""
+        """Name of the model for elaboration, briefs and viability."""
         return self.small_model or self.model or SMALL
 
-    def of(self, stage: str) -> str:
-        """The name of the model for a stage."""
+    def model_for(self, stage: str) -> str:
+        """Return the name of the model for a stage."""
         return self.models.get(stage) or (self.small if stage in SMALL_STAGES else self.large)
 
 
-def chosen(folder: Path, options: Mapping[str, Any]) -> ModelChoice:
-    """``[tool.envcraft.llm]`` of the ``pyproject.toml`` in `folder` or the nearest one above, and what `options`, by
-    the names of attributes, have instead; those that are None have nothing. Raises UsageError.
+def load_settings(folder: Path, options: Mapping[str, Any]) -> ModelSettings:
+    """Load ``[tool.envcraft.llm]`` and apply options.
+
+    Args:
+        folder: Folder whose nearest ``pyproject.toml``, there or above, is read.
+        options: Values by attribute name that override the file; None overrides nothing.
+
+    Raises:
+        UsageError: If a setting does not exist or has an invalid value.
     """
-    path, table = settings(folder)
+    path, table = pyproject_settings(folder)
     place = f"{path}: [tool.envcraft.llm]"
-    found = table.get("llm", {})
-    if not isinstance(found, dict):
+    llm = table.get("llm", {})
+    if not isinstance(llm, dict):
         raise UsageError(f"{place} must be a table")
-    known = {name: name for name in ModelChoice.__struct_encode_fields__}
-    plain = {key.replace("_", "-"): value for key, value in found.items()}
-    for key in plain:
+    known = {name: name for name in ModelSettings.__struct_encode_fields__}
+    values = {key.replace("_", "-"): value for key, value in llm.items()}
+    for key in values:
         if key not in known:
-            raise UsageError(f"{place} has no setting {_no_key(key) or unknown(key, known)}")
+            raise UsageError(f"{place} has no setting {_about_key(key) or did_you_mean(key, known)}")
     try:
-        choice = msgspec.convert(plain, ModelChoice)
+        settings = msgspec.convert(values, ModelSettings)
     except msgspec.ValidationError as error:
         raise UsageError(f"{place}: {str(error).replace('`$.', '`')}") from None
-    _check(choice, place)
-    if not (options.get("base_url") or choice.base_url):
-        # Where the client of OpenAI looks, too.
-        choice = msgspec.structs.replace(choice, base_url=os.environ.get("OPENAI_BASE_URL", ""))
-    changed = msgspec.structs.replace(choice, **{name: value for name, value in options.items() if value is not None})
-    # A model that is named in the command goes for all stages that nothing else is named for there.
+    _check(settings, place)
+    if not (options.get("base_url") or settings.base_url):
+        # The openai client reads this variable too.
+        settings = msgspec.structs.replace(settings, base_url=os.environ.get("OPENAI_BASE_URL", ""))
+    given = {name: value for name, value in options.items() if value is not None}
+    merged = msgspec.structs.replace(settings, **given)
+    # --model alone applies to every stage.
     if options.get("model") and not options.get("small_model"):
-        changed = msgspec.structs.replace(changed, small_model="", models={})
-    _check(changed, "the options")
-    return changed
+        merged = msgspec.structs.replace(merged, small_model="", models={})
+    _check(merged, "the options")
+    return merged
 
 
 def key_from_environment() -> tuple[str, str]:
-    """The name of the variable that holds the key, and the key, empty where it is not set."""
+    """Return the name of the variable that holds the key, and the key; empty if it is not set."""
     name = os.environ.get(KEY_NAME) or KEY
     return name, os.environ.get(name, "").strip()
 
 
-def _no_key(name: str) -> str:
+def _about_key(name: str) -> str:
     if "key" not in name:
         return ""
-    return f"{name!r}: keys are never read from a file; put it into the environment, as {KEY}"
+    return f"{name!r}: a key is never read from a file; put it into the environment variable {KEY}"
 
 
-def _check(choice: ModelChoice, place: str) -> None:
-    """Raises UsageError on numbers that do not go together."""
-    low, high = choice.min_concurrency, choice.max_concurrency
+def _check(settings: ModelSettings, place: str) -> None:
+    """Raises UsageError if a number is out of range, or numbers contradict each other."""
+    low, high = settings.min_concurrency, settings.max_concurrency
     if not 1 <= low <= high:
         raise UsageError(
-            f"{place}: concurrency from {low} to {high}; it takes 1 or more, and no less at most than at least"
+            f"{place}: concurrency from {low} to {high}; the minimum must be 1 or more, and at most the maximum"
         )
     for name in ("connect_seconds", "first_seconds", "silence_seconds", "total_seconds"):
-        if not 0 < getattr(choice, name) < float("inf"):
-            raise UsageError(f"{place}: {name.replace('_', '-')} is {getattr(choice, name):g}; it must be above 0")
+        if not 0 < getattr(settings, name) < float("inf"):
+            raise UsageError(f"{place}: {name.replace('_', '-')} is {getattr(settings, name):g}; it must be above 0")
     for name in ("retries", "max_cost", "max_tokens_total", "max_seconds"):
-        value = getattr(choice, name)
+        value = getattr(settings, name)
         if value is not None and not value >= 0:
             raise UsageError(f"{place}: {name.replace('_', '-')} is {value:g}; it must be 0 or more")
-    for model, price in choice.prices.items():
+    for model, price in settings.prices.items():
         if not (price.prompt >= 0 and price.completion >= 0):
-            raise UsageError(f"{place}: the prices of {model} must be 0 or more, for a million tokens")
-    if choice.base_url and not choice.base_url.startswith(("http://", "https://")):
-        raise UsageError(f"{place}: {choice.base_url!r} is no address such as http://127.0.0.1:8000/v1")
-    unpriced = sorted({choice.small, choice.large, *choice.models.values()} - choice.prices.keys())
-    if choice.max_cost is not None and unpriced:
+            raise UsageError(f"{place}: the prices of {model}, per million tokens, must be 0 or more")
+    if settings.base_url and not settings.base_url.startswith(("http://", "https://")):
+        raise UsageError(f"{place}: {settings.base_url!r} is not an address such as http://127.0.0.1:8000/v1")
+    unpriced = sorted({settings.small, settings.large, *settings.models.values()} - settings.prices.keys())
+    if settings.max_cost is not None and unpriced:
         raise UsageError(
-            f"a limit of cost needs prices, and there is none of {', '.join(unpriced)}: give "
-            f'[tool.envcraft.llm.prices."{unpriced[0]}"] prompt and completion, for a million tokens'
+            f"max-cost needs prices, and {', '.join(unpriced)} has none: set prompt and completion, per million "
+            f'tokens, in [tool.envcraft.llm.prices."{unpriced[0]}"]'
         )

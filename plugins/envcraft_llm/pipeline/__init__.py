@@ -1,1 +1,1 @@
-"""What runs the stages: the queue of concepts, the workbench, the judging beside it, and the tables at the end."""
+"""The pipeline: commands, stage context, judging, the runner of the stages, progress and result tables."""

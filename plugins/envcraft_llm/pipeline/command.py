@@ -1,4 +1,4 @@
-"""``envcraft generate --concepts N``: concepts through all stages, into a corpus."""
+"""``envcraft generate --concepts N``: takes concepts through all stages into a corpus."""
 
 from __future__ import annotations
 
@@ -10,57 +10,63 @@ from typing import TYPE_CHECKING
 
 import click
 
-from envcraft.budget import BUDGETS
-from envcraft.cli import uninterrupted
-from envcraft.commands.choices import where_options
+from envcraft.cli.options import sandbox_options
+from envcraft.cli.signals import uninterrupted
 from envcraft.errors import EnvCraftError, ExitCode, UsageError
-from envcraft.reports import one_line, plural
-from envcraft_llm.endpoint import ModelChoice, model_options
+from envcraft.judging.budget import BUDGETS
+from envcraft.text import one_line, plural
+from envcraft_llm.endpoint import ModelSettings, model_options
 
 from .options import (
-    answerable,
-    demo_folder,
+    check_demo_games,
+    check_model,
+    check_stage_name,
+    create_model,
+    demo_answers,
     driver_for_generated,
+    enabled_stages,
     is_demo,
-    judges,
-    named,
+    judge_executor,
+    model_for,
     offered_stages,
-    opened,
-    playable,
-    running,
-    stage_named,
 )
 
 if TYPE_CHECKING:
-    from envcraft.corpus.history import History
     from envcraft.corpus.store import Store
-    from envcraft.stages import Case, Stage, Workbench
-    from envcraft_llm.endpoint.accounts import Accounts
+    from envcraft.generation.history import History
+    from envcraft.generation.stages import ConceptState, Stage, StageContext
+    from envcraft_llm.endpoint.usage import UsageTracker
     from envcraft_llm.model import Model
 
-    from .runner import Run
+    from .runner import PipelineRunner
 
-#: Where the demo goes unless told.
+#: The default corpus of the demo.
 _DEMO_CORPUS = "envcraft-demo"
-#: So many concepts are under way for each core that judges, and for each request at the endpoint.
-_EACH_CORE, _EACH_REQUEST = 4, 2
+#: Concepts in progress per judging core, and per request in flight.
+_PER_CORE, _PER_REQUEST = 4, 2
+#: Number of judging errors printed at the end.
+_ERRORS = 10
 
 
 @click.command(name="concepts")
-@click.option("--concepts", type=click.IntRange(1), metavar="N", help="So many concepts, through all stages.")
+@click.option(
+    "--concepts", type=click.IntRange(1), metavar="N", help="Take N concepts through all stages, with language models."
+)
 @click.option("--seed", type=click.IntRange(0, 2**31 - 1), default=0)
 @click.option("--corpus", metavar="DIR", type=click.Path(path_type=Path))
 @click.option(
-    "--with", "optional", metavar="STAGE", multiple=True, help="Run this optional stage too, such as elaboration."
+    "--with", "optional", metavar="STAGE", multiple=True, help="Also run this optional stage, such as elaboration."
 )
-@click.option("--from", "first", metavar="STAGE", help="Begin there, with what has come so far.")
-@click.option("--until", "last", metavar="STAGE", help="Go no further than this stage.")
-@click.option("--offline", is_flag=True, help="Ask nobody: answers come from the corpus's journal.")
+@click.option("--from", "first", metavar="STAGE", help="Start at this stage, with concepts that have reached it.")
+@click.option("--until", "last", metavar="STAGE", help="Stop after this stage.")
+@click.option("--offline", is_flag=True, help="Send no request: replay completions from the corpus's journal.")
 @model_options
 @click.option(
-    "--budget", type=click.Choice(list(BUDGETS)), help="Of judging.  [default: standard; quick for --model demo]"
+    "--budget",
+    type=click.Choice(list(BUDGETS)),
+    help="Budget of the checks.  [default: standard; quick for --model demo]",
 )
-@where_options()
+@sandbox_options()
 @click.pass_context
 def pipeline(
     ctx: click.Context,
@@ -71,88 +77,93 @@ def pipeline(
     first: str | None,
     last: str | None,
     offline: bool,
-    chosen: ModelChoice,
+    model_settings: ModelSettings,
     budget: str | None,
     sandbox: str,
     runtime: str | None,
     require_isolation: str | None,
     workers: int | None,
 ) -> None:
-    """Concepts through all stages, into a corpus."""
+    """Take concepts through all stages into a corpus."""
     offered = offered_stages()
-    begin, end, *others = (stage_named(name, offered) for name in (first, last, *optional))
-    # One that a run begins or ends with is one that it has.
-    stages = running(offered, {begin, end, *others})
+    begin, end, *others = (check_stage_name(name, offered) for name in (first, last, *optional))
+    # --from and --until enable an optional stage too.
+    stages = enabled_stages(offered, {begin, end, *others})
     names = [stage.name for stage in stages]
     if begin and end and names.index(begin) > names.index(end):
         raise UsageError(f"--from {begin} comes after --until {end}; the stages are {', '.join(names)}")
-    if corpus is None and not is_demo(chosen):
-        raise UsageError("say where to: --corpus DIR")
+    if corpus is None and not is_demo(model_settings):
+        raise UsageError("name the corpus with --corpus DIR")
     corpus = corpus or Path(_DEMO_CORPUS)
     with uninterrupted():
-        cases = _cases(concepts, seed, chosen)
-        answerable(chosen, corpus, offline)
-    ids = [case.concept for case in cases]
+        states = _states(concepts, seed, model_settings)
+        check_model(model_settings, corpus, offline)
+    ids = [state.concept for state in states]
     with contextlib.ExitStack() as stack:
         driver = driver_for_generated(sandbox, require_isolation, runtime)
         stack.callback(driver.close)
-        if is_demo(chosen):
-            playable(chosen, driver)
+        if is_demo(model_settings):
+            check_demo_games(model_settings, driver)
         with uninterrupted():
-            from envcraft.corpus.history import History
+            from envcraft.generation.history import History
 
-            from .bench import Bench
-            from .runner import Run
+            from .context import CorpusContext
+            from .progress import ProgressDisplay
+            from .runner import PipelineRunner
             from .tables import rows
-            from .view import View
 
-            judging, settings = judges(driver, budget or ("quick" if is_demo(chosen) else "standard"), workers)
-        stack.enter_context(judging)
-        store = stack.enter_context(_opened_store(corpus))
-        history = History(store, settings)
-        # First, so that a journal that cannot be used leaves no concepts behind.
-        model, accounts = opened(chosen, store.root, offline)
-        history.keep_concepts(cases)
-        run = Run(history, stages, begin, end)
-        bench = Bench(history, model, judging, lambda stage: named(chosen, stage), chosen.effort)
-        view = View(rows(history, stages, ids), run.tally, accounts)
-        run.told = view.tell
-        at_once = _at_once(len(ids), judging.workers, chosen)
+            budget = budget or ("quick" if is_demo(model_settings) else "standard")
+            judges, verdict_settings = judge_executor(driver, budget, workers)
+        stack.enter_context(judges)
+        store = stack.enter_context(_open_store(corpus))
+        history = History(store, verdict_settings)
+        # Before the concepts are stored, since it may raise.
+        model, usage = create_model(model_settings, store.root, offline)
+        history.keep_concepts(states)
+        runner = PipelineRunner(history, stages, begin, end)
+        context = CorpusContext(
+            history, model, judges, lambda stage: model_for(model_settings, stage), model_settings.effort
+        )
+        display = ProgressDisplay(rows(history, stages, ids), runner.progress, usage)
+        runner.on_change = display.update
+        concurrency = _concurrency(len(ids), judges.workers, model_settings)
         try:
-            # The view ends first, so that nothing is written into it.
-            with _interrupted(run, ids), view:
-                asyncio.run(_through(run, ids, bench, model, at_once))
+            # The display ends first, since _resumable prints.
+            with _resumable(runner, ids), display:
+                asyncio.run(_run(runner, ids, context, model, concurrency))
         finally:
-            _summary(history, stages, ids, accounts)
+            _print_summary(history, stages, ids, usage)
         outcomes = history.counts(ids).get(end or names[-1])
         passed = outcomes["passed"] if outcomes else 0
-    for words in run.tally.unjudged[:10]:
-        click.echo(one_line(words), err=True)
-    if run.tally.unjudged:
+    for error in runner.progress.errors[:_ERRORS]:
+        click.echo(one_line(error), err=True)
+    if runner.progress.errors:
         ctx.exit(ExitCode.ERROR)
     ctx.exit(ExitCode.PASS if passed else ExitCode.FAIL)
 
 
 def merge(corpus: Path, other: Path) -> str:
-    """Take over what models answered, from one corpus into another; gives how much in words. Raises EnvCraftError."""
-    from envcraft_llm.endpoint.journal import merge as take
+    """Copy the journal of one corpus into another, and return how much was copied in words. Raises EnvCraftError."""
+    from envcraft_llm.endpoint.journal import merge as merge_journals
 
-    taken = take(corpus, other)
-    return plural(taken, "answer") if taken else ""
+    count = merge_journals(corpus, other)
+    return plural(count, "answer") if count else ""
 
 
-def _at_once(count: int, workers: int, chosen: ModelChoice) -> int:
-    """How many concepts are under way: enough that neither the endpoint nor the cores wait for the other."""
-    if chosen.batch:
-        # A batch is what is asked at the same time.
+def _concurrency(count: int, workers: int, settings: ModelSettings) -> int:
+    """The number of concepts in progress that keeps both the endpoint and the cores busy."""
+    if settings.batch:
+        # One batch holds the requests of all concepts.
         return count
-    return _EACH_CORE * workers + (0 if is_demo(chosen) else _EACH_REQUEST * chosen.max_concurrency)
+    return _PER_CORE * workers + (0 if is_demo(settings) else _PER_REQUEST * settings.max_concurrency)
 
 
-async def _through(run: Run, ids: Sequence[str], bench: Workbench, model: Model, at_once: int) -> None:
+async def _run(
+    runner: PipelineRunner, ids: Sequence[str], context: StageContext, model: Model, concurrency: int
+) -> None:
     """Raises EnvCraftError."""
     try:
-        await run.run(ids, bench, at_once)
+        await runner.run(ids, context, concurrency)
     except OSError as error:
         where = error.filename or "the corpus"
         raise EnvCraftError(f"{where} cannot be written: {error.strerror or error}") from None
@@ -160,55 +171,55 @@ async def _through(run: Run, ids: Sequence[str], bench: Workbench, model: Model,
         await model.close()
 
 
-def _cases(count: int | None, seed: int, chosen: ModelChoice) -> list[Case]:
+def _states(count: int | None, seed: int, settings: ModelSettings) -> list[ConceptState]:
     """The concepts of the run. Raises UsageError."""
     import msgspec
 
-    from envcraft.stages import Case
+    from envcraft.generation.stages import ConceptState
     from envcraft_llm.concepts.generation import concepts
-    from envcraft_llm.demo_model import SEED, demo_concepts
+    from envcraft_llm.recorded import SEED, recorded_concepts
 
-    if is_demo(chosen):
+    if is_demo(settings):
         if seed != SEED:
-            raise UsageError(f"--seed {seed}: the demo has concepts of seed {SEED} alone")
-        made = demo_concepts(demo_folder(chosen))[:count]
-        if not made:
-            raise UsageError(f"{demo_folder(chosen)} holds no answers to replay")
+            raise UsageError(f"--seed {seed}: the demo has concepts of seed {SEED} only")
+        chosen = recorded_concepts(demo_answers(settings))[:count]
+        if not chosen:
+            raise UsageError(f"{demo_answers(settings)} holds no recorded answers")
     elif count is None:
-        raise UsageError("say how many: --concepts N")
+        raise UsageError("give the number of concepts with --concepts N")
     else:
-        made = list(concepts(count, seed))
-    return [Case(one.id, one.title, one.text, msgspec.to_builtins(one)) for one in made]
+        chosen = list(concepts(count, seed))
+    return [ConceptState(one.id, one.title, one.text, msgspec.to_builtins(one)) for one in chosen]
 
 
-def _opened_store(place: Path) -> Store:
+def _open_store(path: Path) -> Store:
     """Raises UsageError, CorpusBusy, CorpusDamaged."""
     from envcraft.corpus.store import Store, is_corpus
 
-    store = Store(place, write=True) if is_corpus(place) else Store.create(place)
+    store = Store(path, write=True) if is_corpus(path) else Store.create(path)
     if store.follows_folder:
         store.close()
-        raise UsageError(f"{place} follows a folder; generate into another corpus")
+        raise UsageError(f"{path} follows a folder; generate into another corpus")
     return store
 
 
 @contextlib.contextmanager
-def _interrupted(run: Run, ids: Sequence[str]) -> Iterator[None]:
-    """Say what is kept where a run ends in between."""
+def _resumable(runner: PipelineRunner, ids: Sequence[str]) -> Iterator[None]:
+    """Print what is stored if the run is interrupted."""
     try:
         yield
     except (KeyboardInterrupt, EnvCraftError):
-        settled = f"{run.tally.settled:,} of {plural(len(ids), 'concept')}"
-        click.echo(f"{settled} are settled and kept; the same command goes on from there", err=True)
+        settled = f"{runner.progress.settled:,} of {plural(len(ids), 'concept')}"
+        click.echo(f"{settled} are settled and stored; run the same command again to continue", err=True)
         raise
 
 
-def _summary(history: History, stages: Sequence[Stage], ids: Sequence[str], accounts: Accounts | None) -> None:
-    from .tables import cost_lines, rows, stage_table, yield_lines
+def _print_summary(history: History, stages: Sequence[Stage], ids: Sequence[str], usage: UsageTracker | None) -> None:
+    from .tables import rows, stage_table, usage_lines, yield_lines
 
     for line in stage_table(rows(history, stages, ids)):
         click.echo(line)
-    for title, lines in (("Attempts", yield_lines(history.yields(ids))), ("Requests", cost_lines(accounts))):
+    for title, lines in (("Attempts", yield_lines(history.yields(ids))), ("Requests", usage_lines(usage))):
         if lines:
             click.echo(f"\n{title}")
         for line in lines:

@@ -1,4 +1,4 @@
-"""Judging beside an event loop: threads of this process, workers in the sandbox, one subject a thread."""
+"""Judging beside an event loop: one thread per subject, and workers in the sandbox."""
 
 from __future__ import annotations
 
@@ -10,92 +10,105 @@ from typing import Any, TypeVar
 
 import msgspec
 
-from envcraft.budget import Budget
-from envcraft.check import Check
-from envcraft.contract import Contract
 from envcraft.corpus.store import decode
-from envcraft.engine import Plan, cores, judge
 from envcraft.errors import EnvCraftError, SandboxUnavailable
-from envcraft.events import SubjectFinished
-from envcraft.pool import Pool
-from envcraft.sandbox import Driver
-from envcraft.subject import Subject
-from envcraft.target import PolicyFile, Target
-from envcraft.verdict import SubjectReport, Verdict, plain
-from envcraft_llm.guard import profile
+from envcraft.judging.budget import Budget
+from envcraft.judging.check import Check
+from envcraft.judging.driver import Driver
+from envcraft.judging.engine import Plan, cores, judge
+from envcraft.judging.subject import Subject
+from envcraft.judging.worker_pool import WorkerPool
+from envcraft.model.contract import Contract
+from envcraft.model.events import SubjectFinished
+from envcraft.model.target import PolicyFile, Target
+from envcraft.model.verdict import SubjectReport, Verdict, plain
+from envcraft_llm.degenerate import profile
 
 _T = TypeVar("_T")
 
-#: More subjects than any run has: a pool goes on launching ahead.
+#: More subjects than any run has, so that the pool keeps launching workers ahead.
 _SUBJECTS = 1_000_000
-#: Episodes by which it is told how often a policy wins.
+#: Episodes from which a policy's wins are counted.
 _EPISODES = 6
 
 
-class CouldNotJudge(EnvCraftError):
-    """The sandbox failed, or a check broke: nothing is known of the environment."""
+class JudgingError(EnvCraftError):
+    """The sandbox or a check failed, so the environment has no verdict."""
 
 
-class Judges:
-    """Judges sources, as many at a time as `workers` says, by default as there are cores. Leave the context to end all
-    workers; nothing is launched before there is something to judge.
+class JudgeExecutor:
+    """Judges sources, `workers` of them concurrently; by default one per core.
+
+    Use as a context manager: leaving it ends all workers. No worker starts before the first subject.
     """
 
     def __init__(
         self, contract: Contract, driver: Driver, checks: Sequence[Check], budget: Budget, workers: int | None = None
     ) -> None:
         self.workers = workers or cores()
-        self._plan = Plan([], contract, driver, checks, budget, lanes=max(cores() // self.workers, 1))
+        self._plan = Plan([], contract, driver, checks, budget, parallel_jobs=max(cores() // self.workers, 1))
         self._threads = ThreadPoolExecutor(self.workers, "envcraft-judge")
-        self._pool: Pool | None = None
+        self._pool: WorkerPool | None = None
 
-    def __enter__(self) -> Judges:
+    def __enter__(self) -> JudgeExecutor:
         return self
 
     def __exit__(self, *_: object) -> None:
         if self._pool is not None:
-            # Without workers the threads have nothing left to do.
-            self._pool.end()
+            # The threads end once their workers are gone.
+            self._pool.close()
         self._threads.shutdown(cancel_futures=True)
 
     async def judge(self, target: Target) -> tuple[SubjectReport, dict[str, Any]]:
-        """The report of all checks, and the profile of what was played. Raises CouldNotJudge, SandboxUnavailable."""
+        """Run all checks, and return the report and the profile of the episodes.
+
+        Raises:
+            JudgingError: If the sandbox or a check failed.
+            SandboxUnavailable: If no sandbox can be started.
+        """
         return await self._run(self._plan, target, profile)
 
     async def play(self, target: Target, policy: str) -> tuple[SubjectReport, tuple[int, int]]:
-        """The report of ``difficulty`` with a privileged policy, and in how many of how many episodes it wins, none
-        where it cannot be played with. Raises CouldNotJudge, SandboxUnavailable.
+        """Run the check ``difficulty`` with a privileged policy.
+
+        Returns:
+            The report, and the number of episodes that the policy won and played; it plays none if it cannot run.
+
+        Raises:
+            JudgingError: If the sandbox or a check failed.
+            SandboxUnavailable: If no sandbox can be started.
         """
-        checks = [check for check in self._plan.checks if check.name in ("source", "difficulty")]
+        checks = [check for check in self._plan.checks if check.gate or check.name == "difficulty"]
         plan = msgspec.structs.replace(self._plan, checks=checks, policy=PolicyFile("policy.py", policy))
         return await self._run(plan, target, _wins)
 
     async def _run(self, plan: Plan, target: Target, look: Callable[[Subject], _T]) -> tuple[SubjectReport, _T]:
         if self._pool is None:
-            self._pool = Pool(plan.driver, plan.limits, _SUBJECTS)
-        work = functools.partial(_judged, plan, target, self._pool, look)
+            self._pool = WorkerPool(plan.driver, plan.limits, _SUBJECTS)
+        work = functools.partial(_judge, plan, target, self._pool, look)
         try:
             report, seen = await asyncio.get_running_loop().run_in_executor(self._threads, work)
-        except (CouldNotJudge, SandboxUnavailable):
+        except (JudgingError, SandboxUnavailable):
             raise
         except (OSError, EnvCraftError) as error:
-            raise CouldNotJudge(f"{target.path} could not be judged: {error}") from None
+            raise JudgingError(f"{target.path} could not be judged: {error}") from None
         if report.verdict is Verdict.ERROR:
-            raise CouldNotJudge(f"{target.path} could not be judged: {report.reason}")
-        # As a later run reads it, so that a model is told the same by both; and what was raised may have no encoding.
+            raise JudgingError(f"{target.path} could not be judged: {report.reason}")
+        # As a later run reads it from the corpus, so that both send the same requests; an exception's text may have
+        # characters without an encoding.
         return decode(msgspec.json.encode(plain(report)).decode()), seen
 
 
-def _judged(plan: Plan, target: Target, pool: Pool, look: Callable[[Subject], _T]) -> tuple[SubjectReport, _T]:
+def _judge(plan: Plan, target: Target, pool: WorkerPool, look: Callable[[Subject], _T]) -> tuple[SubjectReport, _T]:
     seen: list[_T] = []
     for event in judge(plan, target, pool, look=lambda subject: seen.append(look(subject))):
         if isinstance(event, SubjectFinished):
             return event.report, seen[0]
-    raise CouldNotJudge(f"{target.path} could not be judged")
+    raise JudgingError(f"{target.path} could not be judged")
 
 
 def _wins(subject: Subject) -> tuple[int, int]:
-    """Of what the check has played with the policy, so that nothing is played for this alone."""
+    """Count wins and episodes among those that the check has played with the policy."""
     played = [trace for trace in subject.traces if trace.rollout.policy]
     usable = [trace for trace in played[:_EPISODES] if trace.fault is None and not trace.refused]
     return sum(trace.positive for trace in usable), len(usable)

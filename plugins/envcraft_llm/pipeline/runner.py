@@ -1,4 +1,4 @@
-"""Takes concepts through the stages: many at a time, each from where it was left, until all are settled."""
+"""The runner: takes concepts through the stages concurrently, each from where an earlier run left it."""
 
 from __future__ import annotations
 
@@ -7,47 +7,63 @@ import sqlite3
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 
-from envcraft.corpus.history import History
 from envcraft.corpus.store import CorpusBusy, CorpusDamaged
 from envcraft.errors import SandboxUnavailable
-from envcraft.stages import Case, Outcome, Stage, Workbench
-from envcraft_llm.model import ModelFailure, ModelStopped
+from envcraft.generation.history import History
+from envcraft.generation.stages import ConceptState, Stage, StageContext, StageOutcome
+from envcraft_llm.endpoint.journal import TRANSIENT
+from envcraft_llm.model import ModelUnavailable, RequestFailed
 
-from .bench import NotKept
-from .judging import CouldNotJudge
+from .context import CorpusWriteError
+from .judging import JudgingError
 
-#: Failures that are not of the concept: a later run tries again.
-PASSING = frozenset({"disconnected", "timeout", "server-error", "garbage", "broken"})
-#: What is of the model, the sandbox or the corpus, whichever stage meets it.
-_ENDING = (ModelStopped, CouldNotJudge, SandboxUnavailable, NotKept, CorpusBusy, CorpusDamaged, sqlite3.Error)
+#: Failures that are not the concept's; a later run tries the concept again.
+_RETRIED = TRANSIENT | {"broken"}
+#: Errors of the model, the sandbox or the corpus, which end the run.
+_FATAL = (
+    ModelUnavailable,
+    JudgingError,
+    SandboxUnavailable,
+    CorpusWriteError,
+    CorpusBusy,
+    CorpusDamaged,
+    sqlite3.Error,
+)
 
 
 @dataclass
-class Tally:
-    """How far a run has come.
+class RunProgress:
+    """Progress of a run.
 
     Attributes:
-        total: concepts.
-        settled: concepts that have come to an end, in this run or before.
-        fresh: those of them that this run has done something for.
-        under_way: by stage, how many concepts are in it.
-        now: outcomes of this run, by stage and result.
-        unjudged: what could not be judged, in words.
+        total: Number of concepts.
+        settled: Concepts with a final outcome, from this run or an earlier one.
+        processed: Concepts among them that this run worked on.
+        in_stage: By stage, how many concepts are in it.
+        outcomes: Number of outcomes of this run by stage and result.
+        errors: Why concepts could not be judged.
     """
 
     total: int = 0
     settled: int = 0
-    fresh: int = 0
-    under_way: dict[str, int] = field(default_factory=dict)
-    now: dict[tuple[str, str], int] = field(default_factory=dict)
-    unjudged: list[str] = field(default_factory=list)
+    processed: int = 0
+    in_stage: dict[str, int] = field(default_factory=dict)
+    outcomes: dict[tuple[str, str], int] = field(default_factory=dict)
+    errors: list[str] = field(default_factory=list)
 
 
-class Run:
-    """One run over concepts that are in the corpus already.
+class PipelineRunner:
+    """One run over concepts that are in the corpus.
 
-    `first` and `last` are the stages between which it stays; what is settled before is not done again. `told` is called
-    whenever the tally has changed.
+    Args:
+        history: Tables of generation in the corpus.
+        stages: All stages, in order.
+        first: Name of the first stage to run, or "".
+        last: Name of the last stage to run, or "".
+        on_change: Called after each change of `progress`.
+
+    Attributes:
+        progress: Progress of the run.
     """
 
     def __init__(
@@ -56,97 +72,106 @@ class Run:
         stages: Sequence[Stage],
         first: str = "",
         last: str = "",
-        told: Callable[[], None] = lambda: None,
+        on_change: Callable[[], None] = lambda: None,
     ) -> None:
         names = [stage.name for stage in stages]
         begin = names.index(first) if first else 0
-        self._before = names[:begin]
+        self._required = names[:begin]
         self._stages = stages[begin : names.index(last) + 1 if last else None]
         self._history = history
-        self.told = told
-        self._stopped: ModelStopped | None = None
-        self.tally = Tally()
+        self.on_change = on_change
+        self._unavailable: ModelUnavailable | None = None
+        self.progress = RunProgress()
 
-    async def run(self, concepts: Sequence[str], bench: Workbench, at_once: int) -> None:
-        """Take every concept as far as it comes, `at_once` of them at a time. Raises ModelStopped once nothing is under
-        way that could go on, EnvCraftError; sqlite3.Error where the corpus cannot be written to.
+    async def run(self, concepts: Sequence[str], context: StageContext, concurrency: int) -> None:
+        """Take every concept as far as possible.
+
+        Args:
+            concepts: Ids of the concepts.
+            context: Services of the stages.
+            concurrency: Number of concepts in progress at a time.
+
+        Raises:
+            ModelUnavailable: If no request can succeed, once no concept can continue without one.
+            EnvCraftError: If the sandbox or the corpus fails.
+            sqlite3.Error: If the corpus cannot be written.
         """
-        self.tally.total = len(concepts)
-        waiting = iter(concepts)
-        workers = [asyncio.create_task(self._work(waiting, bench)) for _ in range(min(at_once, len(concepts)))]
+        self.progress.total = len(concepts)
+        remaining = iter(concepts)
+        tasks = [asyncio.create_task(self._work(remaining, context)) for _ in range(min(concurrency, len(concepts)))]
         try:
-            await asyncio.gather(*workers)
+            await asyncio.gather(*tasks)
         finally:
-            for worker in workers:
-                worker.cancel()
-            await asyncio.gather(*workers, return_exceptions=True)
-        if self._stopped is not None:
-            raise self._stopped
+            for task in tasks:
+                task.cancel()
+            await asyncio.gather(*tasks, return_exceptions=True)
+        if self._unavailable is not None:
+            raise self._unavailable
 
-    async def _work(self, waiting: Iterator[str], bench: Workbench) -> None:
-        for concept in waiting:
-            if self._stopped is not None:
+    async def _work(self, remaining: Iterator[str], context: StageContext) -> None:
+        for concept in remaining:
+            if self._unavailable is not None:
                 return
             try:
-                worked = await self._take(concept, bench)
-            except ModelStopped as stopped:
-                # What needs no model goes on; what needs one ends here, as it was.
-                self._stopped = self._stopped or stopped
+                worked = await self._advance(concept, context)
+            except ModelUnavailable as unavailable:
+                # Concepts that need no model continue; this one stays as it is.
+                self._unavailable = self._unavailable or unavailable
                 return
-            except CouldNotJudge as error:
-                self.tally.unjudged.append(str(error))
+            except JudgingError as error:
+                self.progress.errors.append(str(error))
             else:
-                self.tally.settled += 1
-                self.tally.fresh += worked
-            self.told()
+                self.progress.settled += 1
+                self.progress.processed += worked
+            self.on_change()
 
-    async def _take(self, concept: str, bench: Workbench) -> bool:
-        """Take a concept as far as it comes; give whether there was anything to do."""
-        # Looked at first, since most concepts of a run that is resumed need nothing else.
+    async def _advance(self, concept: str, context: StageContext) -> bool:
+        """Take a concept as far as possible, and return whether there was anything to do."""
+        # The outcomes alone first: most concepts of a resumed run need nothing else.
         outcomes = self._history.outcomes(concept)
-        if any(name not in outcomes or outcomes[name].result != "passed" for name in self._before):
+        if any(name not in outcomes or outcomes[name].result != "passed" for name in self._required):
             return False
-        missing = next((stage for stage in self._stages if not _settled(outcomes.get(stage.name))), None)
-        ended = any(_settled(found) and found.result != "passed" for found in outcomes.values())
-        if missing is None or ended:
+        next_stage = next((stage for stage in self._stages if not _settled(outcomes.get(stage.name))), None)
+        ended = any(_settled(outcome) and outcome.result != "passed" for outcome in outcomes.values())
+        if next_stage is None or ended:
             return False
-        case = self._history.case(concept)
-        assert case is not None
+        state = self._history.state(concept)
+        assert state is not None
         for stage in self._stages:
-            outcome = case.outcomes.get(stage.name)
+            outcome = state.outcomes.get(stage.name)
             if outcome is None or not _settled(outcome):
-                outcome = await self._outcome(stage, case, bench)
+                outcome = await self._run_stage(stage, state, context)
             if outcome.result != "passed":
                 break
         return True
 
-    async def _outcome(self, stage: Stage, case: Case, bench: Workbench) -> Outcome:
-        """What a stage says, once it is kept."""
+    async def _run_stage(self, stage: Stage, state: ConceptState, context: StageContext) -> StageOutcome:
+        """Return the outcome of a stage once it is stored."""
         self._count(stage.name, 1)
         try:
-            outcome = await stage.run(case, bench)
-        except ModelFailure as failure:
-            outcome = Outcome("failed", f"{failure.kind}: {failure}", {"failure": failure.kind})
-        except _ENDING:
+            outcome = await stage.run(state, context)
+        except RequestFailed as failure:
+            outcome = StageOutcome("failed", f"{failure.kind}: {failure}", {"failure": failure.kind})
+        except _FATAL:
             raise
         except Exception as error:
-            # A stage may be anybody's: one concept is lost, and the others go on.
-            words = f"the stage broke: {type(error).__name__}: {error}"
-            outcome = Outcome("failed", words, {"failure": "broken"})
+            # A plugin's stage may raise anything: it costs one concept, not the run.
+            reason = f"the stage broke: {type(error).__name__}: {error}"
+            outcome = StageOutcome("failed", reason, {"failure": "broken"})
         finally:
             self._count(stage.name, -1)
-        self._history.keep_outcome(case, stage.name, outcome)
-        case.outcomes[stage.name] = outcome
+        self._history.keep_outcome(state, stage.name, outcome)
+        state.outcomes[stage.name] = outcome
         key = stage.name, outcome.result
-        self.tally.now[key] = self.tally.now.get(key, 0) + 1
-        self.told()
+        self.progress.outcomes[key] = self.progress.outcomes.get(key, 0) + 1
+        self.on_change()
         return outcome
 
     def _count(self, stage: str, change: int) -> None:
-        self.tally.under_way[stage] = self.tally.under_way.get(stage, 0) + change
-        self.told()
+        self.progress.in_stage[stage] = self.progress.in_stage.get(stage, 0) + change
+        self.on_change()
 
 
-def _settled(outcome: Outcome | None) -> bool:
-    """Whether an outcome stands: one that is of no concept's making is tried again by a later run."""
-    return outcome is not None and outcome.facts.get("failure") not in PASSING
+def _settled(outcome: StageOutcome | None) -> bool:
+    """Whether an outcome is final."""
+    return outcome is not None and outcome.facts.get("failure") not in _RETRIED

@@ -1,4 +1,4 @@
-"""``envcraft repair FILE`` and ``envcraft privileged FILE``: one stage on one file, without a corpus of one's own."""
+"""``envcraft repair FILE`` and ``envcraft privileged FILE``: one stage on one file, without a corpus."""
 
 from __future__ import annotations
 
@@ -12,39 +12,54 @@ from typing import TYPE_CHECKING, Any
 import click
 import msgspec
 
-from envcraft.budget import BUDGETS
-from envcraft.cli import Sharing, uninterrupted
-from envcraft.commands.choices import where_options
+from envcraft.cli.configured import PartlyConfigured
+from envcraft.cli.options import sandbox_options
+from envcraft.cli.signals import uninterrupted
 from envcraft.errors import ExitCode, UsageError
-from envcraft.reports import one_line, plural
-from envcraft_llm.endpoint import ModelChoice, model_options
+from envcraft.judging.budget import BUDGETS
+from envcraft.text import one_line, plural
+from envcraft_llm.endpoint import ModelSettings, model_options
 
-from .options import driver_for_generated, is_demo, judges, named, opened
+from .options import create_model, driver_for_generated, is_demo, judge_executor, model_for
 
 if TYPE_CHECKING:
-    from envcraft.stages import Case, Outcome, Stage
+    from envcraft.generation.stages import ConceptState, Stage, StageOutcome
+    from envcraft.model.verdict import SubjectReport
 
 _FILE = click.argument("file", metavar="FILE", type=click.Path(exists=True, dir_okay=False, path_type=Path))
-_CLASS = click.option("--class", "env_class", metavar="NAME", default="", help="The class, where the file has several.")
+_CLASS = click.option(
+    "--class", "env_class", metavar="NAME", default="", help="Environment class, if the file has several."
+)
 _BRIEF = click.option(
     "--brief",
     metavar="FILE",
     type=click.Path(exists=True, dir_okay=False, path_type=Path),
-    help="The design document that the file is of.",
+    help="Design document of the game.",
 )
-_OUTPUT = click.option("--output", metavar="FILE", type=click.Path(dir_okay=False, path_type=Path))
+_OUTPUT = click.option(
+    "--output",
+    metavar="FILE",
+    type=click.Path(dir_okay=False, path_type=Path),
+    help="Write the result to this file.  [default: standard output]",
+)
 _JOURNAL = click.option(
     "--journal",
     metavar="PATH",
     type=click.Path(path_type=Path),
-    help="Keeps what was answered, so that nothing is asked twice: a file such as answers.sqlite, or a folder for one.",
+    help="Store completions, so that no request is sent twice, in a file such as answers.sqlite or in a folder.",
 )
-_BUDGET = click.option("--budget", type=click.Choice(list(BUDGETS)), default="standard", show_default=True)
-#: What stands in the place of a brief that nobody has written.
+_BUDGET = click.option(
+    "--budget",
+    type=click.Choice(list(BUDGETS)),
+    default="standard",
+    show_default=True,
+    help="Budget of the checks.",
+)
+#: Takes the place of a brief in the prompts.
 _NO_BRIEF = "There is no design document: the docstrings and the constants of the file say what is meant."
 
 
-@click.command(cls=Sharing)
+@click.command(cls=PartlyConfigured)
 @_FILE
 @_BRIEF
 @_CLASS
@@ -52,29 +67,30 @@ _NO_BRIEF = "There is no design document: the docstrings and the constants of th
 @_JOURNAL
 @model_options
 @_BUDGET
-@where_options()
+@sandbox_options()
 @click.pass_context
 def repair(ctx: click.Context, /, file: Path, output: Path | None, **options: Any) -> None:
-    """Judge a file by all checks, and have a model repair what they find, up to three times.
+    """Let a model repair a file.
 
-    What comes of it is written to --output, or to standard output. A repair that makes the game less is refused.
+    Runs all checks, and sends their findings to the model, up to three times. Writes the result to --output, or to
+    standard output. Rejects a degenerate repair, which passes by doing less than the file did.
 
     \b
-    Exit status: 0 it passes, or does now    1 it could not be repaired
-                 2 wrong use                 3 it could not be judged, or no model answers
+    Exit status: 0 the file passes             1 it could not be repaired
+                 2 wrong use                   3 it could not be judged, or no model answers
     """
     from envcraft_llm.stages.repair import Repair
 
-    _writable(output)
-    case, outcome = _alone(Repair(), file, **options)
-    best = case.best
+    _check_writable(output)
+    state, outcome = _run_alone(Repair(), file, **options)
+    best = state.best
     assert best is not None
-    for attempt in case.attempts:
-        _tell(f"attempt {attempt.number}", attempt.gutted, [*_findings(attempt.report)])
+    for attempt in state.attempts:
+        _print(f"attempt {attempt.number}", attempt.degenerate, [*_findings(attempt.report)])
     _finish(ctx, outcome, best.source, output)
 
 
-@click.command(cls=Sharing)
+@click.command(cls=PartlyConfigured)
 @_FILE
 @_BRIEF
 @_CLASS
@@ -82,12 +98,13 @@ def repair(ctx: click.Context, /, file: Path, output: Path | None, **options: An
 @_JOURNAL
 @model_options
 @_BUDGET
-@where_options()
+@sandbox_options()
 @click.pass_context
 def privileged(ctx: click.Context, /, file: Path, output: Path | None, **options: Any) -> None:
-    """Have a model write a policy that reads the state of a game, and see whether it wins.
+    """Let a model write a policy that reads the game state.
 
-    A policy that wins is written to --output, or to standard output; `envcraft validate FILE --policy POLICY` plays it.
+    Plays the policy, and writes it to --output, or to standard output, if it wins. To play it again, run `envcraft
+    validate FILE --policy POLICY`.
 
     \b
     Exit status: 0 the policy wins, or the checker's own search does    1 neither does, or the game is trivial
@@ -95,106 +112,108 @@ def privileged(ctx: click.Context, /, file: Path, output: Path | None, **options
     """
     from envcraft_llm.stages.privileged import Privileged
 
-    _writable(output)
-    case, outcome = _alone(Privileged(), file, judged=True, **options)
-    for policy in case.policies:
-        _tell(f"policy {policy.number}", f"wins {policy.wins} of {policy.episodes}", [policy.fault])
+    _check_writable(output)
+    state, outcome = _run_alone(Privileged(), file, judged=True, **options)
+    for policy in state.policies:
+        _print(f"policy {policy.number}", f"wins {policy.wins} of {policy.episodes}", [policy.fault])
     if outcome.result == "passed" and outcome.facts["policy"] is None:
-        words = "no policy wins, the checker's own search does, and nothing is written"
-        outcome = msgspec.structs.replace(outcome, reason=words)
-    best = max(case.policies, key=lambda policy: policy.wins, default=None)
+        reason = "no policy wins, but the checker's own search does; no policy is written"
+        outcome = msgspec.structs.replace(outcome, reason=reason)
+    best = max(state.policies, key=lambda policy: policy.wins, default=None)
     _finish(ctx, outcome, best.source if best is not None and best.wins else "", output)
 
 
-def _alone(
+def _run_alone(
     stage: Stage,
     file: Path,
     *,
     brief: Path | None,
     env_class: str,
     journal: Path | None,
-    chosen: ModelChoice,
+    model_settings: ModelSettings,
     budget: str,
     sandbox: str,
     runtime: str | None,
     require_isolation: str | None,
     workers: int | None,
     judged: bool = False,
-) -> tuple[Case, Outcome]:
-    """Run a stage on one file, in a corpus that is gone afterwards. With `judged`, the file is judged before.
+) -> tuple[ConceptState, StageOutcome]:
+    """Run a stage on one file, in a temporary corpus. If `judged` is true, run all checks on the file first.
 
     Raises UsageError, SandboxUnavailable, EnvCraftError.
     """
-    if is_demo(chosen):
-        raise UsageError("--model demo answers for its own concepts alone; name an endpoint with --base-url")
-    source, text = _text(file), _text(brief) if brief is not None else _NO_BRIEF
+    if is_demo(model_settings):
+        raise UsageError("--model demo answers for its own concepts only; name an endpoint with --base-url")
+    source, text = _read(file), _read(brief) if brief is not None else _NO_BRIEF
     with contextlib.ExitStack() as stack:
         driver = driver_for_generated(sandbox, require_isolation, runtime)
         stack.callback(driver.close)
         with uninterrupted():
-            # Not at the start of every command.
+            # Imported here because they are slow to import.
             import asyncio
             import tempfile
 
-            from envcraft.corpus.history import History
             from envcraft.corpus.store import Store
             from envcraft.errors import EnvCraftError
-            from envcraft.stages import Attempt, Case
-            from envcraft_llm.model import ModelFailure
+            from envcraft.generation.history import History
+            from envcraft.generation.stages import Attempt, ConceptState
+            from envcraft_llm.model import RequestFailed
 
-            from .bench import Bench
+            from .context import CorpusContext
 
-            judging, settings = judges(driver, budget, workers)
-        stack.enter_context(judging)
+            judges, verdict_settings = judge_executor(driver, budget, workers)
+        stack.enter_context(judges)
         folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="envcraft-"))
         store = stack.enter_context(Store.create(Path(folder, "corpus")))
-        history = History(store, settings)
-        case = Case(hashlib.sha256(source.encode()).hexdigest()[:16], file.stem, file.stem, brief=text)
-        history.keep_concepts([case])
-        model, _ = opened(chosen, journal)
-        bench = Bench(history, model, judging, lambda name: named(chosen, name), chosen.effort)
+        history = History(store, verdict_settings)
+        state = ConceptState(hashlib.sha256(source.encode()).hexdigest()[:16], file.stem, file.stem, brief=text)
+        history.keep_concepts([state])
+        model, _ = create_model(model_settings, journal)
+        context = CorpusContext(
+            history, model, judges, lambda name: model_for(model_settings, name), model_settings.effort
+        )
 
-        async def through() -> Outcome:
+        async def run() -> StageOutcome:
             first = Attempt(0, source, env_class)
             try:
                 if judged:
-                    await bench.judge(case, first)
-                bench.keep_attempt(case, first)
-                return await stage.run(case, bench)
-            except ModelFailure as failure:
+                    await context.judge(state, first)
+                context.keep_attempt(state, first)
+                return await stage.run(state, context)
+            except RequestFailed as failure:
                 raise EnvCraftError(f"the model gave no usable answer ({failure.kind}): {failure}") from None
             finally:
                 await model.close()
 
-        return case, asyncio.run(through())
+        return state, asyncio.run(run())
 
 
-def _text(file: Path) -> str:
+def _read(file: Path) -> str:
     """Raises UsageError."""
     try:
         return file.read_text("utf-8")
     except OSError as error:
         raise UsageError(f"{file} cannot be read: {error.strerror}") from None
     except UnicodeDecodeError:
-        raise UsageError(f"{file} is no UTF-8 text") from None
+        raise UsageError(f"{file} is not UTF-8 text") from None
 
 
-def _findings(report: Any) -> Iterator[str]:
-    from envcraft_llm.findings import findings, lines_of
+def _findings(report: SubjectReport | None) -> Iterator[str]:
+    from envcraft_llm.findings import finding_lines, findings
 
-    return lines_of(findings(report))
+    return finding_lines(findings(report))
 
 
-def _tell(what: str, words: str, lines: list[str]) -> None:
-    counted = plural(len(lines), "finding") if lines else "no finding"
-    click.echo(f"{what}: {one_line(words) or counted}", err=True)
+def _print(heading: str, text: str, lines: list[str]) -> None:
+    count = plural(len(lines), "finding") if lines else "no finding"
+    click.echo(f"{heading}: {one_line(text) or count}", err=True)
     for line in lines:
         if line:
             click.echo(f"  {one_line(line)}", err=True)
 
 
-def _writable(output: Path | None) -> None:
-    """Look whether a file can be written before anything is paid for. Raises UsageError."""
+def _check_writable(output: Path | None) -> None:
+    """Check that the output can be written, before any request is paid for. Raises UsageError."""
     if output is None:
         return
     place = output if output.exists() else output.parent
@@ -204,8 +223,8 @@ def _writable(output: Path | None) -> None:
         raise UsageError(f"--output {output} cannot be written: {place} is read-only")
 
 
-def _finish(ctx: click.Context, outcome: Outcome, source: str, output: Path | None) -> None:
-    """Write what came of it, if anything, and end with the status that says so. Raises UsageError."""
+def _finish(ctx: click.Context, outcome: StageOutcome, source: str, output: Path | None) -> None:
+    """Write the result, if there is one, and exit with the status of the outcome. Raises UsageError."""
     click.echo(f"{outcome.result}  {one_line(outcome.reason)}".rstrip(), err=True)
     if output is None:
         click.echo(source, nl=False)

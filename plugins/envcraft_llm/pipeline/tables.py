@@ -1,4 +1,4 @@
-"""What a run comes to, in tables: what each stage took in and gave on, which attempts helped, what it cost."""
+"""The result of a run in tables: stages, repairs, and requests."""
 
 from __future__ import annotations
 
@@ -6,17 +6,17 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
-from envcraft.corpus.history import History
-from envcraft.stages import Stage
-from envcraft.stats import Proportion
-from envcraft_llm.endpoint.accounts import Accounts
+from envcraft.generation.history import History
+from envcraft.generation.stages import Stage
+from envcraft.judging.statistics import Proportion
+from envcraft_llm.endpoint.usage import UsageTracker
 
-#: So many reasons of a stage are shown.
+#: Number of reasons shown per stage.
 _REASONS = 6
 
 
-class Row(NamedTuple):
-    """A stage: how many concepts came in, how many passed, were rejected and failed, and why."""
+class StageRow(NamedTuple):
+    """A stage: how many concepts entered, passed, were rejected and failed, and the reasons."""
 
     stage: str
     entered: int
@@ -27,72 +27,75 @@ class Row(NamedTuple):
 
     @property
     def rate(self) -> Proportion:
-        """Of those that came in and are settled, how many passed."""
+        """The share of concepts that passed."""
         return Proportion(self.passed, self.entered)
 
 
-def rows(history: History, stages: Sequence[Stage], concepts: Iterable[str]) -> list[Row]:
-    """A row for each stage, in order."""
-    wanted = set(concepts)
-    counts, reasons = history.counts(wanted), history.reasons(wanted)
-    found = []
+def rows(history: History, stages: Sequence[Stage], concepts: Iterable[str]) -> list[StageRow]:
+    """Return a row for each stage, in order."""
+    ids = set(concepts)
+    counts, reasons = history.counts(ids), history.reasons(ids)
+    result = []
     for stage in stages:
-        of = counts.get(stage.name, Counter())
-        found.append(
-            Row(
+        count = counts.get(stage.name, Counter())
+        result.append(
+            StageRow(
                 stage.name,
-                of.total(),
-                of["passed"],
-                of["rejected"],
-                of["failed"],
+                count.total(),
+                count["passed"],
+                count["rejected"],
+                count["failed"],
                 reasons.get(stage.name, Counter()),
             )
         )
-    return found
+    return result
 
 
-def stage_table(found: Sequence[Row]) -> list[str]:
-    """The rows as lines of a Markdown table."""
+def stage_table(stage_rows: Sequence[StageRow]) -> list[str]:
+    """Return the rows as lines of a Markdown table, with 95% Wilson intervals of the pass rates."""
     lines = [
         "| stage | in | out | rejected | failed | pass rate (95% interval) | why not |",
         "|---|--:|--:|--:|--:|--:|---|",
     ]
-    for row in found:
-        rate = f"{row.rate.estimate:.1%} ({row.rate.low:.1%} to {row.rate.high:.1%})" if row.entered else "-"
+    for row in stage_rows:
+        rate = _rate(row.rate) if row.entered else "-"
         why = ", ".join(f"{reason} {number:,}" for reason, number in row.reasons.most_common(_REASONS))
         lines.append(
             f"| {row.stage} | {row.entered:,} | {row.passed:,} | {row.rejected:,} | {row.failed:,} | {rate} | {why} |"
         )
-    first = next((row for row in found if row.entered), None)
-    if first is None or first.stage == found[-1].stage:
+    first = next((row for row in stage_rows if row.entered), None)
+    if first is None or first.stage == stage_rows[-1].stage:
         return lines
-    # What is under way has neither passed nor failed. Where nothing has come to the end yet, no rate means anything.
-    settled = found[-1].passed + sum(row.rejected + row.failed for row in found)
-    if found[-1].entered or settled == first.entered:
-        whole = Proportion(found[-1].passed, settled)
-        rate = f"{whole.estimate:.1%} ({whole.low:.1%} to {whole.high:.1%})"
-        lines.append(f"| all | {settled:,} | {found[-1].passed:,} | | | {rate} | |")
+    # A concept in progress has neither passed nor failed. Without a concept in the last stage there is no overall rate.
+    settled = stage_rows[-1].passed + sum(row.rejected + row.failed for row in stage_rows)
+    if stage_rows[-1].entered or settled == first.entered:
+        overall = Proportion(stage_rows[-1].passed, settled)
+        lines.append(f"| all | {settled:,} | {stage_rows[-1].passed:,} | | | {_rate(overall)} | |")
     return lines
 
 
-def yield_lines(found: Sequence[tuple[int, int]]) -> list[str]:
-    """By attempt, how many of those that were made have nothing left to repair."""
-    names = ["first"] + [f"repair {number}" for number in range(1, len(found))]
+def _rate(proportion: Proportion) -> str:
+    return f"{proportion.estimate:.1%} ({proportion.low:.1%} to {proportion.high:.1%})"
+
+
+def yield_lines(yields: Sequence[tuple[int, int]]) -> list[str]:
+    """Return a line per attempt number: how many of those attempts have no finding left to repair."""
+    names = ["first"] + [f"repair {number}" for number in range(1, len(yields))]
     return [
-        f"{name}: {good:,} of {made:,} ({good / made:.1%}) without a finding"
-        for name, (made, good) in zip(names, found, strict=False)
-        if made
+        f"{name}: {good:,} of {judged:,} ({good / judged:.1%}) without a finding"
+        for name, (judged, good) in zip(names, yields, strict=False)
+        if judged
     ]
 
 
-def cost_lines(accounts: Accounts | None) -> list[str]:
-    """Requests, tokens and cost by stage; nothing where nobody was asked."""
-    if accounts is None:
+def usage_lines(usage: UsageTracker | None) -> list[str]:
+    """Return a line per stage with its requests, tokens and cost; none if no request was sent or replayed."""
+    if usage is None:
         return []
-    used = [*accounts.by_stage.items(), ("all", accounts.total)]
+    by_stage = [*usage.by_stage.items(), ("all", usage.total)]
     return [
-        f"{stage}: {usage.asked:,} asked, {usage.replayed:,} replayed, {usage.prompt_tokens:,} + "
-        f"{usage.completion_tokens:,} tokens, cost {usage.cost:,.4g}"
-        for stage, usage in used
-        if usage.asked or usage.replayed
+        f"{stage}: {used.attempts:,} sent, {used.replayed:,} replayed, {used.prompt_tokens:,} + "
+        f"{used.completion_tokens:,} tokens, cost {used.cost:,.4g}"
+        for stage, used in by_stage
+        if used.attempts or used.replayed
     ]

@@ -1,1 +1,1 @@
-"""``envcraft export --to sft``: what the pipeline made and judged, as data to fine-tune models on."""
+"""``envcraft export --to sft``: the pipeline's output and its verdicts as data for fine-tuning."""

@@ -1,8 +1,8 @@
-"""The stages from a concept to an environment, one a file, in the order in which they run; optional ones apart."""
+"""The stages from a concept to an environment, one per file."""
 
 from __future__ import annotations
 
-from envcraft.stages import Stage
+from envcraft.generation.stages import Stage
 
 from .briefs import Briefs
 from .code import Code
@@ -14,6 +14,7 @@ from .repair import Repair
 from .validated import Validated
 from .viability import Viability
 
+#: In the order in which they run.
 STAGES: tuple[type[Stage], ...] = (
     Concepts,
     Briefs,
@@ -25,6 +26,7 @@ STAGES: tuple[type[Stage], ...] = (
     Privileged,
     Validated,
 )
+#: Run only if ``--with`` names them.
 OPTIONAL: tuple[type[Stage], ...] = (Elaboration,)
 
 __all__ = [

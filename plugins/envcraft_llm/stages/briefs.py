@@ -1,14 +1,14 @@
-"""Briefs: a design document of fixed sections and length, checked on this side; one retry, with the complaint."""
+"""Briefs: a design document with fixed sections and a bounded length, with one retry if it violates them."""
 
 from __future__ import annotations
 
 import re
 
-from envcraft.stages import Case, Outcome, Question, Stage, Workbench
-from envcraft_llm.extraction import clean
+from envcraft.generation.stages import ConceptState, Stage, StageContext, StageOutcome, StageRequest
+from envcraft_llm.extraction import strip_markup
 from envcraft_llm.templates import prompt
 
-from .elaboration import told
+from .elaboration import elaborated_idea
 
 #: The sections of a brief, in order.
 SECTIONS = (
@@ -21,12 +21,13 @@ SECTIONS = (
     "Termination",
     "Difficulty and strategy",
 )
+#: Bounds of the length of a brief, in words.
 WORDS = (1500, 3000)
-#: A section of fewer words says nothing.
+#: Minimum length of a section, in words.
 _SECTION_WORDS = 15
 _TRIES = 2
 _FENCED = re.compile(r"\A\s*(`{3,})(?:markdown|md)?[ \t]*\n(.*?)\n?\1\s*\Z", re.DOTALL)
-#: The name still has what may close a heading: a pattern that left it out would take long over a line of spaces.
+#: The name may end with a closing sequence of "#"; a pattern that excludes it takes quadratic time on spaces.
 _HEADING = re.compile(r"^(#{1,6})[ \t]+(\S.*)$", re.MULTILINE)
 
 
@@ -35,28 +36,30 @@ class Briefs(Stage):
     summary = "A design document of 1,500 to 3,000 words in eight sections."
     after = "concepts"
 
-    async def run(self, case: Case, bench: Workbench) -> Outcome:
+    async def run(self, state: ConceptState, context: StageContext) -> StageOutcome:
         template = prompt(self.name)
         messages = [
             ("system", template.fill("System")),
-            ("user", template.fill("User", title=case.title, concept=told(case))),
+            ("user", template.fill("User", title=state.title, concept=elaborated_idea(state))),
         ]
-        wrong: list[str] = []
+        problems: list[str] = []
         for number in range(_TRIES):
-            reply = await bench.ask(case, Question(tuple(messages), self.name, number, prompt=template.sha256))
+            reply = await context.generate(
+                state, StageRequest(tuple(messages), self.name, number, prompt=template.sha256)
+            )
             text = tidy(reply.text)
-            wrong = complaints(text)
-            if not wrong:
-                bench.keep_brief(case, text, reply.provenance)
-                return Outcome("passed", facts={"words": count(text), "tries": number + 1})
-            again = template.fill("Again", complaints="\n".join(f"- {one}" for one in wrong))
+            problems = complaints(text)
+            if not problems:
+                context.keep_brief(state, text, reply.provenance)
+                return StageOutcome("passed", facts={"words": count(text), "tries": number + 1})
+            again = template.fill("Again", complaints="\n".join(f"- {problem}" for problem in problems))
             messages += [("assistant", reply.text), ("user", again)]
-        return Outcome("failed", f"no brief: {'; '.join(wrong)}", {"tries": _TRIES})
+        return StageOutcome("failed", f"no brief: {'; '.join(problems)}", {"tries": _TRIES})
 
 
 def tidy(text: str) -> str:
-    """An answer without what was thought, a fence around all of it, and words before its title."""
-    text = clean(text).strip()
+    """Return a completion without reasoning, a fence around the whole text, and words before the title."""
+    text = strip_markup(text).strip()
     if fenced := _FENCED.match(text):
         text = fenced[2].strip()
     title = re.search(r"^# \S", text, re.MULTILINE)
@@ -66,12 +69,12 @@ def tidy(text: str) -> str:
 
 
 def count(text: str) -> int:
-    """The words of a brief, as ``wc`` counts them: what spaces part."""
+    """Count the words of a brief, separated by white space as for ``wc``."""
     return len(text.split())
 
 
 def complaints(text: str) -> list[str]:
-    """What is wrong with a brief, each in one sentence that its writer can act on."""
+    """Return what is wrong with a brief, one sentence each; the sentences are part of the retry prompt."""
     found = []
     headings = [(len(mark[1]), mark[2].rstrip(" \t#"), mark.end()) for mark in _HEADING.finditer(text)]
     if not headings or headings[0][0] != 1:

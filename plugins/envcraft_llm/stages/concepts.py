@@ -1,13 +1,15 @@
-"""Concepts: put together from the pools before anything is asked, so that here they are only counted."""
+"""Concepts: combined from the pools before the run starts; this stage only counts them."""
 
 from __future__ import annotations
 
-from envcraft.stages import Case, Outcome, Stage, Workbench
+from envcraft.generation.stages import ConceptState, Stage, StageContext, StageOutcome
 
 
 class Concepts(Stage):
     name = "concepts"
-    summary = "An idea with its numbers, put together from the pools."
+    summary = "An idea with its numbers, combined from the pools."
 
-    async def run(self, case: Case, bench: Workbench) -> Outcome:
-        return Outcome("passed") if case.idea.strip() else Outcome("rejected", "empty: the concept has no text")
+    async def run(self, state: ConceptState, context: StageContext) -> StageOutcome:
+        return (
+            StageOutcome("passed") if state.idea.strip() else StageOutcome("rejected", "empty: the concept has no text")
+        )

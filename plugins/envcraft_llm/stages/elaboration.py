@@ -1,64 +1,67 @@
-"""Elaboration: a model tells the concept in full before its brief is written, where ``--with elaboration`` asks."""
+"""Elaboration (optional): a model writes the concept out in full before its brief is written."""
 
 from __future__ import annotations
 
 import re
 
-from envcraft.stages import Case, Outcome, Question, Stage, Workbench
-from envcraft_llm.extraction import clean
+from envcraft.generation.stages import ConceptState, Stage, StageContext, StageOutcome, StageRequest
+from envcraft_llm.extraction import strip_markup
 from envcraft_llm.templates import prompt
 
-#: How the parts of the text begin, in order.
+#: The labels of the parts of the text, in order.
 PARTS = ("Controls", "Objects", "Rules", "Win", "Loss", "Picture")
+#: Bounds of the length, in words.
 WORDS = (200, 800)
 _TRIES = 2
 _NUMBER = re.compile(r"\d+(?:\.\d+)?")
 _THOUSANDS = re.compile(r"(?<=\d),(?=\d{3}\b)")
-#: Marks of Markdown around the name of a part.
+#: A label, with Markdown markup around it.
 _PART = re.compile(rf"^[#*_ \t]*({'|'.join(PARTS)})[*_]*:", re.MULTILINE)
 
 
 class Elaboration(Stage):
     name = "elaboration"
-    summary = "The idea told in full: what it leaves open is decided, and every number stays."
+    summary = "The concept written out in full, with every open question decided and every number kept."
     after = "concepts"
     optional = True
 
-    async def run(self, case: Case, bench: Workbench) -> Outcome:
-        if case.brief:
-            # The brief is what comes of it.
-            return Outcome("passed", facts={"tries": 0})
+    async def run(self, state: ConceptState, context: StageContext) -> StageOutcome:
+        if state.brief:
+            # A brief exists, so an elaboration would have no effect.
+            return StageOutcome("passed", facts={"tries": 0})
         template = prompt(self.name)
         messages = [
             ("system", template.fill("System")),
-            ("user", template.fill("User", title=case.title, concept=case.idea)),
+            ("user", template.fill("User", title=state.title, concept=state.idea)),
         ]
-        wrong: list[str] = []
+        problems: list[str] = []
         for number in range(_TRIES):
-            reply = await bench.ask(case, Question(tuple(messages), self.name, number, prompt=template.sha256))
-            text = clean(reply.text).strip()
-            wrong = complaints(text, case.idea)
-            if not wrong:
-                return Outcome("passed", facts={"text": text, "tries": number + 1, **reply.provenance})
-            again = template.fill("Again", complaints="\n".join(f"- {one}" for one in wrong))
+            reply = await context.generate(
+                state, StageRequest(tuple(messages), self.name, number, prompt=template.sha256)
+            )
+            text = strip_markup(reply.text).strip()
+            problems = complaints(text, state.idea)
+            if not problems:
+                return StageOutcome("passed", facts={"text": text, "tries": number + 1, **reply.provenance})
+            again = template.fill("Again", complaints="\n".join(f"- {problem}" for problem in problems))
             messages += [("assistant", reply.text), ("user", again)]
-        return Outcome("failed", f"no elaboration: {'; '.join(wrong)}", {"tries": _TRIES})
+        return StageOutcome("failed", f"no elaboration: {'; '.join(problems)}", {"tries": _TRIES})
 
 
-def told(case: Case) -> str:
-    """What a concept's brief is written from: its text as it was elaborated, if it was."""
-    outcome = case.outcomes.get(Elaboration.name)
-    return str(outcome.facts.get("text", case.idea)) if outcome is not None else case.idea
+def elaborated_idea(state: ConceptState) -> str:
+    """Return the elaborated text of a concept, or its own text if it was not elaborated."""
+    outcome = state.outcomes.get(Elaboration.name)
+    return str(outcome.facts.get("text", state.idea)) if outcome is not None else state.idea
 
 
 def complaints(text: str, idea: str) -> list[str]:
-    """What is wrong with an elaborated concept, each in one sentence that its writer can act on."""
-    parts = [found[1] for found in _PART.finditer(text)]
+    """Return what is wrong with an elaboration, one sentence each; the sentences are part of the retry prompt."""
+    parts = [match[1] for match in _PART.finditer(text)]
     wrong = [f"There is no part that begins with `{name}:`." for name in PARTS if name not in parts]
     if not wrong and parts != list(PARTS):
         wrong.append(f"The parts are not in the order {', '.join(PARTS)}, each once.")
-    if lost := sorted(_numbers(idea) - _numbers(text), key=float):
-        wrong.append(f"Numbers of the concept are missing: {', '.join(lost)}.")
+    if missing := sorted(_numbers(idea) - _numbers(text), key=float):
+        wrong.append(f"Numbers of the concept are missing: {', '.join(missing)}.")
     words = len(text.split())
     if not WORDS[0] <= words <= WORDS[1]:
         wrong.append(f"It has {words:,} words; it has to have {WORDS[0]:,} to {WORDS[1]:,}.")

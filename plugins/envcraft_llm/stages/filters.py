@@ -1,54 +1,67 @@
-"""Filters: what random play wins, or doing nothing loses at once, is left out. Nothing is played anew."""
+"""Filters: reject games that random play wins, or that doing nothing loses at once; the report decides."""
 
 from __future__ import annotations
 
-from envcraft.stages import Attempt, Case, Outcome, Stage, Workbench
-from envcraft.verdict import Verdict
-from envcraft_llm.findings import LATER, brief_words, findings, verdict_of
+from envcraft.generation.stages import Attempt, ConceptState, Stage, StageContext, StageOutcome
+from envcraft.model.verdict import Verdict
+from envcraft_llm.findings import FILTER_CHECKS, check_verdict, findings, summary_line
 
 
-async def standing(case: Case, bench: Workbench, open_yet: frozenset[str]) -> Attempt | Outcome:
-    """The best attempt with its report, or what is wrong with it. One that a run with other settings has judged is
-    judged anew, and then has to pass all checks but those that are `open_yet`: this stage's, and the later ones'.
+async def current_attempt(
+    state: ConceptState, context: StageContext, pending: frozenset[str]
+) -> Attempt | StageOutcome:
+    """Return the best attempt with its report, or an outcome that rejects it.
+
+    An attempt whose report comes from a run with other settings is judged again, and has to pass all checks that come
+    before this stage.
+
+    Args:
+        state: The concept.
+        context: Services of the stage.
+        pending: Names of the checks that this stage and later ones decide.
     """
-    attempt = case.best
+    attempt = state.best
     if attempt is None:
-        return Outcome("failed", "not judged: there is no attempt that was judged")
+        return StageOutcome("failed", "not judged: there is no attempt that was judged")
     if attempt.report is None:
-        await bench.judge(case, attempt)
-        bench.keep_attempt(case, attempt)
+        await context.judge(state, attempt)
+        context.keep_attempt(state, attempt)
         assert attempt.report is not None
         checks = frozenset(check.check for check in attempt.report.checks)
-        if wrong := findings(attempt.report, checks - open_yet):
-            return Outcome("rejected", f"judged anew: {brief_words(wrong)}", {"attempt": attempt.number})
+        if failed := findings(attempt.report, checks - pending):
+            return StageOutcome("rejected", f"judged anew: {summary_line(failed)}", {"attempt": attempt.number})
     return attempt
 
 
 class _Filter(Stage):
-    """Whether one check fails, as it was judged with all others; `open_yet` are the checks from this one on."""
+    """Rejects a concept if the check of the stage's name fails.
 
-    open_yet: frozenset[str]
+    Attributes:
+        pending: Names of the checks that this stage and later ones decide.
+    """
 
-    async def run(self, case: Case, bench: Workbench) -> Outcome:
-        attempt = await standing(case, bench, self.open_yet)
-        if isinstance(attempt, Outcome):
+    pending: frozenset[str]
+
+    async def run(self, state: ConceptState, context: StageContext) -> StageOutcome:
+        attempt = await current_attempt(state, context, self.pending)
+        if isinstance(attempt, StageOutcome):
             return attempt
         assert attempt.report is not None
-        if verdict_of(attempt.report, self.name) is Verdict.FAIL:
-            found = findings(attempt.report, frozenset({self.name}))
-            return Outcome("rejected", f"{self.name}: {brief_words(found)}")
-        return Outcome("passed")
+        if check_verdict(attempt.report, self.name) is Verdict.FAIL:
+            failed = findings(attempt.report, frozenset({self.name}))
+            return StageOutcome("rejected", f"{self.name}: {summary_line(failed)}")
+        return StageOutcome("passed")
 
 
 class Instawin(_Filter):
     name = "instawin"
-    summary = "Random play does not win, and nothing is paid whatever one does."
+    summary = "Random play does not win, and the reward depends on play."
     after = "repair"
-    open_yet = LATER
+    pending = FILTER_CHECKS
 
 
 class Instadeath(_Filter):
     name = "instadeath"
     summary = "Doing nothing does not lose at once."
     after = "instawin"
-    open_yet = LATER - {"instawin"}
+    pending = FILTER_CHECKS - {"instawin"}

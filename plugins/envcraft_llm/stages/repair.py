@@ -1,83 +1,88 @@
-"""Test and repair: all checks, and up to three repairs by what they found. A repair that guts the game is none."""
+"""Test and repair: runs all checks, and has up to three repairs made from their findings.
+
+A degenerate repair (:mod:`envcraft_llm.degenerate`) is rejected.
+"""
 
 from __future__ import annotations
 
 import difflib
 
-from envcraft.stages import Attempt, Case, Outcome, Stage, Workbench
+from envcraft.generation.stages import Attempt, ConceptState, Stage, StageContext, StageOutcome
 from envcraft_llm import extraction
-from envcraft_llm.findings import brief_words, to_repair, told
-from envcraft_llm.guard import gutted
+from envcraft_llm.degenerate import degenerate_reason
+from envcraft_llm.findings import findings_markdown, summary_line, to_repair
 from envcraft_llm.templates import prompt
 
 from .code import complete
 
-#: So often an environment is repaired.
+#: Number of repairs.
 REPAIRS = 3
 
 
 class Repair(Stage):
     name = "repair"
-    summary = "All checks; what they find is repaired, up to three times, without gutting the game."
+    summary = "All checks; their findings are repaired, up to three times, without degenerate repairs."
     after = "code"
 
-    async def run(self, case: Case, bench: Workbench) -> Outcome:
-        first = case.attempts[0]
-        bench.drop_attempts(case, first.number + 1)
-        await bench.judge(case, first)
-        bench.keep_attempt(case, first)
-        standing = first
+    async def run(self, state: ConceptState, context: StageContext) -> StageOutcome:
+        first = state.attempts[0]
+        context.drop_attempts(state, first.number + 1)
+        await context.judge(state, first)
+        context.keep_attempt(state, first)
+        current = first
         for number in range(1, REPAIRS + 1):
-            if not to_repair(standing.report):
-                return Outcome("passed", facts={"attempt": standing.number})
-            repaired = await self._repair(case, bench, standing, number)
+            if not to_repair(current.report):
+                return StageOutcome("passed", facts={"attempt": current.number})
+            repaired = await self._repair(state, context, current, number)
             if repaired is None:
                 continue
-            await bench.judge(case, repaired)
-            repaired.gutted = gutted(case.brief, first, standing, repaired)
-            bench.keep_attempt(case, repaired)
-            if not repaired.gutted:
-                standing = repaired
-        return _outcome(case, standing)
+            await context.judge(state, repaired)
+            repaired.degenerate = degenerate_reason(state.brief, first, current, repaired)
+            context.keep_attempt(state, repaired)
+            if not repaired.degenerate:
+                current = repaired
+        return _outcome(state, current)
 
-    async def _repair(self, case: Case, bench: Workbench, standing: Attempt, number: int) -> Attempt | None:
-        """Ask for the next attempt; None where the answer has no file."""
-        reply = await complete(case, bench, prompt(self.name), asked(case, number), self.name, number)
-        found = extraction.environment(reply.text)
-        if found is None:
+    async def _repair(
+        self, state: ConceptState, context: StageContext, current: Attempt, number: int
+    ) -> Attempt | None:
+        """Request the next attempt; None if the completion has no file."""
+        reply = await complete(state, context, prompt(self.name), request_messages(state, number), self.name, number)
+        file = extraction.environment(reply.text)
+        if file is None:
             return None
         diff = "".join(
             difflib.unified_diff(
-                standing.source.splitlines(keepends=True),
-                found.source.splitlines(keepends=True),
-                f"attempt {standing.number}",
+                current.source.splitlines(keepends=True),
+                file.source.splitlines(keepends=True),
+                f"attempt {current.number}",
                 f"attempt {number}",
             )
         )
-        return Attempt(number, found.source, found.name, diff, provenance=reply.provenance)
+        return Attempt(number, file.source, file.name, diff, provenance=reply.provenance)
 
 
-def standing_before(case: Case, number: int) -> Attempt | None:
-    """The attempt that the one with this number repairs: the last before it that does not gut the game."""
-    return next((one for one in reversed(case.attempts) if one.number < number and not one.gutted), None)
+def parent_of(state: ConceptState, number: int) -> Attempt | None:
+    """Return the attempt that the one with this number repairs: the last one before it that is not degenerate."""
+    return next((one for one in reversed(state.attempts) if one.number < number and not one.degenerate), None)
 
 
-def asked(case: Case, number: int) -> tuple[tuple[str, str], ...]:
-    """The request for a repair: the attempt that stands, what was found in it, and what the answer before lacked."""
+def request_messages(state: ConceptState, number: int) -> tuple[tuple[str, str], ...]:
+    """Return the messages that request a repair: the parent with its findings, and why the last repair was rejected."""
     template = prompt(Repair.name)
-    standing = standing_before(case, number)
-    assert standing is not None
-    before = next((one for one in case.attempts if one.number == number - 1), None)
+    parent = parent_of(state, number)
+    assert parent is not None
+    before = next((one for one in state.attempts if one.number == number - 1), None)
     refused = ""
     if before is None:
         refused = "The answer before had no complete file in it."
-    elif before.gutted:
-        refused = f"The repair before was refused, since it takes the game apart. {before.gutted}."
+    elif before.degenerate:
+        refused = f"The repair before was refused, since it takes the game apart. {before.degenerate}."
     user = template.fill(
         "User",
-        brief=case.brief,
-        source=standing.source.rstrip(),
-        findings=told(to_repair(standing.report), standing.source),
+        brief=state.brief,
+        source=parent.source.rstrip(),
+        findings=findings_markdown(to_repair(parent.report), parent.source),
         number=number,
         of=REPAIRS,
         refused=refused,
@@ -85,13 +90,14 @@ def asked(case: Case, number: int) -> tuple[tuple[str, str], ...]:
     return ("system", template.fill("System")), ("user", user)
 
 
-def _outcome(case: Case, standing: Attempt) -> Outcome:
-    """What the last attempt that stands says, and where it says nothing good, why."""
-    found = to_repair(standing.report)
-    facts = {"attempt": standing.number, "codes": sorted({finding.code for finding in found})}
-    if not found:
-        return Outcome("passed", facts={"attempt": standing.number})
-    passing = next((one for one in case.attempts if one.gutted and not to_repair(one.report)), None)
+def _outcome(state: ConceptState, current: Attempt) -> StageOutcome:
+    failed = to_repair(current.report)
+    facts = {"attempt": current.number, "codes": sorted({finding.code for finding in failed})}
+    if not failed:
+        return StageOutcome("passed", facts={"attempt": current.number})
+    passing = next((one for one in state.attempts if one.degenerate and not to_repair(one.report)), None)
     if passing is not None:
-        return Outcome("rejected", f"gutted: attempt {passing.number} passes by being less ({passing.gutted})", facts)
-    return Outcome("rejected", f"unfixable: {brief_words(found)}", facts)
+        return StageOutcome(
+            "rejected", f"gutted: attempt {passing.number} passes by being less ({passing.degenerate})", facts
+        )
+    return StageOutcome("rejected", f"unfixable: {summary_line(failed)}", facts)

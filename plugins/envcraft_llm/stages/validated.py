@@ -1,19 +1,19 @@
-"""Validated: what has come through all stages becomes an environment of the corpus, with how it came about."""
+"""Validated: adds the attempt that passed every stage to the corpus, with its verdict and its history."""
 
 from __future__ import annotations
 
-from envcraft.stages import Case, Outcome, Stage, Workbench
+from envcraft.generation.stages import ConceptState, Stage, StageContext, StageOutcome
 
-from .filters import standing
+from .filters import current_attempt
 
 
 class Validated(Stage):
     name = "validated"
-    summary = "The environment is in the corpus, with its verdict and its history."
+    summary = "The environment is added to the corpus, with its verdict and its history."
     after = "privileged"
 
-    async def run(self, case: Case, bench: Workbench) -> Outcome:
-        attempt = await standing(case, bench, frozenset())
-        if isinstance(attempt, Outcome):
+    async def run(self, state: ConceptState, context: StageContext) -> StageOutcome:
+        attempt = await current_attempt(state, context, frozenset())
+        if isinstance(attempt, StageOutcome):
             return attempt
-        return Outcome("passed", facts={"environment": bench.publish(case, attempt), "attempt": attempt.number})
+        return StageOutcome("passed", facts={"environment": context.publish(state, attempt), "attempt": attempt.number})

@@ -1,4 +1,4 @@
-"""Viability: a critique of the brief with a verdict in a fixed form, checked on this side."""
+"""Viability: a critique of the brief as JSON, validated against a schema."""
 
 from __future__ import annotations
 
@@ -9,21 +9,21 @@ from typing import Any, Literal, get_args
 
 import msgspec
 
-from envcraft.stages import Case, Outcome, Question, Stage, Workbench
-from envcraft_llm.extraction import clean
+from envcraft.generation.stages import ConceptState, Stage, StageContext, StageOutcome, StageRequest
+from envcraft_llm.extraction import strip_markup
 from envcraft_llm.templates import prompt
 
 _TRIES = 2
 _DECODER = json.JSONDecoder()
-#: So many braces may begin the object.
-_BEGINNINGS = 20
+#: Number of opening braces that are tried as the start of the object.
+_STARTS = 20
 Kind = Literal[
     "impossible-physics", "contradictory-goals", "action-space-mismatch", "not-observable", "unbounded-scope"
 ]
 
 
 class Objection(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """One reason against a brief: `quote` is what it says, `why` what is wrong with that."""
+    """One objection to a brief: `quote` is a passage, `why` says what is wrong with it."""
 
     kind: Kind
     quote: str
@@ -31,14 +31,14 @@ class Objection(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Critique(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What is said of a brief. One that is viable may have objections, too: what a programmer is to mind."""
+    """A critique of a brief. A viable brief may have objections too, as advice to the programmer."""
 
     viable: bool
     objections: list[Objection]
     summary: str
 
 
-#: The form of the answer. Written out, since endpoints know only the plainest schemas.
+#: The schema of the critique. Written by hand, since endpoints support only simple schemas.
 SCHEMA: dict[str, Any] = {
     "type": "object",
     "properties": {
@@ -65,42 +65,46 @@ SCHEMA: dict[str, Any] = {
 
 class Viability(Stage):
     name = "viability"
-    summary = "A critique of the brief: physics, goals, controls, what can be seen, scope."
+    summary = "A critique of the brief: physics, goals, controls, observability, scope."
     after = "briefs"
 
-    async def run(self, case: Case, bench: Workbench) -> Outcome:
+    async def run(self, state: ConceptState, context: StageContext) -> StageOutcome:
         template = prompt(self.name)
-        messages = [("system", template.fill("System")), ("user", template.fill("User", brief=case.brief))]
-        wrong = ""
+        messages = [("system", template.fill("System")), ("user", template.fill("User", brief=state.brief))]
+        problem = ""
         for number in range(_TRIES):
-            question = Question(tuple(messages), self.name, number, schema=SCHEMA, prompt=template.sha256)
-            reply = await bench.ask(case, question)
+            question = StageRequest(tuple(messages), self.name, number, schema=SCHEMA, prompt=template.sha256)
+            reply = await context.generate(state, question)
             try:
                 critique = read(reply.text)
             except ValueError as error:
-                wrong = str(error)
-                messages += [("assistant", reply.text), ("user", template.fill("Again", complaint=wrong))]
+                problem = str(error)
+                messages += [("assistant", reply.text), ("user", template.fill("Again", complaint=problem))]
                 continue
             facts = {**msgspec.to_builtins(critique), **reply.provenance}
             if critique.viable:
-                return Outcome("passed", facts=facts)
+                return StageOutcome("passed", facts=facts)
             first = critique.objections[0]
-            return Outcome("rejected", f"{first.kind}: {critique.summary or first.why}", facts)
-        return Outcome("failed", f"no verdict: {wrong}", {"tries": _TRIES})
+            return StageOutcome("rejected", f"{first.kind}: {critique.summary or first.why}", facts)
+        return StageOutcome("failed", f"no verdict: {problem}", {"tries": _TRIES})
 
 
 def read(text: str) -> Critique:
-    """The critique in an answer, out of prose and fences. Raises ValueError, in words for who wrote it."""
-    text = clean(text)
-    wrong = "there is no JSON object in the answer"
-    for mark in islice(re.finditer(r"\{", text), _BEGINNINGS):
+    """Extract the critique from prose and fences.
+
+    Raises:
+        ValueError: If there is no valid critique; the message is part of the retry prompt.
+    """
+    text = strip_markup(text)
+    problem = "there is no JSON object in the answer"
+    for mark in islice(re.finditer(r"\{", text), _STARTS):
         try:
             value, _ = _DECODER.raw_decode(text, mark.start())
         except ValueError as error:
-            wrong = f"the JSON cannot be read: {error}"
+            problem = f"the JSON cannot be read: {error}"
             continue
         except RecursionError:
-            wrong = "the JSON cannot be read: it is nested too deeply"
+            problem = "the JSON cannot be read: it is nested too deeply"
             continue
         try:
             critique = msgspec.convert(value, Critique)
@@ -109,4 +113,4 @@ def read(text: str) -> Critique:
         if not critique.viable and not critique.objections:
             raise ValueError("the verdict contradicts itself: it is not viable, and has no objections")
         return critique
-    raise ValueError(wrong)
+    raise ValueError(problem)

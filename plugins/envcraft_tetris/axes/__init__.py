@@ -1,1 +1,1 @@
-"""The axes along which variants differ, one a module: each draws its values, and writes the code that they need."""
+"""The axes along which variants differ, one per module: each draws its values and writes the code for them."""

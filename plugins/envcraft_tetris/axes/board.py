@@ -1,22 +1,17 @@
-"""The board: its size, what stands in it from the start, and whether its sides are one."""
+"""The board: its size, its walls, and whether its sides wrap around."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from random import Random
-from typing import TYPE_CHECKING
 
-from envcraft_tetris.draft import Draft
-
-from .pieces import Pieces
-
-if TYPE_CHECKING:
-    from envcraft_tetris.variant import Variant
+from envcraft_tetris.axes.pieces import Pieces
+from envcraft_tetris.source_builder import SourceBuilder
 
 SHAPES = ("rectangle", "bowl", "pillar", "stairs", "ledges", "islands")
-#: Shapes that leave the sides free, so that they can be one.
-_ROUND = ("rectangle", "pillar", "islands")
-_TOLD = {
+#: Shapes without walls at the sides, which can wrap around.
+_WRAPPABLE = ("rectangle", "pillar", "islands")
+_TEXTS = {
     "bowl": "The corners at the bottom are walled up.",
     "pillar": "A pillar stands on the floor.",
     "stairs": "The floor rises in stairs to one side.",
@@ -27,7 +22,7 @@ _TOLD = {
 
 @dataclass(frozen=True)
 class Board:
-    """`walls` are the rows of a board that is no rectangle: "#" for a wall, "." for a free cell."""
+    """The board. `walls` holds its rows if it is not a rectangle: "#" for a wall, "." for a free cell."""
 
     rows: int
     columns: int
@@ -41,28 +36,28 @@ class Board:
         columns = rng.randint(least, least + 5)
         rows = rng.randint(max(11, columns, 3 * pieces.side - 1), 20)
         shape = rng.choices(SHAPES, (11, 2, 2, 2, 2, 2))[0]
-        wrap = shape in _ROUND and rng.random() < 0.22
+        wrap = shape in _WRAPPABLE and rng.random() < 0.22
         return cls(rows, columns, shape, wrap, _walls(rng, rows, columns, shape))
 
-    def write(self, draft: Draft, variant: Variant) -> None:
-        draft.add("story", f"The board has {self.rows} rows of {self.columns} cells.")
-        draft.add("constants", f"ROWS, COLUMNS = {self.rows}, {self.columns}")
+    def write(self, code: SourceBuilder) -> None:
+        code.add("story", f"The board has {self.rows} rows of {self.columns} cells.")
+        code.add("constants", f"ROWS, COLUMNS = {self.rows}, {self.columns}")
         free = "self.board = [[EMPTY] * COLUMNS for _ in range(ROWS)]"
         if self.walls:
-            draft.add(
-                "story", _TOLD[self.shape], "Walls never move; a block that a clearing moves into one is crushed."
+            code.add(
+                "story", _TEXTS[self.shape], "Walls never move; a block that a clearing moves into one is crushed."
             )
-            draft.add("constants", "# Hashes are walls.", "SHAPE = (", *(f'    "{row}",' for row in self.walls), ")")
+            code.add("constants", "# Hashes are walls.", "SHAPE = (", *(f'    "{row}",' for row in self.walls), ")")
             free = 'self.board = [[WALL if mark == "#" else EMPTY for mark in row] for row in SHAPE]'
-        draft.add("board", free)
-        self._write_fits(draft)
+        code.add("board", free)
+        self._write_fits(code)
 
-    def _write_fits(self, draft: Draft) -> None:
+    def _write_fits(self, code: SourceBuilder) -> None:
         if self.wrap:
-            draft.add("story", "Its sides are one: what leaves on the left comes in on the right.")
-            draft.add("cell", "(self.row + down, (self.column + across) % COLUMNS)")
-            draft.add("place", "self.turn, self.row, self.column = turn, row, column % COLUMNS")
-            draft.add(
+            code.add("story", "Its sides are one: what leaves on the left comes in on the right.")
+            code.add("cell", "(self.row + down, (self.column + across) % COLUMNS)")
+            code.add("place", "self.turn, self.row, self.column = turn, row, column % COLUMNS")
+            code.add(
                 "methods",
                 """
                 def _fits(self, turn: int, row: int, column: int) -> bool:
@@ -74,9 +69,9 @@ class Board:
                 """,
             )
             return
-        draft.add("cell", "(self.row + down, self.column + across)")
-        draft.add("place", "self.turn, self.row, self.column = turn, row, column")
-        draft.add(
+        code.add("cell", "(self.row + down, self.column + across)")
+        code.add("place", "self.turn, self.row, self.column = turn, row, column")
+        code.add(
             "methods",
             """
             def _fits(self, turn: int, row: int, column: int) -> bool:
@@ -90,7 +85,7 @@ class Board:
 
 
 def _walls(rng: Random, rows: int, columns: int, shape: str) -> tuple[str, ...]:
-    """Every row keeps free cells, and the upper half is free."""
+    """Draw walls at random. Every row keeps free cells, and the upper half has no walls."""
     if shape == "rectangle":
         return ()
     walls: set[tuple[int, int]] = set()

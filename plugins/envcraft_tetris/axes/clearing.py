@@ -1,23 +1,18 @@
-"""What is cleared, and how the rest comes down."""
+"""Which blocks are cleared, and how the remaining blocks fall."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from random import Random
-from typing import TYPE_CHECKING
 
-from envcraft_tetris.draft import Draft
-
-from .board import Board
-from .pieces import Pieces
-
-if TYPE_CHECKING:
-    from envcraft_tetris.variant import Variant
+from envcraft_tetris.axes.board import Board
+from envcraft_tetris.axes.pieces import Pieces
+from envcraft_tetris.source_builder import SourceBuilder
 
 RULES = ("rows", "cascade", "sticky", "sand", "colour")
-#: With fewer colours larger groups come by chance: their least size, in pieces.
+#: The minimum group size by number of colours, in pieces. With fewer colours, larger groups form by chance.
 _GROUPS = {3: 3.0, 4: 2.3, 5: 2.0}
-_TOLD = {
+_TEXTS = {
     "rows": "A full row is cleared, and all above comes down by one row.",
     "cascade": "A full row is cleared; then every block falls as far as it can, which may fill further rows.",
     "sticky": "A full row is cleared; then blocks that touch fall together, and may fill further rows.",
@@ -27,7 +22,7 @@ _TOLD = {
 
 @dataclass(frozen=True)
 class Clearing:
-    """Under the rule `colour` groups of `group` blocks of one colour are cleared, and there are `colours` of them."""
+    """The rule. Under `colour`, groups of at least `group` blocks with one of `colours` colours are cleared."""
 
     rule: str
     colours: int = 0
@@ -37,7 +32,7 @@ class Clearing:
     def draw(cls, rng: Random, pieces: Pieces, board: Board) -> Clearing:
         rule = rng.choices(RULES, (5, 2, 2, 3, 2))[0]
         if rule == "sand" and (board.columns < 8 or board.rows > 15 or board.wrap):
-            # Grains fill a narrow board by themselves.
+            # On a narrow board, sand fills rows without any play.
             return cls("cascade")
         if rule == "colour" and len(pieces.art) < 3:
             return cls("rows")
@@ -48,22 +43,22 @@ class Clearing:
 
     @property
     def easy(self) -> bool:
-        """Whether random play clears something now and then."""
+        """Whether random play clears something occasionally."""
         return self.rule in ("sand", "colour")
 
     @property
     def units(self) -> str:
-        """What is counted."""
+        """The plural noun for what is cleared."""
         return "groups" if self.rule == "colour" else "lines"
 
-    def write(self, draft: Draft, variant: Variant) -> None:
+    def write(self, code: SourceBuilder, board: Board) -> None:
         if self.rule == "colour":
-            self._write_colour(draft, variant)
+            self._write_colour(code, board)
         else:
-            draft.add("story", _TOLD[self.rule])
-            draft.add("colour", "self.kind + 1")
-            self._write_rows(draft, variant)
-        draft.add(
+            code.add("story", _TEXTS[self.rule])
+            code.add("colour", "self.kind + 1")
+            self._write_rows(code, board)
+        code.add(
             "methods",
             """
             def _lock(self) -> None:
@@ -81,16 +76,16 @@ class Clearing:
             """,
         )
         if self.rule in ("cascade", "sand", "colour"):
-            self._write_settling(draft, bool(variant.board.walls))
+            self._write_settling(code, bool(board.walls))
         elif self.rule == "sticky":
-            self._write_sticky(draft)
+            self._write_sticky(code)
         if self.rule in ("sticky", "colour"):
-            self._write_groups(draft, variant)
+            self._write_groups(code, board)
 
-    def _write_rows(self, draft: Draft, variant: Variant) -> None:
+    def _write_rows(self, code: SourceBuilder, board: Board) -> None:
         rows = "_clear" if self.rule == "rows" else "_clear_rows"
         if self.rule != "rows":
-            draft.add(
+            code.add(
                 "methods",
                 """
                 def _clear(self) -> int:
@@ -103,9 +98,9 @@ class Clearing:
                 """,
             )
             if self.rule == "sand":
-                draft.add("crumble", "self._settle()")
-        if variant.board.walls:
-            draft.add(
+                code.add("crumble", "self._settle()")
+        if board.walls:
+            code.add(
                 "methods",
                 f"""
                 def {rows}(self) -> int:
@@ -121,7 +116,7 @@ class Clearing:
                 """,
             )
             return
-        draft.add(
+        code.add(
             "methods",
             f"""
             def {rows}(self) -> int:
@@ -132,15 +127,15 @@ class Clearing:
             """,
         )
 
-    def _write_colour(self, draft: Draft, variant: Variant) -> None:
-        draft.add(
+    def _write_colour(self, code: SourceBuilder, board: Board) -> None:
+        code.add(
             "story",
             f"Pieces have {self.colours} colours. {self.group} blocks of one colour or more that touch side by side "
             "are cleared; then every block falls as far as it can, and may make further groups. Full rows stay.",
         )
-        draft.add("constants", f"COLOURS, GROUP = {self.colours}, {self.group}")
-        draft.add("colour", "self.kind % COLOURS + 1")
-        draft.add(
+        code.add("constants", f"COLOURS, GROUP = {self.colours}, {self.group}")
+        code.add("colour", "self.kind % COLOURS + 1")
+        code.add(
             "methods",
             """
             def _clear(self) -> int:
@@ -154,9 +149,9 @@ class Clearing:
             """,
         )
 
-    def _write_settling(self, draft: Draft, walls: bool) -> None:
-        draft.add("block", *(("if block == WALL:", "    floor = y - 1", "elif block:") if walls else ("if block:",)))
-        draft.add(
+    def _write_settling(self, code: SourceBuilder, walls: bool) -> None:
+        code.add("block", *(("if block == WALL:", "    floor = y - 1", "elif block:") if walls else ("if block:",)))
+        code.add(
             "methods",
             """
             def _settle(self) -> None:
@@ -172,8 +167,8 @@ class Clearing:
             """,
         )
 
-    def _write_sticky(self, draft: Draft) -> None:
-        draft.add(
+    def _write_sticky(self, code: SourceBuilder) -> None:
+        code.add(
             "methods",
             """
             def _settle(self) -> None:
@@ -191,14 +186,14 @@ class Clearing:
             """,
         )
 
-    def _write_groups(self, draft: Draft, variant: Variant) -> None:
+    def _write_groups(self, code: SourceBuilder, board: Board) -> None:
         alike = "of one colour " if self.rule == "colour" else ""
-        draft.add("kept", "not in (EMPTY, WALL)" if variant.board.walls else "!= EMPTY")
-        draft.add("joins", "blocks.get(near) == colour" if self.rule == "colour" else "near in blocks")
-        draft.add("start", "start, colour" if self.rule == "colour" else "start, _")
-        wrap = variant.board.wrap
-        draft.add("sides", "(y, (x + 1) % COLUMNS), (y, (x - 1) % COLUMNS)" if wrap else "(y, x + 1), (y, x - 1)")
-        draft.add(
+        code.add("kept", "not in (EMPTY, WALL)" if board.walls else "!= EMPTY")
+        code.add("joins", "blocks.get(near) == colour" if self.rule == "colour" else "near in blocks")
+        code.add("start", "start, colour" if self.rule == "colour" else "start, _")
+        wrap = board.wrap
+        code.add("sides", "(y, (x + 1) % COLUMNS), (y, (x - 1) % COLUMNS)" if wrap else "(y, x + 1), (y, x - 1)")
+        code.add(
             "methods",
             f"""
             def _groups(self) -> list[set[tuple[int, int]]]:

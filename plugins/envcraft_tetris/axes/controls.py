@@ -1,17 +1,13 @@
-"""What up, down and the two buttons do."""
+"""The functions of up, down and the two buttons."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from random import Random
-from typing import TYPE_CHECKING
 
-from envcraft_tetris.draft import Draft
+from envcraft_tetris.source_builder import SourceBuilder
 
-if TYPE_CHECKING:
-    from envcraft_tetris.variant import Variant
-
-#: What a control can do: how the docstring tells it, and the statement; `drop` is acted on when all else is done.
+#: The functions of controls: the words for the docstring, and the statement. A drop takes effect after all others.
 FUNCTIONS = {
     "cw": ("turns the piece clockwise", "self._rotate(1)"),
     "ccw": ("turns the piece anticlockwise", "self._rotate(3)"),
@@ -22,7 +18,7 @@ FUNCTIONS = {
     "dash": ("takes the piece further in the direction of the move", "self._dash(direction)"),
 }
 TURNING = ("cw", "ccw", "flip")
-#: What the two buttons do, in either order, and how often that comes.
+#: The functions of the two buttons, in either order, with their weights.
 BUTTONS = {
     ("cw", "ccw"): 5,
     ("cw", "hard"): 3,
@@ -40,16 +36,16 @@ BUTTONS = {
     ("dash", "hold"): 1,
     ("dash", "hard"): 1,
 }
-#: Whether a button that stays pressed acts at every step, or once.
+#: Whether a held button acts at every step or once.
 PRESSES = ("every step", "once")
 
 
 @dataclass(frozen=True)
 class Controls:
-    """The function of each, of :data:`FUNCTIONS`; empty where there is none.
+    """The function of each control, a key of :data:`FUNCTIONS` or empty.
 
-    One drop can follow another after `rest` steps: a button pressed half of the time would else end a game
-    within a dozen steps, and playing longer would mean little but leaving it alone.
+    A drop is possible again `rest` steps after the last. Without this delay, random button presses end an episode
+    within a dozen steps, and long episodes mean little more than not pressing the button.
     """
 
     up: str
@@ -79,33 +75,35 @@ class Controls:
 
     @property
     def all(self) -> tuple[str, ...]:
+        """The functions of all controls."""
         return self.up, self.down, self.first, self.second
 
     @property
     def holds(self) -> bool:
+        """Whether a control puts the piece aside."""
         return "hold" in self.all
 
     @property
     def drop(self) -> str:
-        """Which kind of control drops a piece at once: "button", "down" or "none"."""
+        """The kind of control that drops a piece at once: "button", "down" or "none"."""
         return "button" if "hard" in (self.first, self.second) else "down" if self.down == "hard" else "none"
 
-    def write(self, draft: Draft, variant: Variant) -> None:
+    def write(self, code: SourceBuilder) -> None:
         if self.drop != "none":
-            draft.add("constants", f"DROP_REST = {self.rest}")
-            draft.add("reset", "self.drop_rest = 0")
-            draft.add("press", "drop = False", "self.drop_rest = max(0, self.drop_rest - 1)")
-        self._write_buttons(draft)
-        self._write_moves(draft)
+            code.add("constants", f"DROP_REST = {self.rest}")
+            code.add("reset", "self.drop_rest = 0")
+            code.add("press", "drop = False", "self.drop_rest = max(0, self.drop_rest - 1)")
+        self._write_buttons(code)
+        self._write_moves(code)
         if self.holds:
-            self._write_hold(draft)
+            self._write_hold(code)
         if "dash" in self.all:
-            self._write_dash(draft)
+            self._write_dash(code)
         if self.drop == "none":
-            draft.add("fall", "self._fall()")
+            code.add("fall", "self._fall()")
             return
-        draft.add("fall", "if drop and self.drop_rest == 0:", "    self._drop()", "else:", "    self._fall()")
-        draft.add(
+        code.add("fall", "if drop and self.drop_rest == 0:", "    self._drop()", "else:", "    self._fall()")
+        code.add(
             "methods",
             """
             def _drop(self) -> None:
@@ -116,7 +114,7 @@ class Controls:
             """,
         )
 
-    def _write_moves(self, draft: Draft) -> None:
+    def _write_moves(self, code: SourceBuilder) -> None:
         words = ["left and right move the piece."]
         branches = [(3, "self._move(self.turn, self.row, self.column - 1)")]
         branches.append((4, "self._move(self.turn, self.row, self.column + 1)"))
@@ -127,34 +125,34 @@ class Controls:
             else:
                 words.append(f"{name} does nothing.")
         for place, (number, statement) in enumerate(branches):
-            draft.add("steer", f"{'elif' if place else 'if'} direction == {number}:", f"    {statement}")
+            code.add("steer", f"{'elif' if place else 'if'} direction == {number}:", f"    {statement}")
         for button, function in (("first", self.first), ("second", self.second)):
             words.append(f"The {button} button {FUNCTIONS[function][0]}.")
             pressed = button if self.press == "every step" or function in ("soft", "dash") else f"{button}_pressed"
-            draft.add("steer", f"if {pressed}:", f"    {FUNCTIONS[function][1]}")
+            code.add("steer", f"if {pressed}:", f"    {FUNCTIONS[function][1]}")
         if self.press == "once":
             words.append("A button has to be released before it acts again.")
         elif {self.first, self.second} - {"soft", "dash"}:
             words.append("A button that stays pressed acts at every step.")
         if self.drop != "none":
             words.append(f"The next drop can follow after {'a step' if self.rest == 1 else f'{self.rest} steps'}.")
-        draft.add("controls", *words)
+        code.add("controls", *words)
         if self.holds:
-            draft.add("steer", "if self.lost:", "    return")
+            code.add("steer", "if self.lost:", "    return")
 
-    def _write_buttons(self, draft: Draft) -> None:
+    def _write_buttons(self, code: SourceBuilder) -> None:
         if self.press == "every step":
             return
         for button, function in (("first", self.first), ("second", self.second)):
             if function not in ("soft", "dash"):
-                draft.add("reset", f"self.{button}_down = False")
-                draft.add("press", f"{button}_pressed = bool({button}) and not self.{button}_down")
-                draft.add("press", f"self.{button}_down = bool({button})")
+                code.add("reset", f"self.{button}_down = False")
+                code.add("press", f"{button}_pressed = bool({button}) and not self.{button}_down")
+                code.add("press", f"self.{button}_down = bool({button})")
 
-    def _write_hold(self, draft: Draft) -> None:
-        draft.add("reset", "self.held: int | None = None")
-        draft.add("entered", "self.swapped = False")
-        draft.add(
+    def _write_hold(self, code: SourceBuilder) -> None:
+        code.add("reset", "self.held: int | None = None")
+        code.add("entered", "self.swapped = False")
+        code.add(
             "methods",
             """
             def _hold(self) -> None:
@@ -167,9 +165,9 @@ class Controls:
             """,
         )
 
-    def _write_dash(self, draft: Draft) -> None:
-        draft.add("constants", "DASH = 3")
-        draft.add(
+    def _write_dash(self, code: SourceBuilder) -> None:
+        code.add("constants", "DASH = 3")
+        code.add(
             "methods",
             """
             def _dash(self, direction: int) -> None:

@@ -1,32 +1,27 @@
-"""What ends a game, and whether it is won."""
+"""How a game ends, and when it is won."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from random import Random
-from typing import TYPE_CHECKING
 
-from envcraft_tetris.draft import Draft
-from envcraft_tetris.pace import idle_steps
-
-from .board import Board
-from .clearing import Clearing
-from .entry import Entry
-from .garbage import Garbage
-from .gravity import Gravity
-from .pieces import Pieces
-
-if TYPE_CHECKING:
-    from envcraft_tetris.variant import Variant
+from envcraft_tetris.axes.board import Board
+from envcraft_tetris.axes.clearing import Clearing
+from envcraft_tetris.axes.entry import Entry
+from envcraft_tetris.axes.garbage import Garbage
+from envcraft_tetris.axes.gravity import Gravity
+from envcraft_tetris.axes.pieces import Pieces
+from envcraft_tetris.episode_length import idle_steps
+from envcraft_tetris.source_builder import SourceBuilder
 
 GOALS = ("endless", "lines", "clock", "survive", "dig")
-#: Survival has to last longer than doing nothing does, by so much, and less than the limit of 1,000 steps.
+#: Survival must last longer than an episode without input by this factor, and at most this many steps.
 _LONGER, _LONGEST = 1.6, 950
 
 
 @dataclass(frozen=True)
 class Ending:
-    """`count` is of lines or groups to clear, `steps` the time; blocks left above the row `ceiling` lose the game."""
+    """The goal: `count` lines or groups to clear within `steps`. Blocks above the row `ceiling` lose the game."""
 
     goal: str
     count: int = 0
@@ -46,12 +41,12 @@ class Ending:
     ) -> Ending:
         goal = rng.choices(GOALS, (4, 4, 3, 3, 3))[0]
         ceiling = rng.choices((0, 2, 3), (4, 1, 1))[0] if board.rows >= 14 else 0
-        # One straight piece can fill holes above each other.
+        # With holes above each other, one straight piece clears all garbage.
         diggable = garbage.start >= 3 and garbage.rhythm == "none" and garbage.holes != "stays" and not clearing.easy
         if goal == "dig" and not diggable:
             goal = "lines"
         if clearing.easy and goal != "lines":
-            # Where anyone clears something, neither lasting nor clearing something is an achievement.
+            # If random play clears lines, neither survival nor a few cleared lines show skill.
             goal = "clock"
         count, steps = rng.randint(3, 9), 50 * rng.randint(6, 16)
         if clearing.easy:
@@ -72,60 +67,61 @@ class Ending:
 
     @property
     def wins(self) -> bool:
+        """Whether the game can be won."""
         return self.goal != "endless"
 
-    def write(self, draft: Draft, variant: Variant) -> None:
-        draft.add("flags", "self.won = self.lost = False" if self.wins else "self.lost = False")
-        draft.add("over", "(self.won or self.lost)" if self.wins else "self.lost")
-        draft.add("ended", "self.won or self.lost" if self.wins else "self.lost")
-        units = variant.clearing.units
-        draft.add(
+    def write(self, code: SourceBuilder, clearing: Clearing) -> None:
+        code.add("flags", "self.won = self.lost = False" if self.wins else "self.lost = False")
+        code.add("over", "(self.won or self.lost)" if self.wins else "self.lost")
+        code.add("ended", "self.won or self.lost" if self.wins else "self.lost")
+        units = clearing.units
+        code.add(
             "info",
             *(['"is_success": self.won'] if self.wins else []),
             f'"{units}": self.cleared',
             '"steps": self.steps',
         )
-        told = "is left above the dashed line" if self.ceiling else "sticks out at the top"
-        draft.add("story", f"The game is lost when a piece {told} or the next finds no room.")
-        draft.add("put", f"if y < {'CEILING' if self.ceiling else '0'}:", "    self.lost = True")
-        draft.add("put", "if y >= 0:" if self.ceiling else "else:", "    self.board[y][x] = <<colour>>")
+        words = "is left above the dashed line" if self.ceiling else "sticks out at the top"
+        code.add("story", f"The game is lost when a piece {words} or the next finds no room.")
+        code.add("put", f"if y < {'CEILING' if self.ceiling else '0'}:", "    self.lost = True")
+        code.add("put", "if y >= 0:" if self.ceiling else "else:", "    self.board[y][x] = <<colour>>")
         if self.ceiling:
-            draft.add("constants", f"CEILING = {self.ceiling}")
-            draft.add("paint", "picture[TOP + CELL * CEILING, LEFT:RIGHT:2] = PALETTE[BAR]")
+            code.add("constants", f"CEILING = {self.ceiling}")
+            code.add("paint", "picture[TOP + CELL * CEILING, LEFT:RIGHT:2] = PALETTE[BAR]")
         {"endless": self._endless, "lines": self._lines, "clock": self._clock, "survive": self._survive}.get(
             self.goal, self._dig
-        )(draft, units)
+        )(code, units)
 
-    def _endless(self, draft: Draft, units: str) -> None:
-        draft.add("aim", f"Clear as many {units} as you can, and keep playing.")
+    def _endless(self, code: SourceBuilder, units: str) -> None:
+        code.add("aim", f"Clear as many {units} as you can, and keep playing.")
 
-    def _lines(self, draft: Draft, units: str) -> None:
-        draft.add("aim", f"Clear {self.count} {units}; the bar at the top shows how many there are.")
-        self._count(draft)
+    def _lines(self, code: SourceBuilder, units: str) -> None:
+        code.add("aim", f"Clear {self.count} {units}; the bar at the top shows how many there are.")
+        self._count(code)
 
-    def _clock(self, draft: Draft, units: str) -> None:
-        draft.add("aim", f"Clear {self.count} {units} within {self.steps} steps; when the time is up the game is lost.")
-        draft.add("aim", "The bar at the top shows what is cleared, the one at the bottom the time.")
-        self._count(draft)
-        draft.add("constants", f"TIME = {self.steps}")
-        draft.add("tick", "if self.steps >= TIME and not self.won:", "    self.lost = True")
-        self._show_time(draft)
+    def _clock(self, code: SourceBuilder, units: str) -> None:
+        code.add("aim", f"Clear {self.count} {units} within {self.steps} steps; when the time is up the game is lost.")
+        code.add("aim", "The bar at the top shows what is cleared, the one at the bottom the time.")
+        self._count(code)
+        code.add("constants", f"TIME = {self.steps}")
+        code.add("tick", "if self.steps >= TIME and not self.won:", "    self.lost = True")
+        self._show_time(code)
 
-    def _survive(self, draft: Draft, units: str) -> None:
-        draft.add("aim", f"Keep playing for {self.steps} steps; the bar at the bottom shows how many are over.")
-        draft.add("constants", f"TIME = {self.steps}")
-        draft.add("tick", "if self.steps >= TIME and not self.lost:", "    self.won = True")
-        self._show_time(draft)
+    def _survive(self, code: SourceBuilder, units: str) -> None:
+        code.add("aim", f"Keep playing for {self.steps} steps; the bar at the bottom shows how many are over.")
+        code.add("constants", f"TIME = {self.steps}")
+        code.add("tick", "if self.steps >= TIME and not self.lost:", "    self.won = True")
+        self._show_time(code)
 
-    def _dig(self, draft: Draft, units: str) -> None:
-        draft.add("aim", "Clear all the garbage that lies there at the start.")
-        draft.add("goal", "if not self.lost and not any(GARBAGE in row for row in self.board):", "    self.won = True")
+    def _dig(self, code: SourceBuilder, units: str) -> None:
+        code.add("aim", "Clear all the garbage that lies there at the start.")
+        code.add("goal", "if not self.lost and not any(GARBAGE in row for row in self.board):", "    self.won = True")
 
-    def _count(self, draft: Draft) -> None:
-        draft.add("constants", f"GOAL = {self.count}")
-        draft.add("goal", "if not self.lost and self.cleared >= GOAL:", "    self.won = True")
-        draft.add("paint", "picture[1:3, 2:82] = PALETTE[RIM]")
-        draft.add("paint", "picture[1:3, 2 : 2 + 80 * min(self.cleared, GOAL) // GOAL] = PALETTE[BAR]")
+    def _count(self, code: SourceBuilder) -> None:
+        code.add("constants", f"GOAL = {self.count}")
+        code.add("goal", "if not self.lost and self.cleared >= GOAL:", "    self.won = True")
+        code.add("paint", "picture[1:3, 2:82] = PALETTE[RIM]")
+        code.add("paint", "picture[1:3, 2 : 2 + 80 * min(self.cleared, GOAL) // GOAL] = PALETTE[BAR]")
 
-    def _show_time(self, draft: Draft) -> None:
-        draft.add("frame", "frame[82, 2 : 2 + 80 * min(self.steps, TIME) // TIME] = PALETTE[BAR]")
+    def _show_time(self, code: SourceBuilder) -> None:
+        code.add("frame", "frame[82, 2 : 2 + 80 * min(self.steps, TIME) // TIME] = PALETTE[BAR]")

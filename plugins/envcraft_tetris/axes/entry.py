@@ -1,21 +1,20 @@
-"""Where pieces come in."""
+"""The column in which pieces enter."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from random import Random
-from typing import TYPE_CHECKING
 
-from envcraft_tetris.draft import Draft
-
-if TYPE_CHECKING:
-    from envcraft_tetris.variant import Variant
+from envcraft_tetris.axes.controls import Controls
+from envcraft_tetris.source_builder import SourceBuilder
 
 PLACES = ("middle", "left", "right", "random", "sweep", "opposite")
 
 
 @dataclass(frozen=True)
 class Entry:
+    """The `place` of entry. A sweep moves by `step` columns for each piece."""
+
     place: str
     step: int = 0
 
@@ -24,9 +23,9 @@ class Entry:
         place = rng.choices(PLACES, (5, 1, 1, 3, 2, 2))[0]
         return cls(place, rng.randint(1, 3) if place == "sweep" else 0)
 
-    def write(self, draft: Draft, variant: Variant) -> None:
+    def write(self, code: SourceBuilder, controls: Controls) -> None:
         width = "COLUMNS - len(PIECES[self.kind])"
-        told, place = {
+        words, place = {
             "middle": ("in the middle", f"({width}) // 2"),
             "left": ("at the left side", "0"),
             "right": ("at the right side", width),
@@ -37,20 +36,20 @@ class Entry:
                 f"0 if self.from_left else {width}",
             ),
         }[self.place]
-        draft.add("story", f"They come in {told}.")
-        draft.add("column", place)
+        code.add("story", f"They come in {words}.")
+        code.add("column", place)
         if self.place == "sweep":
-            draft.add("constants", f"ENTRY_STEP = {self.step}")
-            draft.add("reset", "self.entry = int(self.np_random.integers(COLUMNS))")
-            draft.add("entered", "self.entry += ENTRY_STEP")
+            code.add("constants", f"ENTRY_STEP = {self.step}")
+            code.add("reset", "self.entry = int(self.np_random.integers(COLUMNS))")
+            code.add("entered", "self.entry += ENTRY_STEP")
         elif self.place == "opposite":
-            draft.add("reset", "self.from_left = bool(self.np_random.integers(2))")
-            draft.add("entered", "self.from_left = not self.from_left")
-        again = variant.controls.holds
+            code.add("reset", "self.from_left = bool(self.np_random.integers(2))")
+            code.add("entered", "self.from_left = not self.from_left")
+        again = controls.holds
         argument, kind = (
             (", kind: int | None = None", "<<next>> if kind is None else kind") if again else ("", "<<next>>")
         )
-        draft.add(
+        code.add(
             "methods",
             f"""
             def _enter(self{argument}) -> None:

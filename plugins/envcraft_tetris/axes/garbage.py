@@ -1,17 +1,13 @@
-"""Rows of garbage: at the start, and those that rise from below."""
+"""Rows of garbage at the start, and rows that rise from below."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from random import Random
-from typing import TYPE_CHECKING
 
-from envcraft_tetris.draft import Draft
-
-from .board import Board
-
-if TYPE_CHECKING:
-    from envcraft_tetris.variant import Variant
+from envcraft_tetris.axes.board import Board
+from envcraft_tetris.axes.clearing import Clearing
+from envcraft_tetris.source_builder import SourceBuilder
 
 RHYTHMS = ("none", "steps", "pieces", "idle pieces")
 HOLES = ("random", "stairs", "stays")
@@ -19,7 +15,7 @@ HOLES = ("random", "stairs", "stays")
 
 @dataclass(frozen=True)
 class Garbage:
-    """`start` rows are there from the start; another rises after each `every` of what `rhythm` says."""
+    """`start` rows of garbage at the start, and another row after every `every` units of `rhythm`."""
 
     rhythm: str
     start: int = 0
@@ -43,29 +39,30 @@ class Garbage:
 
     @property
     def any(self) -> bool:
+        """Whether there is garbage at all."""
         return bool(self.start) or self.rhythm != "none"
 
-    def write(self, draft: Draft, variant: Variant) -> None:
+    def write(self, code: SourceBuilder, clearing: Clearing) -> None:
         if not self.any:
             return
-        told = {"random": "at random", "stairs": "one column further in each row", "stays": "above each other"}[
+        words = {"random": "at random", "stairs": "one column further in each row", "stays": "above each other"}[
             self.holes
         ]
         if self.start:
-            draft.add("story", f"{self.start} rows of garbage lie there at the start.")
-            draft.add("constants", f"START_ROWS = {self.start}")
-            draft.add("queue", "for _ in range(START_ROWS):", "    self._rise()")
-        self._write_rhythm(draft)
-        draft.add("story", f"The holes in garbage lie {told}.")
-        self._write_rise(draft, variant)
+            code.add("story", f"{self.start} rows of garbage lie there at the start.")
+            code.add("constants", f"START_ROWS = {self.start}")
+            code.add("queue", "for _ in range(START_ROWS):", "    self._rise()")
+        self._write_rhythm(code)
+        code.add("story", f"The holes in garbage lie {words}.")
+        self._write_rise(code, clearing)
 
-    def _write_rhythm(self, draft: Draft) -> None:
+    def _write_rhythm(self, code: SourceBuilder) -> None:
         if self.rhythm == "none":
             return
-        draft.add("constants", f"GARBAGE_EVERY = {self.every}")
+        code.add("constants", f"GARBAGE_EVERY = {self.every}")
         if self.rhythm == "steps":
-            draft.add("story", f"Every {self.every} steps a row of garbage rises from below.")
-            draft.add(
+            code.add("story", f"Every {self.every} steps a row of garbage rises from below.")
+            code.add(
                 "tick",
                 """
                 if self.steps % GARBAGE_EVERY == 0 and not <<over>>:
@@ -77,27 +74,27 @@ class Garbage:
                 """,
             )
             return
-        draft.add("reset", "self.until_garbage = GARBAGE_EVERY")
+        code.add("reset", "self.until_garbage = GARBAGE_EVERY")
         if self.rhythm == "pieces":
-            draft.add("story", f"After every {self.every} pieces a row of garbage rises from below.")
-            draft.add("locked", "self.until_garbage -= 1")
+            code.add("story", f"After every {self.every} pieces a row of garbage rises from below.")
+            code.add("locked", "self.until_garbage -= 1")
         else:
-            draft.add("story", f"After {self.every} pieces that clear nothing a row of garbage rises from below.")
-            draft.add("locked", "self.until_garbage = GARBAGE_EVERY if cleared else self.until_garbage - 1")
-        draft.add("locked", "if self.until_garbage == 0:", "    self.until_garbage = GARBAGE_EVERY", "    self._rise()")
+            code.add("story", f"After {self.every} pieces that clear nothing a row of garbage rises from below.")
+            code.add("locked", "self.until_garbage = GARBAGE_EVERY if cleared else self.until_garbage - 1")
+        code.add("locked", "if self.until_garbage == 0:", "    self.until_garbage = GARBAGE_EVERY", "    self._rise()")
 
-    def _write_rise(self, draft: Draft, variant: Variant) -> None:
+    def _write_rise(self, code: SourceBuilder, clearing: Clearing) -> None:
         row = "[GARBAGE] * COLUMNS"
-        if variant.clearing.rule == "colour":
+        if clearing.rule == "colour":
             row = "(1 + self.np_random.integers(COLOURS, size=COLUMNS)).tolist()"
         if self.holes == "random":
-            draft.add("hole", "row[int(self.np_random.integers(COLUMNS))] = EMPTY")
+            code.add("hole", "row[int(self.np_random.integers(COLUMNS))] = EMPTY")
         else:
-            draft.add("board", "self.hole = int(self.np_random.integers(COLUMNS))")
-            draft.add("hole", "row[self.hole] = EMPTY")
+            code.add("board", "self.hole = int(self.np_random.integers(COLUMNS))")
+            code.add("hole", "row[self.hole] = EMPTY")
         if self.holes == "stairs":
-            draft.add("hole", "self.hole = (self.hole + 1) % COLUMNS")
-        draft.add(
+            code.add("hole", "self.hole = (self.hole + 1) % COLUMNS")
+        code.add(
             "methods",
             f"""
             def _rise(self) -> None:

@@ -1,22 +1,18 @@
-"""When a piece that lies on something becomes part of the board."""
+"""When a piece that has landed becomes part of the board."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from random import Random
-from typing import TYPE_CHECKING
 
-from envcraft_tetris.draft import Draft
-
-if TYPE_CHECKING:
-    from envcraft_tetris.variant import Variant
+from envcraft_tetris.source_builder import SourceBuilder
 
 KINDS = ("instant", "delay", "row", "moves")
 
 
 @dataclass(frozen=True)
 class Locking:
-    """`delay` in steps on the ground; counted anew after each row that the piece falls, or after so many moves."""
+    """A `delay` in steps on the ground, restarted when the piece falls further or by up to `resets` moves."""
 
     kind: str
     delay: int = 0
@@ -29,11 +25,11 @@ class Locking:
             return cls(kind)
         return cls(kind, rng.randint(1, 5), rng.randint(2, 5) if kind == "moves" else 0)
 
-    def write(self, draft: Draft, variant: Variant) -> None:
-        draft.add("entered", "self.timer = <<period>>")
+    def write(self, code: SourceBuilder) -> None:
+        code.add("entered", "self.timer = <<period>>")
         if self.kind == "instant":
-            draft.add("story", "Where it can fall no further it stays.")
-            draft.add(
+            code.add("story", "Where it can fall no further it stays.")
+            code.add(
                 "methods",
                 """
                 def _fall(self) -> None:
@@ -52,16 +48,16 @@ class Locking:
             "moves": f", counted anew after each of its next {self.resets} moves",
         }[self.kind]
         steps = "a step" if self.delay == 1 else f"{self.delay} steps"
-        draft.add("story", f"On the ground it can still be moved for {steps}{anew}.")
-        draft.add("constants", f"LOCK_DELAY = {self.delay}")
-        draft.add("entered", "self.grounded = 0")
+        code.add("story", f"On the ground it can still be moved for {steps}{anew}.")
+        code.add("constants", f"LOCK_DELAY = {self.delay}")
+        code.add("entered", "self.grounded = 0")
         if self.kind == "row":
-            draft.add("fallen", "self.grounded = 0")
+            code.add("fallen", "self.grounded = 0")
         elif self.kind == "moves":
-            draft.add("constants", f"LOCK_RESETS = {self.resets}")
-            draft.add("entered", "self.resets = LOCK_RESETS")
-            draft.add("moved", "if self.grounded and self.resets:", "    self.resets -= 1", "    self.grounded = 0")
-        draft.add(
+            code.add("constants", f"LOCK_RESETS = {self.resets}")
+            code.add("entered", "self.resets = LOCK_RESETS")
+            code.add("moved", "if self.grounded and self.resets:", "    self.resets -= 1", "    self.grounded = 0")
+        code.add(
             "methods",
             """
             def _fall(self) -> None:

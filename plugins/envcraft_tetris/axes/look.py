@@ -1,21 +1,18 @@
-"""Colours, the way in which blocks are drawn, and what is drawn where."""
+"""Colours, the style of blocks, and the layout of the frame."""
 
 from __future__ import annotations
 
 import colorsys
 from dataclasses import dataclass
 from random import Random
-from typing import TYPE_CHECKING
 
-from envcraft_tetris.draft import Draft
-
-if TYPE_CHECKING:
-    from envcraft_tetris.variant import Variant
+from envcraft_tetris.rules import Rules
+from envcraft_tetris.source_builder import SourceBuilder
 
 STYLES = ("flat", "grid", "bevel", "outline", "dot", "stripes")
 FIELDS = ("plain", "checks", "columns")
 THEMES = ("neon", "pastel", "paper", "earth", "mono")
-#: Saturation and brightness of pieces; those of empty cells, of what is around the board, and of its rim.
+#: Saturation and brightness of the pieces, the empty cells, the page around the board, and the rim.
 _TONES = {
     "neon": ((0.85, 1.0), (0.5, 0.09), (0.5, 0.16), (0.3, 0.45)),
     "pastel": ((0.45, 0.95), (0.25, 0.25), (0.3, 0.36), (0.2, 0.6)),
@@ -37,7 +34,7 @@ _PREVIEW_STEP = 18
 
 @dataclass(frozen=True)
 class Look:
-    """`hue` is that of the page, `first` that of the first piece, both from 0 to 1."""
+    """The look. `hue` is the hue of the page and `first` that of the first piece, both in [0, 1]."""
 
     theme: str
     style: str
@@ -59,10 +56,10 @@ class Look:
             first=round(rng.random(), 3),
         )
 
-    def write(self, draft: Draft, variant: Variant) -> None:
-        self._write_places(draft, variant)
-        self._write_colours(draft, variant)
-        draft.add(
+    def write(self, code: SourceBuilder, rules: Rules) -> None:
+        self._write_layout(code, rules)
+        self._write_colours(code, rules)
+        code.add(
             "functions",
             """
             def tile(colour: NDArray[np.uint8]) -> NDArray[np.uint8]:
@@ -72,23 +69,23 @@ class Look:
         )
         blank = "np.tile(colour, (CELL, CELL, 1))"
         shaded = _TILES[self.style]
-        draft.add("shade", *((f"pixels = {blank}", *shaded, "return pixels") if shaded else (f"return {blank}",)))
-        draft.add("tiles", "TILES[EMPTY] = PALETTE[EMPTY]")
+        code.add("shade", *((f"pixels = {blank}", *shaded, "return pixels") if shaded else (f"return {blank}",)))
+        code.add("tiles", "TILES[EMPTY] = PALETTE[EMPTY]")
         if self.field != "plain":
-            draft.add("tiles", "TILES[EMPTY_TOO] = PALETTE[EMPTY_TOO]")
+            code.add("tiles", "TILES[EMPTY_TOO] = PALETTE[EMPTY_TOO]")
             pattern = (
                 "np.indices((ROWS, COLUMNS)).sum(axis=0)"
                 if self.field == "checks"
                 else "np.indices((ROWS, COLUMNS))[1]"
             )
-            draft.add("tiles", f"SECOND = {pattern} % 2 == 1")
-            draft.add("codes", "codes[(codes == EMPTY) & SECOND] = EMPTY_TOO")
+            code.add("tiles", f"SECOND = {pattern} % 2 == 1")
+            code.add("codes", "codes[(codes == EMPTY) & SECOND] = EMPTY_TOO")
         if self.ghost:
-            self._write_ghost(draft)
+            self._write_ghost(code)
 
-    def _write_ghost(self, draft: Draft) -> None:
-        draft.add("story", "A shadow shows where the piece would come down.")
-        draft.add(
+    def _write_ghost(self, code: SourceBuilder) -> None:
+        code.add("story", "A shadow shows where the piece would come down.")
+        code.add(
             "ghost",
             """
             depth = 0
@@ -101,9 +98,9 @@ class Look:
             """,
         )
 
-    def places(self, variant: Variant) -> tuple[int, int, int, int]:
-        """In pixels: the side of a cell, the top and the left of the board, and the left of the panel."""
-        board, preview, holds = variant.board, variant.supply.preview, variant.controls.holds
+    def layout(self, rules: Rules) -> tuple[int, int, int, int]:
+        """The side of a cell, the top and left of the board, and the left of the panel, in pixels."""
+        board, preview, holds = rules.board, rules.supply.preview, rules.controls.holds
         room = 80 - (_PANEL if preview or holds else 0)
         cell = min(7, 74 // board.rows, room // board.columns)
         width = cell * board.columns
@@ -116,14 +113,14 @@ class Look:
             left = 2 + (room - width) // 2
         return cell, top, left, 3 if self.panel == "left" else 84 - _PANEL + 1
 
-    def _write_places(self, draft: Draft, variant: Variant) -> None:
-        preview, holds = variant.supply.preview, variant.controls.holds
-        cell, top, left, panel = self.places(variant)
-        draft.add("constants", "# In pixels, from the top left corner.", f"CELL, TOP, LEFT = {cell}, {top}, {left}")
+    def _write_layout(self, code: SourceBuilder, rules: Rules) -> None:
+        preview, holds = rules.supply.preview, rules.controls.holds
+        cell, top, left, panel = self.layout(rules)
+        code.add("constants", "# In pixels, from the top left corner.", f"CELL, TOP, LEFT = {cell}, {top}, {left}")
         if not (preview or holds):
             return
-        draft.add("constants", f"PANEL = {panel}")
-        draft.add(
+        code.add("constants", f"PANEL = {panel}")
+        code.add(
             "panel",
             """
             def _paint_small(self, picture: NDArray[np.uint8], kind: int, top: int) -> None:
@@ -132,17 +129,17 @@ class Look:
                     picture[y : y + 2, x : x + 2] = PALETTE[<<small>>]
             """,
         )
-        draft.add("small", "kind % COLOURS + 1" if variant.clearing.rule == "colour" else "kind + 1")
+        code.add("small", "kind % COLOURS + 1" if rules.clearing.rule == "colour" else "kind + 1")
         if preview:
-            draft.add("paint", "for place, kind in enumerate(self.queue):")
-            draft.add("paint", f"    self._paint_small(picture, kind, 8 + {_PREVIEW_STEP} * place)")
+            code.add("paint", "for place, kind in enumerate(self.queue):")
+            code.add("paint", f"    self._paint_small(picture, kind, 8 + {_PREVIEW_STEP} * place)")
         if holds:
-            draft.add("paint", "if self.held is not None:", "    self._paint_small(picture, self.held, 66)")
+            code.add("paint", "if self.held is not None:", "    self._paint_small(picture, self.held, 66)")
 
-    def palette(self, variant: Variant) -> tuple[dict[str, int], list[str]]:
-        """The numbers of the colours that have names, and every colour in hexadecimal in the order of the numbers."""
+    def palette(self, rules: Rules) -> tuple[dict[str, int], list[str]]:
+        """The indices of the named colours, and all colours in hexadecimal in the order of their indices."""
         pieces, empty, page, rim = _TONES[self.theme]
-        count = variant.clearing.colours or len(variant.pieces.art)
+        count = rules.clearing.colours or len(rules.pieces.art)
         colours = [_hex(self.hue, *empty)]
         for number in range(count):
             hue, bright = self.first + number / count, pieces[1] * (1 - 0.12 * (number % 2))
@@ -152,31 +149,31 @@ class Look:
         numbers = {"EMPTY": 0}
         dark = empty[1] < 0.5
         for name, wanted, colour in (
-            ("WALL", bool(variant.board.walls), _hex(self.hue, 0.15, 0.6)),
-            ("GARBAGE", variant.garbage.any and variant.clearing.rule != "colour", _hex(self.hue, 0.05, 0.5)),
+            ("WALL", bool(rules.board.walls), _hex(self.hue, 0.15, 0.6)),
+            ("GARBAGE", rules.garbage.any and rules.clearing.rule != "colour", _hex(self.hue, 0.05, 0.5)),
             ("EMPTY_TOO", self.field != "plain", _hex(self.hue, empty[0], empty[1] + (0.07 if dark else -0.07))),
             ("SHADOW", self.ghost, _hex(self.hue, 0.2, 0.34 if dark else 0.75)),
             ("PAGE", True, _hex(self.hue, *page)),
             ("RIM", True, _hex(self.hue, *rim)),
-            ("BAR", variant.ending.goal != "endless" or bool(variant.ending.ceiling), _hex(self.hue + 0.5, 0.7, 0.9)),
+            ("BAR", rules.ending.goal != "endless" or bool(rules.ending.ceiling), _hex(self.hue + 0.5, 0.7, 0.9)),
         ):
             if wanted:
                 numbers[name] = len(colours)
                 colours.append(colour)
         return numbers, colours
 
-    def _write_colours(self, draft: Draft, variant: Variant) -> None:
-        numbers, colours = self.palette(variant)
-        draft.add("names", ", ".join(numbers))
-        draft.add("numbers", ", ".join(map(str, numbers.values())))
-        draft.add("colours", "# One hexadecimal red-green-blue triple for each of these numbers.")
-        # No line is longer than 120 characters.
+    def _write_colours(self, code: SourceBuilder, rules: Rules) -> None:
+        numbers, colours = self.palette(rules)
+        code.add("names", ", ".join(numbers))
+        code.add("numbers", ", ".join(map(str, numbers.values())))
+        code.add("colours", "# One hexadecimal red-green-blue triple for each of these numbers.")
+        # Lines have at most 120 characters.
         if len(colours) <= 14:
-            draft.add("colours", f'COLOURS_IN_HEX = "{" ".join(colours)}"')
+            code.add("colours", f'COLOURS_IN_HEX = "{" ".join(colours)}"')
         else:
             lines = [" ".join(colours[start : start + 16]) for start in range(0, len(colours), 16)]
-            draft.add("colours", "COLOURS_IN_HEX = (", *(f'    "{line} "' for line in lines), ")")
-        draft.add("colours", "PALETTE = np.frombuffer(bytes.fromhex(COLOURS_IN_HEX), dtype=np.uint8).reshape(-1, 3)")
+            code.add("colours", "COLOURS_IN_HEX = (", *(f'    "{line} "' for line in lines), ")")
+        code.add("colours", "PALETTE = np.frombuffer(bytes.fromhex(COLOURS_IN_HEX), dtype=np.uint8).reshape(-1, 3)")
 
 
 def _hex(hue: float, saturation: float, brightness: float) -> str:

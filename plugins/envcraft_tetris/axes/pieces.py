@@ -1,19 +1,15 @@
-"""Which pieces there are."""
+"""The set of pieces."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from random import Random
-from typing import TYPE_CHECKING
 
-from envcraft_tetris.draft import Draft
-
-if TYPE_CHECKING:
-    from envcraft_tetris.variant import Variant
+from envcraft_tetris.source_builder import SourceBuilder
 
 Piece = tuple[str, ...]
 
-#: Rows of a square box in which the piece lies as it enters, for each name.
+#: The rows of the square box of each named piece in its entry orientation.
 _ART = {
     "dot": "#",
     "domino": ".. ##",
@@ -50,7 +46,7 @@ SETS = ("tetrominoes", "some tetrominoes", "trominoes", "small pieces", "pentomi
 
 @dataclass(frozen=True)
 class Pieces:
-    """`family` is one of :data:`SETS`; `art` the rows of each piece, with "#" for a cell and "." for none."""
+    """`family` is one of :data:`SETS`; `art` holds the rows of each piece, with "#" for a cell and "." for none."""
 
     family: str
     art: tuple[Piece, ...]
@@ -81,19 +77,19 @@ class Pieces:
 
     @property
     def side(self) -> int:
-        """The side of the largest box."""
+        """The side of the largest box, in cells."""
         return max(map(len, self.art))
 
     @property
     def cells(self) -> float:
-        """How many cells a piece has on the average."""
+        """The mean number of cells per piece."""
         return sum("".join(piece).count("#") for piece in self.art) / len(self.art)
 
-    def write(self, draft: Draft, variant: Variant) -> None:
-        draft.add("story", f"The pieces are {_words(self)}.")
+    def write(self, code: SourceBuilder) -> None:
+        code.add("story", f"The pieces are {_words(self)}.")
         rows = [", ".join(f'"{row}"' for row in piece) for piece in self.art]
-        draft.add("pieces", *(f"({row}{',' if ',' not in row else ''})," for row in rows))
-        draft.add(
+        code.add("pieces", *(f"({row}{',' if ',' not in row else ''})," for row in rows))
+        code.add(
             "methods",
             """
             def _cells(self) -> list[tuple[int, int]]:
@@ -117,7 +113,7 @@ def _words(pieces: Pieces) -> str:
 
 
 def _custom(rng: Random, count: int) -> tuple[Piece, ...]:
-    """So many polyominoes of three to five cells in boxes of at most four, no two of them turned into each other."""
+    """Draw distinct polyominoes, up to rotation, of three to five cells in boxes of at most four by four."""
     found: dict[frozenset[tuple[int, int]], Piece] = {}
     while len(found) < count:
         cells = {(0, 0)}

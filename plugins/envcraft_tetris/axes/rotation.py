@@ -1,25 +1,21 @@
-"""How pieces turn."""
+"""How pieces rotate."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from random import Random
-from typing import TYPE_CHECKING
 
-from envcraft_tetris.draft import Draft
-
-if TYPE_CHECKING:
-    from envcraft_tetris.variant import Variant
+from envcraft_tetris.source_builder import SourceBuilder
 
 SYSTEMS = ("square", "corner", "foot")
-#: None goes up: a piece that climbs while it turns could be kept in the air for ever.
+#: Offsets (rows, columns) to try. None goes up, since a piece that climbs could stay in the air for ever.
 KICKS = {
     "none": (),
     "beside": ((0, -1), (0, 1)),
     "far": ((0, -1), (0, 1), (0, -2), (0, 2)),
     "below": ((0, 1), (0, -1), (1, 0), (1, 1), (1, -1)),
 }
-_TOLD = {
+_TEXTS = {
     "none": "where there is no room they do not",
     "beside": "where there is no room, one column aside",
     "far": "where there is no room, up to two columns aside",
@@ -29,6 +25,8 @@ _TOLD = {
 
 @dataclass(frozen=True)
 class Rotation:
+    """The rotation `system` and the set of `kicks`."""
+
     system: str
     kicks: str
 
@@ -36,15 +34,15 @@ class Rotation:
     def draw(cls, rng: Random) -> Rotation:
         return cls(rng.choices(SYSTEMS, (3, 1, 1))[0], rng.choice(tuple(KICKS)))
 
-    def write(self, draft: Draft, variant: Variant) -> None:
+    def write(self, code: SourceBuilder) -> None:
         about = {
             "square": "inside their square",
             "corner": "about their top left corner",
             "foot": "about their bottom left corner",
         }[self.system]
-        draft.add("story", f"They turn {about}; {_TOLD[self.kicks]}.")
-        draft.add("entering", "" if self.system == "square" else " (empty rows and columns count for nothing)")
-        draft.add(
+        code.add("story", f"They turn {about}; {_TEXTS[self.kicks]}.")
+        code.add("entering", "" if self.system == "square" else " (empty rows and columns count for nothing)")
+        code.add(
             "functions",
             """
             def turns(piece: tuple[str, ...]) -> tuple[tuple[tuple[int, int], ...], ...]:
@@ -58,14 +56,14 @@ class Rotation:
             """,
         )
         if self.system == "square":
-            draft.add("pivot", "found.append(tuple(cells))")
+            code.add("pivot", "found.append(tuple(cells))")
         elif self.system == "corner":
-            draft.add("pivot", "top, left = min(y for y, _ in cells), min(x for _, x in cells)")
-            draft.add("pivot", "found.append(tuple((y - top, x - left) for y, x in cells))")
+            code.add("pivot", "top, left = min(y for y, _ in cells), min(x for _, x in cells)")
+            code.add("pivot", "found.append(tuple((y - top, x - left) for y, x in cells))")
         else:
-            draft.add("pivot", "low, left = len(piece) - 1 - max(y for y, _ in cells), min(x for _, x in cells)")
-            draft.add("pivot", "found.append(tuple((y + low, x - left) for y, x in cells))")
-        draft.add(
+            code.add("pivot", "low, left = len(piece) - 1 - max(y for y, _ in cells), min(x for _, x in cells)")
+            code.add("pivot", "found.append(tuple((y + low, x - left) for y, x in cells))")
+        code.add(
             "methods",
             """
             def _move(self, turn: int, row: int, column: int) -> bool:
@@ -78,7 +76,7 @@ class Rotation:
             """,
         )
         if self.kicks == "none":
-            draft.add(
+            code.add(
                 "methods",
                 """
                 def _rotate(self, quarters: int) -> None:
@@ -86,8 +84,8 @@ class Rotation:
                 """,
             )
             return
-        draft.add("constants", f"KICKS = {((0, 0), *KICKS[self.kicks])}")
-        draft.add(
+        code.add("constants", f"KICKS = {((0, 0), *KICKS[self.kicks])}")
+        code.add(
             "methods",
             """
             def _rotate(self, quarters: int) -> None:

@@ -1,24 +1,19 @@
-"""The order in which pieces come, how many of the next are shown."""
+"""The order of pieces, and the size of the preview."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from random import Random
-from typing import TYPE_CHECKING
 
-from envcraft_tetris.draft import Draft
-
-from .pieces import Pieces
-
-if TYPE_CHECKING:
-    from envcraft_tetris.variant import Variant
+from envcraft_tetris.axes.pieces import Pieces
+from envcraft_tetris.source_builder import SourceBuilder
 
 ORDERS = ("bag", "double bag", "uniform", "weighted", "history")
 
 
 @dataclass(frozen=True)
 class Supply:
-    """`weights` are those of the pieces where the order is weighted; `memory` and `tries` belong to history."""
+    """The order. `weights` belong to the order `weighted`; `memory` and `tries` belong to `history`."""
 
     order: str
     preview: int
@@ -38,19 +33,19 @@ class Supply:
             return cls(order, preview, memory=1 if len(pieces.art) < 5 else rng.randint(1, 4), tries=rng.randint(2, 6))
         return cls(order, preview)
 
-    def write(self, draft: Draft, variant: Variant) -> None:
+    def write(self, code: SourceBuilder) -> None:
         {"bag": self._bag, "double bag": self._bag, "weighted": self._weighted, "history": self._history}.get(
             self.order, self._uniform
-        )(draft)
+        )(code)
         if not self.preview:
-            draft.add("next", "self._draw_kind()")
+            code.add("next", "self._draw_kind()")
             return
         shown = "next piece is" if self.preview == 1 else f"next {self.preview} pieces are"
-        draft.add("story", f"The {shown} shown in the panel.")
-        draft.add("constants", f"PREVIEW = {self.preview}")
-        draft.add("queue", "self.queue = [self._draw_kind() for _ in range(PREVIEW)]")
-        draft.add("next", "self._take_next()")
-        draft.add(
+        code.add("story", f"The {shown} shown in the panel.")
+        code.add("constants", f"PREVIEW = {self.preview}")
+        code.add("queue", "self.queue = [self._draw_kind() for _ in range(PREVIEW)]")
+        code.add("next", "self._take_next()")
+        code.add(
             "methods",
             """
             def _take_next(self) -> int:
@@ -59,16 +54,16 @@ class Supply:
             """,
         )
 
-    def _bag(self, draft: Draft) -> None:
+    def _bag(self, code: SourceBuilder) -> None:
         copies = 2 if self.order == "double bag" else 1
         times = "twice" if copies == 2 else "once"
-        draft.add("story", f"They come out of a bag that holds each {times} and is filled anew when it is empty.")
+        code.add("story", f"They come out of a bag that holds each {times} and is filled anew when it is empty.")
         if copies == 2:
-            draft.add("constants", "COPIES = 2")
-        draft.add("reset", "self.bag: list[int] = []")
+            code.add("constants", "COPIES = 2")
+        code.add("reset", "self.bag: list[int] = []")
         count = "COPIES * len(PIECES)" if copies == 2 else "len(PIECES)"
         drawn = "self.bag.pop() % len(PIECES)" if copies == 2 else "self.bag.pop()"
-        draft.add(
+        code.add(
             "methods",
             f"""
             def _draw_kind(self) -> int:
@@ -78,9 +73,9 @@ class Supply:
             """,
         )
 
-    def _uniform(self, draft: Draft) -> None:
-        draft.add("story", "Each comes by chance.")
-        draft.add(
+    def _uniform(self, code: SourceBuilder) -> None:
+        code.add("story", "Each comes by chance.")
+        code.add(
             "methods",
             """
             def _draw_kind(self) -> int:
@@ -88,12 +83,12 @@ class Supply:
             """,
         )
 
-    def _weighted(self, draft: Draft) -> None:
-        draft.add("story", "Some come more often than others.")
+    def _weighted(self, code: SourceBuilder) -> None:
+        code.add("story", "Some come more often than others.")
         weights = ", ".join(map(str, self.weights))
-        draft.add("tables", "# How often each piece comes, relative to the others.", f"WEIGHTS = ({weights})")
-        draft.add("tables", "LOTS = [kind for kind, weight in enumerate(WEIGHTS) for _ in range(weight)]")
-        draft.add(
+        code.add("tables", "# How often each piece comes, relative to the others.", f"WEIGHTS = ({weights})")
+        code.add("tables", "LOTS = [kind for kind, weight in enumerate(WEIGHTS) for _ in range(weight)]")
+        code.add(
             "methods",
             """
             def _draw_kind(self) -> int:
@@ -101,12 +96,12 @@ class Supply:
             """,
         )
 
-    def _history(self, draft: Draft) -> None:
+    def _history(self, code: SourceBuilder) -> None:
         last = "the last one" if self.memory == 1 else f"any of the last {self.memory}"
-        draft.add("story", f"They come by chance; a piece like {last} is put back, up to {self.tries - 1} times.")
-        draft.add("constants", f"MEMORY, TRIES = {self.memory}, {self.tries}")
-        draft.add("reset", "self.recent = [-1] * MEMORY")
-        draft.add(
+        code.add("story", f"They come by chance; a piece like {last} is put back, up to {self.tries - 1} times.")
+        code.add("constants", f"MEMORY, TRIES = {self.memory}, {self.tries}")
+        code.add("reset", "self.recent = [-1] * MEMORY")
+        code.add(
             "methods",
             """
             def _draw_kind(self) -> int:

@@ -1,4 +1,4 @@
-"""The untrusted side: a fork server that runs one job, in one child, at a time.
+"""The untrusted side: a fork server that runs one job at a time, each in one child.
 
-Nothing here is believed by the host. These modules need Python, NumPy and Gymnasium and nothing else of EnvCraft.
+The host trusts nothing that comes from here. These modules import Python, NumPy, Gymnasium and ``envcraft_protocol``.
 """

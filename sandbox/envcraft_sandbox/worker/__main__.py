@@ -1,9 +1,11 @@
 """``python -m envcraft_sandbox.worker --fd N`` or ``--connect PATH``: serve jobs until the host hangs up.
 
-``--fd`` is an inherited, connected stream socket, ``--connect`` a unix socket to connect to, ``--folder`` where jobs
-may write, each ``--read`` what they may read besides the libraries. With ``--zygote SIZE`` it forks fork servers
-instead, in namespaces of their own with so many bytes for files; 0 for neither. Only drivers write this command line,
-and importing a parser for it would take as long as Python's own start.
+``--fd`` is an inherited, connected stream socket, and ``--connect`` a unix socket to connect to. Jobs write to
+``--folder``, and read each ``--read`` besides the libraries. ``--zygote SIZE`` forks fork servers instead, in
+namespaces
+of their own with a file system of SIZE bytes; 0 means neither. Only drivers write this command line, and the import of
+a
+parser would take as long as the start of Python.
 """
 
 from __future__ import annotations
@@ -21,7 +23,7 @@ def main() -> None:
         control.connect(options["--connect"])
     else:
         control = socket.socket(fileno=int(options["--fd"]))
-    # Nothing that the imports make is garbage.
+    # The imports create no garbage.
     gc.disable()
     read = [path for name, path in words if name == "--read"]
     if "--zygote" in options:

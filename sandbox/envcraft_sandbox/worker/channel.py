@@ -1,4 +1,4 @@
-"""A job's end of the data socket: batches messages up, and encodes values as layout and bytes."""
+"""A job's end of the data socket: collect messages for the host, and encode values as a layout and bytes."""
 
 from __future__ import annotations
 
@@ -11,9 +11,8 @@ from json import encoder
 from typing import Any
 
 import numpy as np
-from envcraft_runtime.classes import type_name
-
-from envcraft_sandbox.wire import (
+from envcraft_protocol.classes import type_name
+from envcraft_protocol.wire import (
     HEADER,
     LONG,
     MAX_DEPTH,
@@ -34,12 +33,12 @@ from envcraft_sandbox.wire import (
 
 _BATCH = 256 * 1024
 _FLUSH_SECONDS = 0.05
-#: So many steps go into one message at the most.
+#: Maximum number of steps in one message.
 _RUN = 2_000
-#: So many parts are sent at a time at the most, and those of one more message: the kernel takes 1,024 (IOV_MAX).
+#: Maximum number of parts in one call, without those of one more message: the kernel accepts 1,024 (IOV_MAX).
 _MOST = 1_000
 _ONE_TOO_MANY = {"k": "other", "type": "a value of yet another shape, of too many"}
-#: Of a dictionary, list or set so many are told.
+#: Maximum number of entries of a dictionary, list or set in a JSON image.
 _MOST_ENTRIES = 1_000
 _SIMPLE = frozenset({bool, str, type(None)})
 # Bound before any untrusted module can replace them.
@@ -50,21 +49,24 @@ _loads = json.loads
 _writev = os.writev
 _Array = np.ndarray
 _STEP, _FLOAT, _BOOL = Kind.STEP, Type.FLOAT, Type.BOOL
-#: What ``json.dumps`` makes anew for each value, where Python has it; for dictionaries of plain values.
+#: The encoder that ``json.dumps`` creates for each value, where Python has it; for dictionaries of plain values.
 _make: Any = getattr(encoder, "c_make_encoder", None)
 _chunks: Any = _make and _make(None, repr, encoder.encode_basestring_ascii, None, ": ", ", ", False, False, True)
 
 
 class Channel:
-    """Writes messages for the host. `every_step` flushes after each one, to tell exactly how far a job came; without
-    `phases` not even a call that is about to run is told at once, for a job that runs again if anything goes wrong.
+    """Writes messages for the host.
+
+    With `every_step` it sends each step at once, so the host knows exactly how far a job came. Without `phases` it does
+    not
+    even send the name of a call before the call: such a job runs again if anything fails.
     """
 
     def __init__(self, sock: socket.socket, every_step: bool = False, phases: bool = True) -> None:
         self._sock = sock
         self._descriptor = sock.fileno()
         self._phases = phases
-        #: What waits to be sent, in parts that are not copied together, and how many bytes these are.
+        #: The unsent parts, which are not joined, and their size in bytes.
         self._waiting: list[bytes] = []
         self._size = 0
         self._flushed = _monotonic()
@@ -73,12 +75,12 @@ class Channel:
         self._parts = 0
         #: The type and shape of the last array, and its layout's number.
         self._array: tuple[Any, Any, int] = (None, None, -1)
-        #: The last long value that was sent, and its layout's number.
+        #: The number of the last long value's layout, and the value.
         self._last: tuple[int, bytes] = (-1, b"")
         self._info: bytes | None = None
-        #: Steps that have brought nothing new, to go into one message.
+        #: Steps that repeat observation and info, for one message.
         self._run: list[bytes] = []
-        #: Steps that gave up the processor, of a job that is measured.
+        #: Number of steps that gave up the processor, in a job that counts them.
         self.waits = 0
 
     def send(self, kind: Kind, payload: bytes = b"", flush: bool = False) -> None:
@@ -96,7 +98,7 @@ class Channel:
 
     def _end_run(self) -> None:
         steps, self._run = b"".join(self._run), []
-        # A player's job sends each by itself, and its host looks at each.
+        # An interactive job sends each step by itself, because its host shows each.
         kind = Kind.STEPS if len(steps) > STEP.size else Kind.STEP
         self._waiting += HEADER.pack(kind, len(steps)), steps
         self._size += HEADER.size + len(steps)
@@ -108,7 +110,7 @@ class Channel:
         self.send_json(Kind.PHASE, name, flush=self._phases)
 
     def tick(self) -> None:
-        """Say that the job is alive, at most twenty times a second."""
+        """Report that the job is alive, at most twenty times per second."""
         if _monotonic() - self._flushed > _FLUSH_SECONDS:
             self.send(Kind.TICK, flush=True)
 
@@ -124,7 +126,7 @@ class Channel:
         self._flushed = _monotonic()
 
     def ask(self) -> Any:
-        """Ask the host for the next action, and wait for it."""
+        """Request the next action from the host, and wait for it."""
         self.send(Kind.ASK, flush=True)
         _, length = HEADER.unpack(self._receive(HEADER.size))
         if length > MAX_JSON:
@@ -173,7 +175,7 @@ class Channel:
             self.flush()
 
     def _said(self, layout: int, data: bytes) -> bool:
-        """Whether a value is the last long one over again; from now on that is this one, if it is long."""
+        """Whether a value repeats the last long one. If it is long itself, it becomes the last one."""
         if len(data) < LONG:
             return False
         same = self._last == (layout, data)
@@ -181,7 +183,7 @@ class Channel:
         return same
 
     def encode(self, value: Any) -> tuple[int, bytes]:
-        """Give the value's layout number, announcing a new layout first, and its bytes."""
+        """The number of the value's layout, after sending a new layout, and the value's bytes."""
         if type(value) is _Array:
             dtype, shape, number = self._array
             if value.dtype is dtype and value.shape == shape:
@@ -194,12 +196,12 @@ class Channel:
         if number < 0:
             number, data = self._announce(layout, key, data)
         elif type(value) is _Array and layout["k"] == "array":
-            # What cannot be described has no bytes, whatever its array has.
+            # An array that cannot be described has no bytes.
             self._array = value.dtype, value.shape, number
         return number, data
 
     def _announce(self, layout: dict[str, Any], key: str, data: bytes) -> tuple[int, bytes]:
-        """Send a layout; give its number and the value's bytes, of which there are none where it is one too many."""
+        """Send a layout; return its number and the value's bytes, which are empty if there are too many layouts."""
         parts = _parts(layout)
         if len(self._layouts) >= MAX_LAYOUTS - 1 or self._parts + parts >= MAX_PARTS or len(key) > MAX_JSON:
             layout, data, key, parts = _ONE_TOO_MANY, b"", "", 1
@@ -217,7 +219,7 @@ def _parts(layout: dict[str, Any]) -> int:
 
 
 def encode_value(value: Any, depth: int = 0) -> tuple[dict[str, Any], bytes]:
-    """Describe a value as a layout and its bytes; what cannot be described travels as its type's name."""
+    """Describe a value as a layout and its bytes. A value that cannot be described becomes the name of its type."""
     if depth > MAX_DEPTH:
         return {"k": "other", "type": "nested too deeply"}, b""
     if isinstance(value, np.ndarray):
@@ -261,7 +263,7 @@ def encode_value(value: Any, depth: int = 0) -> tuple[dict[str, Any], bytes]:
 
 
 def _numbers(value: list[Any]) -> np.ndarray[Any, Any] | None:
-    """Nested lists of numbers as an array, so that a picture in lists is not described number by number."""
+    """Nested lists of numbers as an array, so that the layout of a picture in lists is short."""
     try:
         numbers = np.array(value)
     except (ValueError, TypeError, OverflowError):
@@ -271,7 +273,7 @@ def _numbers(value: list[Any]) -> np.ndarray[Any, Any] | None:
 
 
 def _is_plain(dtype: np.dtype[Any]) -> bool:
-    """Whether values of a type are numbers or text, with bytes that say all of them."""
+    """Whether values of a type are numbers or text that their bytes represent completely."""
     return dtype.kind in "biufcSU" and dtype.itemsize > 0
 
 
@@ -292,7 +294,7 @@ def encode_info(info: Any) -> bytes:
 
 
 def _is_json(info: dict[Any, Any]) -> bool:
-    """Whether its JSON image is the info itself, as nearly always: then nobody has to make one."""
+    """Whether a dictionary is its own JSON image, as nearly always; then no image is needed."""
     if type(info) is not dict or len(info) > _MOST_ENTRIES:
         return False
     for key, value in info.items():
@@ -311,7 +313,7 @@ def _is_json(info: dict[Any, Any]) -> bool:
 
 
 def jsonable(value: Any, depth: int = 0) -> Any:
-    """A JSON image of any value: small arrays as lists, anything else by its type's name."""
+    """A JSON image of any value: small arrays become lists, unknown values the name of their type."""
     if value is None or isinstance(value, bool | str):
         return value
     if isinstance(value, int):

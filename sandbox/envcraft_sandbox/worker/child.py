@@ -1,7 +1,7 @@
-"""One job in one forked child: give up what it does not need, read the job, run it, leave. Jobs of a series follow one
-another in the same child, as long as each leaves it as it was.
+"""One job in one forked child: drop privileges, read the job, run it, exit. Jobs of a series follow one another in the
+same child as long as each leaves it unchanged.
 
-Whatever the untrusted code does from here on, the child can only write to its data socket and its output pipe.
+From here on the untrusted code can only write to its data socket and its output pipe.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ import traceback
 from typing import Any, NoReturn
 
 import numpy as np
-
-from envcraft_sandbox.wire import HEADER, MAX_MESSAGE, Kind
+from envcraft_protocol.jobs import Conditions, End, Job, JobLimits
+from envcraft_protocol.wire import HEADER, MAX_MESSAGE, Kind
 
 from . import confine, rollout, search
 from .channel import Channel
@@ -31,10 +31,10 @@ from .subject import Fault, Subject
 _seed, _seed_numpy = random.seed, np.random.seed
 
 
-def main(data_fd: int, output_fd: int, limits: dict[str, Any], folder: str, shown: int | None) -> NoReturn:
-    """Run the job that waits on `data_fd`; never returns, and never unwinds into the server's stack.
+def main(data_fd: int, output_fd: int, limits: JobLimits, folder: str, shown: int | None) -> NoReturn:
+    """Run the job that waits on `data_fd`; never return, and never unwind into the server's stack.
 
-    `shown` is what :func:`envcraft_sandbox.worker.confine.prepare` gave.
+    `shown` is the result of :func:`envcraft_sandbox.worker.confine.prepare`.
     """
     code = 0
     try:
@@ -47,10 +47,10 @@ def main(data_fd: int, output_fd: int, limits: dict[str, Any], folder: str, show
         traces = Traces(folder) if job.get("series") else None
         channel = Channel(sock, every_step=bool(job.get("every_step")))
         while _run(job, channel, traces) and sock.recv(1, socket.MSG_PEEK):
-            # What goes wrong after other jobs runs again alone, and tells then where it was.
+            # A job that fails after other jobs runs again alone, and then reports each phase.
             job, channel = _receive(sock), Channel(sock, phases=False)
     except BaseException:
-        # Outside the job's own guard: the host sees a death and the traceback among the captured output.
+        # Not the job's own exception: the host sees a dead process, and the traceback in the captured output.
         traceback.print_exc()
         code = 70
     finally:
@@ -58,8 +58,9 @@ def main(data_fd: int, output_fd: int, limits: dict[str, Any], folder: str, show
 
 
 def _keep_only(data_fd: int, output_fd: int, shown: int | None) -> int | None:
-    """Leave descriptors 0 (empty), 1 and 2 (the output pipe), 3 (the data socket) and, where there is one, 4 (`shown`),
-    and no other; give the last.
+    """Keep descriptors 0 (empty), 1 and 2 (the output pipe), 3 (the data socket) and, if `shown` is given, 4.
+
+    Close all others; return the number of the last one or None.
     """
     kept = [data_fd, output_fd] if shown is None else [data_fd, output_fd, shown]
     while min(kept) <= 4:
@@ -78,28 +79,28 @@ def _keep_only(data_fd: int, output_fd: int, shown: int | None) -> int | None:
     return None if shown is None else 4
 
 
-def _receive(sock: socket.socket) -> dict[str, Any]:
+def _receive(sock: socket.socket) -> Job:
     with sock.makefile("rb") as stream:
         _, length = HEADER.unpack(stream.read(HEADER.size))
         if length > MAX_MESSAGE:
             raise ValueError(f"a job of {length} bytes")
-        job: dict[str, Any] = json.loads(stream.read(length))
+        job: Job = json.loads(stream.read(length))
         return job
 
 
 def _without_programs(*_: Any, **__: Any) -> NoReturn:
-    """In place of what starts a program: the answer of a machine where it is not installed, which libraries expect.
-    pygame asks ``fc-list`` for fonts, say, and goes on without.
+    """Replaces the function that starts programs: it answers that the program is not installed, which libraries expect.
+    pygame, for instance, calls ``fc-list`` for fonts and continues without it.
     """
     raise FileNotFoundError(errno.ENOENT, "no program can be started here")
 
 
-#: What shifts the addresses of everything that is allocated later.
+#: Objects that shift the addresses of everything allocated later.
 _kept: list[Any] = []
 
 
 def _fragments(seed: int | None) -> list[Any]:
-    """Objects of many sizes with gaps between them, so that new ones get other addresses than in another process."""
+    """Objects of many sizes with gaps between them, so new objects get other addresses than in another process."""
     if seed is None:
         return []
     rng = random.Random(seed)
@@ -108,13 +109,13 @@ def _fragments(seed: int | None) -> list[Any]:
     return [item for item in made if rng.random() < 0.6]
 
 
-def _run(job: dict[str, Any], channel: Channel, traces: Traces | None) -> bool:
-    """Run a job; give whether another one may run in this process, where there are `traces` to remove."""
-    conditions = job.get("conditions", {})
-    goes_on = traces is not None and bool(job.get("series"))
+def _run(job: Job, channel: Channel, traces: Traces | None) -> bool:
+    """Run a job; return whether the process may run another one, if there are `traces` to remove."""
+    conditions: Conditions = job.get("conditions", {})
+    reusable = traces is not None and bool(job.get("series"))
     subprocess._fork_exec = _without_programs  # type: ignore[attr-defined]
     subprocess._USE_POSIX_SPAWN = False  # type: ignore[misc]
-    # By default from the episode's seed: one fixed state would give code that draws from it one level for all seeds.
+    # By default the episode's seed: with a fixed state, code that draws from it would have one level for all seeds.
     state = conditions.get("global_seed", job.get("seed", 0)) % 2**32
     _seed(state)
     _seed_numpy(state)
@@ -129,16 +130,16 @@ def _run(job: dict[str, Any], channel: Channel, traces: Traces | None) -> bool:
         else:
             search.run(subject, job)
     except Fault as fault:
-        goes_on = False
+        reusable = False
         channel.send_json(Kind.FAULT, fault.report)
     del subject
     with contextlib.suppress(Exception):
         sys.stdout.flush()
         sys.stderr.flush()
-    if traces is not None and goes_on:
-        # What comes of it is not the doing of the call before.
+    if traces is not None and reusable:
+        # The previous call is not responsible for failures of the cleanup.
         channel.phase("close")
-        goes_on = traces.remove()
-    end = {"goes_on": True} if goes_on else {"waits": channel.waits} if job.get("measured") else {}
+        reusable = traces.remove()
+    end: End = {"reusable": True} if reusable else {"waits": channel.waits} if job.get("count_waits") else {}
     channel.send_json(Kind.END, end, flush=True)
-    return goes_on
+    return reusable

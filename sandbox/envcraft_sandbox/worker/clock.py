@@ -1,6 +1,6 @@
-"""Another clock for the code under test: logical, or shifted and running at another rate.
+"""Replacement clocks for the code under test: logical, or shifted and at another rate.
 
-Python's own readings are replaced (``time``, ``datetime``); what C code reads for itself is not.
+They replace Python's own readings (``time``, ``datetime``) but not those of C code.
 """
 
 from __future__ import annotations
@@ -10,9 +10,11 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+from envcraft_protocol.jobs import ClockShift
+
 _NAMES = ("time", "monotonic", "perf_counter", "process_time", "thread_time")
 _REAL: dict[str, Callable[[], float]] = {name: getattr(time, name) for name in _NAMES}
-#: Those that give the moment as a calendar has it: now, unless they are told which.
+#: Functions of calendar time, by default of the current moment.
 _CALENDAR: dict[str, Callable[[float], Any]] = {name: getattr(time, name) for name in ("localtime", "gmtime", "ctime")}
 _strftime, _asctime, _clock_gettime = time.strftime, time.asctime, time.clock_gettime
 _CLOCKS = {time.CLOCK_REALTIME: "time", time.CLOCK_MONOTONIC: "monotonic"}
@@ -21,10 +23,11 @@ _TICK = 0.001
 
 
 class Clock:
-    """Readings of the clocks of module :mod:`time` under one condition.
+    """The clocks of the module :mod:`time` under one condition.
 
-    Rate 0 is the logical clock: it starts at a fixed moment, moves on by one millisecond at each reading, and is
-    therefore the same in every run that reads it equally often.
+    Rate 0 is the logical clock: it starts at a fixed moment and advances by one millisecond at each reading, so it is
+    equal
+    in all runs that read it equally often.
     """
 
     def __init__(self, offset: float, rate: float) -> None:
@@ -41,12 +44,12 @@ class Clock:
         return start + self._offset + (_REAL[name]() - start) * self._rate
 
     def get(self, which: int) -> float:
-        """The reading of a clock by its number; of those that :meth:`read` has not, the machine's."""
+        """The reading of a clock by its number; the machine's reading for clocks that :meth:`read` does not know."""
         return self.read(_CLOCKS[which]) if which in _CLOCKS else _clock_gettime(which)
 
     @classmethod
-    def install(cls, condition: dict[str, Any] | None) -> None:
-        """Replace the readings. `condition`: ``None``, or ``{"offset": seconds, "rate": factor}``."""
+    def install(cls, condition: ClockShift | None) -> None:
+        """Replace the readings, unless the condition is None."""
         if condition is None:
             return
         clock = cls(float(condition["offset"]), float(condition["rate"]))

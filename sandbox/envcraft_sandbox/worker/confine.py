@@ -1,6 +1,6 @@
-"""What a job's child gives up before untrusted code runs in it: resources, privileges, files and system calls.
+"""Limits and rights that a job's child gives up before untrusted code runs in it.
 
-These layers hold beside whatever isolation the driver gives, and each without the others.
+These layers add to the driver's isolation, and each holds without the others.
 """
 
 from __future__ import annotations
@@ -12,7 +12,8 @@ import resource
 import struct
 import sys
 from collections.abc import Iterable
-from typing import Any
+
+from envcraft_protocol.jobs import JobLimits
 
 from . import landlock, seccomp
 
@@ -26,7 +27,7 @@ _KERNEL = ("/dev/zero", "/dev/random", "/dev/urandom", "/proc/cpuinfo", "/proc/m
 
 
 def layers() -> tuple[list[str], list[str]]:
-    """The layers that :func:`enter` applies on this kernel, and those that it cannot."""
+    """The layers that :func:`enter` applies on this kernel, and those that it cannot apply."""
     offered = {
         "rlimits": True,
         "no capabilities": sys.platform == "linux",
@@ -38,8 +39,17 @@ def layers() -> tuple[list[str], list[str]]:
 
 
 def prepare(folder: str, read: Iterable[str] = ()) -> int | None:
-    """What is the same for every job, made before the first is forked: a descriptor for :func:`enter`, or None without
-    Landlock. Jobs may write in `folder` alone, and read the libraries and `read`. Raises OSError.
+    """Prepare the part that is the same for every job, before the first fork.
+
+    Args:
+        folder: the only folder that jobs may write to.
+        read: paths that jobs may read besides the libraries.
+
+    Returns:
+        A descriptor for :func:`enter`; None without Landlock.
+
+    Raises:
+        OSError: the rules cannot be made.
     """
     if seccomp.available():
         seccomp.prepare()
@@ -48,9 +58,10 @@ def prepare(folder: str, read: Iterable[str] = ()) -> int | None:
     return landlock.ruleset([*_SYSTEM, *_KERNEL, *_libraries(), *read], [folder, "/dev/null"])
 
 
-def enter(limits: dict[str, Any], shown: int | None) -> None:
-    """Apply `limits` (``memory`` and ``file`` in bytes, ``cpu`` in seconds, ``descriptors`` as a count) and what
-    :func:`prepare` gave, whose descriptor is closed. Raises OSError when a layer that the kernel has cannot be applied.
+def enter(limits: JobLimits, shown: int | None) -> None:
+    """Apply `limits` and the result of :func:`prepare`, whose descriptor it closes.
+
+    Raises OSError if a layer that the kernel has cannot be applied.
     """
     if sys.platform == "linux":
         _offer_to_the_oom_killer()
@@ -71,37 +82,38 @@ def enter(limits: dict[str, Any], shown: int | None) -> None:
 
 
 def set_dumpable(value: bool) -> None:
-    """Say whether processes of the same user may trace this one and read its memory."""
+    """Set whether processes of the same user may trace this one and read its memory."""
     _prctl(_PR_SET_DUMPABLE, int(value))
 
 
 def adopt_orphans() -> None:
-    """Make processes that a descendant leaves behind this process's children."""
+    """Become the parent of processes that a descendant leaves behind."""
     _prctl(_PR_SET_CHILD_SUBREAPER, 1)
 
 
 def drop_capabilities() -> None:
-    """Raises OSError."""
+    """Drop all capabilities. Raises OSError."""
     libc = ctypes.CDLL(None, use_errno=True)
     if libc.capset(struct.pack("<Ii", _CAPABILITIES_3, 0), struct.pack("<6I", *[0] * 6)):
         raise OSError(ctypes.get_errno(), "the capabilities cannot be dropped")
 
 
 def allow_no_new_privileges() -> None:
-    """No program that this process starts gets more rights than it has."""
+    """Deny programs that this process starts more rights than it has."""
     _prctl(_PR_SET_NO_NEW_PRIVS, 1)
 
 
 def _libraries() -> list[str]:
-    """The interpreter's folders, and what the driver put on the path; not what a ``.pth`` file adds, which may be a
-    project's whole folder.
+    """The interpreter's folders and those that the driver put on the path.
+
+    Folders from ``.pth`` files are excluded: they may be a whole project.
     """
-    told = os.environ.get("PYTHONPATH", "").split(os.pathsep)
-    return [sys.prefix, sys.base_prefix, sys.exec_prefix, *filter(None, told)]
+    paths = os.environ.get("PYTHONPATH", "").split(os.pathsep)
+    return [sys.prefix, sys.base_prefix, sys.exec_prefix, *filter(None, paths)]
 
 
 def _offer_to_the_oom_killer() -> None:
-    """When memory runs out, let the kernel end the job and not the fork server, which is of the same size at first."""
+    """Make the kernel end the job, not the fork server of the same size, when memory runs out."""
     # The files in /proc of a process that is not dumpable belong to root.
     set_dumpable(True)
     with contextlib.suppress(OSError):

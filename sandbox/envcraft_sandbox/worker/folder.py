@@ -8,7 +8,7 @@ _MODE = 0o700
 
 
 class JobFolder:
-    """One folder below a temporary directory. Its contents are untrusted: nothing here follows a link."""
+    """A folder below a temporary directory. Its contents are untrusted: no method follows a link."""
 
     def __init__(self, path: str) -> None:
         self.path = path
@@ -16,7 +16,7 @@ class JobFolder:
         self.empty()
 
     def empty(self) -> None:
-        """Remove all that a job left, however deep: subfolders are moved up before they are removed."""
+        """Remove everything that a job left, at any depth: subfolders move up before they are removed."""
         while entries := list(os.scandir(self.path)):
             for entry in entries:
                 if not entry.is_dir(follow_symlinks=False):
@@ -25,15 +25,16 @@ class JobFolder:
                 os.chmod(entry.path, _MODE)
                 for inner in list(os.scandir(entry.path)):
                     if inner.is_dir(follow_symlinks=False):
-                        # A folder that is moved is written to: its parent's entry is in it.
+                        # A move writes to the moved folder: the entry of its parent changes.
                         os.chmod(inner.path, _MODE)
-                    # A name that the job cannot have taken.
+                    # The job cannot have used this name.
                     os.rename(inner.path, os.path.join(self.path, os.urandom(16).hex()))
                 os.rmdir(entry.path)
 
     def bytes(self, most: int) -> int:
-        """What the files in it hold on the disk. Counting stops beyond `most`; each entry counts for something, and
-        what cannot be looked into for more than `most`.
+        """The disk space of its files in bytes. Counting stops beyond `most`.
+
+        Each entry counts for something. A folder that cannot be read counts for more than `most`.
         """
         total, folders = 0, [self.path]
         while folders and total <= most:

@@ -1,7 +1,8 @@
-"""Landlock: from here on this process reads only what it was shown, and writes only below one folder.
+"""Landlock: the process then reads only the given paths and writes only below one folder.
 
-It needs no privilege, and holds beside the driver's own isolation. What it can refuse depends on the kernel: files
-since 5.13, TCP ports since 6.7, signals and abstract sockets outside the process's own domain since 6.12
+It needs no privilege and adds to the driver's isolation. What it can refuse depends on the kernel: files since 5.13,
+TCP
+ports since 6.7, signals and abstract sockets outside the process's own domain since 6.12
 (``Documentation/userspace-api/landlock.rst``).
 """
 
@@ -40,7 +41,9 @@ def version() -> int:
 def ruleset(read: Iterable[str], write: Iterable[str]) -> int:
     """The descriptor of a set of rules for :func:`restrict`. Raises OSError.
 
-    `read` are files and folders to be read, `write` those to be written as well; missing ones are left out.
+    Args:
+        read: files and folders to read; missing ones are skipped.
+        write: files and folders to read and write; missing ones are skipped.
     """
     abi = version()
     handled = _FIRST
@@ -63,7 +66,7 @@ def ruleset(read: Iterable[str], write: Iterable[str]) -> int:
 
 
 def restrict(rules: int) -> None:
-    """Put this process, and all that it starts, under `rules` for good, and close them. Raises OSError.
+    """Apply `rules` for good to this process and all that it starts, and close them. Raises OSError.
 
     No new privileges must have been set.
     """

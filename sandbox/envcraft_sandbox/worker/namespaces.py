@@ -1,8 +1,8 @@
-"""Namespaces of its own for each fork server of a zygote, inside those that all of them share.
+"""Own namespaces for each fork server of a zygote, inside the namespaces that they all share.
 
-What ``bwrap`` does for a worker that it starts itself: users, processes, mounts, IPC, network, host name and control
-groups are the fork server's own, its capabilities there are given up again, and no further user namespace can be made
-(``bwrap --disable-userns``). Needs no privilege, only a kernel that lets namespaces be nested.
+This does what ``bwrap`` does for a worker that it starts: the fork server has its own users, processes, mounts, IPC,
+network, host name and control groups, drops its capabilities there, and can create no further user namespace (``bwrap
+--disable-userns``). It needs no privilege, only a kernel that allows nested namespaces.
 """
 
 from __future__ import annotations
@@ -24,21 +24,21 @@ _PR_CAPBSET_DROP = 24
 _KEYCTL = {"x86_64": 250, "aarch64": 219}
 _KEYCTL_JOIN_SESSION_KEYRING = 1
 
-#: Where root on the host could write to what is everybody's; bwrap covers the same.
+#: Paths in /proc where root could write to settings of the whole machine; bwrap covers the same.
 _COVERED = ("sys", "sysrq-trigger", "irq", "bus")
 _SHM_BYTES = 1024**2
 
 
-def enter(folder: str, size: int, told: Callable[[int], None]) -> None:
-    """Go on as process 1 of new namespaces, where `folder` is an empty file system of `size` bytes. Raises OSError.
+def enter(folder: str, size: int, report: Callable[[int], None]) -> None:
+    """Continue as process 1 of new namespaces, where `folder` is an empty file system of `size` bytes. Raises OSError.
 
-    The process that called never comes back: it gives `told` the id of the new one, and ends.
+    The calling process does not return: it calls `report` with the id of the new process, and exits.
     """
     _unshare()
-    # The process that asks for a new process namespace stays outside.
+    # The process that creates a process namespace stays outside it.
     pid = os.fork()
     if pid:
-        _leave(pid, told)
+        _leave(pid, report)
     _mount(None, "/", None, _MS_REC | _MS_PRIVATE)
     _mount("tmpfs", folder, "tmpfs", _MS_NOSUID | _MS_NODEV, f"mode=0700,size={size}")
     _mount("tmpfs", "/dev/shm", "tmpfs", _MS_NOSUID | _MS_NODEV, f"mode=0700,size={_SHM_BYTES}")
@@ -49,8 +49,8 @@ def enter(folder: str, size: int, told: Callable[[int], None]) -> None:
     _drop_capabilities()
 
 
-def _leave(pid: int, told: Callable[[int], None]) -> NoReturn:
-    told(pid)
+def _leave(pid: int, report: Callable[[int], None]) -> NoReturn:
+    report(pid)
     os._exit(0)
 
 
@@ -64,13 +64,13 @@ def _unshare() -> None:
     _write("/proc/self/gid_map", f"{gid} {gid} 1")
     confine.set_dumpable(False)
     if platform.machine() in _KEYCTL:
-        # Users' keyrings are their namespace's, that of the session is inherited. Some kernels have none.
+        # The session keyring is inherited, unlike those of users. Some kernels have none.
         with contextlib.suppress(OSError):
             _call("syscall", _KEYCTL[platform.machine()], _KEYCTL_JOIN_SESSION_KEYRING, None)
 
 
 def _cover(path: str) -> None:
-    """Make what is there read-only."""
+    """Make a path read-only."""
     with contextlib.suppress(FileNotFoundError):
         _mount(path, path, None, _MS_BIND | _MS_REC)
         protected = _MS_RDONLY | _MS_NOSUID | _MS_NODEV | _MS_NOEXEC
@@ -92,7 +92,7 @@ def _mount(source: str | None, target: str, kind: str | None, flags: int, option
 
 
 def _write(path: str, words: str) -> None:
-    # One write, or the kernel refuses it.
+    # The kernel accepts only a single write.
     descriptor = os.open(path, os.O_WRONLY | os.O_CLOEXEC)
     try:
         os.write(descriptor, words.encode())

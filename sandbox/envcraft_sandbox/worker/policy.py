@@ -1,4 +1,4 @@
-"""A privileged policy beside the environment: a class with ``act(state)``, or a function ``policy(env)``."""
+"""A privileged policy that runs with the environment: a class with ``act(state)``, or a function ``policy(env)``."""
 
 from __future__ import annotations
 
@@ -6,7 +6,8 @@ import inspect
 from typing import Any
 
 import numpy as np
-from envcraft_runtime.classes import type_name
+from envcraft_protocol import jobs
+from envcraft_protocol.classes import type_name
 
 from .channel import jsonable
 from .subject import Fault, Subject, attributes
@@ -19,11 +20,11 @@ class ReadOnlyState(AttributeError):
 
 
 class State:
-    """The environment's own attributes, to read: ``state.player_x`` or ``state["player_x"]``; ``get`` and ``keys`` are
-    those of a mapping where the environment has no such attributes. Setting one is refused.
+    """Read-only access to the environment's attributes: ``state.player_x`` or ``state["player_x"]``.
 
-    Objects behind the attributes are the environment's own; the host finds out whether a policy changed one by stepping
-    the policy's actions again without it.
+    ``get`` and ``keys`` work as in a mapping, unless the environment has attributes of these names. Objects behind the
+    attributes belong to the environment. The host detects a policy that changes one: it repeats the policy's actions
+    without it.
     """
 
     __slots__ = ("_env",)
@@ -64,9 +65,9 @@ class State:
 
 
 class Policy:
-    """The policy of a file, ready to choose actions for `env`."""
+    """The policy of a file, which chooses actions for `env`."""
 
-    def __init__(self, subject: Subject, policy: dict[str, Any], env: Any) -> None:
+    def __init__(self, subject: Subject, policy: jobs.Policy, env: Any) -> None:
         module = subject.load_policy(policy)
         self._subject = subject
         self._env = env
@@ -92,9 +93,7 @@ class Policy:
             )
 
     def choose(self) -> Any:
-        """Give the policy's action as JSON. Raises Fault, also when the environment's attributes are others
-        afterwards.
-        """
+        """The policy's action as JSON. Raises Fault, also if the call changes the environment's attributes."""
         before = attributes(self._env)
         value = self._subject.call("policy", self._function, self._argument)
         after = attributes(self._env)

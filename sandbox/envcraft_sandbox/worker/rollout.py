@@ -1,6 +1,4 @@
-"""Step one episode through a list of actions, those of a policy or those of a player whom the host asks, under the
-conditions that the host asked for.
-"""
+"""Step one episode under the job's conditions. The actions come from a list, from a policy, or from the host."""
 
 from __future__ import annotations
 
@@ -11,9 +9,10 @@ from collections import deque
 from typing import Any
 
 import numpy as np
-from envcraft_runtime.classes import type_name
-
-from envcraft_sandbox.wire import Kind
+from envcraft_protocol.classes import type_name
+from envcraft_protocol.jobs import Conditions, Job
+from envcraft_protocol.jobs import Episode as EpisodePlan
+from envcraft_protocol.wire import Kind
 
 from .channel import jsonable
 from .policy import Policy
@@ -25,14 +24,14 @@ _getrusage = resource.getrusage
 _seed, _seed_numpy = random.seed, np.random.seed
 _getstate, _setstate = random.getstate, random.setstate
 _get_state, _set_state = np.random.get_state, np.random.set_state
-#: So many steps after an observation it is looked at again: a few buffers may take turns.
+#: An observation is sent again after this many steps: environments may rotate several buffers.
 _LAG = 4
 _STRINGS = {str}
 _TRUTHS = (bool, np.bool_, int, np.integer)
 
 
 class Perturb:
-    """Put the global ``random`` and ``numpy.random`` states somewhere else before each call, as other code would."""
+    """Change the global ``random`` and ``numpy.random`` states before each call, as other code would."""
 
     def __init__(self, seed: int | None) -> None:
         self._own = None if seed is None else random.Random(seed)
@@ -44,9 +43,9 @@ class Perturb:
 
 
 class Companion:
-    """A second instance of the class, stepped in turn with the first."""
+    """A second instance of the class, which takes turns with the first."""
 
-    def __init__(self, subject: Subject, plan: dict[str, Any]) -> None:
+    def __init__(self, subject: Subject, plan: EpisodePlan) -> None:
         self._subject = subject
         self._env = subject.construct(announce=False)
         self._seed: int = plan["seed"]
@@ -59,7 +58,7 @@ class Companion:
         self._seed += 1
 
     def step(self) -> None:
-        """Step it with the global generators left as they were: sharing those is another condition."""
+        """Step it and restore the global generators: sharing these is another condition."""
         state = _global_state()
         self._step()
         _restore(state)
@@ -72,9 +71,9 @@ class Companion:
             self._reset()
 
 
-def run(subject: Subject, job: dict[str, Any]) -> None:
+def run(subject: Subject, job: Job) -> None:
     """Run the job's episode and stream it; twice under the condition ``again``."""
-    conditions: dict[str, Any] = job.get("conditions", {})
+    conditions: Conditions = job.get("conditions", {})
     again = bool(conditions.get("again"))
     state = _global_state() if again else None
     _episode(subject, job, conditions)
@@ -83,7 +82,7 @@ def run(subject: Subject, job: dict[str, Any]) -> None:
         _episode(subject, job, conditions)
 
 
-def _episode(subject: Subject, job: dict[str, Any], conditions: dict[str, Any]) -> None:
+def _episode(subject: Subject, job: Job, conditions: Conditions) -> None:
     channel = subject.channel
     if conditions.get("closed"):
         other = subject.construct(announce=False)
@@ -96,7 +95,7 @@ def _episode(subject: Subject, job: dict[str, Any], conditions: dict[str, Any]) 
         companion = Companion(subject, conditions["companion"]) if "companion" in conditions else None
         for earlier in conditions.get("before", ()):
             _play_through(subject, env, earlier)
-        # Only the condition that was asked for may differ: the global generators start as without it.
+        # Nothing else may differ from a plain run, so the global generators start in the same state.
         _restore(state)
     perturb = Perturb(conditions.get("perturb"))
     policy = Policy(subject, job["policy"], env) if "policy" in job else None
@@ -120,12 +119,12 @@ def _episode(subject: Subject, job: dict[str, Any], conditions: dict[str, Any]) 
     channel.phase("step")
 
     actions: list[Any] = job["actions"]
-    asked, measured = bool(job.get("asked")), bool(job.get("measured"))
-    for number in range(job["max_steps"] if policy or asked else len(actions)):
+    interactive, count_waits = bool(job.get("interactive")), bool(job.get("count_waits"))
+    for number in range(job["max_steps"] if policy or interactive else len(actions)):
         if policy:
             chosen = policy.choose()
             channel.send_json(Kind.ACTION, chosen)
-        elif asked:
+        elif interactive:
             chosen = channel.ask()
         else:
             chosen = actions[number]
@@ -134,11 +133,11 @@ def _episode(subject: Subject, job: dict[str, Any], conditions: dict[str, Any]) 
             companion.step()
         perturb()
         before = jsonable(action) if reread else None
-        waits = _waits() if measured else 0
+        waits = _waits() if count_waits else 0
         started = _perf_counter()
         result = subject.call("step", env.step, action)
         seconds = _perf_counter() - started
-        channel.waits += measured and _waits() > waits
+        channel.waits += count_waits and _waits() > waits
         if not (isinstance(result, tuple) and len(result) == 5):
             raise Fault({"phase": "step", "malformed": _shape_of(result), "line": None})
         if reread:
@@ -157,7 +156,7 @@ def _episode(subject: Subject, job: dict[str, Any], conditions: dict[str, Any]) 
     if reread:
         _reread(subject, returned, 1)
     if "options" in job:
-        # As wrappers call it, and any loop after its first episode.
+        # Wrappers reset like this, and so does any loop after its first episode.
         channel.phase("plain reset")
         subject.call("plain reset", env.reset, seed=None, options=None)
         if reread:
@@ -168,7 +167,7 @@ def _episode(subject: Subject, job: dict[str, Any], conditions: dict[str, Any]) 
 
 
 def _waits() -> int:
-    """How often this thread has given up the processor before its time was over."""
+    """How often this thread has given up the processor before the end of its time slice."""
     return _getrusage(resource.RUSAGE_THREAD).ru_nvcsw
 
 
@@ -181,8 +180,8 @@ def _restore(state: tuple[Any, Any]) -> None:
     _set_state(state[1])
 
 
-def _play_through(subject: Subject, env: Any, episode: dict[str, Any]) -> None:
-    """An earlier episode on the same instance; what it returns is not looked at."""
+def _play_through(subject: Subject, env: Any, episode: EpisodePlan) -> None:
+    """Play an earlier episode on the same instance, and ignore its results."""
     subject.channel.phase("before")
     subject.call("earlier reset", env.reset, seed=episode["seed"])
     for value in episode["actions"]:
@@ -193,7 +192,7 @@ def _play_through(subject: Subject, env: Any, episode: dict[str, Any]) -> None:
 
 
 def _step_on(subject: Subject, env: Any, actions: list[Any], count: int) -> None:
-    """Steps past the end are undefined: an exception is an answer, a report that the episode goes on is sent."""
+    """Step past the end of the episode, which is undefined: an exception is an answer, and any result is sent."""
     if count:
         subject.channel.phase("after")
     for value in (actions * 2)[:count]:
@@ -215,7 +214,7 @@ def _render(subject: Subject, env: Any) -> None:
 
 
 def _reread(subject: Subject, returned: deque[Any], kept: int) -> None:
-    """Send observations again, the earliest first, until no more than `kept` are left."""
+    """Send observations again, the earliest first, until `kept` are left."""
     while len(returned) > kept:
         subject.call("step", subject.channel.value, Kind.REREAD, returned.popleft())
 

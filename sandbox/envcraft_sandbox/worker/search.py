@@ -1,7 +1,7 @@
-"""Searches that need the environment's state: for crashes, for wins, for the end of the reachable states.
+"""Searches that need the environment's state: for crashes, for wins, and for the end of the reachable states.
 
-What they find is advice: the host steps every action list that comes back from here in an ordinary rollout and believes
-only that trace. Each search takes a budget in environment steps, so that it gives the same answer on any machine.
+Their results are only hints: the host repeats every list of actions in an ordinary rollout and trusts only that trace.
+Each search has a budget in environment steps, so its result does not depend on the machine.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-
-from envcraft_sandbox.wire import Kind
+from envcraft_protocol.jobs import Job
+from envcraft_protocol.wire import Kind
 
 from .channel import encode_value, jsonable
 from .copies import Copies
@@ -26,11 +26,11 @@ from .subject import Fault, Subject, attributes
 _Random = random.Random
 _monotonic = time.monotonic
 
-#: So many readings of a number tell whether it counts steps.
+#: Number of readings that show whether a number counts steps.
 _READINGS = 6
-#: So many whole episodes are held against the states that a search has found.
+#: Number of whole episodes that check the states of an exhausted search.
 _EPISODES = 3
-#: Plans that are tried at a time, their steps, and how many of these are followed before others are tried.
+#: Number of plans per round, their steps, and how many steps of the best plan are followed.
 _PLANS, _AHEAD, _FOLLOW = 8, 24, 6
 
 
@@ -55,7 +55,7 @@ class Path:
 
 @dataclass(slots=True)
 class Node:
-    """A state: a copy of the environment, or the way to replay to it where it cannot be copied."""
+    """A state: a copy of the environment, or the path to replay if the environment cannot be copied."""
 
     env: Any
     path: Path
@@ -66,7 +66,7 @@ class Node:
 
 @dataclass(slots=True)
 class Outcome:
-    """What a search knows by now."""
+    """The results of a search so far."""
 
     steps: int = 0
     copies: bool = True
@@ -89,7 +89,7 @@ class Outcome:
 class Tree:
     """Branches of one seeded episode."""
 
-    def __init__(self, subject: Subject, job: dict[str, Any]) -> None:
+    def __init__(self, subject: Subject, job: Job) -> None:
         self.subject = subject
         self.seed: int = job["seed"]
         self.actions: list[Any] = job["actions"]
@@ -99,7 +99,7 @@ class Tree:
         self.random = _Random(job["seed"])
         self.limit: int = job["limit"]
         self.until = _monotonic() + job.get("seconds", float("inf"))
-        #: Of the search that proves something nothing is left to what games usually do.
+        #: A search that proves something relies on no habits of games.
         self.exact: bool = job["search"] == "exhaust"
         self.copies: Copies
 
@@ -116,7 +116,7 @@ class Tree:
         return node
 
     def branch(self, node: Node) -> Node:
-        """A state like `node` that can be stepped without changing it."""
+        """A copy of `node` that can be stepped without changing `node`."""
         if self.out.copies:
             return Node(self.copies.of(node.env), node.path, node.total)
         env = self.subject.construct(announce=False)
@@ -127,7 +127,7 @@ class Tree:
         return Node(env, node.path, node.total)
 
     def step(self, node: Node, action: Any) -> bool:
-        """Step `node` in place; False once its episode is over or broken."""
+        """Step `node` in place; False once its episode is over or fails."""
         self.out.steps += 1
         path = node.path.then(action)
         try:
@@ -159,8 +159,8 @@ class Tree:
             self.out.best, self.out.best_return = node.path.actions(), node.total
 
 
-def run(subject: Subject, job: dict[str, Any]) -> None:
-    """Run the search that ``job["search"]`` names and send its outcome."""
+def run(subject: Subject, job: Job) -> None:
+    """Run the search named by ``job["search"]`` and send its outcome."""
     subject.load()
     subject.channel.phase("search")
     tree = Tree(subject, job)
@@ -169,11 +169,13 @@ def run(subject: Subject, job: dict[str, Any]) -> None:
 
 
 def explore(tree: Tree) -> None:
-    """Return to a promising state and act on from it, at random with held actions.
+    """Return to a promising state and act from there, at random with held actions.
 
-    After Go-Explore (Ecoffet et al., 2021, doi:10.1038/s41586-020-03157-9): an archive of states under a coarse picture
-    key, chosen by how seldom they were left and how much they have earned. Stops at the budget, or at half of it once
-    a win is known.
+    After Go-Explore (Ecoffet et al., 2021, doi:10.1038/s41586-020-03157-9): an archive of states under the key of a
+    coarse
+    picture. It prefers states that were rarely left and that have earned much. The search stops at the budget, or at
+    half of
+    it once it knows a win.
     """
     root = tree.root()
     archive: dict[Any, Node] = {_cell(tree.frame): root}
@@ -221,13 +223,16 @@ def _choose(rng: random.Random, archive: dict[Any, Node]) -> Node:
 
 
 def horizon(tree: Tree) -> None:
-    """Play an episode by rolling horizon: try some plans of held actions from where it stands, follow the best of them
-    for a few steps, and try again, the rest of that plan among others.
+    """Play an episode by rolling horizon: try several plans of held actions from the current state, follow the best for
+    a
+    few steps, and repeat with the rest of that plan among the next ones.
 
     After Perez et al., "Rolling horizon evolution versus tree search" (GECCO 2013, doi:10.1145/2463372.2463413), with
-    chance in place of evolution. A plan that wins comes before all others, and one that ends the episode otherwise
-    after them; among the rest the return decides. Ends with a win, or with the episode; what is left of it when the
-    budget is spent is played at random.
+    chance
+    in place of evolution. A plan that wins ranks first, and one that ends the episode otherwise ranks last; the return
+    decides among the rest. The search ends with a win or with the episode. When the budget is spent, it plays the rest
+    at
+    random.
     """
     node = tree.root()
     kept: list[Any] = []
@@ -247,7 +252,7 @@ def horizon(tree: Tree) -> None:
 
 
 def _held(tree: Tree, length: int) -> list[Any]:
-    """So many actions, each held for a while."""
+    """A plan of `length` actions, each held for a while."""
     plan: list[Any] = []
     while len(plan) < length:
         plan += [tree.random.choice(tree.actions)] * tree.random.choice((1, 1, 2, 3, 5, 8))
@@ -255,7 +260,7 @@ def _held(tree: Tree, length: int) -> list[Any]:
 
 
 def _worth(tree: Tree, node: Node, plan: list[Any]) -> tuple[bool, bool, float, int]:
-    """How good a plan is from a state on."""
+    """The rank of a plan from a state."""
     known = tree.out.win
     child = tree.branch(node)
     for action in plan:
@@ -266,17 +271,19 @@ def _worth(tree: Tree, node: Node, plan: list[Any]) -> tuple[bool, bool, float, 
 
 
 def exhaust(tree: Tree) -> None:
-    """Breadth first through every state that can be reached; `exhausted` when none is left within the budget.
+    """Search breadth first through all reachable states; `exhausted` if none is left within the budget.
 
-    Two states are the same when frame and attributes are, with all that these hold, apart from random generators and
-    from counters that grow by the step. Such a counter may be a timer that lets something happen later, so nothing is
-    exhausted while whole episodes lead to other states. An environment that draws random numbers while it steps is
-    `stochastic`, and never exhausted, nor is one that holds what cannot be looked into.
+    Two states are equal if their frames and attributes are, with everything these refer to, except random generators
+    and
+    counters of steps. Such a counter may be a timer that triggers something later, so the states are not exhausted
+    while
+    whole episodes reach other states. An environment that draws random numbers while it steps is `stochastic` and never
+    exhausted, nor is one with a value that cannot be examined.
     """
     root = tree.root()
     if not tree.out.copies:
         return
-    begun, begun_for_all = State(root.env).generators, _global_generators()
+    generators, shared_generators = State(root.env).generators, _global_generators()
     opaque = False
     counters = _counters(tree, root)
 
@@ -284,9 +291,9 @@ def exhaust(tree: Tree) -> None:
         nonlocal opaque
         state = State(node.env)
         opaque |= state.opaque
-        tree.out.stochastic |= state.generators != begun
-        told = {name: value for name, value in state.values.items() if name not in counters}
-        return hash((_digest(tree.frame), json.dumps(told)))
+        tree.out.stochastic |= state.generators != generators
+        values = {name: value for name, value in state.values.items() if name not in counters}
+        return hash((_digest(tree.frame), json.dumps(values)))
 
     root = tree.root()
     seen = {key(root)}
@@ -307,11 +314,11 @@ def exhaust(tree: Tree) -> None:
         frontier = grown
     tree.out.states = len(seen)
     closed = tree.out.crash is None and not tree.out.stochastic and _closed(tree, seen, key)
-    tree.out.exhausted = closed and not opaque and _global_generators() == begun_for_all
+    tree.out.exhausted = closed and not opaque and _global_generators() == shared_generators
 
 
 def _closed(tree: Tree, seen: set[int], key: Callable[[Node], int]) -> bool:
-    """Whether whole episodes, one of the first action and some at random, meet no other states and no win."""
+    """Whether whole episodes, one of the first action and some at random, meet no other state and no win."""
     for play in range(_EPISODES):
         node = tree.root()
         while tree.step(node, tree.random.choice(tree.actions) if play else tree.actions[0]):
@@ -323,14 +330,14 @@ def _closed(tree: Tree, seen: set[int], key: Callable[[Node], int]) -> bool:
 
 
 def _global_generators() -> str:
-    """What the generators that all code shares would give next."""
-    told: Any = np.random.get_state()
-    _, key, *rest = told
+    """The state of the generators that all code shares."""
+    state: Any = np.random.get_state()
+    _, key, *rest = state
     return repr((random.getstate(), key.tobytes(), rest))
 
 
 def _counters(tree: Tree, root: Node) -> set[str]:
-    """Whole numbers that go up or down by one at every step, whatever is done: time, which tells no states apart."""
+    """Attributes that change by one at every step under every action: time, which does not distinguish states."""
     found: set[str] | None = None
     for action in tree.actions:
         probe = tree.branch(root)
@@ -344,7 +351,7 @@ def _counters(tree: Tree, root: Node) -> set[str]:
 
 
 def greedy(tree: Tree) -> None:
-    """Five moves, each the one with the highest immediate reward (the first such in the list)."""
+    """Five moves, each with the highest immediate reward (the first such move in the list)."""
     node = tree.root()
     for _ in range(5):
         best: tuple[float, Node] | None = None
@@ -362,17 +369,16 @@ def greedy(tree: Tree) -> None:
 
 
 def sweep(tree: Tree) -> None:
-    """Follow a path and, on copies of its states, try the actions one after another: what crashes after one rare
-    action.
+    """Follow a path and try the actions in turn on copies of its states: finds crashes after one rare action.
 
-    The budget is spread over the path, so that every step of it is tried with some action.
+    The budget is spread over the path, so every step of the path is tried with some action.
     """
     _try_along(tree, max(tree.budget // max(len(tree.path), 1) - 1, 1))
 
 
 def sweep_last(tree: Tree) -> None:
-    """Follow a path and, on copies of its last states, as many as the budget allows, try every action: what crashes
-    where few come.
+    """Follow a path and try every action on copies of its last states, as many as the budget allows: finds crashes in
+    states that few episodes reach.
     """
     states = max(tree.budget - len(tree.path), 0) // len(tree.actions)
     _try_along(tree, len(tree.actions), first=max(len(tree.path) - states, 0))

@@ -1,10 +1,12 @@
-"""A seccomp filter of the system calls that an environment needs; the kernel refuses every other one.
+"""A seccomp filter that allows the system calls that an environment needs; the kernel refuses all others.
 
-What single-process numerical code asks for is allowed: its own files, memory, threads, clocks and open descriptors. A
-new process, a program, a socket, another process's memory, a signal to anybody else, mounts, keys, io_uring, BPF and
-whatever else is not listed is refused. The answers are the errors that callers know: ``EAGAIN`` for a process, as at
-the limit of processes; ``ENETUNREACH`` for a socket, as without a network; ``ENOSYS`` for calls newer than this list,
-so that the C library falls back on older ones; and else ``EPERM``.
+Single-process numerical code may use its own files, memory, threads, clocks and open descriptors. The filter refuses
+new
+processes, programs, sockets, other processes' memory, signals to other processes, mounts, keys, io_uring, BPF, and
+every
+call that it does not list. The errors are those that callers know: ``EAGAIN`` for a process, as at the limit of
+processes; ``ENETUNREACH`` for a socket, as without a network; ``ENOSYS`` for calls newer than the list, so that the C
+library uses older ones; and ``EPERM`` for the rest.
 
 Numbers are those of the kernel's ``unistd.h`` for x86-64 and for the generic table that 64-bit ARM uses.
 """
@@ -60,13 +62,13 @@ recvfrom 45 207, shutdown 48 210, getsockopt 55 209, setsockopt 54 208, getsockn
 """
 _NEWER_THAN = 451
 
-#: Calls that are judged by an argument.
+#: Calls that depend on an argument.
 _CONDITIONAL = """
 kill 62 129, tgkill 234 131, prlimit64 302 261, clone 56 220, ioctl 16 29, fcntl 72 25, prctl 157 167, sendto 44 206,
 socketpair 53 199
 """
 
-#: Calls that are refused by an error of their own.
+#: Calls with an error of their own.
 _REFUSED = {
     "fork 57 -, vfork 58 -": errno.EAGAIN,
     "clone3 435 435": errno.ENOSYS,
@@ -77,7 +79,7 @@ _CLONE_THREAD = 0x10000
 _AF_UNIX = 1
 #: TCGETS (is it a terminal?), TIOCGWINSZ, FIONREAD, FIONBIO, FIONCLEX, FIOCLEX.
 _IOCTLS = (0x5401, 0x5413, 0x541B, 0x5421, 0x5450, 0x5451)
-#: F_SETOWN, F_SETSIG, F_SETOWN_EX, F_SETLEASE, F_NOTIFY: each has the kernel send signals.
+#: F_SETOWN, F_SETSIG, F_SETOWN_EX, F_SETLEASE, F_NOTIFY: with each the kernel sends signals.
 _NOT_FCNTLS = (8, 10, 15, 1024, 1026)
 #: PR_GET_DUMPABLE, PR_SET_NAME, PR_GET_NAME, PR_GET_NO_NEW_PRIVS, PR_SET_VMA.
 _PRCTLS = (3, 15, 16, 39, 0x53564D41)
@@ -97,21 +99,21 @@ _INSTRUCTION = struct.Struct("<HBBI")
 
 
 def available() -> bool:
-    """Whether this kernel and this machine can have the filter."""
+    """Whether this kernel and this machine support the filter."""
     if sys.platform != "linux" or platform.machine() not in _MACHINES:
         return False
     return int(ctypes.CDLL(None).prctl(_PR_GET_SECCOMP, 0, 0, 0, 0)) >= 0
 
 
 def prepare() -> None:
-    """Make what is the same for every process, so that those that are forked have it made."""
+    """Build the filter's common part, so that forked processes need not build it."""
     _listed(*_MACHINES[platform.machine()])
 
 
 def restrict() -> None:
-    """Put this process, and all that it starts, under the filter for good. Raises OSError.
+    """Apply the filter for good to this process and all that it starts. Raises OSError.
 
-    No new privileges must have been set. The process may signal itself by the id that it has now.
+    No new privileges must have been set. The process may signal itself by its current id.
     """
     architecture, column = _MACHINES[platform.machine()]
     code = _listed(architecture, column) + _encode(_judged(column, os.getpid()))
@@ -134,7 +136,7 @@ def program(architecture: int, column: int, pid: int) -> list[Instruction]:
 
 @cache
 def _listed(architecture: int, column: int) -> bytes:
-    """The first part: calls that are allowed or refused whatever their arguments."""
+    """The first part: calls whose arguments do not matter."""
     code: list[Instruction] = [
         *((_LOAD, 0, 0, _ARCH), (_JEQ, 1, 0, architecture), _return(_KILL)),
         *((_LOAD, 0, 0, _NR), (_JGE, 0, 1, _X32), _return(_KILL)),
@@ -148,7 +150,7 @@ def _listed(architecture: int, column: int) -> bytes:
 
 
 def _judged(column: int, pid: int) -> list[Instruction]:
-    """The second: calls that are judged by an argument, and all others."""
+    """The second part: calls that depend on an argument, and all others."""
     number = dict(_numbers(_CONDITIONAL, column))
     denied = _return(_ERRNO | errno.EPERM)
     judged = {
@@ -159,7 +161,7 @@ def _judged(column: int, pid: int) -> list[Instruction]:
         "ioctl": _argument(1, _IOCTLS, _return(_ERRNO | errno.ENOTTY)),
         "fcntl": _argument(1, _NOT_FCNTLS, _return(_ALLOW), found=denied),
         "prctl": _argument(0, _PRCTLS, denied),
-        # With an address it could reach a socket that it was never given.
+        # With an address it could reach a socket that it did not inherit.
         "sendto": [
             *((_LOAD, 0, 0, _ARGS + 8 * 4), (_JEQ, 1, 0, 0), denied),
             *((_LOAD, 0, 0, _ARGS + 8 * 4 + 4), (_JEQ, 1, 0, 0), denied, _return(_ALLOW)),

@@ -1,4 +1,4 @@
-"""What a job leaves behind in its process, and must not leave for the next one of a series."""
+"""Remove what a job leaves in its process before the next job of a series."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from typing import Any
 import gymnasium
 import numpy as np
 
-#: Modules that every file can reach, and in which one could keep something for a process.
+#: Modules that every file can reach and could store something in.
 _SHARED = ("builtins", "gymnasium", "gymnasium.spaces", "math", "numpy", "numpy.random", "random", "time")
 
 
 class Traces:
-    """How a process was before the first episode: `folder` empty, and settings that libraries keep for a process."""
+    """The state of a process before its first episode: an empty folder, and the settings of libraries."""
 
     def __init__(self, folder: str) -> None:
         self._folder = folder
@@ -28,8 +28,10 @@ class Traces:
         self._libraries = [(names, dict(names)) for names in _namespaces()]
 
     def remove(self) -> bool:
-        """Put everything back, and forget the environment's objects. False where something stays: a thread, a process,
-        a file that cannot be removed, or what was written into a library.
+        """Restore the state and free the environment's objects.
+
+        Returns:
+            False if something remains: a thread, a process, a file that cannot be removed, or a changed library.
         """
         try:
             gc.collect()
@@ -47,18 +49,18 @@ class Traces:
             changed = any(_is_changed(names, kept) for names, kept in self._libraries)
             return not changed and _thread._count() == 0 and not _has_children()
         except BaseException:
-            # Whatever it is, it stays: the process takes no other job.
+            # Something remains, so the process runs no other job.
             return False
 
 
 def _namespaces() -> list[Any]:
-    """Names and values of what environments share: modules, their base class, and its metadata."""
+    """The names and values that environments share: modules, their base class, and its metadata."""
     modules = [vars(sys.modules[name]) for name in _SHARED]
     return [*modules, vars(gymnasium.Env), gymnasium.Env.metadata]
 
 
 def _is_changed(names: Any, kept: dict[str, Any]) -> bool:
-    """Whether anything is another object or new, but for modules, which are imported late."""
+    """Whether a value is new or another object. Modules do not count, since they are imported late."""
     if any(names.get(name) is not value for name, value in kept.items()):
         return True
     return len(names) > len(kept) and not all(isinstance(names[name], ModuleType) for name in names if name not in kept)

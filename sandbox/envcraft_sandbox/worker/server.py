@@ -1,15 +1,10 @@
-"""The fork server: preload the libraries once, then fork a child for each job.
+"""The fork server: import the libraries once, then fork a child for each job.
 
-The host speaks JSON lines on the control socket::
+The host sends requests as JSON lines on the control socket and reads the replies there
+(:mod:`envcraft_protocol.jobs`).
 
-    {"op": "preload", "modules": [...]}      -> {"preloaded": [...]}
-    {"op": "find", "modules": [...]}         -> {"missing": [...], "known": [...]}
-    {"op": "job", "id": 7, "limits": {...}}  + two descriptors: the job's data socket and the pipe for its output
-    {"op": "kill", "id": 7}
-                                             -> {"exit": 7, "status": <wait status>, "cpu": <seconds>, "over": <limit>}
-
-When a job ends, everything that it started is killed, whatever session it made for itself, and what it wrote is removed
-before the host hears of the end: the next job starts alone. To the fork server, a series of jobs is one.
+When a job ends, the server kills every process that it started, in any session, and removes its files. Only then
+does it report the end, so the next job starts alone. A series of jobs is one job to the fork server.
 """
 
 from __future__ import annotations
@@ -28,16 +23,16 @@ import socket
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy
+from envcraft_protocol.jobs import Exceeded, Found, JobLimits, Reply, Request
 
 from . import child, confine, watchdog
 from .folder import JobFolder
 
 
 def serve(control: socket.socket, folder: str, read: list[str]) -> None:
-    """Serve jobs on `control` until the host closes it. They may write below `folder`, and read `read`."""
+    """Serve jobs on `control` until the host closes it. Jobs write below `folder` and may read the paths in `read`."""
     import gymnasium
 
     server = Server(control, JobFolder(folder), confine.prepare(folder, read))
@@ -66,12 +61,12 @@ def serve(control: socket.socket, folder: str, read: list[str]) -> None:
 @dataclass
 class _Job:
     number: int
-    limits: dict[str, Any]
-    over: str | None = None
+    limits: JobLimits
+    over: Exceeded | None = None
 
 
 class Server:
-    """Jobs under way, by process."""
+    """The running jobs by process id."""
 
     def __init__(self, control: socket.socket, folder: JobFolder, shown: int | None) -> None:
         self._control = control
@@ -84,7 +79,7 @@ class Server:
         signal.signal(signal.SIGCHLD, lambda *_: None)
         signal.signal(signal.SIGINT, signal.SIG_IGN)
 
-    def send(self, message: dict[str, Any]) -> None:
+    def send(self, message: Reply) -> None:
         self._control.sendall(json.dumps(message).encode() + b"\n")
 
     def run(self) -> None:
@@ -113,7 +108,7 @@ class Server:
                 line, _, received = received.partition(b"\n")
                 self._answer(json.loads(line), descriptors)
 
-    def _answer(self, message: dict[str, Any], descriptors: list[int]) -> None:
+    def _answer(self, message: Request, descriptors: list[int]) -> None:
         if message["op"] == "preload":
             self.send({"preloaded": _preload(message["modules"])})
         elif message["op"] == "find":
@@ -171,14 +166,14 @@ def _kill_session(pid: int) -> None:
 
 
 def _kill_leftovers() -> None:
-    """Kill and reap every process that outlived its job; orphans have become this process's children."""
+    """Kill and reap every process that outlived its job. Orphans are children of this process."""
     while True:
         try:
             pid, _ = os.waitpid(-1, os.WNOHANG)
             if pid:
                 continue
             if os.getpid() == 1:
-                # Everything else in the container at once: faster than any of it can fork.
+                # One call for the whole container is faster than any process can fork.
                 _kill(os.kill, -1)
             else:
                 for orphan in _children():
@@ -189,7 +184,7 @@ def _kill_leftovers() -> None:
 
 
 def _children() -> list[int]:
-    """Raises OSError where the kernel does not list them."""
+    """The children of this process. Raises OSError if the kernel does not list them."""
     with open(f"/proc/self/task/{os.getpid()}/children") as listed:
         return [int(pid) for pid in listed.read().split()]
 
@@ -201,11 +196,11 @@ def _kill(kill: Callable[[int, int], None], target: int) -> None:
 
 def _preload(modules: list[str]) -> list[str]:
     loaded = []
-    # What a library draws at import must not differ from worker to worker.
+    # Random numbers that a library draws at import must not differ between workers.
     random.seed(0)
     numpy.random.seed(0)
     for name in modules:
-        # An installed library that fails to import is the job's finding to make, with its own traceback.
+        # The job reports a library that fails to import, with its own traceback.
         with contextlib.suppress(Exception):
             importlib.import_module(name)
             loaded.append(name)
@@ -213,11 +208,11 @@ def _preload(modules: list[str]) -> list[str]:
     return loaded
 
 
-def _find(modules: list[str]) -> dict[str, Any]:
+def _find(modules: list[str]) -> Found:
     missing = [name for name in modules if name not in sys.builtin_module_names and not _importable(name)]
     known: list[str] = []
     if missing:
-        # Slow to import, and mostly nothing is missing.
+        # Slow to import, and rarely needed.
         import importlib.metadata
 
         known = sorted({*sys.stdlib_module_names, *importlib.metadata.packages_distributions()})

@@ -1,4 +1,4 @@
-"""Load the code under test and call it, so that whatever it does ends as a report and not as an unwound worker."""
+"""Load the code under test and call it. Whatever the code does becomes a report and never unwinds the worker."""
 
 from __future__ import annotations
 
@@ -16,25 +16,25 @@ from typing import Any
 
 import gymnasium
 import numpy as np
-from envcraft_runtime import adapters
-from envcraft_runtime.classes import concrete_classes, definitions, type_name
-from envcraft_runtime.spaces import describe as describe_space
+from envcraft_protocol import adapters, jobs
+from envcraft_protocol.classes import concrete_classes, definitions, type_name
+from envcraft_protocol.spaces import decode_action
+from envcraft_protocol.spaces import describe as describe_space
+from envcraft_protocol.wire import Kind
 
-from envcraft_sandbox.wire import Kind
-
-from . import spaces, targets
+from . import targets
 from .channel import Channel, jsonable
 
 _POLICY = "envcraft_policy"
-#: Packages whose frames tell nothing about the subject.
-_OWN = ("envcraft_sandbox", "envcraft_runtime")
-#: Names of modules that a description holds at the most.
+#: Packages whose frames are not part of the subject.
+_OWN = ("envcraft_sandbox", "envcraft_protocol")
+#: Maximum number of module names in a description.
 _MAX_MODULES = 5_000
 _monotonic = time.monotonic
 
 
 class Fault(Exception):
-    """The subject failed in a call; `report` says how."""
+    """The subject failed in a call, as described by `report`."""
 
     def __init__(self, report: dict[str, Any]) -> None:
         super().__init__(report.get("message", ""))
@@ -42,18 +42,18 @@ class Fault(Exception):
 
 
 class Subject:
-    """The environment's class and the calls that are made on its instances."""
+    """The environment's class, and the calls on its instances."""
 
-    def __init__(self, job: dict[str, Any], channel: Channel) -> None:
+    def __init__(self, job: jobs.Job, channel: Channel) -> None:
         self.channel = channel
-        self.contract: dict[str, Any] = job["contract"]
+        self.contract: jobs.Contract = job["contract"]
         self.action_spec: dict[str, Any] | None = self.contract.get("action")
         self.target = targets.open_target(job["target"])
         self._creator: Any = None
 
     def call(self, phase: str, function: Callable[..., Any], *args: Any, **kwargs: Any) -> Any:
-        """Call untrusted code, or what looks into its values. Any exception, SystemExit too, becomes a :class:`Fault`
-        of `phase`.
+        """Call untrusted code, or code that examines its values. Any exception, also SystemExit, becomes a Fault of
+        `phase`.
         """
         try:
             return function(*args, **kwargs)
@@ -61,12 +61,12 @@ class Subject:
             raise Fault(self._report(phase, error)) from None
 
     def load(self) -> None:
-        """Import what defines the environment."""
+        """Import the module that defines the environment."""
         self.channel.phase("import")
         self.call("import", self.target.load)
 
     def creator(self) -> Any:
-        """What makes an instance: the class, or a function."""
+        """The class or function that creates an instance."""
         if self._creator is None:
             self.load()
             self._creator = self.call("import", self.target.creator)
@@ -74,8 +74,8 @@ class Subject:
         return self._creator
 
     def construct(self, announce: bool = True) -> Any:
-        """Make an instance, adapted to the contract, with ``render_mode="rgb_array"`` where the constructor takes
-        that.
+        """Create an instance, adapted to the contract, with ``render_mode="rgb_array"`` if the constructor accepts
+        it.
         """
         creator = self.creator()
         if announce:
@@ -86,7 +86,7 @@ class Subject:
         return adapters.apply(env, self.contract.get("adapter") or {})
 
     def _name_file(self, kind: Any) -> None:
-        """Findings about an installed class name lines of the file that defines it."""
+        """Let findings about an installed class name lines of the file that defines it."""
         if not isinstance(self.target, targets.Source) and inspect.isclass(kind):
             self.target.filename = _source_file(kind) or self.target.filename
 
@@ -94,9 +94,9 @@ class Subject:
         spec = self.action_spec
         if spec is None:
             spec = self.action_spec = describe_space(env.action_space)
-        return spaces.action(spec, value)
+        return decode_action(spec, value)
 
-    def load_policy(self, policy: dict[str, Any]) -> ModuleType:
+    def load_policy(self, policy: jobs.Policy) -> ModuleType:
         self.channel.phase("policy")
         module: ModuleType = self.call(
             "policy", targets.execute, _POLICY, policy["source"], policy["filename"], {"np": np}
@@ -104,7 +104,7 @@ class Subject:
         return module
 
     def describe(self) -> None:
-        """Send what the target defines: its classes, the spaces of an instance, and what importing it changed."""
+        """Send what the target defines: its classes, the spaces of an instance, and side effects of the import."""
         before = (random.getstate(), np.random.get_state(legacy=False)["state"]["key"].copy(), threading.active_count())
         known = set(sys.modules)
         started = _monotonic()
@@ -129,21 +129,21 @@ class Subject:
         self.channel.send_json(Kind.LOADED, loaded, flush=True)
 
     def _classes(self, target: targets.Source) -> dict[str, Any]:
-        """The classes of a file, and the one that is judged."""
+        """The classes of a file, and the one to judge."""
         module = target.module
         assert module is not None
         names = concrete_classes(module)
         chosen = target.wanted or (names[0] if len(names) == 1 else None)
-        told: dict[str, Any] = {
+        described: dict[str, Any] = {
             "classes": [{"name": name, "line": _line(getattr(module, name))} for name in names],
             "lookalikes": targets.lookalikes(module),
         }
         if chosen is not None and inspect.isclass(getattr(module, chosen, None)):
-            told["class"] = chosen
-        return told
+            described["class"] = chosen
+        return described
 
     def _describe_instance(self, loaded: dict[str, Any]) -> None:
-        """Add what the class and an instance tell to `loaded`; what is known before a constructor raises is sent."""
+        """Add facts about the class and an instance to `loaded`; send what is known before a constructor may raise."""
         creator = self.creator()
         if not isinstance(self.target, targets.Registered):
             loaded["required"] = targets.required_arguments(creator, self.target.kwargs)
@@ -182,7 +182,7 @@ class Subject:
             loaded["sha256"] = _digest_of(_source_file(kind))
 
     def _defines(self, kind: type, name: str) -> bool:
-        """Whether a method is in the file whose lines are named, not in that of a base class."""
+        """Whether the file that findings name defines a method, not the file of a base class."""
         return isinstance(self.target, targets.Source) or _source_file(getattr(kind, name)) == _source_file(kind)
 
     def _report(self, phase: str, error: BaseException) -> dict[str, Any]:
@@ -206,13 +206,13 @@ class Subject:
         }
 
     def _line_of(self, error: BaseException) -> int | None:
-        """Where a text cannot be parsed, in the file that findings name."""
+        """The line of a syntax error in the file that findings name."""
         own = isinstance(error, SyntaxError) and error.filename in (self.target.filename, f"<{_POLICY}>")
         return error.lineno if own and isinstance(error, SyntaxError) else None
 
 
 def attributes(env: Any) -> dict[str, Any]:
-    """A JSON image of an environment's own attributes, its random generators left out."""
+    """A JSON image of an environment's own attributes, without its random generators."""
     return {
         name: jsonable(value)
         for name, value in vars(env.unwrapped).items()
@@ -221,7 +221,7 @@ def attributes(env: Any) -> dict[str, Any]:
 
 
 def _reset_parameters(env: Any) -> list[str]:
-    """Which of ``seed`` and ``options`` reset() takes as keywords."""
+    """Which of the keywords ``seed`` and ``options`` reset() accepts."""
     try:
         parameters = inspect.signature(env.unwrapped.reset).parameters
     except (ValueError, TypeError, AttributeError):
@@ -232,7 +232,7 @@ def _reset_parameters(env: Any) -> list[str]:
 
 
 def _line(value: Any) -> int | None:
-    """The line at which a class or function is defined, decorators included."""
+    """The first line of a class or function, decorators included."""
     if inspect.isclass(value):
         found = definitions(getattr(sys.modules.get(value.__module__), "__file__", None) or "")
         named = [line for line, node in found.items() if isinstance(node, ast.ClassDef) and node.name == value.__name__]

@@ -1,6 +1,6 @@
-"""Where an environment comes from: the text of a file, a class of an installed package, or a registered id.
+"""The source of an environment: the text of a file, a class of an installed package, or a registered id.
 
-Everything here imports and calls untrusted code, and runs in a job: whoever calls guards.
+Everything here imports and calls untrusted code and runs in a job. The caller catches its exceptions.
 """
 
 from __future__ import annotations
@@ -12,16 +12,16 @@ import linecache
 import re
 import sys
 from abc import ABC, abstractmethod
-from collections.abc import Callable
 from functools import lru_cache
 from types import CodeType, ModuleType
 from typing import Any
 
 import gymnasium
-from envcraft_runtime.classes import concrete_classes, is_environment, rendering
+from envcraft_protocol import jobs
+from envcraft_protocol.classes import concrete_classes, is_environment, rendering
 
 _MODULE = "envcraft_subject"
-#: What an id must share with a package's name, at the least, for the package to be imported on suspicion.
+#: Minimum length of the common prefix of an id and a package that is imported because of it.
 _ALIKE = 3
 
 
@@ -30,24 +30,24 @@ class NoSuchEnvironment(LookupError):
 
 
 class Target(ABC):
-    """`told` is what the host says of it: ``kind``, ``kwargs``, ``wrappers`` and what each kind needs."""
+    """A target as the job describes it."""
 
-    def __init__(self, told: dict[str, Any]) -> None:
-        self.kwargs: dict[str, Any] = told.get("kwargs") or {}
-        self._wrappers: list[str] = told.get("wrappers") or []
-        #: The file whose lines findings name, once it is known.
-        self.filename: str = told.get("filename", "")
+    def __init__(self, spec: jobs.Target) -> None:
+        self.kwargs: dict[str, Any] = spec.get("kwargs") or {}
+        self._wrappers: list[str] = spec.get("wrappers") or []
+        #: The file whose lines findings name, once known.
+        self.filename = ""
 
     @abstractmethod
     def load(self) -> None:
-        """Import what defines the environment."""
+        """Import the module that defines the environment."""
 
     @abstractmethod
     def creator(self) -> Any:
-        """What makes an instance: a class, or a function."""
+        """The class or function that creates an instance."""
 
     def make(self, creator: Any) -> Any:
-        """An instance, with the target's own wrappers."""
+        """An instance with the target's own wrappers."""
         env = creator(**self.kwargs | rendering(creator, self.kwargs))
         return self.wrap(env)
 
@@ -58,13 +58,14 @@ class Target(ABC):
 
 
 class Source(Target):
-    """The text of a file, run as a module."""
+    """The text of a file, executed as a module."""
 
-    def __init__(self, told: dict[str, Any]) -> None:
-        super().__init__(told)
+    def __init__(self, spec: jobs.SourceTarget) -> None:
+        super().__init__(spec)
+        self.filename = spec["filename"]
         self.module: ModuleType | None = None
-        self.wanted: str | None = told.get("class")
-        self._source: str = told["source"]
+        self.wanted: str | None = spec.get("class")
+        self._source: str = spec["source"]
 
     def load(self) -> None:
         if self.module is None:
@@ -72,7 +73,7 @@ class Source(Target):
 
     def creator(self) -> Any:
         assert self.module is not None, "load() comes first"
-        # Looking for the classes reads their source, which takes longer than the whole start of a short episode.
+        # The search for classes reads their source, which takes longer than the start of a short episode.
         names = [self.wanted] if self.wanted else concrete_classes(self.module)
         if len(names) != 1 or not hasattr(self.module, names[0]):
             raise NoSuchEnvironment(f"{len(names)} classes")
@@ -80,12 +81,12 @@ class Source(Target):
 
 
 class Installed(Target):
-    """A class, or a function that makes environments, of an installed package."""
+    """A class, or a function that creates environments, of an installed package."""
 
-    def __init__(self, told: dict[str, Any]) -> None:
-        super().__init__(told)
-        self._module: str = told["module"]
-        self._name: str = told["class"]
+    def __init__(self, spec: jobs.ModuleTarget) -> None:
+        super().__init__(spec)
+        self._module: str = spec["module"]
+        self._name: str = spec["class"]
 
     def load(self) -> None:
         importlib.import_module(self._module)
@@ -103,11 +104,11 @@ class Installed(Target):
 
 
 class Registered(Target):
-    """An id in Gymnasium's registry, made as ``gymnasium.make`` does, but for its checking wrapper."""
+    """An id in Gymnasium's registry, made as ``gymnasium.make`` does but without its checking wrapper."""
 
-    def __init__(self, told: dict[str, Any]) -> None:
-        super().__init__(told)
-        self._id: str = told["id"]
+    def __init__(self, spec: jobs.RegisteredTarget) -> None:
+        super().__init__(spec)
+        self._id: str = spec["id"]
         self.spec: Any = None
 
     def load(self) -> None:
@@ -124,13 +125,14 @@ class Registered(Target):
         return self.wrap(env)
 
 
-def open_target(told: dict[str, Any]) -> Target:
-    kinds: dict[str, Callable[[dict[str, Any]], Target]] = {"source": Source, "module": Installed, "id": Registered}
-    return kinds[told["kind"]](told)
+def open_target(spec: jobs.Target) -> Target:
+    if spec["kind"] == "source":
+        return Source(spec)
+    return Installed(spec) if spec["kind"] == "module" else Registered(spec)
 
 
 def execute(name: str, source: str, filename: str, extra: dict[str, Any] | None = None) -> ModuleType:
-    """Run a text as the module `name`."""
+    """Execute a text as the module `name`."""
     module = ModuleType(name)
     module.__file__ = filename
     module.__dict__.update(extra or {})
@@ -142,12 +144,12 @@ def execute(name: str, source: str, filename: str, extra: dict[str, Any] | None 
 
 @lru_cache(maxsize=2)
 def _compiled(source: str, filename: str) -> CodeType:
-    """The code of a text, which every job of a series runs anew."""
+    """The code of a text, which every job of a series executes again."""
     return compile(source, filename, "exec")
 
 
 def attribute(name: str) -> Any:
-    """What ``package.module:Class.attribute`` names."""
+    """The object that ``package.module:Class.attribute`` names."""
     module, _, path = name.partition(":")
     found: Any = importlib.import_module(module)
     for part in path.split("."):
@@ -156,7 +158,7 @@ def attribute(name: str) -> Any:
 
 
 def find_spec(wanted: str) -> Any:
-    """The entry of an id in the registry, after importing what may register it. Raises NoSuchEnvironment."""
+    """The entry of an id in the registry, after imports that may register it. Raises NoSuchEnvironment."""
     module, _, name = wanted.rpartition(":")
     if module:
         # `module:Id`, or an abbreviation of the module's name.
@@ -182,7 +184,7 @@ def find_spec(wanted: str) -> Any:
 
 
 def _look_up(name: str) -> Any:
-    """By the whole id, or by its name alone where only one namespace has it."""
+    """Look up the whole id, or its name alone if only one namespace has it."""
     if name in gymnasium.registry:
         return gymnasium.registry[name]
     ends = [spec for key, spec in gymnasium.registry.items() if key.endswith("/" + name)]
@@ -190,8 +192,8 @@ def _look_up(name: str) -> Any:
 
 
 def _packages_like(name: str) -> list[str]:
-    """Top-level modules whose name begins as `name` does, or the other way about; the likeliest first."""
-    # Slow to import, and only what is not registered yet is looked for.
+    """Top-level modules whose name is a prefix of `name` or the reverse; the most similar first."""
+    # Slow to import, and needed only for ids that are not registered yet.
     import importlib.metadata
 
     plain = _plain(re.split(r"-v?\d|-", name)[0]) or _plain(name)
@@ -204,7 +206,7 @@ def _packages_like(name: str) -> list[str]:
         and (_plain(package).startswith(plain) or plain.startswith(_plain(package)))
     ]
     if plain.isidentifier() and _importable(plain):
-        # On the path, and perhaps of no distribution.
+        # A module on the path may belong to no distribution.
         alike.append(plain)
     return sorted(set(alike), key=lambda package: (abs(len(_plain(package)) - len(plain)), package))
 
@@ -214,7 +216,7 @@ def _plain(name: str) -> str:
 
 
 def _register(package: str | None) -> None:
-    """Call the entry points by which packages register their environments; those of one package, or of all."""
+    """Call the entry points by which one package, or all packages, register their environments."""
     import importlib.metadata
 
     for point in importlib.metadata.entry_points(group="gymnasium.envs"):
@@ -224,7 +226,7 @@ def _register(package: str | None) -> None:
                 if callable(register):
                     register()
             except Exception as error:
-                # Another package's trouble is none of this environment's.
+                # The failure of another package does not concern this environment.
                 sys.stderr.write(f"{point.value} cannot register its environments: {error}\n")
 
 
@@ -250,7 +252,7 @@ def _suggest(name: str, known: list[str]) -> str:
 
 
 def lookalikes(module: ModuleType) -> list[str]:
-    """Name the classes that have ``reset`` and ``step`` and are no environment."""
+    """Names of the classes that have ``reset`` and ``step`` but are not environments."""
     return [
         name
         for name, value in list(vars(module).items())

@@ -1,16 +1,17 @@
-"""Look at a running job from outside and tell what it holds beyond its limits.
+"""Observe a running job from outside and report which limit it exceeds.
 
-Limits of the kernel are for one process or one user, and count neither shared memory nor threads as a whole.
+The kernel's limits apply to one process or one user, and count neither shared memory nor threads as a whole.
 """
 
 from __future__ import annotations
 
 import os
-from typing import Any
+
+from envcraft_protocol.jobs import Exceeded, JobLimits
 
 from .folder import JobFolder
 
-#: Seconds between two looks.
+#: Seconds between two observations.
 INTERVAL = 0.1
 
 _PAGE = os.sysconf("SC_PAGE_SIZE")
@@ -22,9 +23,11 @@ def available() -> bool:
     return _status(os.getpid()) is not None
 
 
-def exceeded(pid: int, limits: dict[str, Any], folder: JobFolder) -> str | None:
-    """Name the limit that the job of process `pid` exceeds: ``memory`` (resident bytes), ``processes`` (threads) or
-    ``disk`` (bytes in its folder); None while it keeps to all.
+def exceeded(pid: int, limits: JobLimits, folder: JobFolder) -> Exceeded | None:
+    """The limit that the job of process `pid` exceeds; None if it exceeds none.
+
+    Returns:
+        ``memory`` (resident bytes), ``processes`` (threads) or ``disk`` (bytes in its folder).
     """
     found = _status(pid)
     if found is None:
@@ -38,10 +41,10 @@ def exceeded(pid: int, limits: dict[str, Any], folder: JobFolder) -> str | None:
 
 
 def _status(pid: int) -> tuple[int, int] | None:
-    """Threads and resident bytes of a process; None where the kernel does not tell, or it has ended."""
+    """Threads and resident bytes of a process; None if the kernel does not report them or the process has ended."""
     try:
-        with open(f"/proc/{pid}/stat", errors="replace") as told:
-            fields = told.read().rpartition(")")[2].split()
+        with open(f"/proc/{pid}/stat", errors="replace") as stat:
+            fields = stat.read().rpartition(")")[2].split()
         return int(fields[_THREADS]), int(fields[_RESIDENT]) * _PAGE
     except (OSError, ValueError, IndexError):
         return None

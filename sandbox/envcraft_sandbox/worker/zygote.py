@@ -1,15 +1,12 @@
 """The zygote: import the libraries once, then fork a fork server for each request.
 
-It runs no untrusted code, and reads nothing that came of any. The host speaks JSON lines on the control socket, one
-request at a time::
+It runs no untrusted code and reads nothing that comes from it. The host sends requests as JSON lines on the control
+socket, one at a time, and reads the replies there (:mod:`envcraft_protocol.jobs`).
 
-    {"folder": "/tmp/job"} + a descriptor: the fork server's own control socket
-                                             -> {"forked": <process id>} + a descriptor: the fork server's pidfd
-                                             -> {"refused": <why>}
-
-A fork server is from then on what :mod:`envcraft_sandbox.worker.server` makes of it. It shares nothing with the zygote
-and with its other fork servers that it could write to: memory is copied, the zygote's descriptors are closed, and where
-the driver has namespaces it has its own.
+A fork server then runs :mod:`envcraft_sandbox.worker.server`. It shares nothing writable with the zygote or with other
+fork servers: its memory is a copy, the zygote's descriptors are closed, and it has its own namespaces if the driver
+uses
+namespaces.
 """
 
 from __future__ import annotations
@@ -21,29 +18,34 @@ import select
 import signal
 import socket
 from functools import partial
-from typing import Any, NoReturn
+from typing import NoReturn
+
+from envcraft_protocol.jobs import ForkRequest, ZygoteReply
 
 from . import confine, namespaces, seccomp
 from .server import serve
 
 
 def run(control: socket.socket, read: list[str], size: int | None) -> None:
-    """Serve requests on `control` until the host closes it. Jobs may read `read`.
+    """Serve requests on `control` until the host closes it.
 
-    With `size`, fork servers have namespaces of their own, and so many bytes for files.
+    Args:
+        control: connected stream socket.
+        read: paths that jobs may read.
+        size: bytes of each fork server's file system; None: no namespaces of their own.
     """
-    import gymnasium  # noqa: F401 (for those that are forked)
+    import gymnasium  # noqa: F401 (the fork servers need it)
 
     if seccomp.available():
         seccomp.prepare()
-    # What untrusted code could learn of one, it could of all.
+    # A job that could read the zygote could read all its fork servers.
     confine.set_dumpable(False)
     gc.freeze()
     Zygote(control, read, size).run()
 
 
 class Zygote:
-    """Forks fork servers, and reaps them."""
+    """Forks fork servers and reaps them."""
 
     def __init__(self, control: socket.socket, read: list[str], size: int | None) -> None:
         self._control = control
@@ -73,24 +75,25 @@ class Zygote:
             received += data
             while b"\n" in received:
                 line, _, received = received.partition(b"\n")
-                self._answer(json.loads(line)["folder"], descriptors.pop(0))
+                request: ForkRequest = json.loads(line)
+                self._answer(request["folder"], descriptors.pop(0))
 
     def _answer(self, folder: str, theirs: int) -> None:
-        told, tell = os.pipe()
+        reading, writing = os.pipe()
         try:
             pid = os.fork()
         except OSError as error:
-            for descriptor in (told, tell, theirs):
+            for descriptor in (reading, writing, theirs):
                 os.close(descriptor)
             self._send({"refused": str(error)})
             return
         if pid == 0:
-            os.close(told)
-            self._become(folder, theirs, tell)
-        os.close(tell)
+            os.close(reading)
+            self._become(folder, theirs, writing)
+        os.close(writing)
         os.close(theirs)
-        with open(told) as stream:
-            # To its end, which is when the fork server is complete, or has failed.
+        with open(reading) as stream:
+            # The stream ends when the fork server is complete or has failed.
             words = stream.read().splitlines()
         if self._size is not None:
             os.waitpid(pid, 0)
@@ -110,8 +113,8 @@ class Zygote:
         self._send({"forked": int(server)}, [pidfd])
         os.close(pidfd)
 
-    def _become(self, folder: str, theirs: int, tell: int) -> NoReturn:
-        """Be a fork server, and never come back."""
+    def _become(self, folder: str, theirs: int, writing: int) -> NoReturn:
+        """Run as a fork server, and never return."""
         code = 1
         try:
             signal.set_wakeup_fd(-1)
@@ -121,37 +124,37 @@ class Zygote:
             os.close(self._waker)
             self._control.close()
             null = os.open(os.devnull, os.O_WRONLY)
-            # The zygote's last words are for its host, and nobody reads them before.
+            # The host reads the zygote's standard error only at its end.
             os.dup2(null, 2)
             os.close(null)
-            forked = partial(_tell, tell, "forked")
+            forked = partial(_report, writing, "forked")
             if self._size is None:
                 forked(os.getpid())
             else:
                 namespaces.enter(folder, self._size, forked)
             os.setsid()
             os.environ["HOME"] = os.environ["TMPDIR"] = folder
-            os.close(tell)
-            tell = -1
+            os.close(writing)
+            writing = -1
             serve(socket.socket(fileno=theirs), folder, self._read)
             code = 0
         except BaseException as error:
-            if tell >= 0:
-                _tell(tell, "refused", " ".join(str(error).split()))
+            if writing >= 0:
+                _report(writing, "refused", " ".join(str(error).split()))
         finally:
             os._exit(code)
 
-    def _send(self, message: dict[str, Any], descriptors: list[int] | None = None) -> None:
+    def _send(self, message: ZygoteReply, descriptors: list[int] | None = None) -> None:
         data = json.dumps(message).encode() + b"\n"
         socket.send_fds(self._control, [data], descriptors or [])
 
 
-def _tell(tell: int, key: str, value: int | str) -> None:
-    os.write(tell, f"{key} {value}\n".encode())
+def _report(writing: int, key: str, value: int | str) -> None:
+    os.write(writing, f"{key} {value}\n".encode())
 
 
 def _reap() -> None:
-    """Fork servers that have ended, and what became the zygote's with them."""
+    """Reap fork servers that have ended, and processes that the zygote inherited from them."""
     while True:
         try:
             if os.waitpid(-1, os.WNOHANG)[0] == 0:

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-import envcraft.engine
-from envcraft.cli import offered
+import envcraft.judging.engine
+from envcraft.registry import offered
 from tests.envcraft.pytest_plugin.stand_in import QUICK, Canned, NoDriver, Run
 
 
@@ -17,7 +17,7 @@ def loaded() -> None:
     """What pytest imports in a run within this process it forgets after it: this is kept."""
     for hook in ("envcraft_checks", "envcraft_contracts", "envcraft_reporters", "envcraft_sandbox_drivers"):
         offered(hook)
-    importlib.import_module("envcraft.commands.validate")
+    importlib.import_module("envcraft.cli.commands.validate")
     importlib.import_module("envcraft.pytest_plugin.fixture")
 
 
@@ -37,7 +37,7 @@ def at_a_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture
 def canned(monkeypatch: pytest.MonkeyPatch) -> Canned:
     replacement = Canned()
-    monkeypatch.setattr(envcraft.engine, "validate", replacement.validate)
+    monkeypatch.setattr(envcraft.judging.engine, "validate", replacement.validate)
     monkeypatch.setattr("envcraft.pytest_plugin.judging.driver_named", lambda *_: NoDriver())
     return replacement
 

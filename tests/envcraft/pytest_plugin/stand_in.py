@@ -6,11 +6,11 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
-from envcraft.engine import Plan
-from envcraft.events import Finished
-from envcraft.sandbox import Availability, Driver, Isolation, Limits, Worker
-from envcraft.target import Target
-from envcraft.verdict import CheckReport, Finding, Report, Repro, Severity, SubjectReport, Verdict, overall
+from envcraft.judging.driver import Availability, Driver, Isolation, Limits, Worker
+from envcraft.judging.engine import Plan
+from envcraft.model.events import Finished
+from envcraft.model.target import Target
+from envcraft.model.verdict import CheckReport, Finding, Report, Repro, Severity, SubjectReport, Verdict, overall
 
 QUICK = ("--envcraft", "--envcraft-sandbox=process", "--envcraft-budget=quick", "-p", "no:cacheprovider")
 #: Would end the whole run where something imported it.

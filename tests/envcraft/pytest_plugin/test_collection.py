@@ -8,29 +8,31 @@ from pathlib import Path
 
 import pytest
 
+from envcraft.model.verdict import Verdict
 from envcraft.pytest_plugin.collection import defines_tests, environment_line
-from envcraft.verdict import Verdict
 from tests.envcraft.pytest_plugin.stand_in import TRAP, Canned, Run, failing, outcomes
 
 pytest_plugins = ["pytester"]
 
 
-HEAVY = ("numpy", "gymnasium", "msgspec", "click", "rich", "envcraft.engine", "envcraft.pytest_plugin.judging")
+#: What loading the plugin imports of EnvCraft.
+OWN = ("pytest_plugin", "pytest_plugin.settings", "version")
+HEAVY = ("numpy", "gymnasium", "msgspec", "click", "rich", "envcraft.judging.engine", "envcraft.pytest_plugin.judging")
 
 
 def test_loading_the_plugin_imports_nothing_but_itself() -> None:
     code = (
         "import sys, pytest\nbefore = set(sys.modules)\nimport envcraft.pytest_plugin\n"
-        "print(sorted(set(sys.modules) - before))"
+        "print(*sorted(set(sys.modules) - before))"
     )
     result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert result.stdout.strip() == "['envcraft', 'envcraft.pytest_plugin']"
+    assert result.stdout.strip().split() == ["envcraft", *(f"envcraft.{name}" for name in OWN)]
 
 
 @pytest.mark.parametrize("flag", [(), ("--envcraft", "--collect-only")])
 def test_a_run_that_judges_nothing_loads_nothing(pytester: pytest.Pytester, walk: Path, flag: tuple[str, ...]) -> None:
     pytester.makepyfile(test_own="def test_own(): pass")
-    heavy = HEAVY if not flag else ("numpy", "gymnasium", "envcraft.engine")
+    heavy = HEAVY if not flag else ("numpy", "gymnasium", "envcraft.judging.engine")
     pytester.makeconftest(
         f"import sys\ndef pytest_unconfigure(): print('loaded', [n for n in {heavy!r} if n in sys.modules])"
     )

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from envcraft.verdict import Verdict
+from envcraft.model.verdict import Verdict
 from tests.envcraft.pytest_plugin.stand_in import Canned, failing, outcomes
 
 pytest_plugins = ["pytester"]
@@ -54,8 +54,8 @@ def test_the_marker_makes_one_test_a_check(pytester: pytest.Pytester, walk: Path
         ("'games/walk.py', cheks='api'", "*marker envcraft of test_it has no cheks; it takes target, contract, *"),
         ("'a', 'b'", "*marker envcraft of test_it takes one target*"),
         ("checks='api'", "*marker envcraft of test_it names no target, and the test does not take the fixture *"),
-        ("3", "*marker envcraft of test_it cannot be followed: 3 is no target: *"),
-        ("'games/walk.py', checks='apu'", "*marker envcraft of test_it cannot be followed: there is no check 'apu'; *"),
+        ("3", "*marker envcraft of test_it is invalid: 3 is not a target: *"),
+        ("'games/walk.py', checks='apu'", "*marker envcraft of test_it is invalid: there is no check 'apu'; *"),
     ],
 )
 def test_a_wrong_marker_is_a_sentence(pytester: pytest.Pytester, walk: Path, marker: str, sentence: str) -> None:
@@ -89,7 +89,7 @@ def test_classes_are_judged_from_their_file(pytester: pytest.Pytester, walk: Pat
     assert canned.target.path == "games/walk.py"
     assert canned.target.source == walk.read_bytes()
     result.stdout.fnmatch_lines(
-        ["*Local is defined within a function or class; *", "*builtins.int is defined in no file *"]
+        ["*Local is defined inside a function or class; *", "*builtins.int is not defined in a file*"]
     )
 
 
@@ -146,7 +146,7 @@ def test_the_fixture_judges_and_asserts(
             "  envcraft validate games/walk.py --checks source,api,sandbox *",
             "the check reward could not judge games/walk.py, *: lost",
             "nothing was judged: games/nowhere.py does not exist; *",
-            "nothing was judged: there is no target: *",
+            "nothing was judged: the target is missing: *",
             "nothing was judged: */games holds 2 environments, *",
         ]
     )

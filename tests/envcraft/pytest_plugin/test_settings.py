@@ -49,7 +49,7 @@ def test_ini_files_take_lists_with_commas(pytester: pytest.Pytester, walk: Path,
         ("--envcraft-contract=arcad", "*there is no contract 'arcad'; did you mean arcade[?]"),
         ("--envcraft-budget=quik", "*there is no budget 'quik'; did you mean quick[?]"),
         ("--envcraft-sandbox=doker", "*there is no sandbox 'doker'; did you mean docker[?]"),
-        ("--envcraft-seed=-1", "*the seed '-1' is no whole number from 0 to 2147483647"),
+        ("--envcraft-seed=-1", "*the seed '-1' is not a whole number from 0 to 2147483647"),
     ],
 )
 def test_wrong_settings_are_a_sentence(walk: Path, run: Run, option: str, sentence: str) -> None:

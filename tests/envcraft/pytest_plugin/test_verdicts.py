@@ -11,10 +11,10 @@ from xml.etree import ElementTree
 
 import pytest
 
-from envcraft.check import Check
-from envcraft.commands.choices import all_checks
 from envcraft.errors import SandboxUnavailable
-from envcraft.verdict import Finding, Severity, Verdict
+from envcraft.judging.check import Check
+from envcraft.judging.selection import all_checks
+from envcraft.model.verdict import Finding, Severity, Verdict
 from tests.envcraft.pytest_plugin.stand_in import Canned, Run, failing, outcomes
 
 pytest_plugins = ["pytester"]
@@ -99,7 +99,7 @@ def test_what_could_not_judge_is_an_error(walk: Path, run: Run, canned: Canned) 
     result.assert_outcomes(passed=9, errors=1)
     result.stdout.fnmatch_lines(
         [
-            "the check reward could not judge games/walk.py, which says nothing against it: the worker stopped *",
+            "the check reward could not judge games/walk.py, which is no failure*: the worker stopped *",
             "Try it by itself: envcraft validate games/walk.py --contract arcade --budget quick *",
         ]
     )

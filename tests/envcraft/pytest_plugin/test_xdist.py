@@ -13,13 +13,13 @@ pytest_plugins = ["pytester"]
 
 #: Counts, across processes, how often an environment is run.
 COUNTING = """
-import envcraft.engine
-judge = envcraft.engine.validate
+import envcraft.judging.engine
+judge = envcraft.judging.engine.validate
 def counted(plan, workers):
     with open("runs.txt", "a") as runs:
         runs.write(plan.targets[0].path + "\\n")
     return judge(plan, workers)
-envcraft.engine.validate = counted
+envcraft.judging.engine.validate = counted
 """
 
 

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
+from envcraft.model.verdict import Verdict
 from envcraft.pytest_plugin.fixture import EnvCraft
-from envcraft.verdict import Verdict
 
 GAMES = Path(__file__).parent / "games"
 

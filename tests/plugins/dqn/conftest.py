@@ -1,4 +1,4 @@
-"""Environments that cost next to nothing, side by side."""
+"""Tiny environments for tests of the trainer."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ GAMES = Path(__file__).parent / "games"
 
 
 class Corridor(gymnasium.Env[Any, Any]):
-    """Six places; right earns at the end, where it terminates, and ten steps truncate. `flip` mirrors it."""
+    """A corridor of six cells with a reward at the right end. It truncates after ten steps; `flip` mirrors it."""
 
     def __init__(self, flip: bool = False) -> None:
         self.observation_space = gymnasium.spaces.Box(0, 255, (16, 16, 3), np.uint8)
@@ -45,13 +45,13 @@ def open_corridors(names: Sequence[str]) -> Any:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """With torch the process grows to half a gigabyte, which the other tests' memory and forks need not bear."""
+    """Run these tests last: torch adds half a gigabyte to the process, which slows the forks of other tests."""
     items.sort(key=lambda item: Path(__file__).parent in item.path.parents)
 
 
 @pytest.fixture(autouse=True)
 def one_thread() -> Iterator[None]:
-    """Small networks gain nothing by more, and the order of sums depends on it."""
+    """Limit torch to one thread, because the number of threads affects the order of sums."""
     import torch
 
     before = torch.get_num_threads()

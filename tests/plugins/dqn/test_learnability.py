@@ -1,4 +1,4 @@
-"""The check `learnability` on small games, each judged as its header says; and that it runs only where it is named."""
+"""The check `learnability` on small games with expected verdicts, and its opt-in."""
 
 from __future__ import annotations
 
@@ -14,28 +14,30 @@ import pytest
 import torch
 from click.testing import CliRunner
 from envcraft_dqn import learnability
-from envcraft_dqn.network import Network, weights_from
-from envcraft_dqn.short_training import one_thread
+from envcraft_dqn.baseline_comparison import one_thread
+from envcraft_dqn.network import Network, seeded_weights
 
-from benchmarks.fixtures import expected
-from benchmarks.learnability import CONTRACT, GAMES, judged, outcome
-from envcraft.budget import BUDGETS
-from envcraft.cli import cli
-from envcraft.commands.choices import all_checks, default_checks, driver_named, select_checks
-from envcraft.corpus.settings import settings_of
-from envcraft.engine import Plan, open_subject, run_check
-from envcraft.subject import Subject
-from envcraft.target import read_target
-from envcraft.verdict import SubjectReport, Verdict
+from envcraft.cli.group import cli
+from envcraft.judging.budget import BUDGETS
+from envcraft.judging.driver import Limits
+from envcraft.judging.engine import Plan, open_subject, run_check
+from envcraft.judging.selection import all_checks, default_checks, driver_named, select_checks
+from envcraft.judging.settings import settings_of
+from envcraft.judging.subject import Subject
+from envcraft.model.target import read_target
+from envcraft.model.verdict import SubjectReport, Verdict
+from evaluation.fixtures import expected
+from evaluation.learnability import CONTRACT, GAMES, judged, outcome
 
 BAD = GAMES[0].parent
-#: One of each kind: ``python -m benchmarks.learnability`` judges all.
+#: One game of each kind. ``python -m benchmarks.learnability`` judges all.
 SOME = [
     game for game in GAMES if game.stem in {"better_idle", "coin", "jammed", "quits", "costly_buttons", "shown_lamp"}
 ]
 BROKEN = BAD / "jammed.py"
 LEARNABILITY = learnability.Learnability()
-Opened = Callable[[Path], Subject]
+LIMITS = Limits()
+Opened = Callable[..., Subject]
 
 
 @pytest.fixture(scope="module")
@@ -59,14 +61,14 @@ def test_each_game_is_judged_as_expected(game: Path, reports: dict[Path, Subject
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["jammed", "quits"])
-def test_what_breaks_in_training_can_be_seen_again(
+def test_failures_in_training_are_reproducible(
     name: str, reports: dict[Path, SubjectReport], subject_of: Opened
 ) -> None:
     game = next(game for game in GAMES if game.stem == name)
     finding = next(finding for check in reports[game].checks for finding in check.findings if finding.code == "EC853")
     if name == "jammed":
         assert finding.line == 1 + game.read_text().splitlines().index('            raise RuntimeError("jammed")')
-    # What does nothing for the defect is left out.
+    # Shrinking removes actions that the defect does not need.
     assert sum(map(any, finding.repro.actions)) < 12
     subject = subject_of(game)
     assert LEARNABILITY.confirm(subject, finding) is finding
@@ -75,7 +77,7 @@ def test_what_breaks_in_training_can_be_seen_again(
 
 
 @pytest.mark.slow
-def test_the_numbers_do_not_hang_on_what_runs_beside(reports: dict[Path, SubjectReport]) -> None:
+def test_findings_do_not_depend_on_parallel_subjects(reports: dict[Path, SubjectReport]) -> None:
     [(_, alone)] = judged([BROKEN], 0, "process", workers=1)
     assert [check.findings for check in alone.checks] == [check.findings for check in reports[BROKEN].checks]
 
@@ -84,15 +86,15 @@ def test_the_numbers_do_not_hang_on_what_runs_beside(reports: dict[Path, Subject
 def subject_of() -> Iterator[Opened]:
     with contextlib.ExitStack() as stack:
 
-        def opened(game: Path) -> Subject:
+        def opened(game: Path, limits: Limits = LIMITS) -> Subject:
             driver = stack.enter_context(contextlib.closing(driver_named("process")))
-            plan = Plan([read_target(str(game))], CONTRACT, driver, [], BUDGETS["quick"])
+            plan = Plan([read_target(str(game))], CONTRACT, driver, [], BUDGETS["quick"], limits=limits)
             return stack.enter_context(open_subject(plan, plan.targets[0]))
 
         yield opened
 
 
-def test_it_runs_only_where_it_is_named() -> None:
+def test_runs_only_if_named() -> None:
     assert "learnability" not in {check.name for check in [*default_checks(), *select_checks(None, "api")]}
     assert [check.name for check in select_checks("learnability", None)] == ["source", "learnability", "sandbox"]
     with contextlib.closing(driver_named("process")) as driver:
@@ -101,26 +103,26 @@ def test_it_runs_only_where_it_is_named() -> None:
             for checks in (default_checks(), all_checks(), select_checks("learnability", None))
         )
     assert (whole.checks, whole.offered) == ("", "")
-    # Neither displaces a verdict of all checks, nor does its failure take a pass back.
+    # Such a verdict does not replace one of all checks, and its failure does not revoke a pass.
     for other in (named, one):
         assert other.checks
         assert other.offered == ""
 
 
-def test_listings_say_that_it_has_to_be_named() -> None:
+def test_listings_show_that_it_is_opt_in() -> None:
     told = json.loads(CliRunner().invoke(cli, ["checks", "--format", "json"]).stdout)
     assert {check["check"] for check in told if check["opt_in"]} == {"learnability"}
     assert "learnability (opt-in)" in CliRunner().invoke(cli, ["checks"]).stdout
 
 
-def test_without_the_libraries_it_cannot_judge(monkeypatch: pytest.MonkeyPatch, subject_of: Opened) -> None:
+def test_missing_libraries_are_an_error(monkeypatch: pytest.MonkeyPatch, subject_of: Opened) -> None:
     monkeypatch.setitem(sys.modules, "zstandard", None)
     report = run_check(LEARNABILITY, subject_of(BROKEN))
     assert report.verdict is Verdict.ERROR
     assert "envcraft-rl[train]" in report.reason
 
 
-def test_what_has_no_frames_is_skipped(tmp_path: Path, subject_of: Opened) -> None:
+def test_observations_without_frames_are_skipped(tmp_path: Path, subject_of: Opened) -> None:
     game = tmp_path / "numbers.py"
     text = BROKEN.read_text().replace("(16, 16, 3)", "(16, 16)", 1).replace("return frame", "return frame[:, :, 0]")
     game.write_text(text)
@@ -129,9 +131,7 @@ def test_what_has_no_frames_is_skipped(tmp_path: Path, subject_of: Opened) -> No
     assert "learns from frames" in report.reason
 
 
-def test_returns_that_are_no_numbers_say_nothing(
-    tmp_path: Path, subject_of: Opened, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_infinite_returns_are_skipped(tmp_path: Path, subject_of: Opened, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(learnability._BUDGETS, "quick", (300, 2))
     game = tmp_path / "endless.py"
     game.write_text((BAD / "always_paid.py").read_text().replace("1.0, False", 'float("inf"), False'))
@@ -140,7 +140,7 @@ def test_returns_that_are_no_numbers_say_nothing(
     assert "not finite" in report.reason
 
 
-def test_a_wrong_frame_is_a_finding(tmp_path: Path, subject_of: Opened) -> None:
+def test_wrong_frame_is_a_finding(tmp_path: Path, subject_of: Opened) -> None:
     game = tmp_path / "wrong.py"
     game.write_text(
         BROKEN.read_text().replace('raise RuntimeError("jammed")', "return self.lamp, 0.0, False, False, {}")
@@ -149,7 +149,7 @@ def test_a_wrong_frame_is_a_finding(tmp_path: Path, subject_of: Opened) -> None:
     assert [finding.code for finding in report.findings] == ["EC853"]
 
 
-def test_episodes_without_an_end_are_cut(tmp_path: Path, subject_of: Opened, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_endless_episodes_are_truncated(tmp_path: Path, subject_of: Opened, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(learnability._BUDGETS, "quick", (300, 2))
     game = tmp_path / "forever.py"
     game.write_text((BAD / "always_paid.py").read_text().replace("self.steps == 32", "False"))
@@ -159,15 +159,14 @@ def test_episodes_without_an_end_are_cut(tmp_path: Path, subject_of: Opened, mon
     assert subject.length <= subject.steps <= 300 + 3 * 3 * subject.length
 
 
-def test_no_more_time_is_taken_than_a_subject_has(tmp_path: Path, subject_of: Opened) -> None:
-    subject = subject_of(BROKEN)
-    subject.limits = msgspec.structs.replace(subject.limits, total=0.0)
+def test_time_limit_skips_the_check(tmp_path: Path, subject_of: Opened) -> None:
+    subject = subject_of(BROKEN, Limits(total=0.0))
     report = run_check(LEARNABILITY, subject)
     assert report.verdict is Verdict.SKIP
-    assert "before the training was done" in report.reason
+    assert "before the end of the training" in report.reason
 
 
-def test_one_thread_trains() -> None:
+def test_training_uses_one_thread() -> None:
     before = torch.get_num_threads()
     torch.set_num_threads(2)
     try:
@@ -178,9 +177,9 @@ def test_one_thread_trains() -> None:
         torch.set_num_threads(before)
 
 
-def test_two_networks_at_a_time_have_the_weights_of_their_seeds() -> None:
+def test_concurrent_networks_have_the_weights_of_their_seeds() -> None:
     def weights(seed: int) -> list[float]:
-        with weights_from(seed):
+        with seeded_weights(seed):
             network = Network((84, 84, 3), (5, 2, 2), "tiny")
         return network.value.weight.flatten().tolist()
 

@@ -1,4 +1,4 @@
-"""The learner: what an update computes, and that it learns to play."""
+"""The update of the learner, and the training loop."""
 
 from __future__ import annotations
 
@@ -10,13 +10,16 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
+from envcraft_dqn.demo_sources import PolicyDemonstrations
 from envcraft_dqn.demonstrations import Episode
-from envcraft_dqn.evaluation import AgentPlayer, Played, RandomPlayer, evaluate
+from envcraft_dqn.env_spec import EnvSpec
+from envcraft_dqn.evaluation import evaluate
+from envcraft_dqn.policies import AgentPolicy, RandomPolicy
 from envcraft_dqn.replay import Batch
 from envcraft_dqn.settings import Settings
-from envcraft_dqn.spaces import Surface
 from gymnasium.spaces import MultiDiscrete
 from gymnasium.vector import SyncVectorEnv
 
@@ -24,11 +27,11 @@ from envcraft.errors import UsageError
 
 from .conftest import Corridor, open_corridors
 
-PAD = Surface((84, 84, 3), (5, 2, 2))
-SMALL = Surface((16, 16, 3), (5, 2, 2))
+PAD = EnvSpec((84, 84, 3), (5, 2, 2))
+SMALL = EnvSpec((16, 16, 3), (5, 2, 2))
 
 
-def test_the_reference_network_has_about_twelve_million_parameters() -> None:
+def test_reference_network_has_twelve_million_parameters() -> None:
     from envcraft_dqn.network import Network
 
     network = Network(PAD.shape, PAD.choices, "reference")
@@ -36,7 +39,7 @@ def test_the_reference_network_has_about_twelve_million_parameters() -> None:
     assert Network(PAD.shape, PAD.choices, "small").parameter_count < 2_000_000
 
 
-def test_a_branching_head_adds_up_its_parts() -> None:
+def test_branching_head_adds_components() -> None:
     import torch
     from envcraft_dqn.network import Network
 
@@ -45,7 +48,7 @@ def test_a_branching_head_adds_up_its_parts() -> None:
     values = network(frames)
     assert values.shape == (3, 20)
     table = values.reshape(3, 5, 2, 2)
-    # What the third part adds is the same whatever the others are.
+    # The advantage of the third component does not depend on the others.
     assert torch.allclose((table[..., 1] - table[..., 0]).std((1, 2)), torch.zeros(3), atol=1e-5)
     joint = torch.tensor([7])
     assert SMALL.split(joint.numpy()).tolist() == [[1, 1, 1]]
@@ -53,16 +56,16 @@ def test_a_branching_head_adds_up_its_parts() -> None:
 
 
 @pytest.mark.parametrize("head", ["joint", "branching"])
-def test_the_best_action_is_that_of_the_highest_value(head: str) -> None:
+def test_greedy_action_has_the_highest_value(head: str) -> None:
     import torch
-    from envcraft_dqn.network import Network, weights_from
+    from envcraft_dqn.network import Network, seeded_weights
 
-    with weights_from(3):
+    with seeded_weights(3):
         network = Network(SMALL.shape, SMALL.choices, "tiny", head)
-    # So large that actions differ: at first, biases outweigh what is seen.
+    # Large inputs outweigh the biases, so that greedy actions differ.
     pixels = 1_000 * torch.randn((64, 3, 16, 16), generator=torch.Generator().manual_seed(0))
     with torch.no_grad():
-        values, best = network.values(pixels), network.best(pixels)
+        values, best = network.values(pixels), network.greedy(pixels)
     assert best.tolist() == values.argmax(1).tolist()
     assert len(set(best.tolist())) > 1
 
@@ -81,7 +84,7 @@ def batch(count: int = 8) -> Batch:
     )
 
 
-def test_the_errors_are_those_of_double_q_learning() -> None:
+def test_errors_match_double_q_learning() -> None:
     import torch
     from envcraft_dqn.learner import Learner
 
@@ -103,7 +106,7 @@ def test_the_errors_are_those_of_double_q_learning() -> None:
     assert loss == pytest.approx(float((given.weights * huber).mean()), abs=1e-5)
 
 
-def test_a_learner_that_is_put_back_goes_on_bit_by_bit() -> None:
+def test_restored_learner_continues_bit_for_bit() -> None:
     from envcraft_dqn.learner import Learner
 
     learner, again = (Learner(Settings(size="tiny", seed=seed, device="cpu"), SMALL) for seed in (1, 2))
@@ -115,7 +118,7 @@ def test_a_learner_that_is_put_back_goes_on_bit_by_bit() -> None:
     assert all((learner.state()[name] == value).all() for name, value in again.state().items())
 
 
-def test_what_another_network_left_is_refused() -> None:
+def test_state_of_another_network_is_refused() -> None:
     from envcraft_dqn.learner import Learner
 
     settings = [Settings(size="tiny", head=head, device="cpu") for head in ("branching", "joint")]
@@ -124,25 +127,23 @@ def test_what_another_network_left_is_refused() -> None:
         joint.restore(branching.state())
 
 
-def test_every_environment_has_its_turn_in_each_cycle() -> None:
+def test_every_environment_has_a_turn_in_each_cycle() -> None:
     from envcraft_dqn.learner import schedule
 
-    settings = Settings(lanes=4, cycle=25, leg=10)
+    settings = Settings(num_envs=4, cycle=25, segment=10)
     names = [f"e{number}" for number in range(8)]
-    legs = list(islice(schedule(names, settings), 12))
-    assert [leg.steps for leg in legs[:6]] == [10, 10, 5, 10, 10, 5]
-    for cycle in (legs[:6], legs[6:]):
-        assert sorted({name for leg in cycle for name in leg.names}) == names
-    assert [leg.names for leg in legs[:6]] != [leg.names for leg in legs[6:]]
-    seeds = [seed for leg in legs for seed in leg.seeds]
+    segments = list(islice(schedule(names, settings), 12))
+    assert [one.steps for one in segments[:6]] == [10, 10, 5, 10, 10, 5]
+    for cycle in (segments[:6], segments[6:]):
+        assert sorted({name for one in cycle for name in one.names}) == names
+    assert [one.names for one in segments[:6]] != [one.names for one in segments[6:]]
+    seeds = [seed for one in segments for seed in one.seeds]
     assert len(set(seeds)) == len(seeds)
-    assert list(islice(schedule(names, settings), 12)) == legs
+    assert list(islice(schedule(names, settings), 12)) == segments
 
 
 class Scripted:
-    """Demonstrations of somebody who walks to the end, and every other step anywhere: TD errors alone say nothing of
-    actions that nobody takes.
-    """
+    """Demonstrations that walk to the end, with half of the actions random, so that all actions have TD errors."""
 
     def episodes(self, name: str) -> Iterator[Episode]:
         env, rng = Corridor(name == "left"), np.random.default_rng(0)
@@ -160,13 +161,13 @@ class Scripted:
             yield Episode(np.stack(frames), np.array(actions), np.array(rewards), won)
 
 
-def returns(agent: Path, names: list[str], surface: Surface, open_vector: Any) -> list[float]:
+def returns(agent: Path, names: list[str], spec: EnvSpec, open_vector: Any) -> list[float]:
     """The mean return in each environment."""
-    player = AgentPlayer(agent, surface, 0, 0.0, "cpu")
-    return [one.total.mean for one in evaluate(names, open_vector, player, 100, 32)]
+    policy = AgentPolicy(agent, spec, 0, 0.0, "cpu")
+    return [one.total.mean for one in evaluate(names, open_vector, policy, 100, 32)]
 
 
-def test_demonstrations_alone_teach_a_corridor(tmp_path: Path) -> None:
+def test_demonstrations_alone_solve_a_corridor(tmp_path: Path) -> None:
     from envcraft_dqn.learner import train
 
     settings = Settings(size="tiny", device="cpu", steps=0, pretrain_updates=400, target_every=50, learning_rate=1e-3)
@@ -176,18 +177,18 @@ def test_demonstrations_alone_teach_a_corridor(tmp_path: Path) -> None:
     assert returns(agent, ["right"], SMALL, open_corridors)[0] > 0.9
 
 
-def test_what_cannot_be_trained_is_told(tmp_path: Path) -> None:
+def test_unusable_settings_are_reported(tmp_path: Path) -> None:
     from envcraft_dqn.learner import train
 
     with pytest.raises(UsageError, match="need demonstrations"):
         train(Settings(pretrain_updates=5), ["right"], open_corridors, tmp_path)
-    with pytest.raises(UsageError, match="there is no size 'huge'; there are tiny"):
+    with pytest.raises(UsageError, match="unknown size 'huge'; choose from tiny"):
         train(Settings(size="huge"), ["right"], open_corridors, tmp_path)
     with pytest.raises(UsageError, match="too small for 16 environments"):
         train(Settings(capacity=100), ["right"], open_corridors, tmp_path)
-    with pytest.raises(UsageError, match="no room for all demonstrations"):
-        train(Settings(capacity=200, lanes=2, device="cpu"), ["right"], open_corridors, tmp_path, Scripted())
-    with pytest.raises(UsageError, match="--device nonsense cannot be used here"):
+    with pytest.raises(UsageError, match="too small for all demonstrations"):
+        train(Settings(capacity=200, num_envs=2, device="cpu"), ["right"], open_corridors, tmp_path, Scripted())
+    with pytest.raises(UsageError, match="--device nonsense is not available"):
         train(Settings(device="nonsense"), ["right"], open_corridors, tmp_path)
 
 
@@ -204,13 +205,13 @@ def test_what_cannot_be_trained_is_told(tmp_path: Path) -> None:
         {"learning_rate": math.inf},
     ],
 )
-def test_settings_out_of_bounds_are_told(wrong: dict[str, Any]) -> None:
+def test_settings_out_of_bounds_are_reported(wrong: dict[str, Any]) -> None:
     [name] = wrong
     with pytest.raises(UsageError, match=f"{name} is .*; it must "):
         Settings(**wrong).check()
 
 
-def test_more_actions_than_a_replay_tells_apart_are_refused(tmp_path: Path) -> None:
+def test_too_many_actions_are_refused(tmp_path: Path) -> None:
     from envcraft_dqn.learner import train
 
     def opened(names: Sequence[str]) -> Any:
@@ -218,23 +219,39 @@ def test_more_actions_than_a_replay_tells_apart_are_refused(tmp_path: Path) -> N
         vector.single_action_space = MultiDiscrete([2] * 15)
         return vector
 
-    with pytest.raises(UsageError, match="32,768 combinations of its buttons, and an agent learns 32,767"):
+    with pytest.raises(UsageError, match="32,768 joint actions, and an agent supports at most 32,767"):
         train(Settings(size="tiny", device="cpu"), ["right"], opened, tmp_path)
+
+
+def test_keys_in_files_are_those_of_version_0_1() -> None:
+    from envcraft_dqn.learner import Position
+    from envcraft_dqn.study.presets import PRESETS
+
+    keys = "size head seed steps pretrain_updates lanes cycle leg batch learning_rate gamma n_step train_every "
+    keys += "target_every epsilon_first epsilon_last epsilon_share alpha beta capacity demonstrations starts "
+    keys += "demonstration_share replay precision compiled device"
+    assert list(msgspec.to_builtins(Settings())) == keys.split()
+    assert list(msgspec.to_builtins(Position())) == ["steps", "updates", "legs"]
+    plan = msgspec.json.decode(msgspec.json.encode(PRESETS["smoke"]))
+    assert plan["lanes"] == 12
+    assert plan["settings"]["lanes"] == 2
 
 
 def test_epsilon_falls_and_beta_rises() -> None:
     settings = Settings(steps=1000, pretrain_updates=250, epsilon_share=0.5)
     assert [settings.epsilon(steps) for steps in (0, 250, 500, 1000)] == pytest.approx([1.0, 0.55, 0.1, 0.1])
-    assert [settings.annealed(updates) for updates in (0, 250, 500)] == pytest.approx([0.4, 0.7, 1.0])
+    assert [settings.annealed_beta(updates) for updates in (0, 250, 500)] == pytest.approx([0.4, 0.7, 1.0])
     assert math.isclose(Settings(steps=0).epsilon(0), 1.0)
 
 
-@pytest.mark.parametrize(("lanes", "starts"), [(2, 0), (64, 50)])
-def test_nothing_is_learnt_before_something_can_be_drawn(tmp_path: Path, lanes: int, starts: int) -> None:
+@pytest.mark.parametrize(("num_envs", "starts"), [(2, 0), (64, 50)])
+def test_updates_start_when_a_transition_is_complete(tmp_path: Path, num_envs: int, starts: int) -> None:
     from envcraft_dqn.checkpoint import load_agent
     from envcraft_dqn.learner import train
 
-    settings = Settings(size="tiny", device="cpu", steps=300, lanes=lanes, leg=20, starts=starts, capacity=2_000)
+    settings = Settings(
+        size="tiny", device="cpu", steps=300, num_envs=num_envs, segment=20, starts=starts, capacity=2_000
+    )
     network, _ = load_agent(train(settings, ["right"], open_corridors, tmp_path))
     assert all(parameter.isfinite().all() for parameter in network.parameters())
     numbers = json.loads((tmp_path / "checkpoint" / "state.json").read_text())["numbers"]
@@ -242,23 +259,23 @@ def test_nothing_is_learnt_before_something_can_be_drawn(tmp_path: Path, lanes: 
 
 
 class Infinite(Corridor):
-    """Pays more than there is after some episodes."""
+    """Returns an infinite reward at random."""
 
     def step(self, action: Any) -> Any:
         frame, reward, *rest = super().step(action)
         return frame, reward if self.np_random.random() < 0.99 else float("inf"), *rest
 
 
-def test_a_loss_that_is_no_number_ends_the_run(tmp_path: Path) -> None:
+def test_infinite_loss_ends_the_run(tmp_path: Path) -> None:
     from envcraft_dqn.learner import Diverged, train
 
-    settings = Settings(size="tiny", device="cpu", steps=2_000, lanes=2, leg=20, starts=0, capacity=2_000)
-    with pytest.raises(Diverged, match=r"the loss of update [\d,]+ is inf.* are all rewards finite"):
+    settings = Settings(size="tiny", device="cpu", steps=2_000, num_envs=2, segment=20, starts=0, capacity=2_000)
+    with pytest.raises(Diverged, match=r"the loss of update [\d,]+ is inf: are all rewards finite"):
         train(settings, ["right"], lambda names: SyncVectorEnv([Infinite] * len(names)), tmp_path)
     assert not (tmp_path / "agent.safetensors").exists()
 
 
-def test_an_agent_of_no_numbers_is_refused(tmp_path: Path) -> None:
+def test_agent_with_nan_is_refused(tmp_path: Path) -> None:
     import torch
     from envcraft_dqn.checkpoint import load_agent, save_agent
     from envcraft_dqn.network import Network
@@ -266,22 +283,22 @@ def test_an_agent_of_no_numbers_is_refused(tmp_path: Path) -> None:
     network = Network(SMALL.shape, SMALL.choices, "tiny")
     with torch.no_grad():
         next(network.parameters()).view(-1)[0] = float("nan")
-    with pytest.raises(UsageError, match="has weights that are no finite numbers"):
+    with pytest.raises(UsageError, match="has weights that are not finite"):
         load_agent(save_agent(tmp_path / "agent.safetensors", network, SMALL))
 
 
 def open_overwriting(names: Sequence[str]) -> Any:
-    """Corridors whose frames lie where the next step writes its own."""
+    """Corridors whose frames are overwritten by the next step."""
     return SyncVectorEnv([partial(Corridor, name == "left") for name in names], copy=False)
 
 
-def test_frames_are_kept_before_a_vector_overwrites_them(tmp_path: Path) -> None:
+def test_frames_are_copied_before_a_vector_overwrites_them(tmp_path: Path) -> None:
     from envcraft_dqn.learner import train
 
-    short = Settings(size="tiny", device="cpu", steps=400, lanes=2, leg=50, starts=50, capacity=500)
+    short = Settings(size="tiny", device="cpu", steps=400, num_envs=2, segment=50, starts=50, capacity=500)
     agents, demonstrated = [], []
     for name, opened in (("copies", open_corridors), ("overwrites", open_overwriting)):
         agents.append(train(short, ["left", "right"], opened, tmp_path / name).read_bytes())
-        demonstrated.append(list(Played(opened, RandomPlayer(SMALL, 0), 30).episodes("right")))
+        demonstrated.append(list(PolicyDemonstrations(opened, RandomPolicy(SMALL, 0), 30).episodes("right")))
     assert agents[0] == agents[1]
     assert all((one.frames == other.frames).all() for one, other in zip(*demonstrated, strict=True))

@@ -1,4 +1,4 @@
-"""The replay beside a reference that keeps whole episodes and works every return out by itself."""
+"""The replay, compared with a reference that stores whole episodes and computes every return directly."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def play(
 ) -> tuple[list[Episode], int]:
     """Step `lanes` lanes that end at random; some stand still now and then, as after an end."""
     episodes: list[Episode] = []
-    replay.lanes(lanes)
+    replay.reset(lanes)
     current: list[Episode | None] = [None] * lanes
     for _ in range(steps):
         on = []
@@ -86,7 +86,7 @@ def play(
         actions = np.array([episode.frames[-2] % 20 for episode in playing])
         replay.add(np.array(on), before, actions, rewards, terminated, truncated, after)
     standing = np.stack([frame(0 if episode is None else episode.frames[-1]) for episode in current])
-    replay.cut(np.arange(lanes), standing)
+    replay.truncate(np.arange(lanes), standing)
     for episode in current:
         if episode is not None and episode.rewards:
             episode.ended = "cut"
@@ -137,7 +137,7 @@ def test_a_ring_keeps_the_newest_and_the_demonstrations(seed: int, lanes: int, n
     demonstrated, first = play(replay, rng, 1, kept // 2, 1)
     before = held(replay, drawable(replay))
     assert before.keys() == expected(demonstrated, n).keys()
-    replay.keep()
+    replay.protect()
     episodes, _ = play(replay, rng, lanes, 80, first)
     wanted = {**expected(demonstrated, n), **expected(episodes, n)}
     found = held(replay, drawable(replay))
@@ -152,7 +152,7 @@ def test_a_ring_keeps_the_newest_and_the_demonstrations(seed: int, lanes: int, n
 
 def test_nothing_can_be_drawn_before_its_return_is_known() -> None:
     replay = Replay(RawFrames(100, SHAPE), 100, 3, GAMMA)
-    replay.lanes(1)
+    replay.reset(1)
     for step in range(5):
         here, there = frame(step)[None], frame(step + 1)[None]
         no = np.array([False])
@@ -176,13 +176,13 @@ def filled(count: int, kept: int = 0) -> Replay:
     for first, end in ((0, kept), (kept, count)):
         if end > first:
             lanes = np.arange(1)
-            replay.lanes(1)
+            replay.reset(1)
             for step in range(first, end):
                 replay.add(
                     lanes, frame(step)[None], lanes, np.ones(1), np.array([True]), np.array([False]), frame(0)[None]
                 )
         if first == 0 and kept:
-            replay.keep()
+            replay.protect()
     return replay
 
 
@@ -220,10 +220,10 @@ def test_a_share_waits_for_something_else_than_demonstrations() -> None:
         count = int(rng.integers(300, 3000))
         replay = Replay(RawFrames(count + 500, SHAPE), count + 500, 3, GAMMA)
         play(replay, rng, 1, count // 2, 1)
-        replay.keep()
+        replay.protect()
         # Sums of so many priorities differ by what was rounded.
         replay.update(drawable(replay), rng.random(replay.drawable).astype(np.float32))
-        replay.lanes(8)
+        replay.reset(8)
         for settled in (False, False, False, True):
             replay.add(lanes, here, lanes, none, no, no, here)
             slots, _ = replay.draw(32, 0.5, rng, 0.5)
@@ -235,15 +235,15 @@ def test_a_share_waits_for_something_else_than_demonstrations() -> None:
 
 
 def test_a_ring_that_could_come_round_too_soon_is_refused() -> None:
-    with pytest.raises(ValueError, match="too few for 8 lanes"):
-        Replay(RawFrames(60, SHAPE), 60, 3, GAMMA).lanes(8)
+    with pytest.raises(ValueError, match="too few for 8 environments"):
+        Replay(RawFrames(60, SHAPE), 60, 3, GAMMA).reset(8)
 
 
 def test_a_replay_is_put_back_as_it_was() -> None:
     rng = np.random.default_rng(5)
     replay = Replay(RawFrames(90, SHAPE), 90, 2, GAMMA)
     _, first = play(replay, rng, 1, 20, 1)
-    replay.keep()
+    replay.protect()
     play(replay, rng, 3, 60, first)
     replay.update(drawable(replay), rng.random(len(drawable(replay))).astype(np.float32))
     numbers, arrays = replay.state()

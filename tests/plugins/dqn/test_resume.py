@@ -1,4 +1,4 @@
-"""A run that is killed and started again comes to the same agent, bit by bit."""
+"""A killed and resumed run gives the same agent, bit for bit."""
 
 from __future__ import annotations
 
@@ -21,15 +21,15 @@ from .conftest import open_corridors
 from .test_learner import Scripted
 
 NAMES = ["left", "right", "left again"]
-#: Small enough that the ring comes round, and legs and cycles end in between.
+#: Small enough that the ring wraps around, and long enough to end segments and cycles.
 SETTINGS = Settings(
     size="tiny",
     device="cpu",
-    steps=1000,
+    steps=600,
     pretrain_updates=150,
-    lanes=2,
+    num_envs=2,
     cycle=100,
-    leg=50,
+    segment=50,
     target_every=40,
     demonstrations=50,
     capacity=500,
@@ -54,11 +54,11 @@ train(SETTINGS, NAMES, open_corridors, Path({folder!r}), Scripted(), every=0.0)
 
 
 def learnt(folder: Path) -> dict[str, bytes]:
-    """The agents of a run."""
+    """The agent files of a run."""
     return {path.name: path.read_bytes() for path in sorted(folder.glob("*.safetensors"))}
 
 
-def test_a_run_that_is_killed_again_and_again_comes_to_the_same(tmp_path: Path) -> None:
+def test_killed_run_resumes_to_the_same_agent(tmp_path: Path) -> None:
     from envcraft_dqn.learner import train
 
     train(SETTINGS, NAMES, open_corridors, tmp_path / "whole", Scripted())
@@ -72,7 +72,7 @@ def test_a_run_that_is_killed_again_and_again_comes_to_the_same(tmp_path: Path) 
         process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
         deadline = time.monotonic() + 480
         while kill is not None and process.poll() is None and time.monotonic() < deadline:
-            # In the midst of pretraining, then of training.
+            # During pretraining, then during training.
             there = json.loads(state.read_text()) if state.exists() else {"numbers": {"updates": 0, "legs": 0}}
             numbers = there["numbers"]
             if (numbers["updates"] >= 50) if kill == 1 else (numbers["legs"] >= 4):
@@ -88,7 +88,7 @@ def test_a_run_that_is_killed_again_and_again_comes_to_the_same(tmp_path: Path) 
     assert set(learnt(killed)) == {"pretrained.safetensors", "agent.safetensors"}
 
 
-def test_another_seed_is_another_agent(tmp_path: Path) -> None:
+def test_seed_determines_the_agent(tmp_path: Path) -> None:
     import msgspec
     from envcraft_dqn.learner import train
 
@@ -100,52 +100,52 @@ def test_another_seed_is_another_agent(tmp_path: Path) -> None:
     assert learnt(one) == learnt(same) != learnt(other)
 
 
-def test_another_run_in_the_same_folder_is_refused(tmp_path: Path) -> None:
+def test_folder_of_another_run_is_refused(tmp_path: Path) -> None:
     import msgspec
     from envcraft_dqn.learner import train
 
-    short = msgspec.structs.replace(SETTINGS, steps=40, pretrain_updates=0, leg=10)
+    short = msgspec.structs.replace(SETTINGS, steps=40, pretrain_updates=0, segment=10)
     train(short, NAMES, open_corridors, tmp_path)
-    with pytest.raises(UsageError, match=r"a run of other settings \(batch 32, not 16\); choose another --output"):
+    with pytest.raises(UsageError, match=r"a run with other settings \(batch 32, not 16\); choose another --output"):
         train(msgspec.structs.replace(short, batch=16), NAMES, open_corridors, tmp_path)
-    with pytest.raises(UsageError, match="a run of other environments"):
+    with pytest.raises(UsageError, match="a run with other environments"):
         train(short, NAMES[:2], open_corridors, tmp_path)
     [part] = (tmp_path / "checkpoint").glob("learner-*")
     part.write_bytes(part.read_bytes()[:-100])
-    with pytest.raises(EnvCraftError, match=r"cannot be read .* remove it to begin anew"):
+    with pytest.raises(EnvCraftError, match=r"cannot be read .* remove it to start over"):
         train(short, NAMES, open_corridors, tmp_path)
 
 
 @pytest.mark.parametrize(
     "change",
     [
-        lambda told: [],
-        lambda told: None,
-        lambda told: {},
-        lambda told: {**told, "settings": [1]},
-        lambda told: {**told, "serial": []},
-        lambda told: {**told, "numbers": 3},
-        lambda told: {**told, "numbers": {**told["numbers"], "steps": "many"}},
-        lambda told: {**told, "numbers": {**told["numbers"], "rng": {"bit_generator": "PCG64"}}},
-        lambda told: {**told, "replay": {**told["replay"], "at": None}},
-        lambda told: {**told, "files": {**told["files"], "replay": [None]}},
-        lambda told: {**told, "files": {**told["files"], "learner": told["files"]["priorities"]}},
+        lambda state: [],
+        lambda state: None,
+        lambda state: {},
+        lambda state: {**state, "settings": [1]},
+        lambda state: {**state, "serial": []},
+        lambda state: {**state, "numbers": 3},
+        lambda state: {**state, "numbers": {**state["numbers"], "steps": "many"}},
+        lambda state: {**state, "numbers": {**state["numbers"], "rng": {"bit_generator": "PCG64"}}},
+        lambda state: {**state, "replay": {**state["replay"], "at": None}},
+        lambda state: {**state, "files": {**state["files"], "replay": [None]}},
+        lambda state: {**state, "files": {**state["files"], "learner": state["files"]["priorities"]}},
     ],
 )
-def test_a_state_that_is_none_is_told(tmp_path: Path, change: Callable[[Any], Any]) -> None:
+def test_invalid_state_is_reported(tmp_path: Path, change: Callable[[Any], Any]) -> None:
     import msgspec
     from envcraft_dqn.learner import train
 
-    short = msgspec.structs.replace(SETTINGS, steps=20, pretrain_updates=0, leg=10)
+    short = msgspec.structs.replace(SETTINGS, steps=20, pretrain_updates=0, segment=10)
     train(short, NAMES, open_corridors, tmp_path)
     state = tmp_path / "checkpoint" / "state.json"
     state.write_text(json.dumps(change(json.loads(state.read_text()))))
-    with pytest.raises(EnvCraftError, match=r"cannot be read .* remove it to begin anew|other settings"):
+    with pytest.raises(EnvCraftError, match=r"cannot be read .* remove it to start over|other settings"):
         train(short, NAMES, open_corridors, tmp_path)
 
 
 @pytest.mark.parametrize(
-    "told",
+    "metadata",
     [
         None,
         [],
@@ -155,11 +155,11 @@ def test_a_state_that_is_none_is_told(tmp_path: Path, change: Callable[[Any], An
         {"surface": {"shape": [16], "choices": [2]}, "size": [], "head": "joint"},
     ],
 )
-def test_an_agent_with_metadata_of_something_else_is_told(tmp_path: Path, told: Any) -> None:
+def test_invalid_metadata_of_an_agent_is_reported(tmp_path: Path, metadata: Any) -> None:
     import safetensors.numpy
     from envcraft_dqn.checkpoint import load_agent
 
     file = tmp_path / "agent.safetensors"
-    file.write_bytes(safetensors.numpy.save({}, {"envcraft": json.dumps(told)}))
-    with pytest.raises(UsageError, match="is no agent that `envcraft train` wrote"):
+    file.write_bytes(safetensors.numpy.save({}, {"envcraft": json.dumps(metadata)}))
+    with pytest.raises(UsageError, match="is not an agent of `envcraft train`"):
         load_agent(file)

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 from envcraft_dqn.study.folds import sample, splits, subset
-from envcraft_dqn.study.places import chosen
+from envcraft_dqn.study.presets import PRESETS
 from envcraft_dqn.study.protocol import tasks
-from envcraft_dqn.study.scales import SCALES
+from envcraft_dqn.study.selection import select
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -54,13 +54,13 @@ def test_thousand_in_ten_folds_are_nine_hundred_and_a_hundred() -> None:
 
 
 def test_what_cannot_be_parted_is_refused() -> None:
-    with pytest.raises(UsageError, match="3 environments cannot be parted into 4 folds"):
+    with pytest.raises(UsageError, match="3 environments cannot be split into 4 folds"):
         splits(names_of(3), 4, 0)
     with pytest.raises(UsageError, match="1 folds"):
         splits(names_of(3), 1, 0)
     with pytest.raises(UsageError, match="twice"):
         splits(["a", "a", "b"], 2, 0)
-    with pytest.raises(UsageError, match="a subset of 4 cannot be taken of the 3"):
+    with pytest.raises(UsageError, match="a subset of 4 is not possible: a split trains on 3"):
         subset(splits(names_of(6), 2, 0)[0], 4, 0)
 
 
@@ -75,16 +75,16 @@ def test_copies_are_chosen_among_those_that_are_asked_for(tmp_path: Path, capsys
             ("e.py", b"speed = 4\nprint(speed)\n"),
         ):
             store.add(name, source)
-    assert [one.name for one in chosen(tmp_path / "corpus", ())] == ["a.py", "e.py"]
-    assert "3 of 5 environments are copies of others and left out" in capsys.readouterr().err
+    assert [one.name for one in select(tmp_path / "corpus", ())] == ["a.py", "e.py"]
+    assert "skipped 3 of 5 environments that are copies of others" in capsys.readouterr().err
     for other in "bcd":
-        assert [one.name for one in chosen(tmp_path / "corpus", [f"[{other}e].py"])] == [f"{other}.py", "e.py"]
+        assert [one.name for one in select(tmp_path / "corpus", [f"[{other}e].py"])] == [f"{other}.py", "e.py"]
 
 
 def test_tasks_of_the_reference() -> None:
     import msgspec
 
-    protocol = msgspec.structs.replace(SCALES["reference"], subsets=((700, 5), (500, 5), (300, 1), (100, 1)))
+    protocol = msgspec.structs.replace(PRESETS["reference"], subsets=((700, 5), (500, 5), (300, 1), (100, 1)))
     found = tasks(protocol, names_of(1000))
     assert len({task.name for task in found}) == len(found)
     trained = Counter(task.condition for task in found if task.kind == "train")

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from envcraft_dqn.study.metric import Change, Score, by_length, by_return, paired, pooled
 
-from envcraft.stats import Mean
+from envcraft.judging.statistics import Mean
 
 
 def score(lengths: list[float], returns: list[float] | None = None, name: str = "a") -> Score:

@@ -1,4 +1,4 @@
-"""A whole study of the smallest size, from the command line to its report, and whatever ends it in between."""
+"""A study of the smallest scale from the command line to its report, and its interruptions."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from typing import Any
 
 import pytest
 from click.testing import CliRunner, Result
-from envcraft_dqn.lock import alone
+from envcraft_dqn.files import exclusive
 
-from envcraft.cli import cli
+from envcraft.cli.group import cli
 
 _OPTIONS = ("--scale", "smoke", "--device", "cpu", "--sandbox", "process")
 
@@ -27,7 +27,7 @@ def study(folder: Path, *more: str) -> Result:
 
 
 def results(folder: Path) -> dict[str, dict[str, Any]]:
-    """All results but the times."""
+    """All results without the times."""
     found = {path.name: json.loads(path.read_text()) for path in (folder / "results").glob("*.json")}
     for one in found.values():
         assert one.pop("seconds") > 0
@@ -37,7 +37,7 @@ def results(folder: Path) -> dict[str, dict[str, Any]]:
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A study that nothing interrupts."""
+    """An uninterrupted study."""
     folder = tmp_path_factory.mktemp("whole") / "study"
     result = study(folder, "--workers", "0")
     assert result.exit_code == 0, result.output
@@ -45,7 +45,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_report_tells_what_came_out(whole: Path) -> None:
+def test_report(whole: Path) -> None:
     summary = json.loads((whole / "summary.json").read_text())
     report = (whole / "report.md").read_text()
     found = results(whole)
@@ -71,7 +71,7 @@ def test_report_tells_what_came_out(whole: Path) -> None:
         "untrained network",
         "doing nothing",
         "the ceiling",
-        "not the demonstrations' alone",
+        "not due to the demonstrations alone",
     ):
         assert words in report
     for name in ("untrained", "noop"):
@@ -85,9 +85,9 @@ def test_report_tells_what_came_out(whole: Path) -> None:
         assert (whole / "figures" / f"{name}.png").read_bytes().startswith(b"\x89PNG")
 
 
-def test_what_was_killed_goes_on_to_the_same(whole: Path, tmp_path: Path) -> None:
+def test_killed_study_resumes_to_the_same_results(whole: Path, tmp_path: Path) -> None:
     folder = tmp_path / "study"
-    # Less than the whole, of which each task must come to the same.
+    # A part of the whole study, whose tasks must have the same results.
     fewer = ("--controls", "0", "--familiar", "0", "--privileged-episodes", "0")
     command = [sys.executable, "-m", "envcraft", "study", "generalisation", "--output", str(folder), *_OPTIONS, *fewer]
     null = subprocess.DEVNULL
@@ -108,7 +108,7 @@ def test_what_was_killed_goes_on_to_the_same(whole: Path, tmp_path: Path) -> Non
     assert not list((folder / "runs").glob("*/checkpoint"))
 
 
-def test_another_executor_comes_to_the_same(whole: Path, tmp_path: Path) -> None:
+def test_executors_give_the_same_results(whole: Path, tmp_path: Path) -> None:
     folder = tmp_path / "study"
     shutil.copytree(whole, folder)
     for condition in ("random", "privileged"):
@@ -123,20 +123,20 @@ def test_another_executor_comes_to_the_same(whole: Path, tmp_path: Path) -> None
 @pytest.mark.parametrize(
     ("more", "words"),
     [
-        (("--folds", "3"), "is that of another study"),
-        (("--subset", "many"), "--subset many is no SIZE:SPLITS"),
-        (("--subset", "4:1"), "a subset of 4 cannot be taken of the 3"),
-        (("--scheduler", "tcp://somewhere:1"), "--scheduler goes with --executor dask"),
-        (("--metric", "return", "--privileged-episodes", "0"), "take --privileged-episodes of 2 or more"),
+        (("--folds", "3"), "belongs to another study"),
+        (("--subset", "many"), "--subset many is not SIZE:SPLITS"),
+        (("--subset", "4:1"), "a subset of 4 is not possible: a split trains on 3"),
+        (("--scheduler", "tcp://somewhere:1"), "--scheduler needs --executor dask"),
+        (("--metric", "return", "--privileged-episodes", "0"), "--privileged-episodes must be 2 or more"),
     ],
 )
-def test_wrong_use_is_told(whole: Path, more: tuple[str, ...], words: str) -> None:
+def test_usage_errors(whole: Path, more: tuple[str, ...], words: str) -> None:
     result = study(whole, *more)
     assert result.exit_code == 2, result.output
     assert words in " ".join(result.output.split())
 
 
-def test_a_study_may_stay_without_a_step_online(tmp_path: Path) -> None:
+def test_study_without_online_steps(tmp_path: Path) -> None:
     fewer = ("--variants", "2", "--familiar", "0", "--privileged-episodes", "0", "--seeds", "1")
     result = study(tmp_path / "study", "--workers", "0", "--steps", "0", *fewer)
     assert result.exit_code == 0, result.output
@@ -147,15 +147,15 @@ def test_a_study_may_stay_without_a_step_online(tmp_path: Path) -> None:
     }
 
 
-def test_two_studies_are_not_in_one_folder(whole: Path) -> None:
-    with alone(whole):
+def test_folder_allows_one_study(whole: Path) -> None:
+    with exclusive(whole):
         result = study(whole)
     assert result.exit_code == 2, result.output
-    assert f"process {os.getpid()} is at a run in {whole}" in result.output
+    assert f"process {os.getpid()} is running in {whole}" in result.output
 
 
-def test_wrong_use_writes_nothing(tmp_path: Path) -> None:
+def test_usage_error_writes_nothing(tmp_path: Path) -> None:
     result = study(tmp_path / "study", "--folds", "99")
     assert result.exit_code == 2, result.output
-    assert "cannot be parted into 99 folds" in result.output
+    assert "cannot be split into 99 folds" in result.output
     assert not (tmp_path / "study").exists()

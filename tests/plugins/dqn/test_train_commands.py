@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner, Result
 
-from envcraft.cli import cli
+from envcraft.cli.group import cli
 from envcraft.corpus.store import Store
 
 from .conftest import GAMES
@@ -41,7 +41,7 @@ def test_train_then_evaluate(corpus: Path, tmp_path: Path) -> None:
     assert list((output / "tensorboard").glob("events.*"))
     numbers = json.loads((output / "checkpoint" / "state.json").read_text())["numbers"]
     assert numbers["updates"] == 20 + numbers["steps"] // 4
-    # The same again is done already.
+    # A completed run is not repeated.
     assert run("train", corpus, "--output", output, *TRAIN, *DEMOS).exit_code == 0
     told = tmp_path / "told.json"
     where = (corpus, "--trust", "--workers", "0", "--episodes", "20", "--device", "cpu", "--output", told)
@@ -55,27 +55,27 @@ def test_train_then_evaluate(corpus: Path, tmp_path: Path) -> None:
         assert one["return"]["low"] < one["return"]["mean"] < one["return"]["high"]
 
 
-def test_a_run_that_is_refused_leaves_no_curves(corpus: Path, tmp_path: Path) -> None:
+def test_refused_run_leaves_no_curves(corpus: Path, tmp_path: Path) -> None:
     refused = run("train", corpus, "--output", tmp_path / "run", *TRAIN, "--pretrain-updates", "20")
     assert refused.exit_code == 2
     assert "need demonstrations" in refused.output
     assert not (tmp_path / "run" / "tensorboard").exists()
 
 
-def test_an_interrupted_run_tells_where_it_goes_on(
+def test_interrupted_run_reports_where_it_resumes(
     corpus: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def interrupt(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("envcraft_dqn.telling.Shown.progress", interrupt)
-    assert "begins anew" in run("train", corpus, "--output", tmp_path / "run", *TRAIN).output
-    # The replay's demonstrations are a checkpoint's worth.
+    monkeypatch.setattr("envcraft_dqn.callbacks.ProgressLogger.on_progress", interrupt)
+    assert "starts over" in run("train", corpus, "--output", tmp_path / "run", *TRAIN).output
+    # The first checkpoint follows the demonstrations.
     again = run("train", corpus, "--output", tmp_path / "other", *TRAIN, *DEMOS)
     assert "from the last checkpoint" in again.output
 
 
-def test_players_that_are_known_get_what_they_must(corpus: Path) -> None:
+def test_returns_of_simple_policies(corpus: Path) -> None:
     where = (corpus, "--trust", "--workers", "0", "--select", "lamps*")
     means = {}
     for player in ("random", "noop"):
@@ -85,13 +85,13 @@ def test_players_that_are_known_get_what_they_must(corpus: Path) -> None:
         assert one["episodes"] == 300
         means[player] = one["return"]
     for given in means.values():
-        # One in four is right, of eight.
+        # One of four choices is right, in eight steps.
         assert abs(given["mean"] - 2) < 4 * given["standard_error"]
         assert given["standard_error"] == pytest.approx((8 * 3 / 16 / 300) ** 0.5, rel=0.2)
     assert run("evaluate", GAMES / "catch.py", "--trust", "--player", "noop", "--episodes", "2").exit_code == 0
 
 
-def test_what_has_not_passed_does_not_run(corpus: Path, tmp_path: Path) -> None:
+def test_unjudged_code_does_not_run(corpus: Path, tmp_path: Path) -> None:
     marks = tmp_path / "imported"
     shutil.copy(GAMES / "catch.py", tmp_path / "mark.py")
     (tmp_path / "mark.py").write_text(f"open({str(marks)!r}, 'w')\n" + (GAMES / "catch.py").read_text())
@@ -106,30 +106,30 @@ def test_what_has_not_passed_does_not_run(corpus: Path, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (("--select", "tetris*"), "has no environment that tetris* fits"),
-        (("--demos", "somebody"), "there is no player 'somebody'; there are random, noop, checkpoint:PATH"),
-        (("--demos", "checkpoint:nowhere"), "nowhere is no agent that `envcraft train` wrote"),
+        (("--select", "tetris*"), "has no environment that matches tetris*"),
+        (("--demos", "somebody"), "unknown player 'somebody'; choose from random, noop, checkpoint:PATH"),
+        (("--demos", "checkpoint:nowhere"), "nowhere is not an agent of `envcraft train`"),
         (("--pretrain-updates", "5"), "5 updates of pretraining need demonstrations"),
         (("--demonstration-share", "0.5"), "name their player by --demos"),
-        (("--gamma", "1.5"), "gamma is 1.5; it must lie between 0 and 1"),
-        (("--epsilon-first", "2"), "epsilon_first is 2.0; it must lie between 0 and 1"),
-        (("--learning-rate", "0"), "learning_rate is 0.0; it must be above 0"),
-        (("--capacity", "20"), "a replay of 20 is too small for 4 environments side by side"),
+        (("--gamma", "1.5"), "gamma is 1.5; it must be between 0 and 1"),
+        (("--epsilon-first", "2"), "epsilon_first is 2.0; it must be between 0 and 1"),
+        (("--learning-rate", "0"), "learning_rate is 0.0; it must be positive"),
+        (("--capacity", "20"), "a replay of 20 slots is too small for 4 environments"),
     ],
 )
-def test_wrong_use_is_told(corpus: Path, tmp_path: Path, arguments: tuple[str, ...], words: str) -> None:
+def test_usage_errors(corpus: Path, tmp_path: Path, arguments: tuple[str, ...], words: str) -> None:
     result = run("train", corpus, "--output", tmp_path / "run", *TRAIN, *arguments)
     assert result.exit_code == 2, result.output
     assert words in result.output
 
 
-def test_a_run_goes_on_with_nothing_else(corpus: Path, tmp_path: Path) -> None:
+def test_run_resumes_only_with_the_same_inputs(corpus: Path, tmp_path: Path) -> None:
     output = tmp_path / "run"
     train: tuple[str | Path, ...] = ("train", corpus, "--output", output, *TRAIN)
     assert run(*train, *DEMOS).exit_code == 0
     other = run(*train, "--demos", "noop", *DEMOS[2:])
     assert other.exit_code == 2
-    assert "a run of other demonstrations (random, not noop); choose another --output" in other.output
+    assert "a run with other demonstrations (random, not noop); choose another --output" in other.output
     adapted = run(*train, *DEMOS, "--contract", "arcade-native")
     assert adapted.exit_code == 2
     assert "under arcade-native" in adapted.output
@@ -138,32 +138,32 @@ def test_a_run_goes_on_with_nothing_else(corpus: Path, tmp_path: Path) -> None:
         store.add("catch.py", (GAMES / "catch.py").read_bytes() + b"\n# another\n")
     changed = run(*train, *DEMOS)
     assert changed.exit_code == 2
-    assert "a run of other sources (catch.py " in changed.output
+    assert "a run with other sources (catch.py " in changed.output
     state = output / "checkpoint" / "state.json"
     told = json.loads(state.read_text())
     del told["sources"], told["demonstrations"]
     state.write_text(json.dumps(told))
     old = run(*train, *DEMOS)
     assert old.exit_code == 2
-    assert "an earlier version of EnvCraft began" in old.output
+    assert "a run of an earlier version of EnvCraft" in old.output
 
 
-def test_two_runs_are_not_in_one_folder(corpus: Path, tmp_path: Path) -> None:
-    holding = "import sys; from pathlib import Path; from envcraft_dqn.lock import alone\n"
-    holding += "with alone(Path(sys.argv[1])): print(flush=True); sys.stdin.read()"
+def test_folder_allows_one_run(corpus: Path, tmp_path: Path) -> None:
+    holding = "import sys; from pathlib import Path; from envcraft_dqn.files import exclusive\n"
+    holding += "with exclusive(Path(sys.argv[1])): print(flush=True); sys.stdin.read()"
     command = [sys.executable, "-c", holding, str(tmp_path)]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as holder:
         assert holder.stdout is not None
         holder.stdout.readline()
         result = run("train", corpus, "--output", tmp_path, *TRAIN)
         assert result.exit_code == 2, result.output
-        assert f"process {holder.pid} is at a run in {tmp_path}: wait until it has ended" in result.output
+        assert f"process {holder.pid} is running in {tmp_path}: wait until it ends" in result.output
         holder.kill()
     assert not (tmp_path / "checkpoint").exists()
     assert run("train", corpus, "--output", tmp_path, *TRAIN).exit_code == 0
 
 
-def test_what_cannot_be_written_is_told_before_anything_runs(corpus: Path, tmp_path: Path) -> None:
+def test_unwritable_output_is_reported_first(corpus: Path, tmp_path: Path) -> None:
     file = tmp_path / "file"
     file.write_text("kept")
     train = run("train", corpus, "--output", file / "run", *TRAIN)
@@ -177,7 +177,7 @@ def test_what_cannot_be_written_is_told_before_anything_runs(corpus: Path, tmp_p
 
 def test_help_imports_no_torch() -> None:
     code = (
-        "import sys; from click.testing import CliRunner; from envcraft.cli import cli; "
+        "import sys; from click.testing import CliRunner; from envcraft.cli.group import cli; "
         "assert CliRunner().invoke(cli, ['train', '--help']).exit_code == 0; "
         "print(*{'torch', 'numba', 'numpy', 'gymnasium'} & set(sys.modules))"
     )

@@ -1,4 +1,4 @@
-"""Small answers of a model: a brief that is long enough, a game that passes every check, and some that do not."""
+"""Short completions: a brief of sufficient length, a game that passes every check, and games that do not."""
 
 from __future__ import annotations
 
@@ -110,11 +110,11 @@ class GameEnv(gym.Env):
     def close(self):
         pass
 '''
-#: Two global draws: EC204 and its like.
+#: Draws from the global random generator: EC204.
 UNSEEDED = GAME.replace("import gymnasium", "import random\n\nimport gymnasium").replace(
     "int(self.np_random.integers(3, SIZE))", "random.randrange(3, SIZE)"
 )
-#: A repair that passes by being nothing: the guard, the rewards and the buttons are gone.
+#: A degenerate repair: without the guard, the rewards and the buttons.
 GUTTED = (
     GAME.replace("        self._walk()\n", "")
     .replace("        reward += self._grab(grab)\n", "        self.carrying = True\n")
@@ -142,7 +142,7 @@ IDLE = "class Policy:\n    def act(self, state):\n        return [0, 0, 0]\n"
 
 
 def brief(title: str = "Errand", words: int = 1600) -> str:
-    """A brief of about so many words, that of the game above."""
+    """Return a brief of the game above with about this many words."""
     sentence = (
         "The guard walks its row one cell in 3 steps, the key pays 3 points, the door 10, and being hit costs 5. "
     )
@@ -152,7 +152,7 @@ def brief(title: str = "Errand", words: int = 1600) -> str:
 
 
 def elaboration(numbers: str = "", words: int = 300) -> str:
-    """A concept in its six parts, with about so many words and these numbers."""
+    """Return an elaboration in six parts, with about this many words and these numbers."""
     each = " ".join(["the guard walks its row and the key is carried to the door"] * (words // len(PARTS) // 12 + 1))
     return "\n\n".join(f"{part}: {each} {numbers}".strip() for part in PARTS)
 
@@ -163,7 +163,7 @@ def verdict(viable: bool = True) -> str:
 
 
 def write(folder: Path, number: int, **files: str) -> None:
-    """The answers for the concept with this number, by the names of their files."""
+    """Write the recorded answers about the concept with this number, by file name without suffix."""
     place = folder / f"{number:02}_{CONCEPTS[number].id}"
     place.mkdir(parents=True)
     told = {"brief": brief(CONCEPTS[number].title), "viability": verdict(), **files}
@@ -173,9 +173,13 @@ def write(folder: Path, number: int, **files: str) -> None:
 
 
 def small(folder: Path) -> Path:
-    """Three concepts: one whose game and policy are repaired, one that is not viable, one that never gets to run."""
-    write(folder, 1, attempt_0=UNSEEDED, attempt_1=GAME, policy_0=IDLE, policy_1=POLICY)
+    """Three concepts: one whose game and policy are repaired, one that is not viable, one whose repairs all fail.
+
+    Short episodes make judging cheap. The last two repairs repeat the source of the first.
+    """
+    unseeded, game = (source.replace("LIMIT = 200", "LIMIT = 120") for source in (UNSEEDED, GAME))
+    write(folder, 1, attempt_0=unseeded, attempt_1=game, policy_0=IDLE, policy_1=POLICY)
     write(folder, 2, viability=verdict(False))
-    lost = {f"attempt_{number}": GAME.replace("import numpy", f"import numpy_{number}") for number in range(4)}
+    lost = {f"attempt_{number}": GAME.replace("import numpy", f"import numpy_{number}") for number in range(2)}
     write(folder, 3, **lost)
     return folder

@@ -1,4 +1,4 @@
-"""A workbench whose model and judges say what a test wants."""
+"""A stage context whose completions and verdicts the test scripts."""
 
 from __future__ import annotations
 
@@ -7,54 +7,70 @@ import hashlib
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from envcraft.stages import Attempt, Case, Outcome, Played, PolicyTry, Question, Reply, Stage, Workbench
-from envcraft.verdict import CheckReport, Finding, Repro, Severity, SubjectReport, Verdict
+from envcraft.generation.stages import (
+    Attempt,
+    ConceptState,
+    PolicyAttempt,
+    PolicyEvaluation,
+    Stage,
+    StageContext,
+    StageOutcome,
+    StageReply,
+    StageRequest,
+)
+from envcraft.model.verdict import CheckReport, Finding, Repro, Severity, SubjectReport, Verdict
 
 PROFILE = {"steps": 1000, "frames": 400, "rewards": 5, "moves": 8, "longest": 200}
 
 
-class ScriptedBench(Workbench):
-    """Gives `answers` in turn, the last one again and again; `judged` says which findings a source has, `plays` how a
-    policy does. What was asked and kept is remembered.
+class ScriptedContext(StageContext):
+    """Replies with `answers` in order, and with the last one repeatedly.
+
+    `judged` returns the findings of a source, `plays` the evaluation of a policy. Requests and published attempts are
+    recorded.
     """
 
     def __init__(
         self,
-        answers: Sequence[str | Reply],
+        answers: Sequence[str | StageReply],
         judged: Callable[[str], Sequence[Finding]] = lambda source: (),
-        plays: Callable[[str], Played] | None = None,
+        plays: Callable[[str], PolicyEvaluation] | None = None,
         profile: dict[str, Any] | None = None,
     ) -> None:
         self.answers, self.judged, self.plays, self.profile = list(answers), judged, plays, profile
-        self.asked: list[Question] = []
+        self.requests: list[StageRequest] = []
         self.published: list[int] = []
 
-    async def ask(self, case: Case, question: Question) -> Reply:
-        answer = self.answers[min(len(self.asked), len(self.answers) - 1)]
-        self.asked.append(question)
-        return answer if isinstance(answer, Reply) else Reply(answer, provenance={"request": str(len(self.asked))})
+    async def generate(self, state: ConceptState, request: StageRequest) -> StageReply:
+        answer = self.answers[min(len(self.requests), len(self.answers) - 1)]
+        self.requests.append(request)
+        return (
+            answer
+            if isinstance(answer, StageReply)
+            else StageReply(answer, provenance={"request": str(len(self.requests))})
+        )
 
-    async def judge(self, case: Case, attempt: Attempt) -> None:
+    async def judge(self, state: ConceptState, attempt: Attempt) -> None:
         attempt.report = report(attempt.source, *self.judged(attempt.source))
         attempt.profile = dict(PROFILE if self.profile is None else self.profile)
 
-    async def play(self, case: Case, attempt: Attempt, policy: str) -> Played:
+    async def play(self, state: ConceptState, attempt: Attempt, policy: str) -> PolicyEvaluation:
         assert self.plays is not None
         return self.plays(policy)
 
-    def keep_brief(self, case: Case, text: str, provenance: dict[str, Any]) -> None:
-        case.brief = text
+    def keep_brief(self, state: ConceptState, text: str, provenance: dict[str, Any]) -> None:
+        state.brief = text
 
-    def keep_attempt(self, case: Case, attempt: Attempt) -> None:
-        case.attempts = [other for other in case.attempts if other.number != attempt.number] + [attempt]
+    def keep_attempt(self, state: ConceptState, attempt: Attempt) -> None:
+        state.attempts = [other for other in state.attempts if other.number != attempt.number] + [attempt]
 
-    def drop_attempts(self, case: Case, number: int) -> None:
-        case.attempts = [attempt for attempt in case.attempts if attempt.number < number]
+    def drop_attempts(self, state: ConceptState, number: int) -> None:
+        state.attempts = [attempt for attempt in state.attempts if attempt.number < number]
 
-    def keep_policy(self, case: Case, policy: PolicyTry) -> None:
-        case.policies.append(policy)
+    def keep_policy(self, state: ConceptState, policy: PolicyAttempt) -> None:
+        state.policies.append(policy)
 
-    def publish(self, case: Case, attempt: Attempt) -> str:
+    def publish(self, state: ConceptState, attempt: Attempt) -> str:
         self.published.append(attempt.number)
         return "game.py"
 
@@ -77,7 +93,7 @@ CHECKS = {
 
 
 def report(source: str, *found: Finding, difficulty: Verdict = Verdict.PASS) -> SubjectReport:
-    """A report of a few checks with these findings; `difficulty` is what that check says without any."""
+    """Return a report with these findings; `difficulty` is the verdict of that check if it has none."""
     checks = []
     for digit, name in CHECKS.items():
         mine = [one for one in found if one.code[2] == digit]
@@ -90,12 +106,12 @@ def report(source: str, *found: Finding, difficulty: Verdict = Verdict.PASS) -> 
     return SubjectReport("game.py", "GameEnv", sha256, overall, "process", 0.5, 100, checks)
 
 
-def case(**known: Any) -> Case:
-    return Case("c0", "Errand", "Fetch the key.", **known)
+def state(**known: Any) -> ConceptState:
+    return ConceptState("c0", "Errand", "Fetch the key.", **known)
 
 
-def run(stage: Stage, about: Case, bench: Workbench) -> Outcome:
-    return asyncio.run(stage.run(about, bench))
+def run(stage: Stage, about: ConceptState, context: StageContext) -> StageOutcome:
+    return asyncio.run(stage.run(about, context))
 
 
 def fenced(source: str) -> str:

@@ -1,4 +1,4 @@
-"""The demo that ships, as the checker judges it: each concept ends as its authors meant it to."""
+"""The demo that ships: the checker gives each recorded concept its expected outcome."""
 
 from __future__ import annotations
 
@@ -10,20 +10,23 @@ from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
-from envcraft_llm.demo_model import FOLDER, demo_concepts
+from envcraft_llm.recorded import ARCHIVE, RecordedConcept, load, pack, recorded_concepts, unpack
 
-from envcraft.cli import cli
-from envcraft.corpus.history import History
+from envcraft.cli.group import cli
 from envcraft.corpus.store import Store
-from envcraft.stages import Outcome
+from envcraft.errors import UsageError
+from envcraft.generation.history import History
+from envcraft.generation.stages import StageOutcome
 
-#: The concepts that CI has time for, by number; all of them with ENVCRAFT_DEMO=all.
-SOME = (3, 7, 10, 14)
-FATES = re.compile(r"validated( after repair [123])?|unviable|unfixable|gutted|instawin|instadeath|too hard|too easy")
+#: Numbers of the cheapest concepts for four outcomes; ENVCRAFT_DEMO=all selects all concepts.
+SOME = (3, 7, 10, 35)
+EXPECTED = re.compile(
+    r"validated( after repair [123])?|unviable|unfixable|gutted|instawin|instadeath|too hard|too easy"
+)
 
 
-def fate(outcomes: dict[str, Outcome]) -> str:
-    """What became of a concept, in the words of its authors."""
+def ended(outcomes: dict[str, StageOutcome]) -> str:
+    """The outcome of a concept, as ``expected.txt`` names it."""
     if (validated := outcomes.get("validated")) is not None:
         attempt = validated.facts["attempt"]
         return f"validated after repair {attempt}" if attempt else "validated"
@@ -31,40 +34,52 @@ def fate(outcomes: dict[str, Outcome]) -> str:
     return "unviable" if stage == "viability" else outcome.reason.partition(":")[0]
 
 
-def meant(concept: str) -> str:
-    place = next(FOLDER.glob(f"*_{concept}"))
-    return (place / "fate.txt").read_text("utf-8").strip()
+def expected(recorded: RecordedConcept) -> str:
+    return recorded.files["expected.txt"].strip()
 
 
-def test_the_demo_is_whole() -> None:
-    found = demo_concepts()
-    assert found, "there are answers to replay"
-    for place in sorted(FOLDER.iterdir()):
-        if place.is_dir() and not place.name.startswith("_"):
-            told = (place / "fate.txt").read_text("utf-8").strip()
-            assert FATES.fullmatch(told), place.name
-            assert json.loads((place / "viability.json").read_text("utf-8"))["viable"] == (told != "unviable")
-            assert (place / "brief.md").is_file()
+def test_the_demo_is_complete() -> None:
+    assert recorded_concepts(), "no recorded answers"
+    for recorded in load(ARCHIVE):
+        assert EXPECTED.fullmatch(expected(recorded)), recorded.folder
+        assert json.loads(recorded.files["viability.json"])["viable"] == (expected(recorded) != "unviable")
+        assert "brief.md" in recorded.files
+
+
+def test_the_archive_survives_unpacking_and_packing(tmp_path: Path) -> None:
+    unpack(ARCHIVE, tmp_path / "answers")
+    assert load(tmp_path / "answers") == load(ARCHIVE)
+    for name in ("one", "two"):
+        pack(tmp_path / "answers", tmp_path / f"{name}.jsonl.gz")
+    assert load(tmp_path / "one.jsonl.gz") == load(ARCHIVE)
+    assert (tmp_path / "one.jsonl.gz").read_bytes() == (tmp_path / "two.jsonl.gz").read_bytes()
+
+
+def test_an_archive_that_is_cut_off_is_a_usage_error(tmp_path: Path) -> None:
+    (tmp_path / "cut.jsonl.gz").write_bytes(ARCHIVE.read_bytes()[:1000])
+    with pytest.raises(UsageError, match="cannot be read as recorded answers"):
+        load(tmp_path / "cut.jsonl.gz")
 
 
 @pytest.mark.bubblewrap
-def test_each_concept_ends_as_it_was_meant_to(tmp_path: Path) -> None:
+def test_each_concept_has_its_expected_outcome(tmp_path: Path) -> None:
     every = os.environ.get("ENVCRAFT_DEMO") == "all"
-    chosen = [place for place in FOLDER.glob("[0-9]*") if every or int(place.name[:2]) in SOME]
-    for place in chosen:
-        shutil.copytree(place, tmp_path / "demo" / place.name)
-    model = f"demo:{tmp_path / 'demo'}"
-    given = ["--model", model, "--corpus", str(tmp_path / "corpus"), "--sandbox", "bubblewrap"]
+    chosen = {recorded.concept: recorded for recorded in load(ARCHIVE) if every or recorded.number in SOME}
+    unpack(ARCHIVE, tmp_path / "demo")
+    for recorded in load(ARCHIVE):
+        if recorded.concept not in chosen:
+            shutil.rmtree(tmp_path / "demo" / recorded.folder)
+    given = ["--model", f"demo:{tmp_path / 'demo'}", "--corpus", str(tmp_path / "corpus"), "--sandbox", "bubblewrap"]
     result = CliRunner().invoke(cli, ["generate", *given])
     assert result.exit_code in (0, 1), result.output
     with Store(tmp_path / "corpus") as store:
         history = History(store)
-        ended = {concept: (history.outcomes(concept)) for concept in history.concepts()}
-    assert len(ended) == len(chosen) > 0
+        outcomes = {concept: history.outcomes(concept) for concept in history.concepts()}
+    assert outcomes.keys() == chosen.keys()
     wrong = {
-        concept: f"{fate(outcomes)}, meant to be {meant(concept)}: "
-        + "; ".join(f"{stage} {found.reason}" for stage, found in outcomes.items() if found.reason)
-        for concept, outcomes in ended.items()
-        if fate(outcomes) != meant(concept)
+        concept: f"{ended(found)}, expected {expected(chosen[concept])}: "
+        + "; ".join(f"{stage} {outcome.reason}" for stage, outcome in found.items() if outcome.reason)
+        for concept, found in outcomes.items()
+        if ended(found) != expected(chosen[concept])
     }
     assert not wrong

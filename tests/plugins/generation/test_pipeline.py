@@ -1,4 +1,4 @@
-"""The whole pipeline over a small demo: killed, interrupted, resumed, in parts; and with models that are no good."""
+"""The whole pipeline on a small demo: killed, interrupted, resumed, in parts, and with useless models."""
 
 from __future__ import annotations
 
@@ -19,21 +19,21 @@ from typing import Any
 import msgspec
 import pytest
 from click.testing import CliRunner, Result
-from envcraft_llm.endpoint import ModelChoice
-from envcraft_llm.findings import findings, lines_of
-from envcraft_llm.model import Answer, Message, Model, ModelFailure, ModelStopped, Request
+from envcraft_llm.endpoint import ModelSettings
+from envcraft_llm.findings import finding_lines, findings
+from envcraft_llm.model import Completion, Message, Model, ModelUnavailable, Request, RequestFailed
 from envcraft_llm.pipeline import options
 
-from envcraft.cli import cli
-from envcraft.commands.choices import driver_named
-from envcraft.corpus.history import History
+from envcraft.cli.group import cli
 from envcraft.corpus.merge import merge
-from envcraft.corpus.settings import Settings
 from envcraft.corpus.store import Store, decode
 from envcraft.corpus.verify import verify
 from envcraft.errors import EnvCraftError
-from envcraft.target import Target
-from envcraft.verdict import SubjectReport, plain
+from envcraft.generation.history import History
+from envcraft.judging.selection import driver_named
+from envcraft.judging.settings import Settings
+from envcraft.model.target import Target
+from envcraft.model.verdict import SubjectReport, plain
 from tests.killing import TIMES, Killed
 
 from .content import CONCEPTS, GAME, IDLE, POLICY, UNSEEDED, elaboration, small, verdict, write
@@ -73,7 +73,7 @@ def contents(corpus: Path) -> dict[str, list[Any]]:
 
 
 def requests(corpus: Path) -> set[str]:
-    """The keys of all requests that the corpus says it was made from."""
+    """Return the keys of all requests in the provenance of the corpus."""
     found = set()
     for table in ("briefs", "attempts", "policies"):
         with sqlite3.connect(corpus / "corpus.sqlite") as db:
@@ -87,7 +87,7 @@ def outcomes(corpus: Path) -> dict[tuple[str, str], tuple[str, str]]:
 
 @dataclass(frozen=True)
 class Finished:
-    """The content, a corpus that was made of it in one go, what was printed, and how long it took."""
+    """Recorded answers, the corpus of one uninterrupted run, its result and its duration."""
 
     content: Path
     corpus: Path
@@ -122,7 +122,7 @@ def test_concepts_become_environments(finished: Finished) -> None:
     assert len(kept["environments"]) == 1
 
 
-def test_the_table_says_what_became_of_them(finished: Finished) -> None:
+def test_the_table_counts_the_outcomes(finished: Finished) -> None:
     lines = finished.result.stdout.splitlines()
     assert "| briefs | 3 | 3 | 0 | 0 | 100.0% (43.9% to 100.0%) |  |" in lines
     assert "| viability | 3 | 2 | 1 | 0 | 66.7% (20.8% to 93.9%) | impossible-physics 1 |" in lines
@@ -132,7 +132,7 @@ def test_the_table_says_what_became_of_them(finished: Finished) -> None:
     assert "  repair 1: 1 of 2 (50.0%) without a finding" in lines
 
 
-def test_an_environment_says_how_it_came_about(finished: Finished) -> None:
+def test_corpus_show_prints_the_history(finished: Finished) -> None:
     corpus = finished.corpus
     name = next(row[0] for row in contents(corpus)["environments"] if CONCEPTS[1].id[:8] in row[0])
     told = CliRunner().invoke(cli, ["corpus", "show", str(corpus), name]).output
@@ -146,7 +146,7 @@ def test_an_environment_says_how_it_came_about(finished: Finished) -> None:
     assert shown["verdict"] == "pass"
 
 
-def test_a_corpus_with_a_history_is_whole_and_can_be_merged(finished: Finished, tmp_path: Path) -> None:
+def test_a_history_is_merged_and_verified(finished: Finished, tmp_path: Path) -> None:
     corpus = finished.corpus
     with Store.create(tmp_path / "other") as other, Store(corpus) as source:
         taken = merge(other, source)
@@ -166,35 +166,35 @@ def test_a_corpus_with_a_history_is_whole_and_can_be_merged(finished: Finished, 
     assert contents(tmp_path / "other")["outcomes"] == contents(corpus)["outcomes"]
 
 
-def test_a_verdict_of_other_settings_counts_as_none(finished: Finished, tmp_path: Path) -> None:
+def test_a_verdict_under_other_settings_is_ignored(finished: Finished, tmp_path: Path) -> None:
     with Store.create(tmp_path / "copy") as store, Store(finished.corpus) as source:
         merge(store, source)
         row = store.db.execute(
             "SELECT contract, contract_sha256, rules, seed, budget, driver, image, checks, offered FROM settings"
         ).fetchone()
         same = Settings(*row)
-        case = History(store, same).case(CONCEPTS[1].id)
-        assert case is not None
-        assert [attempt.report is None for attempt in case.attempts] == [False, False]
+        state = History(store, same).state(CONCEPTS[1].id)
+        assert state is not None
+        assert [attempt.report is None for attempt in state.attempts] == [False, False]
         stricter = History(store, msgspec.structs.replace(same, seed=same.seed + 1))
-        again = stricter.case(CONCEPTS[1].id)
+        again = stricter.state(CONCEPTS[1].id)
         assert again is not None
         assert [(attempt.report, attempt.profile) for attempt in again.attempts] == [(None, {}), (None, {})]
         assert stricter.judged(again.attempts[1], again) is None
         # Who only reads is told of all.
-        read = History(store).case(CONCEPTS[1].id)
+        read = History(store).state(CONCEPTS[1].id)
         assert read is not None
         assert all(attempt.report for attempt in read.attempts)
 
 
-def test_a_repair_that_begins_again_leaves_no_later_attempt(finished: Finished, tmp_path: Path) -> None:
+def test_a_restarted_repair_drops_later_attempts(finished: Finished, tmp_path: Path) -> None:
     with Store.create(tmp_path / "copy") as store, Store(finished.corpus) as source:
         merge(store, source)
         history = History(store)
-        case = history.case(CONCEPTS[1].id)
-        assert case is not None
-        history.drop_attempts(case, 1)
-        left = history.case(CONCEPTS[1].id)
+        state = history.state(CONCEPTS[1].id)
+        assert state is not None
+        history.drop_attempts(state, 1)
+        left = history.state(CONCEPTS[1].id)
         assert left is not None
         assert [attempt.number for attempt in left.attempts] == [0]
 
@@ -207,7 +207,7 @@ def test_a_second_run_does_nothing(finished: Finished) -> None:
     assert contents(corpus) == before
 
 
-def test_killed_at_any_moment_it_comes_to_the_same(finished: Finished, tmp_path: Path) -> None:
+def test_a_run_killed_at_any_moment_resumes_to_the_same_corpus(finished: Finished, tmp_path: Path) -> None:
     content, whole = finished.content, finished.corpus
     corpus, kept = tmp_path / "corpus", list[int]()
     program = [sys.executable, "-m", "envcraft", *command(content, corpus)]
@@ -230,14 +230,14 @@ def test_killed_at_any_moment_it_comes_to_the_same(finished: Finished, tmp_path:
 
 
 def _kept(corpus: Path) -> int:
-    """How many briefs, policies and outcomes a corpus has, which may not be there yet."""
+    """Count briefs, policies and outcomes of a corpus that may not exist yet."""
     try:
         return sum(len(contents(corpus)[table]) for table in ("briefs", "policies", "outcomes"))
     except sqlite3.Error:
         return 0
 
 
-def test_interrupted_it_ends_cleanly_and_goes_on(finished: Finished, tmp_path: Path) -> None:
+def test_an_interrupted_run_ends_cleanly_and_resumes(finished: Finished, tmp_path: Path) -> None:
     content, whole = finished.content, finished.corpus
     program = [sys.executable, "-m", "envcraft", *command(content, tmp_path / "corpus")]
     with subprocess.Popen(program, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as run:
@@ -247,14 +247,14 @@ def test_interrupted_it_ends_cleanly_and_goes_on(finished: Finished, tmp_path: P
         run.send_signal(signal.SIGINT)
         _, said = run.communicate(timeout=480)
     assert run.returncode == 130, said
-    assert "the same command goes on from there" in said
+    assert "run the same command again to continue" in said
     assert "Traceback" not in said
     assert CliRunner().invoke(cli, command(content, tmp_path / "corpus")).exit_code == 0
     assert contents(tmp_path / "corpus") == contents(whole)
 
 
 def _begun(corpus: Path) -> bool:
-    """Whether something is being judged."""
+    """Whether judging has begun."""
     if not (corpus / "corpus.sqlite").exists():
         # Or looking would make one.
         return False
@@ -264,7 +264,7 @@ def _begun(corpus: Path) -> bool:
         return False
 
 
-def test_in_parts(generate: Generate, tmp_path: Path) -> None:
+def test_from_and_until(generate: Generate, tmp_path: Path) -> None:
     first = generate("--until", "viability")
     assert first.exit_code == 0, first.output
     assert {stage for _, stage in outcomes(tmp_path / "corpus")} == {"concepts", "briefs", "viability"}
@@ -276,7 +276,7 @@ def test_in_parts(generate: Generate, tmp_path: Path) -> None:
     assert outcomes(tmp_path / "other") == {}
 
 
-def test_an_optional_stage_runs_where_it_is_named(generate: Generate, tmp_path: Path) -> None:
+def test_an_optional_stage_runs_if_named(generate: Generate, tmp_path: Path) -> None:
     for number in (1, 2):
         made = next((tmp_path / "content").glob(f"{number:02}_*"))
         numbers = " ".join(re.findall(r"\d+(?:\.\d+)?", CONCEPTS[number].text))
@@ -303,7 +303,7 @@ def test_an_optional_stage_runs_where_it_is_named(generate: Generate, tmp_path: 
     [
         (["--until", "repare"], "did you mean repair?"),
         (["--with", "elaborating"], "there is no stage 'elaborating'; did you mean"),
-        (["--seed", "3"], "concepts of seed 0 alone"),
+        (["--seed", "3"], "concepts of seed 0 only"),
         (["--family", "tetris"], "--family does not go with --model"),
         (["--output", "files"], "--output does not go with --model"),
         (["--sandbox", "nothing"], "there is no sandbox"),
@@ -315,27 +315,27 @@ def test_wrong_use(generate: Generate, more: list[str], words: str) -> None:
     assert words in result.output
 
 
-def test_options_of_the_pipeline_go_with_no_family() -> None:
+def test_pipeline_options_do_not_go_with_a_family() -> None:
     result = CliRunner().invoke(cli, ["generate", "--family", "tetris", "--until", "code"])
     assert result.exit_code == 2
     assert "--until goes with one of" in result.output
 
 
 class _Model(Model):
-    """Gives the same answer to everything, or raises it."""
+    """Replies with the same answer to every request, or raises it."""
 
     def __init__(self, answer: str | Exception, accept: int = 10**9) -> None:
-        self.answer, self.accept, self.asked = answer, accept, list[Request]()
+        self.answer, self.accept, self.requests = answer, accept, list[Request]()
 
-    async def ask(self, request: Request) -> Answer:
-        self.asked.append(request)
-        if isinstance(self.answer, Exception) and len(self.asked) > self.accept:
+    async def generate(self, request: Request) -> Completion:
+        self.requests.append(request)
+        if isinstance(self.answer, Exception) and len(self.requests) > self.accept:
             raise self.answer
-        return Answer(verdict() if isinstance(self.answer, Exception) else self.answer, prompt_tokens=3)
+        return Completion(verdict() if isinstance(self.answer, Exception) else self.answer, prompt_tokens=3)
 
 
 def told(monkeypatch: pytest.MonkeyPatch, model: Model, corpus: Path, *more: str) -> Result:
-    monkeypatch.setattr("envcraft_llm.pipeline.command.opened", lambda *_: (model, None))
+    monkeypatch.setattr("envcraft_llm.pipeline.command.create_model", lambda *_: (model, None))
     given = ["--concepts", "20", "--corpus", str(corpus), "--sandbox", "process", "--base-url", "http://none", *more]
     return CliRunner().invoke(cli, ["generate", *given])
 
@@ -346,15 +346,15 @@ def told(monkeypatch: pytest.MonkeyPatch, model: Model, corpus: Path, *more: str
         ("", "no brief"),
         ("\x00\ufffd{}[]<|channel|>```" * 50, "no brief"),
         (GAME, "no brief"),
-        (ModelFailure("refused", "I cannot help with that"), "refused"),
-        (ModelFailure("context-overflow", "too long"), "context-overflow"),
+        (RequestFailed("refused", "I cannot help with that"), "refused"),
+        (RequestFailed("context-overflow", "too long"), "context-overflow"),
         (ValueError("not foreseen"), "the stage broke"),
         (FileNotFoundError(2, "No such file", "a list of its own"), "the stage broke"),
         (EnvCraftError("a sentence of the stage"), "the stage broke"),
     ],
     ids=["nothing", "garbage", "a game for a brief", "refused", "overflow", "breaks", "a file", "a sentence"],
 )
-def test_a_model_that_is_no_good_fails_every_concept(
+def test_a_useless_model_fails_every_concept(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, answer: str | Exception, reason: str
 ) -> None:
     result = told(monkeypatch, _Model(answer, 0), tmp_path / "corpus")
@@ -364,8 +364,8 @@ def test_a_model_that_is_no_good_fails_every_concept(
     assert f"| briefs | 20 | 0 | 0 | 20 | 0.0% (0.0% to 16.1%) | {reason} 20 |" in result.stdout
 
 
-def test_a_model_that_stops_ends_the_run_and_fails_nothing(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    stopped = ModelStopped("the endpoint is down: start it")
+def test_an_unavailable_model_ends_the_run_without_failures(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    stopped = ModelUnavailable("the endpoint is down: start it")
     result = told(monkeypatch, _Model(stopped, 1), tmp_path / "corpus")
     assert result.exit_code == 3
     assert "the endpoint is down: start it" in result.output
@@ -382,18 +382,18 @@ def test_a_corpus_that_cannot_be_written_ends_the_run(generate: Generate, monkey
     assert "the corpus cannot be written: No space left on device" in result.output
 
 
-def test_what_the_network_failed_is_asked_again(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    first, second = (_Model(ModelFailure("timeout", "too late"), 0), _Model("nothing"))
+def test_transient_failures_are_retried_by_the_next_run(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    first, second = (_Model(RequestFailed("timeout", "too late"), 0), _Model("nothing"))
     assert told(monkeypatch, first, tmp_path / "corpus").exit_code == 1
     assert told(monkeypatch, second, tmp_path / "corpus").exit_code == 1
-    assert len(first.asked) == 20
-    assert len(second.asked) == 40
+    assert len(first.requests) == 20
+    assert len(second.requests) == 40
     third = _Model("nothing")
     assert told(monkeypatch, third, tmp_path / "corpus").exit_code == 1
-    assert not third.asked
+    assert not third.requests
 
 
-def test_without_a_sandbox_nothing_generated_is_run(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_generated_code_needs_a_sandbox(monkeypatch: pytest.MonkeyPatch) -> None:
     from envcraft.errors import SandboxUnavailable
 
     asked = []
@@ -412,25 +412,25 @@ def test_a_repair_of_one_file(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -
     file = tmp_path / "game.py"
     file.write_text(UNSEEDED)
     model = _Model(f"```python\n{GAME}```")
-    monkeypatch.setattr("envcraft_llm.pipeline.single.opened", lambda *_: (model, None))
+    monkeypatch.setattr("envcraft_llm.pipeline.single.create_model", lambda *_: (model, None))
     given = ["repair", str(file), "--base-url", "http://none", "--sandbox", "process", "--budget", "quick"]
     result = CliRunner().invoke(cli, given)
     assert result.exit_code == 0, result.output
     assert result.stdout == GAME
     assert re.search(r"attempt 0: 1 finding\n  EC204", result.stderr)
-    assert "EC204" in model.asked[0].messages[1].content
+    assert "EC204" in model.requests[0].messages[1].content
     assert file.read_text() == UNSEEDED
 
 
-def test_a_finding_is_told_as_it_is_read_again_and_can_be_sent() -> None:
+def test_a_report_equals_its_stored_form_and_can_be_sent() -> None:
     async def judged() -> SubjectReport:
-        with options.judges(driver_named("process", None, None), "quick", 1)[0] as judges:
+        with options.judge_executor(driver_named("process", None, None), "quick", 1)[0] as judges:
             report, _ = await judges.judge(Target("game.py", b'raise ValueError("half a letter: \\ud800")\n'))
         return report
 
     report = asyncio.run(judged())
     assert decode(msgspec.json.encode(plain(report)).decode()) == report
-    words = "\n".join(lines_of(findings(report)))
+    words = "\n".join(finding_lines(findings(report)))
     assert "half a letter: \\ud800" in words
     assert Request("m", (Message("user", words),)).key()
 
@@ -439,37 +439,39 @@ def test_a_policy_for_one_file(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) 
     file, output = tmp_path / "game.py", tmp_path / "policy.py"
     file.write_text(GAME)
     model = _Model(f"```python\n{POLICY}```")
-    monkeypatch.setattr("envcraft_llm.pipeline.single.opened", lambda *_: (model, None))
+    monkeypatch.setattr("envcraft_llm.pipeline.single.create_model", lambda *_: (model, None))
     given = ["privileged", str(file), "--base-url", "http://none", "--sandbox", "process", "--budget", "quick"]
     result = CliRunner().invoke(cli, [*given, "--output", str(output)])
     assert result.exit_code == 0, result.output
     assert output.read_text() == POLICY
     assert "policy 0: wins 6 of 6" in result.stderr
     assert result.stdout == ""
-    assert GAME.strip() in model.asked[0].messages[1].content
+    assert GAME.strip() in model.requests[0].messages[1].content
 
 
-def test_where_only_the_search_wins_no_policy_is_written(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_no_policy_is_written_if_only_the_search_wins(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     file, output = tmp_path / "game.py", tmp_path / "policy.py"
     file.write_text(GAME)
     model = _Model(f"```python\n{IDLE}```")
-    monkeypatch.setattr("envcraft_llm.pipeline.single.opened", lambda *_: (model, None))
+    monkeypatch.setattr("envcraft_llm.pipeline.single.create_model", lambda *_: (model, None))
     given = ["privileged", str(file), "--base-url", "http://none", "--sandbox", "process", "--budget", "quick"]
-    for more in ((), ("--output", str(output))):
+    for rewrites, more in enumerate(((), ("--output", str(output)))):
+        # test_repairs.py has all rewrites.
+        monkeypatch.setattr("envcraft_llm.stages.privileged.REWRITES", rewrites)
         result = CliRunner().invoke(cli, [*given, *more])
         assert (result.exit_code, result.stdout) == (0, ""), result.output
-        assert "passed  no policy wins, the checker's own search does" in result.stderr
+        assert "passed  no policy wins, but the checker's own search does" in result.stderr
     assert not output.exists()
 
 
 @pytest.mark.parametrize("command", ["repair", "privileged"])
-def test_one_stage_asks_nobody_where_it_could_not_run_or_be_written(
+def test_a_single_stage_checks_sandbox_and_output_before_any_request(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, command: str
 ) -> None:
     monkeypatch.chdir(tmp_path)
     Path("game.py").write_text(GAME)
     model = _Model("nothing")
-    monkeypatch.setattr("envcraft_llm.pipeline.single.opened", lambda *_: (model, None))
+    monkeypatch.setattr("envcraft_llm.pipeline.single.create_model", lambda *_: (model, None))
     given = [command, "game.py", "--base-url", "http://none", "--sandbox", "process"]
     result = CliRunner().invoke(cli, [*given, "--output", "nowhere/out.py"])
     assert (result.exit_code, "nowhere does not exist" in result.output) == (2, True)
@@ -477,14 +479,14 @@ def test_one_stage_asks_nobody_where_it_could_not_run_or_be_written(
         Path("pyproject.toml").write_text(f"[tool.envcraft]\n{setting}\n")
         result = CliRunner().invoke(cli, given[:4])
         assert (result.exit_code, words in result.output) == (2, True), result.output
-    assert not model.asked
+    assert not model.requests
 
 
-def test_without_anybody_who_answers_nothing_is_written(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_without_a_model_nothing_is_written(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.delenv("OPENAI_BASE_URL", raising=False)
     given = ["generate", "--concepts", "2", "--corpus", "corpus", "--sandbox", "process"]
-    for more, words in (([], "no endpoint is named"), (["--offline"], "nothing to answer from")):
+    for more, words in (([], "no endpoint is configured"), (["--offline"], "completions come from a journal")):
         result = CliRunner().invoke(cli, [*given, *more])
         assert (result.exit_code, words in result.output) == (2, True), result.output
     assert not [*tmp_path.iterdir()]
@@ -500,12 +502,12 @@ def test_without_anybody_who_answers_nothing_is_written(monkeypatch: pytest.Monk
         ("demonstration", "", False),
     ],
 )
-def test_a_model_that_is_called_like_the_demo(
+def test_a_model_named_like_the_demo(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, model: str, base_url: str, demo: bool
 ) -> None:
     monkeypatch.chdir(tmp_path)
     Path("folder").mkdir()
-    assert options.is_demo(ModelChoice(model=model, base_url=base_url)) is demo
+    assert options.is_demo(ModelSettings(model=model, base_url=base_url)) is demo
 
 
 def test_the_demo_that_ships_needs_pygame(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -517,10 +519,10 @@ def test_the_demo_that_ships_needs_pygame(monkeypatch: pytest.MonkeyPatch, tmp_p
     assert not [*tmp_path.iterdir()]
 
 
-def test_a_demo_of_other_concepts_is_refused(tmp_path: Path, generate: Generate) -> None:
+def test_answers_about_other_concepts_are_rejected(tmp_path: Path, generate: Generate) -> None:
     write(tmp_path / "odd", 0, attempt_0=GAME)
     place = next((tmp_path / "odd").iterdir())
     place.rename(place.with_name("00_0123456789abcdef"))
     result = generate(content=tmp_path / "odd")
     assert result.exit_code == 2
-    assert "is no concept of seed 0" in result.output
+    assert "does not match seed 0" in result.output

@@ -1,4 +1,4 @@
-"""``envcraft export --to sft``: a corpus of the pipeline, with a model and judges that say what the test wants."""
+"""``envcraft export --to sft`` on a corpus with scripted completions and verdicts."""
 
 from __future__ import annotations
 
@@ -21,22 +21,22 @@ import pytest
 import yaml
 from click.testing import CliRunner, Result
 from envcraft_llm import extraction
-from envcraft_llm.demo_model import DemoModel
 from envcraft_llm.model import Message, Request
-from envcraft_llm.pipeline.bench import Bench
-from envcraft_llm.pipeline.judging import Judges
-from envcraft_llm.pipeline.runner import Run
+from envcraft_llm.pipeline.context import CorpusContext
+from envcraft_llm.pipeline.judging import JudgeExecutor
+from envcraft_llm.pipeline.runner import PipelineRunner
+from envcraft_llm.recorded import RecordedModel
 from envcraft_llm.sft.rows import KINDS, answer, columns
 from envcraft_llm.stages import STAGES
 
-from envcraft.cli import cli
-from envcraft.contract import ARCADE
-from envcraft.corpus.history import History
-from envcraft.corpus.settings import Settings, contract_digest
+from envcraft.cli.group import cli
+from envcraft.contracts.builtin import ARCADE
 from envcraft.corpus.store import Environment, Store, decode
-from envcraft.stages import Attempt, Case
-from envcraft.target import Target
-from envcraft.verdict import SubjectReport, Verdict
+from envcraft.generation.history import History
+from envcraft.generation.stages import Attempt, ConceptState
+from envcraft.judging.settings import Settings, contract_digest
+from envcraft.model.target import Target
+from envcraft.model.verdict import SubjectReport, Verdict
 
 from .content import POLICY, brief, verdict
 from .scripted import PROFILE, finding, report
@@ -53,12 +53,12 @@ CODED, REPAIRED = COUNT, COUNT + 1
 
 
 def original(number: int) -> int:
-    """The concept whose game this one's is a copy of, or itself."""
+    """Return the number of the concept whose game this one copies, or its own."""
     return number - APART if ALONE + APART <= number < COUNT else number
 
 
 def game(number: int, *marks: str) -> str:
-    """A game that no other is like, but for the concept that copies it: that has another word in two lines."""
+    """Return a game unlike all others, except for a copy, which differs by one word in two lines."""
     rng = random.Random(original(number))
     words = ["".join(rng.choices("abcdefghijklmnop", k=6)) for _ in range(60)]
     lines = [
@@ -71,14 +71,14 @@ def game(number: int, *marks: str) -> str:
 
 
 def tiny(number: int) -> str:
-    """A file that passes by being nothing."""
+    """Return a degenerate file."""
     return (
         f"import gymnasium as gym\n\n\nclass GameEnv(gym.Env):\n    def step(self, action):\n        return {number}\n"
     )
 
 
 def answers(number: int) -> dict[str, str]:
-    """The files that a model answers with, by attempt."""
+    """Return the files of a concept by attempt."""
     fate = FATES[number % len(FATES)] if number < COUNT else "validated"
     good, bad = game(number), game(number, "BAD")
     return {
@@ -91,11 +91,11 @@ def answers(number: int) -> dict[str, str]:
     }[fate]
 
 
-class Scripted(Judges):
-    """Judges by what stands in a source."""
+class Scripted(JudgeExecutor):
+    """Judges by markers in the source."""
 
     def __init__(self) -> None:
-        """Nothing is launched."""
+        """Do nothing."""
 
     async def judge(self, target: Target) -> tuple[SubjectReport, dict[str, Any]]:
         source = target.text
@@ -108,23 +108,25 @@ class Scripted(Judges):
 
 
 def built(root: Path, numbers: Sequence[int]) -> Path:
-    """A corpus of the concepts with these numbers, made one after the other."""
-    cases = [Case(f"{number:016x}", f"Game {number}", "Fetch the key.") for number in numbers]
-    for number, case in zip(numbers, cases, strict=True):
-        place = root.parent / f"{root.name}-answers" / f"{number:02}_{case.concept}"
+    """Build a corpus of the concepts with these numbers, one after the other."""
+    states = [ConceptState(f"{number:016x}", f"Game {number}", "Fetch the key.") for number in numbers]
+    for number, state in zip(numbers, states, strict=True):
+        place = root.parent / f"{root.name}-answers" / f"{number:02}_{state.concept}"
         place.mkdir(parents=True)
-        (place / "brief.md").write_text(brief(case.title), "utf-8")
+        (place / "brief.md").write_text(brief(state.title), "utf-8")
         (place / "viability.json").write_text(verdict(), "utf-8")
         for name, text in {**answers(number), "policy_0": POLICY}.items():
             (place / f"{name}.py").write_text(text, "utf-8")
     last = {CODED: "code", REPAIRED: "repair"}
     with Store.create(root) as store:
         history = History(store, SETTINGS)
-        history.keep_concepts(cases)
-        bench = Bench(history, DemoModel(root.parent / f"{root.name}-answers"), Scripted(), lambda stage: "demo")
-        for number, case in zip(numbers, cases, strict=True):
-            run = Run(history, [stage() for stage in STAGES], last=last.get(number, ""))
-            asyncio.run(run.run([case.concept], bench, 1))
+        history.keep_concepts(states)
+        context = CorpusContext(
+            history, RecordedModel(root.parent / f"{root.name}-answers"), Scripted(), lambda stage: "demo"
+        )
+        for number, state in zip(numbers, states, strict=True):
+            run = PipelineRunner(history, [stage() for stage in STAGES], last=last.get(number, ""))
+            asyncio.run(run.run([state.concept], context, 1))
     return root
 
 
@@ -147,7 +149,7 @@ def made(corpus: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def lines(folder: Path, kind: str) -> dict[str, list[dict[str, Any]]]:
-    """By split, the rows of a kind."""
+    """Return the rows of a kind by split."""
     return {
         place.stem: [json.loads(line) for line in place.read_text("utf-8").splitlines()]
         for place in sorted((folder / "jsonl" / kind).iterdir())
@@ -161,7 +163,7 @@ def rows(folder: Path, kind: str) -> list[dict[str, Any]]:
 # What is in it
 
 
-def test_each_kind_has_what_it_is_for(made: Path) -> None:
+def test_rows_of_each_kind(made: Path) -> None:
     fates = {kind: Counter(FATES[int(row["concept"], 16) % 6] for row in rows(made, kind)) for kind in KINDS}
     assert fates == {
         "code": {"validated": 5, "repaired": 5, "gutted first": 5},
@@ -174,7 +176,7 @@ def test_each_kind_has_what_it_is_for(made: Path) -> None:
     assert all(row["label"] == (row["reason"] == "") for row in rows(made, "unpaired"))
 
 
-def test_only_what_passed_is_an_answer_to_learn(made: Path) -> None:
+def test_only_passed_files_are_answers(made: Path) -> None:
     for kind in ("code", "repair", "preference"):
         for row in rows(made, kind):
             said = row["chosen" if kind == "preference" else "messages"][-1]["content"]
@@ -191,7 +193,7 @@ def test_only_what_passed_is_an_answer_to_learn(made: Path) -> None:
         assert refused.source in (game(number, "BAD"), tiny(number))
 
 
-def test_a_repair_has_the_broken_file_and_what_was_found_in_words(made: Path) -> None:
+def test_repair_rows_have_the_broken_file_and_its_findings(made: Path) -> None:
     for row in rows(made, "repair"):
         number = int(row["concept"], 16)
         user = row["messages"][1]["content"]
@@ -206,8 +208,8 @@ def test_a_repair_has_the_broken_file_and_what_was_found_in_words(made: Path) ->
         assert ("takes the game apart" in user) == (row["attempt"] == 2)
 
 
-def test_what_a_row_asks_is_what_was_asked(made: Path) -> None:
-    """To the letter, as the digest of the request shows."""
+def test_prompts_of_rows_are_those_of_the_pipeline(made: Path) -> None:
+    """The digest of the request shows that they are identical."""
     found = rows(made, "unpaired")
     assert found
     for row in found:
@@ -215,7 +217,7 @@ def test_what_a_row_asks_is_what_was_asked(made: Path) -> None:
         assert asked.key() == row["request_sha256"]
 
 
-def test_every_row_says_where_it_comes_from(corpus: Path, made: Path) -> None:
+def test_rows_have_provenance(corpus: Path, made: Path) -> None:
     with Store(corpus) as store:
         attempts = {
             (concept, number): (source, json.loads(told))
@@ -256,7 +258,7 @@ OTHERS = {"text", "conversations", "tools", "images", "input_ids", "completions"
 
 
 def conversational(example: dict[str, Any]) -> bool:
-    """TRL's own word, or its rule: the columns that it knows have lists of messages with a role and a content."""
+    """TRL's own function decides if installed; otherwise its rule: lists of messages with role and content."""
     if importlib.util.find_spec("trl") is not None:
         return bool(importlib.import_module("trl.data_utils").is_conversational(example))
     known = [example[name] for name in LOOKED_AT - {"label"} if name in example]
@@ -309,7 +311,7 @@ def test_json_lines_can_be_loaded_as_they_are(made: Path, tmp_path: Path, monkey
 
 
 def test_no_copy_is_in_another_split(made: Path) -> None:
-    """Of 12 pairs of near-duplicates; broken files count, too."""
+    """There are 12 pairs of near-duplicates, broken files included."""
     split: dict[int, set[str]] = {}
     cluster: dict[int, set[int]] = {}
     for kind in KINDS:
@@ -326,7 +328,7 @@ def test_no_copy_is_in_another_split(made: Path) -> None:
 
 
 def test_the_same_corpus_gives_the_same_files(made: Path, tmp_path: Path) -> None:
-    """Whatever the order in which concepts were taken through."""
+    """The order of the concepts does not matter."""
     again = built(tmp_path / "games", range(COUNT + 1, -1, -1))
     assert export(again, tmp_path / "made", "--name", "Small | games", "--licence", "cc-by-4.0").exit_code == 0
     found = [
@@ -339,7 +341,7 @@ def test_the_same_corpus_gives_the_same_files(made: Path, tmp_path: Path) -> Non
 # The card, and what is refused
 
 
-def test_what_the_card_says(made: Path) -> None:
+def test_the_card(made: Path) -> None:
     text = (made / "README.md").read_text("utf-8")
     front = yaml.safe_load(text.split("---\n")[1])
     assert (front["pretty_name"], front["license"]) == ("Small | games", "cc-by-4.0")
@@ -349,7 +351,7 @@ def test_what_the_card_says(made: Path) -> None:
             assert list(made.glob(part["path"])), part
     assert "# Small \\| games" in text
     assert "100 rows" in text
-    assert "15 passed and 45 did not. Left out, since they were not: 2." in text
+    assert "15 passed and 45 did not. Attempts without one, which have no row:\n2." in text
     assert "licensed under cc-by-4.0" in text
     assert f"| {SETTINGS.rules} | arcade |" in text
     assert "| code | 32 | 32 | 0 | 0 |" in text
@@ -362,13 +364,13 @@ def test_what_the_card_says(made: Path) -> None:
 
 @contextlib.contextmanager
 def changed(corpus: Path, folder: Path) -> Iterator[Store]:
-    """A copy of a corpus, open for writing."""
+    """Yield a copy of a corpus, open for writing."""
     shutil.copytree(corpus, folder)
     with Store(folder, write=True) as store:
         yield store
 
 
-def test_what_fails_in_a_later_audit_is_no_answer_any_more(corpus: Path, tmp_path: Path) -> None:
+def test_a_file_that_a_later_audit_fails_is_no_answer(corpus: Path, tmp_path: Path) -> None:
     with changed(corpus, tmp_path / "games") as store:
         name, source, picked, told = store.db.execute(
             "SELECT name, e.source, e.class, report FROM environments e JOIN verdicts v ON v.id = e.verdict "
@@ -386,7 +388,7 @@ def test_what_fails_in_a_later_audit_is_no_answer_any_more(corpus: Path, tmp_pat
     assert (of[0]["budget"], of[1]["environment"]) == ("quick", None)
 
 
-def test_without_a_licence_none_is_guessed_and_one_against_the_corpus_is_refused(corpus: Path, tmp_path: Path) -> None:
+def test_licences_are_stated_or_unknown(corpus: Path, tmp_path: Path) -> None:
     assert export(corpus, tmp_path / "made").exit_code == 0
     assert {row["licence"] for row in rows(tmp_path / "made", "code")} == {"unknown"}
     assert "\nlicense: unknown\n" in (tmp_path / "made" / "README.md").read_text("utf-8")
@@ -407,7 +409,7 @@ def test_nothing_is_overwritten(corpus: Path, tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.rglob("*")] == ["made", "mine.txt"]
 
 
-def test_what_there_is_nothing_of_is_said(corpus: Path, tmp_path: Path) -> None:
+def test_a_corpus_without_labelled_attempts_is_a_usage_error(corpus: Path, tmp_path: Path) -> None:
     with Store.create(tmp_path / "plain") as store:
         store.add("game.py", game(0).encode())
     result = export(tmp_path / "plain", tmp_path / "made")
@@ -419,7 +421,7 @@ def test_what_there_is_nothing_of_is_said(corpus: Path, tmp_path: Path) -> None:
     assert "--all does not go with --to sft" in result.output
 
 
-def test_no_file_ends_the_fence_that_it_is_in() -> None:
+def test_the_fence_is_longer_than_any_in_the_file() -> None:
     source = f'"""A game.\n\n```python\nplay()\n```\n"""\n{game(0)}'
     file = extraction.environment(answer(Attempt(0, source))["content"])
     assert file is not None

@@ -1,4 +1,4 @@
-"""The stages that write, their order and their prompts, with a model that says what the test wants."""
+"""The stages that write, their order and their prompts, with scripted completions."""
 
 from __future__ import annotations
 
@@ -14,27 +14,27 @@ from envcraft_llm.stages.viability import SCHEMA, read
 from envcraft_llm.templates import FOLDER, prompt
 
 from envcraft.errors import UsageError
-from envcraft.stages import Case, Outcome, Reply, Stage, Workbench, ordered
+from envcraft.generation.stages import ConceptState, Stage, StageContext, StageOutcome, StageReply, ordered
 
 from .content import GAME, brief, elaboration, verdict
-from .scripted import ScriptedBench, case, fenced, run
+from .scripted import ScriptedContext, fenced, run, state
 
 # Elaboration
 
 
 def test_a_brief_is_written_from_the_elaborated_concept() -> None:
-    about, bench = case(), ScriptedBench([elaboration(), brief()])
-    assert run(Briefs(), about, ScriptedBench([brief()])).result == "passed"
+    about, context = state(), ScriptedContext([elaboration(), brief()])
+    assert run(Briefs(), about, ScriptedContext([brief()])).result == "passed"
     about.brief = ""
-    about.outcomes["elaboration"] = run(Elaboration(), about, bench)
+    about.outcomes["elaboration"] = run(Elaboration(), about, context)
     assert about.outcomes["elaboration"].facts["text"] == elaboration()
-    assert run(Briefs(), about, bench).result == "passed"
-    assert about.idea in bench.asked[0].messages[1][1]
-    assert elaboration() in bench.asked[1].messages[1][1]
+    assert run(Briefs(), about, context).result == "passed"
+    assert about.idea in context.requests[0].messages[1][1]
+    assert elaboration() in context.requests[1].messages[1][1]
 
 
-def test_an_elaboration_is_asked_for_once_more_with_the_complaint() -> None:
-    about = Case("c0", "Errand", "Carry 12 keys over 1,000 steps, 3 at a time.")
+def test_an_elaboration_is_retried_with_the_complaint() -> None:
+    about = ConceptState("c0", "Errand", "Carry 12 keys over 1,000 steps, 3 at a time.")
     for answer, words in (
         (elaboration("12 keys, 1000 steps"), "Numbers of the concept are missing: 3."),
         (elaboration("12, 3, 1,000").replace("Loss:", "Lost:"), "There is no part that begins with `Loss:`."),
@@ -42,44 +42,44 @@ def test_an_elaboration_is_asked_for_once_more_with_the_complaint() -> None:
         ("Win: 12.\n" + elaboration("3 and 1000"), "The parts are not in the order"),
         (elaboration("12, 3, 1,000", 100), "words; it has to have 200 to 800"),
     ):
-        bench = ScriptedBench([answer, elaboration("12, 3, **1,000**")])
-        outcome = run(Elaboration(), about, bench)
+        context = ScriptedContext([answer, elaboration("12, 3, **1,000**")])
+        outcome = run(Elaboration(), about, context)
         assert (outcome.result, outcome.facts["tries"]) == ("passed", 2)
-        assert words in bench.asked[1].messages[-1][1]
+        assert words in context.requests[1].messages[-1][1]
 
 
 def test_a_concept_that_cannot_be_elaborated_fails_with_the_reason() -> None:
-    outcome = run(Elaboration(), case(), ScriptedBench(["No."]))
+    outcome = run(Elaboration(), state(), ScriptedContext(["No."]))
     assert outcome.result == "failed"
     assert outcome.reason.startswith("no elaboration: There is no part that begins with `Controls:`.")
 
 
-def test_what_has_a_brief_is_not_elaborated() -> None:
-    bench = ScriptedBench([])
-    assert run(Elaboration(), case(brief=brief()), bench).result == "passed"
-    assert not bench.asked
+def test_a_concept_with_a_brief_is_not_elaborated() -> None:
+    context = ScriptedContext([])
+    assert run(Elaboration(), state(brief=brief()), context).result == "passed"
+    assert not context.requests
 
 
 # Briefs
 
 
-def test_a_brief_that_is_good_is_kept_as_it_is() -> None:
-    about, bench = case(), ScriptedBench([f"Of course!\n\n{brief()}"])
-    assert run(Briefs(), about, bench).result == "passed"
+def test_a_valid_brief_is_stored() -> None:
+    about, context = state(), ScriptedContext([f"Of course!\n\n{brief()}"])
+    assert run(Briefs(), about, context).result == "passed"
     assert about.brief.strip() == brief().strip()
-    assert len(bench.asked) == 1
+    assert len(context.requests) == 1
 
 
-def test_a_brief_is_asked_for_once_more_with_the_complaint() -> None:
-    about, bench = case(), ScriptedBench([brief(words=900), brief()])
-    assert run(Briefs(), about, bench).facts["tries"] == 2
-    roles = [role for role, _ in bench.asked[1].messages]
+def test_a_brief_is_retried_with_the_complaint() -> None:
+    about, context = state(), ScriptedContext([brief(words=900), brief()])
+    assert run(Briefs(), about, context).facts["tries"] == 2
+    roles = [role for role, _ in context.requests[1].messages]
     assert roles == ["system", "user", "assistant", "user"]
-    assert "it has to have 1,500 to 3,000" in bench.asked[1].messages[-1][1]
+    assert "it has to have 1,500 to 3,000" in context.requests[1].messages[-1][1]
 
 
-def test_a_brief_that_stays_bad_is_a_failure_with_its_reason() -> None:
-    outcome = run(Briefs(), case(), ScriptedBench(["I cannot do that."]))
+def test_a_brief_that_stays_invalid_fails_with_the_reason() -> None:
+    outcome = run(Briefs(), state(), ScriptedContext(["I cannot do that."]))
     assert outcome.result == "failed"
     assert "The section `## Premise` is missing." in outcome.reason
 
@@ -108,18 +108,18 @@ def test_a_brief_that_stays_bad_is_a_failure_with_its_reason() -> None:
         (brief().replace("## Premise", "## Premise ##"), None),
     ],
 )
-def test_what_is_wrong_with_a_brief(text: str, words: str | None) -> None:
+def test_complaints_about_a_brief(text: str, words: str | None) -> None:
     found = complaints(tidy(text))
     assert any(words in one for one in found) if words else not found
 
 
-def test_a_line_of_spaces_takes_no_time() -> None:
+def test_a_line_of_spaces_is_parsed_in_linear_time() -> None:
     began = time.process_time()
     assert complaints("# Errand" + " " * 60_000 + "x\n")
     assert time.process_time() - began < 2
 
 
-def test_a_section_of_nothing_is_told_of() -> None:
+def test_an_empty_section_is_a_complaint() -> None:
     place = brief().index("## Rewards")
     end = brief().index("## Termination")
     emptied = brief(words=2000)[:0] + brief()[:place] + "## Rewards\n\nSome points.\n\n" + brief()[end:]
@@ -130,11 +130,11 @@ def test_a_section_of_nothing_is_told_of() -> None:
     "text",
     [f"```markdown\n{brief()}```", f"<think># Plan\n</think>{brief()}", f"<|channel|>final<|message|>{brief()}<|end|>"],
 )
-def test_a_brief_comes_out_of_its_wrapping(text: str) -> None:
+def test_a_brief_is_unwrapped(text: str) -> None:
     assert tidy(text).strip() == brief().strip()
 
 
-def test_words_are_what_spaces_part() -> None:
+def test_words_are_separated_by_white_space() -> None:
     assert count("## The *guard*: 3 | 4.5\n- a 10x10 board\n") == 10
 
 
@@ -142,13 +142,13 @@ def test_words_are_what_spaces_part() -> None:
 
 
 def test_viable() -> None:
-    assert run(Viability(), case(brief=brief()), ScriptedBench([verdict()])).result == "passed"
-    with_reservations = ScriptedBench([verdict(False).replace("false", "true")])
-    assert run(Viability(), case(brief=brief()), with_reservations).result == "passed"
+    assert run(Viability(), state(brief=brief()), ScriptedContext([verdict()])).result == "passed"
+    with_reservations = ScriptedContext([verdict(False).replace("false", "true")])
+    assert run(Viability(), state(brief=brief()), with_reservations).result == "passed"
 
 
-def test_what_is_not_viable_keeps_its_reason() -> None:
-    outcome = run(Viability(), case(brief=brief()), ScriptedBench([f"```json\n{verdict(False)}\n```"]))
+def test_an_unviable_brief_is_rejected_with_the_reason() -> None:
+    outcome = run(Viability(), state(brief=brief()), ScriptedContext([f"```json\n{verdict(False)}\n```"]))
     assert outcome.result == "rejected"
     assert outcome.reason == "impossible-physics: An errand."
     assert outcome.facts["objections"][0]["quote"] == "one cell in 3 steps"
@@ -165,26 +165,26 @@ def test_what_is_not_viable_keeps_its_reason() -> None:
         (verdict(False).replace("impossible-physics", "boring"), "$.objections[0].kind"),
     ],
 )
-def test_a_verdict_of_another_form_is_refused(text: str, words: str) -> None:
+def test_an_invalid_critique_is_rejected(text: str, words: str) -> None:
     with pytest.raises(ValueError, match=re.escape(words)):
         read(text)
 
 
-def test_an_answer_of_braces_is_read_and_refused() -> None:
+def test_a_completion_of_braces_is_rejected() -> None:
     with pytest.raises(ValueError, match="the JSON cannot be read"):
         read("{" * 100_000)
     with pytest.raises(ValueError, match="nested too deeply"):
         read('{"viable": ' + "[" * 100_000)
 
 
-def test_a_verdict_is_asked_for_once_more() -> None:
-    bench = ScriptedBench(["Fine!", f"I think {{so}}: {verdict()}"])
-    assert run(Viability(), case(brief=brief()), bench).result == "passed"
-    assert bench.asked[0].schema == SCHEMA
-    assert run(Viability(), case(brief=brief()), ScriptedBench(["Fine!"])).reason.startswith("no verdict: ")
+def test_a_critique_is_retried() -> None:
+    context = ScriptedContext(["Fine!", f"I think {{so}}: {verdict()}"])
+    assert run(Viability(), state(brief=brief()), context).result == "passed"
+    assert context.requests[0].schema == SCHEMA
+    assert run(Viability(), state(brief=brief()), ScriptedContext(["Fine!"])).reason.startswith("no verdict: ")
 
 
-def test_the_schema_takes_what_is_read() -> None:
+def test_the_schema_matches_the_critique() -> None:
     import jsonschema
 
     for text in (verdict(), verdict(False)):
@@ -196,20 +196,20 @@ def test_the_schema_takes_what_is_read() -> None:
 
 def test_code_that_is_cut_off_is_continued() -> None:
     cut = fenced(GAME)[:1500]
-    bench = ScriptedBench([Reply(cut, cut=True, provenance={"request": "1"}), Reply(fenced(GAME)[1450:])])
-    about = case(brief=brief())
-    assert run(Code(), about, bench).result == "passed"
+    context = ScriptedContext([StageReply(cut, cut=True, provenance={"request": "1"}), StageReply(fenced(GAME)[1450:])])
+    about = state(brief=brief())
+    assert run(Code(), about, context).result == "passed"
     assert about.attempts[0].source == GAME
-    assert bench.asked[1].messages[-2:] == (("assistant", cut), ("user", prompt("code").fill("Continue")))
+    assert context.requests[1].messages[-2:] == (("assistant", cut), ("user", prompt("code").fill("Continue")))
     assert "continued" in about.attempts[0].provenance
 
 
-def test_what_is_no_code_is_asked_for_once_more_and_then_failed() -> None:
-    bench = ScriptedBench(["I would rather not."])
-    outcome = run(Code(), case(brief=brief()), bench)
+def test_a_completion_without_code_is_retried_once() -> None:
+    context = ScriptedContext(["I would rather not."])
+    outcome = run(Code(), state(brief=brief()), context)
     assert outcome.result == "failed"
     assert outcome.reason.startswith("no code: ")
-    assert len(bench.asked) == 2
+    assert len(context.requests) == 2
 
 
 # Order, prompts
@@ -221,8 +221,8 @@ class _Extra(Stage):
     def __init__(self, after: str = "", replaces: str = "", name: str = "extra") -> None:
         self.after, self.replaces, self.name = after, replaces, name
 
-    async def run(self, case: Case, bench: Workbench) -> Outcome:
-        return Outcome("passed")
+    async def run(self, state: ConceptState, context: StageContext) -> StageOutcome:
+        return StageOutcome("passed")
 
 
 NAMES = ["concepts", "briefs", "viability", "code", "repair", "instawin", "instadeath", "privileged", "validated"]
@@ -244,19 +244,19 @@ def test_stages_run_in_their_order(extra: list[Stage], names: list[str]) -> None
 
 
 @pytest.mark.parametrize("extra", [_Extra("nowhere"), _Extra(replaces="nothing"), _Extra("extra")])
-def test_a_stage_that_has_no_place_is_refused(extra: Stage) -> None:
+def test_stages_with_invalid_places_are_rejected(extra: Stage) -> None:
     with pytest.raises(UsageError, match="extra"):
         ordered([*(kind() for kind in STAGES), extra])
 
 
-def test_what_is_filled_in_is_not_looked_at_again() -> None:
+def test_values_are_not_expanded_again() -> None:
     assert "{{source}}" in prompt("viability").fill("User", brief="A brief with {{source}} in it.")
 
 
 STAGES_ASKING = ("elaboration", "briefs", "viability", "code", "repair", "privileged")
 
 
-def test_every_prompt_says_what_the_contract_and_the_form_are() -> None:
+def test_every_prompt_states_contract_and_format() -> None:
     for section in SECTIONS:
         assert f"`## {section}`" in prompt("briefs").parts["User"]
     for part in PARTS:

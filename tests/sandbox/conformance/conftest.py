@@ -12,9 +12,10 @@ import pytest
 from envcraft_sandbox.bubblewrap import BubblewrapDriver
 from envcraft_sandbox.docker import DockerDriver
 from envcraft_sandbox.process import ProcessDriver
-from envcraft_sandbox.zygote import Nursery
+from envcraft_sandbox.zygote import ZygoteDriver
 
-from envcraft.sandbox import Driver, How, Isolation, Limits, Worker
+from envcraft.judging.driver import Driver, Isolation, Limits, Worker
+from envcraft.model.job import ExitReason
 
 #: ``ENVCRAFT_CONFORMANCE_DRIVER=package.module:Class`` asks another driver in place of the built-in ones.
 NAMED = os.environ.get("ENVCRAFT_CONFORMANCE_DRIVER")
@@ -24,9 +25,9 @@ DRIVERS = (
     else [
         pytest.param(DockerDriver, marks=pytest.mark.docker, id="docker"),
         pytest.param(BubblewrapDriver, marks=pytest.mark.bubblewrap, id="bubblewrap"),
-        pytest.param(lambda: BubblewrapDriver().nursery(), marks=pytest.mark.bubblewrap, id="bubblewrap-nursery"),
+        pytest.param(lambda: BubblewrapDriver().shared_layout(), marks=pytest.mark.bubblewrap, id="bubblewrap-zygote"),
         pytest.param(ProcessDriver, id="process"),
-        pytest.param(lambda: ProcessDriver().nursery(), id="process-nursery"),
+        pytest.param(lambda: ProcessDriver().shared_layout(), id="process-zygote"),
     ]
 )
 
@@ -42,7 +43,7 @@ def driver(request: pytest.FixtureRequest) -> Iterator[Driver]:
         (pytest.fail if NAMED else pytest.skip)(f"{available.reason}; {available.fix}")
     yield made
     # Or it was another driver that was asked.
-    assert not isinstance(made, Nursery) or not made.refusal
+    assert not isinstance(made, ZygoteDriver) or not made.refusal
     made.close()
 
 
@@ -73,6 +74,6 @@ def _serves_the_next_job(request: pytest.FixtureRequest, environment: Environmen
     yield
     if "worker" in request.fixturenames:
         ran = play(request.getfixturevalue("worker"), environment())
-        assert ran.end.how is How.DONE
+        assert ran.end.reason is ExitReason.DONE
         assert ran.trace.steps == 8
         assert ran.end.output == ""

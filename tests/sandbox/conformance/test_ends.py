@@ -9,7 +9,8 @@ from typing import Any
 import msgspec
 import pytest
 
-from envcraft.sandbox import How, Limits, Worker
+from envcraft.judging.driver import Limits, Worker
+from envcraft.model.job import ExitReason
 
 Environment = Callable[..., str]
 
@@ -22,7 +23,7 @@ class TestDeadlines:
         source = environment(**{"top" if phase == "import" else phase: "while True: pass"})
         ran = play(worker, source)
         deadline = limits.loading if phase == "import" else limits.call
-        assert ran.end.how is How.TIMEOUT
+        assert ran.end.reason is ExitReason.TIMEOUT
         assert ran.end.phase == phase
         assert deadline <= ran.end.seconds < deadline + 10
 
@@ -38,14 +39,14 @@ class TestDeadlines:
                     pass
             """
         )
-        assert play(worker, source).end.how is How.TIMEOUT
+        assert play(worker, source).end.reason is ExitReason.TIMEOUT
 
     def test_slow_steps_end_with_the_whole_job(
         self, worker: Worker, environment: Environment, play: Any, limits: Limits
     ) -> None:
         short = msgspec.structs.replace(limits, job=1.5)
         ran = play(worker, environment(step="import time; time.sleep(0.4)"), limits=short)
-        assert ran.end.how is How.TIMEOUT
+        assert ran.end.reason is ExitReason.TIMEOUT
         assert "whole job" in ran.end.detail
         assert 1 <= ran.trace.steps <= 4
 
@@ -74,13 +75,13 @@ class TestDeaths:
         exit_code: int | None,
     ) -> None:
         ran = play(worker, environment(**{phase: lines}))
-        assert ran.end.how is How.DIED
+        assert ran.end.reason is ExitReason.DIED
         assert ran.end.phase == ("import" if phase == "top" else "step")
         assert (ran.end.signal, ran.end.exit_code) == (signal_number, exit_code)
 
     def test_a_job_without_descriptors_is_ended(self, worker: Worker, environment: Environment, play: Any) -> None:
         ran = play(worker, environment(step="import os; os.closerange(0, 256)\nwhile True: pass"))
-        assert ran.end.how is How.DIED
+        assert ran.end.reason is ExitReason.DIED
         assert ran.end.seconds < 3
 
     def test_the_fork_server_outlives_its_job(self, worker: Worker, environment: Environment, play: Any) -> None:
@@ -101,4 +102,4 @@ class TestDeaths:
                         pass
             """
         )
-        assert play(worker, source).end.how is How.DONE
+        assert play(worker, source).end.reason is ExitReason.DONE

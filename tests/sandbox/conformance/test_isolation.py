@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from envcraft.sandbox import Driver, Isolation, Worker
+from envcraft.judging.driver import Driver, Isolation, Worker
 
 Environment = Callable[..., str]
 

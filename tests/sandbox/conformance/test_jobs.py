@@ -8,12 +8,13 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
-from envcraft_sandbox.wire import HEADER, MAX_MESSAGE, Kind
+from envcraft_protocol.wire import HEADER, MAX_MESSAGE, Kind
 
 from envcraft.errors import EnvCraftError
-from envcraft.rollout import ClockShift, Conditions
-from envcraft.sandbox import Driver, How, Limits, Worker
-from envcraft.trace import Ending
+from envcraft.judging.driver import Driver, Limits, Worker
+from envcraft.model.job import ExitReason
+from envcraft.model.rollout import ClockShift, Conditions
+from envcraft.model.trace import Ending
 
 Environment = Callable[..., str]
 
@@ -21,7 +22,7 @@ Environment = Callable[..., str]
 class TestOrdinaryJobs:
     def test_a_rollout_gives_its_whole_trace(self, worker: Worker, environment: Environment, play: Any) -> None:
         ran = play(worker, environment())
-        assert ran.end.how is How.DONE
+        assert ran.end.reason is ExitReason.DONE
         assert ran.trace.ending is Ending.TRUNCATED
         assert len(ran.trace.observations) == 9
         assert ran.trace.rewards == [0.0, 1.0, 2.0, 3.0, 4.0, 0.0, 1.0, 2.0]
@@ -40,7 +41,7 @@ class TestOrdinaryJobs:
 
     def test_an_exception_is_a_fault(self, worker: Worker, environment: Environment, play: Any) -> None:
         ran = play(worker, environment(step="if self.steps == 3: raise SystemExit('enough')"))
-        assert ran.end.how is How.DONE
+        assert ran.end.reason is ExitReason.DONE
         assert ran.trace.steps == 2
         assert (ran.trace.fault.type, ran.trace.fault.step) == ("SystemExit", 3)
 
@@ -54,7 +55,8 @@ class TestOrdinaryJobs:
         before = len(os.listdir("/proc/self/fd"))
         for seed in range(20):
             assert play(worker, environment(), seed=seed).trace.steps == 8
-        assert len(os.listdir("/proc/self/fd")) == before
+        # Fewer where an idle connection to the container engine is closed meanwhile.
+        assert len(os.listdir("/proc/self/fd")) <= before
 
     def test_one_that_is_too_long_is_not_the_fault_of_the_environment(
         self, worker: Worker, environment: Environment, play: Any
@@ -68,7 +70,7 @@ class TestOutput:
         self, worker: Worker, environment: Environment, play: Any, limits: Limits
     ) -> None:
         ran = play(worker, environment(step="print('x' * 999)"))
-        assert ran.end.how is How.DONE
+        assert ran.end.reason is ExitReason.DONE
         assert ran.end.output_bytes == 8000
         assert len(ran.end.output) == limits.output
 
@@ -86,7 +88,7 @@ class TestOutput:
     )
     def test_a_flood_ends_the_job(self, worker: Worker, environment: Environment, play: Any, lines: str) -> None:
         ran = play(worker, environment(step=lines))
-        assert ran.end.how is How.FLOOD
+        assert ran.end.reason is ExitReason.FLOOD
         assert ran.end.phase == "step"
 
 
@@ -171,6 +173,6 @@ class TestConditions:
         thread.start()
         assert play(worker, environment()).trace.steps == 8
         thread.join()
-        assert hung[0].end.how is How.TIMEOUT
+        assert hung[0].end.reason is ExitReason.TIMEOUT
         other.close()
         assert play(worker, environment()).trace.steps == 8

@@ -8,7 +8,8 @@ from typing import Any
 
 import msgspec
 
-from envcraft.sandbox import How, Limits, Worker
+from envcraft.judging.driver import Limits, Worker
+from envcraft.model.job import ExitReason
 
 Environment = Callable[..., str]
 
@@ -17,7 +18,7 @@ class TestLimits:
     def test_memory(self, worker: Worker, environment: Environment, play: Any, limits: Limits) -> None:
         patient = msgspec.structs.replace(limits, call=10.0)
         ran = play(worker, environment(step="kept = []\nwhile True: kept.append(bytearray(1 << 24))"), limits=patient)
-        assert ran.end.how is How.DIED or (ran.trace.fault is not None and ran.trace.fault.memory)
+        assert ran.end.reason is ExitReason.DIED or (ran.trace.fault is not None and ran.trace.fault.memory)
 
     def test_memory_that_is_shared_counts_too(
         self, worker: Worker, environment: Environment, play: Any, limits: Limits
@@ -33,7 +34,7 @@ class TestLimits:
             """
         )
         ran = play(worker, source, limits=msgspec.structs.replace(limits, call=10.0))
-        assert ran.end.how is How.MEMORY
+        assert ran.end.reason is ExitReason.MEMORY
         assert ran.end.detail == "more than 512 MiB of memory"
 
     def test_threads(self, worker: Worker, environment: Environment, play: Any) -> None:
@@ -45,7 +46,7 @@ class TestLimits:
             """
         )
         ran = play(worker, source)
-        assert ran.end.how is How.PROCESSES or "can't start new thread" in ran.trace.fault.message
+        assert ran.end.reason is ExitReason.PROCESSES or "can't start new thread" in ran.trace.fault.message
 
     def test_files_in_all(self, worker: Worker, environment: Environment, play: Any, limits: Limits) -> None:
         source = environment(
@@ -61,7 +62,7 @@ class TestLimits:
         )
         ran = play(worker, source, limits=msgspec.structs.replace(limits, call=10.0, disk=40 * 1024**2))
         # A file system of the sandbox's own may be full before.
-        assert ran.end.how is How.DISK or ran.trace.fault.errno == errno.ENOSPC
+        assert ran.end.reason is ExitReason.DISK or ran.trace.fault.errno == errno.ENOSPC
 
     def test_file_size(self, worker: Worker, environment: Environment, play: Any) -> None:
         source = environment(

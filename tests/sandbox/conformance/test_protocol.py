@@ -10,10 +10,11 @@ from typing import Any
 
 import msgspec
 import pytest
-from envcraft_sandbox.wire import HEADER, Kind
+from envcraft_protocol.wire import HEADER, Kind
 
-from envcraft.sandbox import How, Limits, Stop, Worker
-from envcraft.trace import Ending, diverge
+from envcraft.judging.driver import Limits, Stop, Worker
+from envcraft.model.job import ExitReason
+from envcraft.model.trace import Ending, diverge
 
 Environment = Callable[..., str]
 
@@ -28,7 +29,7 @@ class Chooser:
         self._timer: threading.Timer | None = None
         self.count = 0
 
-    def asked(self) -> None:
+    def action_requested(self) -> None:
         self._timer = threading.Timer(self._seconds, os.write, (self._write, b"."))
         self._timer.start()
 
@@ -76,7 +77,7 @@ class TestPlayedJobs:
         self, worker: Worker, environment: Environment, play: Any, chooser: Any
     ) -> None:
         played = play(worker, environment(), player=chooser())
-        assert played.end.how is How.DONE
+        assert played.end.reason is ExitReason.DONE
         assert played.trace.ending is Ending.TRUNCATED
         assert played.trace.actions == [[number % 5, 0, 1] for number in range(8)]
         assert diverge(played.trace, play(worker, environment()).trace) is None
@@ -86,27 +87,27 @@ class TestPlayedJobs:
     ) -> None:
         patient = msgspec.structs.replace(limits, call=0.5, job=1.5)
         ran = play(worker, environment(), player=chooser(0.7, 3), limits=patient)
-        assert (ran.end.how, ran.trace.steps) == (How.STOPPED, 3)
+        assert (ran.end.reason, ran.trace.steps) == (ExitReason.STOPPED, 3)
         assert ran.end.seconds < 1.5
 
     def test_a_step_that_hangs_is_ended(
         self, worker: Worker, environment: Environment, play: Any, chooser: Any
     ) -> None:
         ran = play(worker, environment(step="while self.steps == 3: pass"), player=chooser())
-        assert (ran.end.how, ran.end.phase, ran.trace.steps) == (How.TIMEOUT, "step", 2)
+        assert (ran.end.reason, ran.end.phase, ran.trace.steps) == (ExitReason.TIMEOUT, "step", 2)
 
     def test_leaving_ends_the_job(self, worker: Worker, environment: Environment, play: Any, chooser: Any) -> None:
         ran = play(worker, environment(), player=chooser(0, 2))
-        assert (ran.end.how, ran.trace.ending, len(ran.trace.actions)) == (How.STOPPED, Ending.CUT, 2)
+        assert (ran.end.reason, ran.trace.ending, len(ran.trace.actions)) == (ExitReason.STOPPED, Ending.CUT, 2)
 
     def test_an_exit_while_it_waits(self, worker: Worker, environment: Environment, play: Any, chooser: Any) -> None:
         ran = play(worker, environment(reset=later("os._exit(3)")), player=chooser(5.0))
-        assert (ran.end.how, ran.end.exit_code, ran.trace.steps) == (How.DIED, 3, 0)
+        assert (ran.end.reason, ran.end.exit_code, ran.trace.steps) == (ExitReason.DIED, 3, 0)
 
     def test_a_flood_while_it_waits(self, worker: Worker, environment: Environment, play: Any, chooser: Any) -> None:
         flood = "[print('x' * 9999) for _ in iter(int, 1)]"
         ran = play(worker, environment(reset=later(flood)), player=chooser(5.0))
-        assert (ran.end.how, ran.trace.steps) == (How.FLOOD, 0)
+        assert (ran.end.reason, ran.trace.steps) == (ExitReason.FLOOD, 0)
 
     @pytest.mark.parametrize("kind", [Kind.STEP, Kind.ASK, Kind.ACTION, Kind.TICK, Kind.END])
     def test_messages_while_it_waits_are_forged(
@@ -114,7 +115,7 @@ class TestPlayedJobs:
     ) -> None:
         write = f"os.write(3, {_message(kind, b'{}')!r})"
         ran = play(worker, environment(reset=later(write)), player=chooser(5.0))
-        assert ran.end.how is How.FORGED
+        assert ran.end.reason is ExitReason.FORGED
         assert (ran.trace.steps, ran.trace.actions) == (0, [])
 
     def test_it_gets_no_more_actions_than_there_are(
@@ -127,18 +128,18 @@ class TestPlayedJobs:
                 os.read(3, 99)
         """
         ran = play(worker, environment(reset=ask), player=chooser())
-        assert (ran.end.how, ran.end.detail) == (How.FORGED, "an action that was not asked for")
+        assert (ran.end.reason, ran.end.detail) == (ExitReason.FORGED, "an action that was not asked for")
 
     def test_only_a_played_job_asks(self, worker: Worker, environment: Environment, play: Any) -> None:
         ran = play(worker, environment(top="import os", step=f"os.write(3, {_message(Kind.ASK, b'')!r})"))
-        assert ran.end.how is How.FORGED
+        assert ran.end.reason is ExitReason.FORGED
 
     def test_it_does_not_choose_for_the_player(
         self, worker: Worker, environment: Environment, play: Any, chooser: Any
     ) -> None:
         write = f"os.write(3, {_message(Kind.ACTION, b'[0, 0, 0]')!r})"
         ran = play(worker, environment(top="import os", step=write), player=chooser())
-        assert ran.end.how is How.FORGED
+        assert ran.end.reason is ExitReason.FORGED
         assert ran.trace.chosen == [[0, 0, 1]]
 
 
@@ -172,7 +173,7 @@ class TestForgery:
         ran = play(
             worker, environment(step=f"import os; os.write(3, {forged[:70_000]!r}); os.write(3, {forged[70_000:]!r})")
         )
-        assert ran.end.how is How.FORGED
+        assert ran.end.reason is ExitReason.FORGED
 
     @pytest.mark.parametrize("kind", [Kind.RENDER, Kind.REREAD], ids=lambda kind: kind.name)
     def test_it_is_noticed_before_the_reset(
@@ -181,7 +182,7 @@ class TestForgery:
         layout = _message(Kind.LAYOUT, b'{"k": "float"}')
         forged = layout + _message(kind, struct.pack("<Hd", 0, 1.0))
         ran = play(worker, environment(top=f"import os; os.write(3, {forged!r})"))
-        assert ran.end.how is How.FORGED
+        assert ran.end.reason is ExitReason.FORGED
 
     def test_more_steps_than_actions_are_not_believed(
         self, worker: Worker, environment: Environment, play: Any
@@ -189,12 +190,12 @@ class TestForgery:
         layout = _message(Kind.LAYOUT, b'{"k": "float"}')
         step = _message(Kind.STEP, struct.pack("<BBBBdIHII", 0, 0, 0, 4, 1.0, 0, 1, 8, 0) + bytes(8))
         ran = play(worker, environment(step=f"import os; os.write(3, {layout!r} + {step!r} * 1000)"))
-        assert ran.end.how is How.FORGED
+        assert ran.end.reason is ExitReason.FORGED
 
     def test_a_forged_goodbye_keeps_nobody_waiting(self, worker: Worker, environment: Environment, play: Any) -> None:
         goodbye = _message(Kind.END, b"{}")
         ran = play(worker, environment(step=f"import os; os.write(3, {goodbye!r})\nwhile True: pass"))
-        assert ran.end.how is How.FORGED
+        assert ran.end.reason is ExitReason.FORGED
         assert ran.end.seconds < 3
         assert not ran.trace.ended
 
@@ -204,6 +205,6 @@ class TestForgery:
         goodbye = _message(Kind.END, b"{}")
         source = environment(top=f"import os\ndef last(self):\n    os.write(3, {goodbye!r})\n    while True: pass")
         ran = play(worker, source + "    close = last\n")
-        assert ran.end.how is How.DONE
+        assert ran.end.reason is ExitReason.DONE
         assert ran.end.seconds < 3
         assert ran.trace.ended

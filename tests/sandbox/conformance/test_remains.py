@@ -14,10 +14,10 @@ from typing import Any
 
 import msgspec
 import pytest
-from envcraft_sandbox.zygote import Nursery
+from envcraft_sandbox.zygote import ZygoteDriver
 
 from envcraft.errors import WorkerLost
-from envcraft.sandbox import Driver, Limits, Worker
+from envcraft.judging.driver import Driver, Limits, Worker
 
 #: Gives the process the name TOKEN, as /proc shows it on the host too.
 _NAME_ITSELF = """
@@ -103,7 +103,7 @@ class TestNothingRemains:
     ) -> None:
         source = tmp_path / "tiny.py"
         source.write_text(environment(step=_NAME_ITSELF.replace("TOKEN", token) + "\n    while True: pass"))
-        launched, how_launched = (driver._driver, "nursery") if isinstance(driver, Nursery) else (driver, "")
+        launched, how_launched = (driver._driver, "zygotes") if isinstance(driver, ZygoteDriver) else (driver, "")
         named = [type(launched).__module__, type(launched).__name__, how_launched]
         host = subprocess.Popen(
             [sys.executable, "-c", _HOST, *named, str(source)],
@@ -121,17 +121,17 @@ class TestNothingRemains:
 #: A program that runs one job without end.
 _HOST = """
 import importlib, signal, sys
-from envcraft.rollout import Rollout
-from envcraft.sandbox import Limits
-from envcraft.recording import Recording
+from envcraft.model.rollout import Rollout
+from envcraft.judging.driver import Limits
+from envcraft.judging.trace_builder import TraceBuilder
 
 signal.signal(signal.SIGINT, signal.default_int_handler)
 limits = Limits(call=60.0)
 driver = getattr(importlib.import_module(sys.argv[1]), sys.argv[2])()
-worker = (driver.nursery() if sys.argv[3] else driver).launch(hash_seed=0, limits=limits)
+worker = (driver.shared_layout() if sys.argv[3] else driver).launch(hash_seed=0, limits=limits)
 target = {"kind": "source", "source": open(sys.argv[4]).read(), "filename": "tiny.py"}
 job = {"kind": "rollout", "target": target, "contract": {}, "seed": 0, "actions": [[0, 0, 0]]}
-worker.run(job, Recording(Rollout(0, [[0, 0, 0]]), None, None), limits)
+worker.run(job, TraceBuilder(Rollout(0, [[0, 0, 0]]), None, None), limits)
 """
 
 

@@ -6,7 +6,8 @@ from typing import Any
 
 import pytest
 
-from envcraft.sandbox import Driver, How, Worker
+from envcraft.judging.driver import Driver, Worker
+from envcraft.model.job import ExitReason
 
 from .conftest import Environment
 
@@ -46,7 +47,7 @@ def test_a_first_one_has_a_new_process_that_others_follow_in(
 ) -> None:
     source = environment(top=_PROCESS)
     before = follow(source)
-    first, after = play(worker, source, series=True, first=True), follow(source)
+    first, after = play(worker, source, series=True, new_process=True), follow(source)
     assert [one.end.before for one in (before, first, after)] == [0, 0, 1]
     assert before.facts != first.facts == after.facts
 
@@ -92,7 +93,7 @@ def test_what_stays_or_breaks_ends_it(follow: Any, environment: Environment, top
     assert untidy.end.before == first.end.before + 1
     after = follow(tidy)
     assert after.end.before == 0
-    assert after.end.how is How.DONE
+    assert after.end.reason is ExitReason.DONE
     assert after.facts != first.facts
 
 
@@ -103,6 +104,6 @@ def test_what_is_printed_is_told_of_its_own_job(follow: Any, environment: Enviro
 
 def test_a_worker_that_ends_takes_it_along(driver: Driver, limits: Any, environment: Environment, play: Any) -> None:
     worker = driver.launch(hash_seed=0, limits=limits)
-    assert play(worker, environment(), series=True).end.how is How.DONE
+    assert play(worker, environment(), series=True).end.reason is ExitReason.DONE
     worker.close()
     worker.close()

@@ -207,7 +207,7 @@ async function one(wanted, number) {
     ["time", row[SECONDS] ? `${row[SECONDS].toFixed(1)} s` : ""], ["lines", count(row[LINES])],
     ["isolation", about.isolation], ["added", about.added.slice(0, 10)], ["source", about.sha256.slice(0, 12)],
     ...about.origin]);
-  const alike = about.alike.map(([other, name]) => make("li", "", linked(name, { show: other })));
+  const duplicates = about.duplicates.map(([other, name]) => make("li", "", linked(name, { show: other })));
   const way = make("nav", "way", linked("All environments", { show: null }));
   way.setAttribute("aria-label", "Environments");
   if (number > 0) way.append(linked("Previous", { show: number - 1 }));
@@ -216,7 +216,7 @@ async function one(wanted, number) {
     make("div", shown ? "head pictured" : "head", shown, make("div", "", badge(verdictOf(row)), title, facts,
       about.reason ? make("p", "message", about.reason) : null, make("ul", "checks", ...checks))),
     ...about.findings.map((found, place) => finding(found, about, place + 1)),
-    ...(alike.length ? [make("section", "alike", make("h2", "", "Near-duplicates"), make("ul", "", ...alike))] : []),
+    ...(duplicates.length ? [make("section", "duplicates", make("h2", "", "Duplicates"), make("ul", "", ...duplicates))] : []),
     source(about));
   document.title = about.name;
   scrollTo(0, 0);

@@ -24,15 +24,16 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
-from envcraft.check import Check, Rule, Skip
-from envcraft.rollout import Conditions, Rollout
-from envcraft.shrink import repro
-from envcraft.stats import settle
-from envcraft.verdict import Finding
+from envcraft.errors import Skip
+from envcraft.judging.check import Check, Rule
+from envcraft.judging.shrink import repro
+from envcraft.judging.statistics import settle
+from envcraft.model.rollout import Conditions, Rollout
+from envcraft.model.verdict import Finding
 
 if TYPE_CHECKING:
-    from envcraft.subject import Subject
-    from envcraft.trace import Trace
+    from envcraft.judging.subject import Subject
+    from envcraft.model.trace import Trace
 
 #: The first so many frames of an episode are looked at; the first of them is that of the reset.
 _FRAMES = 64
@@ -57,10 +58,10 @@ class Brightness(Check):
         def dark(number: int) -> bool:
             return brightest(subject.rollout(_watched(subject, number))) <= _DARK
 
-        def foresee(numbers: range) -> None:
-            subject.foresee(_watched(subject, number) for number in numbers)
+        def prefetch(numbers: range) -> None:
+            subject.prefetch(_watched(subject, number) for number in numbers)
 
-        verdict, rate = settle(dark, _MOST, subject.budget.looks, foresee)
+        verdict, rate = settle(dark, _MOST, subject.budget.looks, prefetch)
         if verdict is None:
             raise Skip(f"whether most episodes are dark is not settled: {rate}")
         if verdict:
@@ -85,7 +86,7 @@ class Brightness(Check):
 
 def _watched(subject: Subject, number: int) -> Rollout:
     """Random play whose frames are kept: a trace usually has no more than a digest of each."""
-    return msgspec.structs.replace(subject.players.random(number, _FRAMES - 1), keep=_FRAMES)
+    return msgspec.structs.replace(subject.probes.random(number, _FRAMES - 1), keep=_FRAMES)
 
 
 def brightest(trace: Trace) -> int:

@@ -9,8 +9,8 @@ import click
 import msgspec
 
 from envcraft.errors import UsageError
-from envcraft.reports import one_line
-from envcraft.verdict import SubjectReport
+from envcraft.model.verdict import SubjectReport
+from envcraft.text import one_line
 
 
 @click.command()

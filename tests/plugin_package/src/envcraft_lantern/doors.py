@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from random import Random
 
-from envcraft.families import Family, Generated
+from envcraft.environments.families import Family, Generated
 
 _SOURCE = '''\
 """Doors: a corridor of {length} pixels with two doors; behind the lit one it goes on."""

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from envcraft.demonstrations.player import Player
-from envcraft.rollout import Rollout
-from envcraft.subject import Subject
-from envcraft.trace import Trace
+from envcraft.judging.subject import Subject
+from envcraft.model.rollout import Rollout
+from envcraft.model.trace import Trace
 
 _LEFT, _RIGHT = [3, 0, 0], [4, 0, 0]
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from envcraft.corpus.export import Exporter, Order, fresh_folder
+from envcraft.corpus.export.exporter import Exporter, Order, fresh_folder
 
 
 class FilesExporter(Exporter):

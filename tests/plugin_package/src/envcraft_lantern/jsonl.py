@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import msgspec
 
-from envcraft.events import Event, SubjectFinished
-from envcraft.reports import Reporter
-from envcraft.verdict import plain
+from envcraft.model.events import Event, SubjectFinished
+from envcraft.model.verdict import plain
+from envcraft.reports.reporter import Reporter
 
 
 class JsonLinesReporter(Reporter):

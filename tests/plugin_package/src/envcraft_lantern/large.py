@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import msgspec
 
-from envcraft.contract import ARCADE
+from envcraft.contracts.builtin import ARCADE
 
 ARCADE_LARGE = msgspec.structs.replace(
     ARCADE,

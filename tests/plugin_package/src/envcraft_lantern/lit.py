@@ -1,10 +1,10 @@
-"""A stage for ``envcraft generate``: only games that speak of light are built."""
+"""A stage for ``envcraft generate``: only games that mention light are built."""
 
 from __future__ import annotations
 
 import re
 
-from envcraft.stages import Case, Outcome, Stage, Workbench
+from envcraft.generation.stages import ConceptState, Stage, StageContext, StageOutcome
 
 
 class Lit(Stage):
@@ -12,7 +12,7 @@ class Lit(Stage):
     summary = "The brief says where the light comes from."
     after = "briefs"
 
-    async def run(self, case: Case, bench: Workbench) -> Outcome:
-        if re.search(r"\b(light|lamp|lantern|sun|glow)", case.brief, re.IGNORECASE):
-            return Outcome("passed")
-        return Outcome("rejected", "dark: the brief says nothing of light")
+    async def run(self, state: ConceptState, context: StageContext) -> StageOutcome:
+        if re.search(r"\b(light|lamp|lantern|sun|glow)", state.brief, re.IGNORECASE):
+            return StageOutcome("passed")
+        return StageOutcome("rejected", "dark: the brief says nothing of light")

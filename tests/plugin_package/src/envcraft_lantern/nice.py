@@ -9,8 +9,8 @@ from collections.abc import Callable
 
 from envcraft_sandbox import launch, leftovers
 
-from envcraft.installed import Installed
-from envcraft.sandbox import Availability, Driver, Isolation, Limits, Worker
+from envcraft.judging.driver import Availability, Driver, Isolation, Limits, Worker
+from envcraft.judging.installed import Installed
 
 
 class NiceDriver(Driver):
@@ -22,8 +22,8 @@ class NiceDriver(Driver):
     def __init__(self, found: Installed = Installed()) -> None:  # noqa: B008 (it is immutable)
         self._found = found
 
-    def seeing(self, found: Installed) -> NiceDriver:
-        return NiceDriver(found)
+    def with_installed(self, packages: Installed) -> NiceDriver:
+        return NiceDriver(packages)
 
     def probe(self) -> Availability:
         if shutil.which("nice") is None:
@@ -31,9 +31,9 @@ class NiceDriver(Driver):
         return Availability(True, layers=["own process", "scrubbed environment", "lowest priority"])
 
     def launch(self, *, hash_seed: int, limits: Limits) -> Worker:
-        return self.begin(hash_seed=hash_seed, limits=limits)()
+        return self.start(hash_seed=hash_seed, limits=limits)()
 
-    def begin(self, *, hash_seed: int, limits: Limits) -> Callable[[], Worker]:
+    def start(self, *, hash_seed: int, limits: Limits) -> Callable[[], Worker]:
         folder = leftovers.folder() / f"job-{secrets.token_hex(8)}"
         variables = launch.environment(hash_seed, str(folder))
         variables["PYTHONPATH"] = os.pathsep.join(launch.module_paths(self._found))

@@ -9,16 +9,16 @@ from envcraft.plugins import hookimpl
 if TYPE_CHECKING:
     import click
 
-    from envcraft.check import Check
-    from envcraft.contract import Contract
-    from envcraft.corpus.export import Exporter
+    from envcraft.corpus.executors import ExecutorPlugin
+    from envcraft.corpus.export.exporter import Exporter
     from envcraft.demonstrations.player import Player
-    from envcraft.executors import ExecutorPlugin
-    from envcraft.families import Family
-    from envcraft.generators import Generator
-    from envcraft.reports import Reporter
-    from envcraft.sandbox import Driver
-    from envcraft.stages import Stage
+    from envcraft.environments.families import Family
+    from envcraft.generation.generators import Generator
+    from envcraft.generation.stages import Stage
+    from envcraft.judging.check import Check
+    from envcraft.judging.driver import Driver
+    from envcraft.model.contract import Contract
+    from envcraft.reports.reporter import Reporter
 
 # Loaded in every run of the command: each hook imports what it gives when it is called.
 
@@ -74,7 +74,7 @@ def envcraft_families() -> list[Family]:
 
 @hookimpl
 def envcraft_generators() -> list[Generator]:
-    from envcraft.generators import Generator
+    from envcraft.generation.generators import Generator
 
     from .wicks import wicks
 

@@ -9,8 +9,8 @@ import signal
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
 
+from envcraft.corpus.executors import ExecutorPlugin, Opened
 from envcraft.errors import UsageError
-from envcraft.executors import ExecutorPlugin, Opened
 
 
 class ProcessesExecutor(ExecutorPlugin):

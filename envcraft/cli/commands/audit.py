@@ -1,0 +1,286 @@
+"""``envcraft audit``: judge a corpus or a folder and store every verdict."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import sys
+from collections.abc import Generator
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from envcraft.cli.configured import Configured
+from envcraft.cli.options import check_options, sandbox_options
+from envcraft.cli.signals import uninterrupted
+from envcraft.contracts.lookup import contract_named
+from envcraft.corpus.executors import LOCAL, executor_named
+from envcraft.errors import ExitCode, UsageError
+from envcraft.judging.budget import BUDGETS
+from envcraft.judging.driver import ensure
+from envcraft.judging.selection import driver_named, select_checks
+from envcraft.judging.worker_pool import WorkerPool
+from envcraft.model.verdict import SCHEMA, plain
+from envcraft.text import one_line, plural
+from envcraft.version import __version__
+
+if TYPE_CHECKING:
+    from envcraft.corpus.audit import Audit
+    from envcraft.corpus.baseline import Difference
+    from envcraft.corpus.store import Store
+    from envcraft.model.events import Event
+
+    Judging = Generator[tuple[int, Event], None, None]
+
+#: The number of codes, and of findings of each kind, that the console shows.
+_SHOWN = 10
+
+
+class _Command(Configured):
+    # These options differ from those of `validate`.
+    apart = frozenset({"format", "report"})
+
+
+@click.command(cls=_Command, short_help="Judge a corpus or a folder.")
+@click.argument("place", metavar="CORPUS|FOLDER")
+@click.option("--store", metavar="DIR", help="The corpus of a folder.  [default: FOLDER/.envcraft]")
+@check_options
+@sandbox_options()
+@click.option(
+    "--executor",
+    default=LOCAL,
+    show_default=True,
+    metavar="NAME",
+    help="What runs the judging: local (this process), or an executor of a plugin, such as dask.",
+)
+@click.option(
+    "--scheduler",
+    metavar="ADDRESS",
+    help="The address of the executor's scheduler.  [default: a cluster on this machine]",
+)
+@click.option(
+    "--resume/--no-resume", default=True, show_default=True, help="Keep verdicts that exist, or judge everything again."
+)
+@click.option(
+    "--sample", type=click.IntRange(1), metavar="N", help="Judge a random sample of N environments, drawn with --seed."
+)
+@click.option("--only-failed", is_flag=True, help="Judge only environments whose last verdict is fail or error.")
+@click.option(
+    "--changed",
+    is_flag=True,
+    help="Judge only environments that are new, changed since the last complete audit, or not judged.",
+)
+@click.option("--baseline", metavar="REPORT.json", help="Compare the findings with those of an earlier report.")
+@click.option("--report", metavar="DIR", help="Write a report on the whole corpus to this folder.")
+@click.option("--previews/--no-previews", default=True, help="Make previews for --report.")
+@click.option("--format", "form", type=click.Choice(["console", "json"]), default="console", show_default=True)
+@click.option("--exit-zero", is_flag=True, help="Exit with status 0 even if environments fail.")
+@click.pass_context
+def audit(
+    ctx: click.Context,
+    place: str,
+    store: str | None,
+    contract: str,
+    sandbox: str,
+    runtime: str | None,
+    require_isolation: str | None,
+    checks: str | None,
+    skip: str | None,
+    budget: str,
+    seed: int,
+    workers: int | None,
+    executor: str,
+    scheduler: str | None,
+    resume: bool,
+    sample: int | None,
+    only_failed: bool,
+    changed: bool,
+    baseline: str | None,
+    report: str | None,
+    previews: bool,
+    form: str,
+    exit_zero: bool,
+) -> None:
+    """Judge every environment of a corpus or folder, and store the verdicts.
+
+    Only changed environments are judged again. The same command resumes an interrupted run.
+
+    \b
+    Exit status: 0 every environment passes    1 at least one fails
+                 2 usage error                    3 an environment could not be judged
+    """
+    promised, selected = contract_named(contract), select_checks(checks, skip)
+    engine = executor_named(executor)
+    if engine is None and scheduler is not None:
+        raise UsageError(f"--scheduler {scheduler} needs an executor that has a scheduler, such as --executor dask")
+    if engine is not None:
+        engine.ensure()
+    if report:
+        from pathlib import Path
+
+        from envcraft.corpus.report.write import check_requirements, write_report
+
+        check_requirements(Path(report))
+    with contextlib.ExitStack() as stack:
+        driver = driver_named(sandbox, require_isolation, runtime, probe=False)
+        stack.callback(driver.close)
+        with uninterrupted():
+            from envcraft.corpus.audit import Audit
+            from envcraft.corpus.baseline import compare, read_baseline
+            from envcraft.corpus.dispatch import stream as dispatch
+            from envcraft.corpus.store.audits import Selection
+            from envcraft.corpus.tasks import Order
+            from envcraft.judging.engine import Plan, stream
+            from envcraft.judging.settings import settings_of
+
+        known = read_baseline(baseline) if baseline else None
+        ensure(driver)
+        settings = settings_of(promised, selected, driver, BUDGETS[budget], seed)
+        opened, folder = _open(place, store)
+        stack.enter_context(opened)
+        selection = Selection(only_failed, changed, sample, seed)
+        run = Audit(opened, opened.settings(settings), selection, folder, resume)
+        click.echo(f"{plural(run.selected, 'environment')}, {len(run.pending):,} of them to be judged", err=True)
+        if run.pending:
+            plan = Plan(run.targets, promised, driver, selected, BUDGETS[budget], seed)
+            if engine is None:
+                judging = stream(plan, workers, stack.enter_context(WorkerPool(driver, plan.limits, len(run.pending))))
+            else:
+                order = Order(settings, promised, [check.name for check in selected], runtime, require_isolation)
+                judging = dispatch(engine, workers, scheduler, order, plan)
+            _judge(run, judging, resume)
+            for lost in run.kept:
+                words = f"{lost.path}: could not be judged again ({lost.reason}); the earlier verdict stays"
+                click.echo(one_line(words), err=True)
+        run.end()
+        if report:
+            contract_of_new = promised if previews else None
+            write_report(opened, Path(report), folder, contract_of_new, driver, workers, partial(click.echo, err=True))
+        difference = compare(run, known) if known is not None else None
+        verdicts = run.verdicts()
+        told = {"schema": SCHEMA, "envcraft": __version__, "contract": contract, "seed": seed, "budget": budget}
+        if form == "json":
+            _write_json(run, told, verdicts, difference)
+        else:
+            _write_summary(run, verdicts, difference)
+    if verdicts.get("fail") and not exit_zero:
+        ctx.exit(ExitCode.FAIL)
+    ctx.exit(ExitCode.ERROR if verdicts.get("error") or run.kept else ExitCode.PASS)
+
+
+def _open(place: str, store: str | None) -> tuple[Store, str]:
+    """Open the corpus to write to, and update it if it follows a folder.
+
+    Returns:
+        The corpus, and the folder that it follows or "".
+
+    Raises:
+        UsageError, CorpusBusy, CorpusDamaged: if it cannot be opened.
+    """
+    from pathlib import Path
+
+    from envcraft.cli.commands.targets import environments_below
+    from envcraft.corpus.audit import follow
+    from envcraft.corpus.store import FOLDER_CORPUS, Store, environments, is_corpus
+
+    if is_corpus(Path(place)):
+        if store is not None:
+            raise UsageError(f"{place} is a corpus and stores its own verdicts: leave out --store {store}")
+        opened = Store(Path(place), write=True)
+        if not environments.count(opened):
+            opened.close()
+            raise UsageError(f"the corpus {place} is empty; `envcraft corpus add {place} FOLDER` adds environments")
+        return opened, ""
+    if not os.path.isdir(place):
+        raise UsageError(f"{place} is neither a corpus nor a folder; `envcraft validate` judges single files")
+    root = Path(store) if store is not None else Path(place, FOLDER_CORPUS)
+    if not is_corpus(root) and next(environments_below(place), None) is None:
+        raise UsageError(f"{place} holds no environment: no .py file below it defines a class and names gymnasium")
+    opened = Store(root, write=True) if is_corpus(root) else Store.create(root, folder=True)
+    try:
+        if not opened.follows_folder:
+            raise UsageError(f"--store {root} is a corpus of its own; the verdicts on a folder need a separate corpus")
+        follow(opened, ((plain(os.path.relpath(target.path, place)), target) for target in environments_below(place)))
+    except BaseException:
+        opened.close()
+        raise
+    return opened, place
+
+
+def _judge(run: Audit, judging: Judging, resume: bool) -> None:
+    import io
+
+    from envcraft.cli.progress import Progress
+    from envcraft.model.events import SubjectFinished
+
+    judged = 0
+
+    def tell(event: Any) -> None:
+        nonlocal judged
+        progress.handle(event)
+        judged += isinstance(event, SubjectFinished)
+
+    # Nothing else is written while the progress display is active.
+    with Progress(io.StringIO()) as progress:
+        try:
+            run.run(judging, tell)
+        except KeyboardInterrupt:
+            again = (
+                "the same command resumes"
+                if resume
+                else "the same command judges all again, and without --no-resume only those without a verdict"
+            )
+            click.echo(f"{judged:,} of {len(run.pending):,} were judged and stored; {again}", err=True)
+            raise
+
+
+def _write_json(run: Audit, told: dict[str, Any], verdicts: dict[str, int], difference: Difference | None) -> None:
+    """Write an object like that of ``validate --format json`` with the member ``audit``, one report a line."""
+    import msgspec
+
+    def encoded(value: Any) -> str:
+        return msgspec.json.encode(plain(value)).decode()
+
+    steps, seconds = run.totals()
+    summary = {
+        "number": run.number,
+        "selected": run.selected,
+        "judged": len(run.pending),
+        "known": run.known,
+        "verdicts": verdicts,
+        "codes": run.codes(),
+        "steps": steps,
+        "seconds": seconds,
+        "baseline": difference,
+    }
+    sys.stdout.write(encoded({**told, "audit": summary})[:-1] + ',"reports":[')
+    for number, report in enumerate(run.reports()):
+        sys.stdout.write(f"{',' if number else ''}\n{encoded(report)}")
+    sys.stdout.write("]}\n")
+
+
+def _write_summary(run: Audit, verdicts: dict[str, int], difference: Difference | None) -> None:
+    words = {"pass": "passed", "fail": "failed", "error": "could not be judged"}
+    counts = ", ".join(f"{verdicts[verdict]:,} {words[verdict]}" for verdict in words if verdict in verdicts)
+    steps, seconds = run.totals()
+    click.echo(f"{plural(run.selected, 'environment')}: {counts or 'no verdict'}")
+    click.echo(
+        f"{len(run.pending):,} judged now, {run.known:,} known; {plural(steps, 'step')} in {seconds:,.0f} s of judging"
+    )
+    codes = run.codes()
+    for code, times in list(codes.items())[:_SHOWN]:
+        click.echo(f"  {code}  in {plural(times, 'environment')}")
+    if len(codes) > _SHOWN:
+        click.echo(f"  and {plural(len(codes) - _SHOWN, 'more code')}")
+    if difference is None:
+        return
+    click.echo(
+        f"since the baseline: {len(difference.new):,} new, {len(difference.fixed):,} fixed, "
+        f"{difference.unchanged:,} unchanged, {difference.unknown:,} not compared"
+    )
+    for kind, found in (("new", difference.new), ("fixed", difference.fixed)):
+        for item in found[:_SHOWN]:
+            click.echo(f"  {kind}  {one_line(item.path)}: {item.code} {one_line(item.message)}")
+        if len(found) > _SHOWN:
+            click.echo(f"  and {len(found) - _SHOWN:,} more {kind}; --format json lists all")

@@ -1,0 +1,44 @@
+"""``envcraft export``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from envcraft.corpus.export.exporter import exporter_named
+from envcraft.registry import offered
+
+
+class _ExportCommand(click.Command):
+    """Lists the formats of all plugins in the help."""
+
+    def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        super().format_options(ctx, formatter)
+        with formatter.section("Formats"):
+            formatter.write_dl([(exporter.name, exporter.summary) for exporter in offered("envcraft_exporters")])
+
+
+@click.command(cls=_ExportCommand, short_help="Export a corpus for use elsewhere.")
+@click.argument("corpus", metavar="CORPUS", type=click.Path(path_type=Path))
+@click.option("--to", "form", required=True, metavar="FORMAT", help="The format: one of those below.")
+@click.option(
+    "--output", required=True, metavar="DIR", type=click.Path(path_type=Path), help="The folder to write, new or empty."
+)
+@click.option("--name", metavar="NAME", help="The name of the export.  [default: that of the corpus]")
+@click.option("--all", "everything", is_flag=True, help="Include environments that have not passed.")
+@click.option(
+    "--licence", metavar="NAME", help="The licence of the sources, such as mit, if the corpus does not state one."
+)
+def export(corpus: Path, form: str, output: Path, name: str | None, everything: bool, licence: str | None) -> None:
+    """Export the environments of a corpus that have passed, with their verdicts.
+
+    CORPUS is a corpus or an audited folder.
+    """
+    exporter = exporter_named(form)
+    from envcraft.corpus.export.exporter import Order
+    from envcraft.corpus.store import open_store
+
+    with open_store(corpus) as store:
+        for line in exporter.export(Order(store, output, name, everything, licence)):
+            click.echo(line)

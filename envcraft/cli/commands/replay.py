@@ -1,0 +1,247 @@
+"""``envcraft replay``: run the reproductions of a report again."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+import msgspec
+
+from envcraft.cli.commands.validate import read_wrappers
+from envcraft.cli.options import runtime_option
+from envcraft.cli.play.recorded import Played
+from envcraft.contracts.lookup import contract_named
+from envcraft.errors import EnvCraftError, ExitCode, Skip, UsageError
+from envcraft.judging.budget import BUDGETS
+from envcraft.judging.check import Check
+from envcraft.judging.driver import driver_for
+from envcraft.judging.selection import all_checks, driver_named
+from envcraft.model.target import Kind, Target, kind_of, read_target
+from envcraft.model.verdict import SCHEMA, Finding, Report, SubjectReport
+from envcraft.reports.summary import Numbered, numbered
+from envcraft.text import one_line
+
+if TYPE_CHECKING:
+    from envcraft.judging.engine import Plan
+    from envcraft.judging.subject import Subject
+
+_MAX_REPORT = 256 * 1024**2
+_MAX_ACTIONS = 100_000
+_GIF_FRAMES = 1_001
+#: Pixels of the longer side, about: small frames are enlarged.
+_GIF_SIDE = 336
+
+
+@click.command()
+@click.argument("report", metavar="REPORT.json")
+@click.option(
+    "--finding", "number", type=click.IntRange(1), metavar="K", help="Replay only the K-th finding of the report."
+)
+@click.option("--gif", metavar="FILE", help="Write the finding's episode as an animated GIF.")
+@click.option(
+    "--sandbox", default="auto", show_default=True, metavar="NAME", help="The sandbox that runs the environments."
+)
+@runtime_option
+@click.option("--anyway", is_flag=True, help="Replay even if the source has changed since the report.")
+@click.pass_context
+def replay(
+    ctx: click.Context,
+    report: str,
+    number: int | None,
+    gif: str | None,
+    sandbox: str,
+    runtime: str | None,
+    anyway: bool,
+) -> None:
+    """Run the reproductions of a report again.
+
+    Each runs in fresh workers, and the command says whether the defect shows again.
+
+    \b
+    Exit status: 0 every defect shows again    1 some do not
+                 2 wrong use                   3 some could not be replayed
+    """
+    read = read_report(report)
+    chosen = choose_findings(read, number)
+    if not chosen:
+        click.echo("The report has no finding to replay.")
+        return
+    if gif and len(chosen) > 1:
+        raise UsageError(f"--gif shows one finding: choose one of {len(chosen)} with --finding K")
+    if gif:
+        _import_pillow()
+    statuses: set[ExitCode] = set()
+    with contextlib.closing(driver_named(sandbox, runtime=runtime)) as driver:
+        checks = {check.name: check for check in [*all_checks(), Played()]}
+        for subject_report in read.reports:
+            findings = [item for item in chosen if item.subject is subject_report]
+            if findings:
+                plan = _plan(read, driver, subject_report, list(checks.values()))
+                statuses.update(_replay_subject(plan, report, findings, checks, anyway, gif))
+    ctx.exit(max(statuses))
+
+
+def read_report(path: str) -> Report:
+    """Read a report that ``validate --format json`` wrote. Raises UsageError."""
+    hint = "write one with `envcraft validate TARGET --format json --output report.json`"
+    try:
+        with open(path, "rb") as stream:
+            data = stream.read(_MAX_REPORT + 1)
+    except OSError as error:
+        raise UsageError(f"the report {path} cannot be read ({error.strerror}); {hint}") from None
+    if len(data) > _MAX_REPORT:
+        raise UsageError(f"{path} is larger than any report; {hint}")
+    try:
+        report = msgspec.json.decode(data, type=Report)
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+        raise UsageError(f"{path} is not a report ({one_line(error)}); {hint}") from None
+    if report.schema != SCHEMA:
+        raise UsageError(f"{path} has schema {report.schema}; this version of EnvCraft reads schema {SCHEMA}")
+    for item in numbered(report):
+        if len(item.finding.repro.actions) > _MAX_ACTIONS or not 0 <= item.finding.repro.seed < 2**63:
+            raise UsageError(
+                f"{path}: the reproduction of finding {item.number} has an invalid seed or too many actions"
+            )
+    return report
+
+
+def choose_findings(report: Report, number: int | None) -> list[Numbered]:
+    """Give all findings, or the one with this number. Raises UsageError if it does not exist."""
+    found = list(numbered(report))
+    if number is None:
+        return found
+    if number > len(found):
+        raise UsageError(f"there is no finding {number}: the report has {len(found)}")
+    return [found[number - 1]]
+
+
+def _plan(report: Report, driver: Any, subject: SubjectReport, checks: list[Check]) -> Plan:
+    """Restore the plan of the report, without targets."""
+    from envcraft.judging.engine import Plan
+    from envcraft.model.target import read_policy
+
+    if report.budget not in BUDGETS:
+        raise UsageError(f"the report names the unknown budget {one_line(report.budget)}")
+    policy = read_policy(subject.policy) if subject.policy else None
+    return Plan([], contract_named(report.contract), driver, checks, BUDGETS[report.budget], report.seed, policy)
+
+
+def _replay_subject(
+    plan: Plan, report: str, chosen: list[Numbered], checks: dict[str, Check], anyway: bool, gif: str | None
+) -> Iterator[ExitCode]:
+    """Replay the findings of one subject, which share its workers and rollouts."""
+    from envcraft.judging.engine import open_subject
+
+    told = chosen[0].subject
+    try:
+        target = _target(told, report)
+    except UsageError as error:
+        yield _could_not(chosen, str(error))
+        return
+    changed = f"{one_line(told.file)} has changed since the report; replay it with --anyway"
+    if target.kind is Kind.SOURCE and target.sha256 != told.source_sha256 and not anyway:
+        yield _could_not(chosen, changed)
+        return
+    plan = msgspec.structs.replace(plan, driver=driver_for(plan.driver, [target]))
+    for several in (False, True):
+        # A finding about several classes shows only if none of them is selected.
+        findings = [item for item in chosen if (item.finding.code == "EC006") is several]
+        if findings:
+            picked = msgspec.structs.replace(target, env_class=None if several else told.env_class)
+            with open_subject(plan, picked) as subject:
+                if target.kind is not Kind.SOURCE and not anyway:
+                    # Only loading shows which file an installed class comes from.
+                    subject.load()
+                    if subject.source_sha256 != told.source_sha256:
+                        yield _could_not(findings, changed)
+                        continue
+                for item in findings:
+                    yield _replay(subject, item, checks.get(item.check.check))
+                    if gif:
+                        write_gif(subject, item.finding, gif)
+
+
+def _target(told: SubjectReport, report: str) -> Target:
+    """Restore a report's target. Raises UsageError if its file cannot be read or its kind is wrong."""
+    if told.kind is Kind.SOURCE:
+        source = read_target(_find(told.path, report)).source
+    elif kind_of(told.path) is told.kind:
+        source = b""
+    else:
+        raise UsageError(f"{one_line(told.path)} is not a {told.kind}")
+    return Target(told.path, source, None, told.kind, told.kwargs, read_wrappers(tuple(told.wrappers)))
+
+
+def _find(path: str, report: str) -> str:
+    """Look a relative path up in the working directory, then in the report's folder."""
+    beside = Path(report).parent / path
+    return str(beside) if not os.path.exists(path) and beside.exists() else path
+
+
+def _replay(subject: Subject, item: Numbered, check: Check | None) -> ExitCode:
+    if check is None:
+        return _could_not([item], f"the check {one_line(item.check.check)} is not installed")
+    try:
+        found = check.confirm(subject, item.finding)
+    except Skip as skip:
+        return _could_not([item], str(skip))
+    except EnvCraftError as error:
+        return _could_not([item], str(error))
+    except Exception as error:
+        return _could_not([item], f"the check broke: {type(error).__name__}: {one_line(error)}")
+    if found is None:
+        click.echo(f"{_label(item)}: not reproduced: {one_line(item.finding.message)}")
+        return ExitCode.FAIL
+    click.echo(f"{_label(item)}: reproduced: {one_line(found.message)}")
+    return ExitCode.PASS
+
+
+def _label(item: Numbered) -> str:
+    line = f":{item.finding.line}" if item.finding.line else ""
+    return f"#{item.number} {item.finding.code} {one_line(item.subject.path)}{line}"
+
+
+def _could_not(items: list[Numbered], reason: str) -> ExitCode:
+    for item in items:
+        click.echo(f"{_label(item)}: could not be replayed: {one_line(reason)}")
+    return ExitCode.ERROR
+
+
+def write_gif(subject: Subject, finding: Finding, path: str) -> None:
+    """Write the frames of a finding's reproduction as an animated GIF, enlarged. Raises UsageError."""
+    from envcraft.judging.frame_renderer import frames_of, rgb, with_frames
+    from envcraft.model.rollout import Conditions, Rollout
+
+    image = _import_pillow()
+    try:
+        conditions = with_frames(subject, Conditions.from_json(finding.repro.conditions))
+        rollout = Rollout(finding.repro.seed, finding.repro.actions, conditions, player="replay", keep=_GIF_FRAMES)
+        frames = [frame for kept in frames_of(subject.rollout(rollout)) if (frame := rgb(kept)) is not None]
+    except Skip as skip:
+        raise UsageError(f"this finding has no picture: {skip}") from None
+    except msgspec.ValidationError as error:
+        raise UsageError(f"the report's conditions are invalid: {error}") from None
+    if not frames:
+        raise UsageError("this finding has no picture: its episode gives no frames")
+    scale = max(_GIF_SIDE // max(frames[0].shape[:2]), 1)
+    pictures = [
+        image.fromarray(frame).resize((frame.shape[1] * scale, frame.shape[0] * scale), image.Resampling.NEAREST)
+        for frame in frames
+    ]
+    try:
+        pictures[0].save(path, save_all=True, append_images=pictures[1:], duration=40, loop=0, format="GIF")
+    except OSError as error:
+        raise UsageError(f"--gif {path} cannot be written: {error.strerror or error}") from None
+    click.echo(f"wrote {path}: {len(pictures)} frames", err=True)
+
+
+def _import_pillow() -> Any:
+    try:
+        from PIL import Image
+    except ImportError:
+        raise UsageError("--gif needs Pillow; install it with `pip install 'envcraft-rl[gif]'`") from None
+    return Image

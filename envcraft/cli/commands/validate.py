@@ -1,0 +1,229 @@
+"""``envcraft validate``: judge environments."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import json
+import os
+import sys
+from collections.abc import Iterable, Iterator
+from typing import Any, TextIO
+
+import click
+import msgspec
+
+from envcraft.cli.commands.outputs import output_file
+from envcraft.cli.commands.targets import resolve
+from envcraft.cli.configured import Configured
+from envcraft.cli.options import check_options, sandbox_options
+from envcraft.cli.signals import uninterrupted
+from envcraft.contracts.lookup import contract_named
+from envcraft.errors import ExitCode, UsageError
+from envcraft.judging.budget import BUDGETS
+from envcraft.judging.driver import Limits, driver_for
+from envcraft.judging.selection import all_checks, driver_named, rules_of, select_checks
+from envcraft.judging.worker_pool import WorkerPool
+from envcraft.model.events import Finished
+from envcraft.model.target import Kind, Target, kind_of, read_policy
+from envcraft.model.verdict import Report, Verdict
+from envcraft.registry import offered
+from envcraft.reports.reporter import Reporter, reporter_named
+
+
+class _ValidateCommand(Configured):
+    """Lists the report formats of all plugins in the help."""
+
+    def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        super().format_options(ctx, formatter)
+        with formatter.section("Formats"):
+            formatter.write_dl([(reporter.name, reporter.summary) for reporter in offered("envcraft_reporters")])
+
+
+@click.command(cls=_ValidateCommand)
+@click.argument("targets", nargs=-1, required=True, metavar="TARGET...")
+@check_options
+@click.option("--class", "env_class", metavar="NAME", help="The environment class, if a file defines several.")
+@click.option("--kwargs", metavar="JSON", help="Arguments of the constructor, as a JSON object.")
+@click.option(
+    "--wrap",
+    multiple=True,
+    metavar="MODULE:FUNC",
+    help="Apply this wrapper to each instance. Can be repeated; the first is the innermost.",
+)
+@sandbox_options()
+@click.option(
+    "--policy", metavar="FILE", help="A Python file with a privileged policy, which the check difficulty plays."
+)
+@click.option(
+    "--format",
+    "form",
+    default="console",
+    show_default=True,
+    metavar="NAME",
+    help="The format of the report, one of those below.",
+)
+@click.option("--output", metavar="FILE", help="Write the report to this file; - means standard output.")
+@click.option(
+    "--report",
+    "also",
+    multiple=True,
+    metavar="FORMAT:FILE",
+    help="Write another report in this format to this file. Can be repeated.",
+)
+@click.option("--environments-only", is_flag=True, help="Skip named files that define no environment.")
+@click.option("--exit-zero", is_flag=True, help="Exit with 0 even if an environment fails.")
+@click.pass_context
+def validate(
+    ctx: click.Context,
+    targets: tuple[str, ...],
+    contract: str,
+    env_class: str | None,
+    kwargs: str | None,
+    wrap: tuple[str, ...],
+    sandbox: str,
+    runtime: str | None,
+    require_isolation: str | None,
+    checks: str | None,
+    skip: str | None,
+    budget: str,
+    seed: int,
+    policy: str | None,
+    workers: int | None,
+    form: str,
+    output: str | None,
+    also: tuple[str, ...],
+    environments_only: bool,
+    exit_zero: bool,
+) -> None:
+    """Validate environments in a sandbox.
+
+    A TARGET is a Python file, a folder of such files, package.module:Class, or a registered id such as CartPole-v1.
+
+    \b
+    Exit status: 0 every environment passes    1 at least one fails
+                 2 usage error                 3 an environment could not be judged
+    """
+    wanted, promised = read_reports(form, output, also), contract_named(contract)
+    changes = {"kwargs": read_kwargs(kwargs), "wrappers": read_wrappers(wrap)}
+    files, unusable = _files(targets, env_class, environments_only, changes)
+    if not files and (unusable or not environments_only):
+        ctx.exit(ExitCode.USAGE)
+
+    privileged = read_policy(policy) if policy else None
+    report: Report | None = None
+    with contextlib.ExitStack() as stack:
+        driver = driver_for(driver_named(sandbox, require_isolation, runtime, probe=False), files)
+        stack.callback(driver.close)
+        pool = stack.enter_context(WorkerPool(driver, Limits(), len(files)))
+        # Slow work comes here, while the first worker starts.
+        selected = select_checks(checks, skip)
+        streams = [sys.stdout if path in (None, "-") else stack.enter_context(_report_file(path)) for _, path in wanted]
+        with uninterrupted():
+            from envcraft.cli.progress import Progress
+            from envcraft.judging.engine import Plan
+            from envcraft.judging.engine import validate as judge
+        pool.ensure()
+        plan = Plan(files, promised, driver, selected, BUDGETS[budget], seed, privileged)
+        progress = stack.enter_context(Progress(streams[0]))
+        rules = rules_of(all_checks())
+        reporters = [kind(stream, rules) for (kind, _), stream in zip(wanted, streams, strict=True)]
+        filmed = [reporter for reporter in reporters if reporter.wants_frames]
+        if filmed:
+            from envcraft.judging.frame_renderer import FrameRenderer
+
+            frames = stack.enter_context(FrameRenderer(plan))
+            for reporter in filmed:
+                reporter.frames = frames
+        for event in stack.enter_context(contextlib.closing(judge(plan, workers, pool))):
+            progress.handle(event)
+            for reporter in reporters:
+                reporter.handle(event)
+            if isinstance(event, Finished):
+                report = event.report
+    assert report is not None
+    ctx.exit(ExitCode.USAGE if unusable else exit_code(report, exit_zero))
+
+
+def exit_code(report: Report, exit_zero: bool = False) -> ExitCode:
+    """Give the exit status of a report; a failure counts more than an error."""
+    verdicts = {subject.verdict for subject in report.reports}
+    if Verdict.FAIL in verdicts and not exit_zero:
+        return ExitCode.FAIL
+    return ExitCode.ERROR if Verdict.ERROR in verdicts else ExitCode.PASS
+
+
+def read_reports(form: str, output: str | None, also: Iterable[str]) -> list[tuple[type[Reporter], str | None]]:
+    """Read ``--format``, ``--output`` and ``--report``.
+
+    Returns:
+        Each reporter with its file, the one of ``--format`` first. None stands for standard output.
+
+    Raises:
+        UsageError: a format does not exist, or two reports have one file.
+    """
+    found = [(reporter_named(form), output)]
+    for words in also:
+        name, _, path = words.partition(":")
+        if not path:
+            raise UsageError(f"--report {words} must be FORMAT:FILE, such as sarif:report.sarif")
+        found.append((reporter_named(name), path))
+    files = [os.path.realpath(path) for _, path in found if path]
+    for path in files:
+        if files.count(path) > 1:
+            raise UsageError(f"two reports have the same file {path}; name another file for one of them")
+    return found
+
+
+def read_kwargs(text: str | None) -> dict[str, Any]:
+    """Read ``--kwargs``, the constructor's arguments. Raises UsageError."""
+    try:
+        value = json.loads(text or "{}")
+    except (ValueError, RecursionError) as error:
+        raise UsageError(f"--kwargs {text} is not JSON: {error}") from None
+    if not isinstance(value, dict):
+        raise UsageError(f"--kwargs {text} is not a JSON object; write it like '{{\"size\": 8}}'")
+    return value
+
+
+def read_wrappers(names: tuple[str, ...]) -> tuple[str, ...]:
+    """Read ``--wrap``. Raises UsageError if a name is not ``module:func``."""
+    for name in names:
+        if kind_of(name) is not Kind.MODULE:
+            raise UsageError(f"--wrap {name} must be MODULE:FUNC, such as gymnasium.wrappers:FlattenObservation")
+    return names
+
+
+def _files(
+    targets: tuple[str, ...], env_class: str | None, environments_only: bool, changes: dict[str, Any]
+) -> tuple[list[Target], bool]:
+    """Resolve all targets, each once; say whether any was unusable, with the reason on stderr."""
+    files: dict[str, Target] = {}
+    unusable = False
+    for path in targets:
+        try:
+            for target in resolve(path, env_class, environments_only):
+                files.setdefault(target.path, msgspec.structs.replace(target, **changes))
+        except UsageError as error:
+            click.echo(f"Error: {error}", err=True)
+            unusable = True
+    return list(files.values()), unusable
+
+
+@contextlib.contextmanager
+def _report_file(path: str) -> Iterator[TextIO]:
+    """Raises UsageError."""
+    with output_file(path, "the report ") as data:
+        stream = io.TextIOWrapper(data, "utf-8")
+        try:
+            yield stream
+        finally:
+            stream.detach()
+
+
+def open_output(path: str) -> TextIO:
+    """Open the file that ``--output`` names. Raises UsageError."""
+    try:
+        return open(path, "w", encoding="utf-8")
+    except OSError as error:
+        raise UsageError(f"the report {path} cannot be written: {error.strerror}") from None

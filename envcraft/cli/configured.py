@@ -1,0 +1,108 @@
+"""Commands that take defaults for their options from ``[tool.envcraft]`` of the nearest ``pyproject.toml``."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection
+from pathlib import Path
+from typing import Any, ClassVar
+
+import click
+
+from envcraft.config import settings
+from envcraft.errors import UsageError
+from envcraft.registry import did_you_mean, offered
+
+
+class Configured(click.Command):
+    """A command whose every option can be set in ``[tool.envcraft]``.
+
+    A setting that this command lacks and another such command has is ignored here; any other unknown setting is an
+    error.
+
+    Attributes:
+        apart: settings that this command ignores although it has an option of that name.
+    """
+
+    apart: frozenset[str] = frozenset()
+    _settings: ClassVar[set[str]] = set()
+
+    def __init__(self, *args: Any, **kwargs: Any) -> None:
+        super().__init__(*args, **kwargs)
+        Configured._settings.update(self._options())
+
+    def _options(self) -> dict[str, str]:
+        """Map the names of settings to the parameters that they set."""
+        return {
+            option.removeprefix("--"): str(param.name)
+            for param in self.params
+            if isinstance(param, click.Option)
+            for option in param.opts
+        }
+
+    def make_context(
+        self, info_name: str | None, args: list[str], parent: click.Context | None = None, **extra: Any
+    ) -> click.Context:
+        options = {name: param for name, param in self._options().items() if name not in self.apart}
+        repeated = {str(param.name) for param in self.params if isinstance(param, click.Option) and param.multiple}
+        extra["default_map"] = configuration(Path.cwd(), options, repeated, _settings_of_all_commands)
+        return super().make_context(info_name, args, parent, **extra)
+
+
+def _settings_of_all_commands() -> set[str]:
+    # Making a command registers its settings.
+    offered("envcraft_commands")
+    return Configured._settings
+
+
+class PartlyConfigured(click.Command):
+    """A command that takes only the contract and the sandbox from ``[tool.envcraft]``.
+
+    The other settings are about judging, which such a command does not do.
+    """
+
+    def make_context(
+        self, info_name: str | None, args: list[str], parent: click.Context | None = None, **extra: Any
+    ) -> click.Context:
+        _, table = settings(Path.cwd())
+        shared = ("contract", "sandbox", "runtime", "require_isolation")
+        extra["default_map"] = {
+            name: value for key, value in table.items() if (name := key.replace("-", "_")) in shared
+        }
+        return super().make_context(info_name, args, parent, **extra)
+
+
+def configuration(
+    folder: Path,
+    options: dict[str, str],
+    repeated: Collection[str] = (),
+    others: Callable[[], Collection[str]] = frozenset,
+) -> dict[str, Any]:
+    """Read ``[tool.envcraft]`` of the ``pyproject.toml`` in `folder`, or of the nearest one above.
+
+    Args:
+        folder: where the search for the file starts.
+        options: the allowed settings, each with the parameter that it sets.
+        repeated: parameters that take a list; for the others, a list is joined by commas.
+        others: gives the settings of other commands, which are ignored.
+
+    Returns:
+        Values by parameter, for Click's ``default_map``.
+
+    Raises:
+        UsageError: the file is malformed, or a setting does not exist.
+    """
+    path, table = settings(folder)
+    values: dict[str, Any] = {}
+    for key, value in table.items():
+        if key in ("contracts", "corpus", "llm"):
+            continue
+        name = key.replace("_", "-")
+        if name not in options and name in others():
+            continue
+        if name not in options:
+            raise UsageError(f"{path}: [tool.envcraft] has no setting {did_you_mean(key, options)}")
+        if options[name] in repeated:
+            values[options[name]] = value if isinstance(value, list) else [value]
+        else:
+            values[options[name]] = ",".join(map(str, value)) if isinstance(value, list) else value
+    return values

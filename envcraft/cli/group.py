@@ -1,0 +1,77 @@
+"""The command line: a group whose commands all come from plugins.
+
+Neither this module nor loading the plugins imports NumPy or Gymnasium. A command imports them when it runs.
+"""
+
+from __future__ import annotations
+
+import sys
+from typing import Any
+
+import click
+
+from envcraft.cli.signals import exit_statuses
+from envcraft.errors import EnvCraftError, ExitCode
+from envcraft.registry import did_you_mean, named, offered
+from envcraft.version import __version__
+
+
+class PluginGroup(click.Group):
+    """A group that collects its commands from the plugins."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        return sorted(command.name for command in offered("envcraft_commands"))
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        command: click.Command | None = named("envcraft_commands", cmd_name)
+        return command
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        if args and not args[0].startswith("-") and self.get_command(ctx, args[0]) is None:
+            ctx.fail(f"there is no command {did_you_mean(args[0], self.list_commands(ctx))}")
+        return super().resolve_command(ctx, args)
+
+    def make_context(self, *args: Any, **extra: Any) -> click.Context:
+        # --help imports the plugins and prints inside this call.
+        with exit_statuses():
+            return super().make_context(*args, **extra)
+
+    def invoke(self, ctx: click.Context) -> Any:
+        with exit_statuses():
+            try:
+                return self._invoke(ctx)
+            finally:
+                # While the interpreter exits, a closed pipe no longer raises an exception.
+                if sys.stdout is not None:
+                    sys.stdout.flush()
+
+    def _invoke(self, ctx: click.Context) -> Any:
+        try:
+            return super().invoke(ctx)
+        except EnvCraftError as error:
+            click.echo(f"Error: {' '.join(str(error).split())}", err=True)
+            ctx.exit(error.exit_code)
+        except (click.ClickException, click.exceptions.Exit, click.Abort, BrokenPipeError):
+            raise
+        except Exception as error:
+            # Python would exit with 1, which means that an environment fails.
+            import traceback
+
+            traceback.print_exc()
+            click.echo(
+                f"Error: a bug in EnvCraft ({type(error).__name__}); please report the traceback above", err=True
+            )
+            ctx.exit(ExitCode.ERROR)
+
+
+@click.group(cls=PluginGroup, context_settings={"help_option_names": ["-h", "--help"]}, no_args_is_help=True)
+@click.version_option(
+    __version__, prog_name="envcraft", message=f"%(prog)s %(version)s (Python {sys.version.split()[0]})"
+)
+def cli() -> None:
+    """Validate generated Gymnasium environments.
+
+    EnvCraft runs each environment in a sandbox and checks its episodes. Each finding has a reproduction.
+    """

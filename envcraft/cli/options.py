@@ -1,0 +1,93 @@
+"""Options that several commands share."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+import click
+
+from envcraft.judging.budget import BUDGETS
+from envcraft.judging.driver import Isolation
+
+_F = TypeVar("_F", bound=Callable[..., Any])
+
+#: More than any machine has cores. Each worker takes a thread.
+MOST_WORKERS = 1024
+
+runtime_option = click.option(
+    "--runtime", metavar="NAME", help="Container runtime of the docker sandbox, such as runsc for gVisor."
+)
+
+
+def sandbox_options(sandbox: str | None = "auto") -> Callable[[_F], _F]:
+    """Add ``--sandbox``, ``--runtime``, ``--require-isolation`` and ``--workers`` to a command that judges.
+
+    Args:
+        sandbox: the default of ``--sandbox``; None for the sandbox that a record names.
+    """
+    return _together(
+        click.option(
+            "--sandbox",
+            default=sandbox,
+            show_default=sandbox or "as recorded",
+            metavar="NAME",
+            help="The sandbox that runs the environments: auto, docker, bubblewrap or process.",
+        ),
+        runtime_option,
+        click.option(
+            "--require-isolation",
+            type=click.Choice([level.value for level in Isolation]),
+            help="Require at least this isolation level.",
+        ),
+        click.option(
+            "--workers",
+            type=click.IntRange(1, MOST_WORKERS),
+            show_default="one per core",
+            help="The number of jobs that run in parallel.",
+        ),
+    )
+
+
+def check_options(command: _F) -> _F:
+    """Add ``--contract``, ``--checks``, ``--skip``, ``--budget`` and ``--seed`` to a command that judges."""
+    return _together(
+        click.option(
+            "--contract",
+            default="arcade",
+            show_default=True,
+            metavar="NAME",
+            help="The interface that the environments promise; `envcraft contracts` lists them.",
+        ),
+        click.option(
+            "--checks",
+            metavar="A,B",
+            help="Run only these checks. The check source always runs; an opt-in check runs only if it is named.",
+        ),
+        click.option("--skip", metavar="A,B", help="Do not run these checks."),
+        click.option(
+            "--budget",
+            type=click.Choice(list(BUDGETS)),
+            default="standard",
+            show_default=True,
+            help="How much to play: a larger budget finds rarer defects and takes longer.",
+        ),
+        click.option(
+            "--seed",
+            type=click.IntRange(0, 2**31 - 1),
+            default=0,
+            show_default=True,
+            help="Seed of all episodes. The same seed gives the same verdict.",
+        ),
+    )(command)
+
+
+def _together(*options: Callable[[Any], Any]) -> Callable[[_F], _F]:
+    """Join several decorators, in the order in which ``--help`` lists the options."""
+
+    def decorate(command: _F) -> _F:
+        for option in reversed(options):
+            command = option(command)
+        return command
+
+    return decorate

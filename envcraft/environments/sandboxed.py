@@ -1,0 +1,243 @@
+"""A Gymnasium environment whose code runs in the sandbox: an episode is a job that asks for its actions one by one."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import queue
+from typing import Any
+
+import gymnasium
+import msgspec
+from envcraft_protocol.spaces import encode_action
+from gymnasium.error import ResetNeeded
+
+from envcraft.errors import EnvironmentFailed, UsageError
+from envcraft.judging.budget import BUDGETS
+from envcraft.judging.driver import Driver, Step
+from envcraft.judging.interactive import InteractiveEpisode
+from envcraft.judging.subject import Subject
+from envcraft.judging.trace_builder import TraceBuilder
+from envcraft.judging.worker_pool import WorkerPool
+from envcraft.model.contract import Contract
+from envcraft.model.job import ExitReason
+from envcraft.model.rollout import Conditions
+from envcraft.model.target import Target
+from envcraft.model.trace import Trace
+from envcraft.spaces.gymnasium import to_gymnasium
+from envcraft.spaces.spec import read_space
+
+#: More steps than an episode has: it ends when its environment ends it.
+_STEPS = 10**12
+#: What rewards and flags can be, in the words of a trace.
+_NUMBERS = ("bool", "numpy.bool", "int", "numpy integer", "float", "numpy floating")
+_MAX_SEED = 2**31 - 1
+
+
+class _Shown(TraceBuilder):
+    """A recording that keeps what the last call gave."""
+
+    observation: Any = None
+    frame: Any = None
+    info: bytes = b""
+
+    def reset(self, step: Step) -> None:
+        super().reset(step)
+        self._take(step)
+
+    def step(self, step: Step) -> None:
+        super().step(step)
+        self._take(step)
+
+    def render(self, layout: int, data: memoryview) -> None:
+        super().render(layout, data)
+        self.frame = self._layout(layout).decode(bytes(data))
+
+    def _take(self, step: Step) -> None:
+        # The bytes are only there during the call.
+        self.observation = self._layout(step.layout).decode(memoryview(bytearray(step.data)))
+        self.info = step.info
+
+
+class _Episode(InteractiveEpisode[_Shown]):
+    """An episode that an agent plays, step by step."""
+
+    def __init__(self, subject: Subject, seed: int, conditions: Conditions) -> None:
+        self._turns: queue.SimpleQueue[None] = queue.SimpleQueue()
+        super().__init__(subject, seed, conditions, "an agent", _STEPS, _Shown)
+        self._pending.task.future.add_done_callback(lambda _: self._turns.put(None))
+
+    def wait(self) -> None:
+        """Wait until the job wants an action or has ended."""
+        self._turns.get()
+
+    def action_requested(self) -> None:
+        self._turns.put(None)
+
+
+class SubjectEnv(gymnasium.Env[Any, Any]):
+    """A subject that is stepped in its worker, one episode at a time. Every episode begins on a new instance in a new
+    process, and takes a lane of the subject's while it lasts.
+
+    Observations, rewards, flags and info are those of the environment under its contract's adapter; of info what JSON
+    has. ``reset()`` without a seed draws one. What the code does to its process ends the episode with
+    EnvironmentFailed, and the next reset begins another one.
+
+    Attributes:
+        failed: the trace of the episode that last failed.
+    """
+
+    metadata: dict[str, Any] = {"render_modes": ["rgb_array"]}
+    failed: Trace | None = None
+
+    def __init__(self, name: str, subject: Subject, render_mode: str | None = None) -> None:
+        """Construct one instance, to learn the spaces.
+
+        Raises UsageError where spaces cannot be sent, EnvironmentFailed where the class cannot be constructed.
+        """
+        self._name, self._subject = name, subject
+        self._episode: _Episode | None = None
+        self.render_mode = render_mode
+        self._conditions = Conditions(render=render_mode is not None)
+        self._learn(subject.contract)
+
+    def _learn(self, contract: Contract) -> None:
+        loaded = self._subject.load()
+        told = loaded.description
+        if loaded.trace.fault is not None or loaded.end.reason is not ExitReason.DONE:
+            raise EnvironmentFailed(f"{self._name} cannot be constructed: {loaded.trace.fault or loaded.end.detail}")
+        if "observation_space" not in told or "action_space" not in told:
+            raise EnvironmentFailed(
+                f"{self._name} has no environment class, or several; `envcraft validate` tells more"
+            )
+        seen, acted = contract.observation or told["observation_space"], contract.action or told["action_space"]
+        self.observation_space = to_gymnasium(read_space(seen), f"the observation space of {self._name}")
+        self.action_space = to_gymnasium(read_space(acted), f"the action space of {self._name}")
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
+        """Begin an episode. Raises EnvironmentFailed, and UsageError for `options`, which have no way in."""
+        if options:
+            raise UsageError(f"{self._name} runs in a sandbox, where reset() takes no options")
+        super().reset(seed=seed)
+        self._stop()
+        if seed is None:
+            seed = int(self.np_random.integers(_MAX_SEED))
+        self._episode = _Episode(self._subject, seed, self._conditions)
+        shown = self._wait(self._episode)
+        if not shown.trace.observations:
+            raise self._failure(self._episode)
+        return shown.observation, _info(shown)
+
+    def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
+        """Take a step. Raises ValueError for an action outside the space, ResetNeeded where no episode is under way,
+        EnvironmentFailed.
+        """
+        episode = self._episode
+        if episode is None or (episode.over and episode.shown.trace.ended):
+            raise ResetNeeded(f"{self._name}: call reset() first, and again after an episode's end")
+        if episode.over:
+            raise self._failure(episode)
+        steps = episode.shown.trace.steps
+        episode.give(encode_action(self.action_space, action))
+        shown = self._wait(episode)
+        trace = shown.trace
+        if trace.steps == steps:
+            raise self._failure(episode)
+        self._refuse(trace)
+        return shown.observation, trace.rewards[-1], trace.terminated[-1], trace.truncated[-1], _info(shown)
+
+    def render(self) -> Any:
+        """The frame that render() gave after the last call; None unless made with ``render_mode="rgb_array"``."""
+        return self._episode.shown.frame if self._episode is not None else None
+
+    def close(self) -> None:
+        """End the episode. May be called twice."""
+        self._stop()
+
+    def _stop(self) -> None:
+        if self._episode is not None:
+            episode, self._episode = self._episode, None
+            episode.leave()
+
+    def _wait(self, episode: _Episode) -> _Shown:
+        """Wait for what a call gives. Raises EnvironmentFailed where that is not of the spaces."""
+        episode.wait()
+        wrong = [problem for problem in episode.shown.trace.problems if problem.kind == "type"]
+        if wrong:
+            self.failed = episode.shown.trace
+            raise EnvironmentFailed(f"{self._name}: at step {wrong[0].step} {wrong[0].words}")
+        return episode.shown
+
+    def _refuse(self, trace: Trace) -> None:
+        """Raises EnvironmentFailed where the last reward or a flag is no number: a trace has another in its place."""
+        told = {"reward": trace.reward_types[-1], "terminated": trace.flag_types[-1][0]}
+        told["truncated"] = trace.flag_types[-1][1]
+        for name, kind in told.items():
+            if kind not in _NUMBERS:
+                self.failed = trace
+                raise EnvironmentFailed(f"{self._name}: at step {trace.steps} {name} is of type {kind}")
+
+    def _failure(self, episode: _Episode) -> EnvironmentFailed:
+        """Why the job ended. Raises WorkerLost where it is the sandbox that failed."""
+        end, trace = episode.end(), episode.shown.trace
+        self.failed, trace.end = trace, end
+        if trace.fault is not None:
+            at = f"{trace.fault.phase} at step {trace.fault.step}" if trace.fault.step else trace.fault.phase
+            return EnvironmentFailed(f"{self._name} failed in {at}: {trace.fault}")
+        words = end.detail or end.reason.value
+        return EnvironmentFailed(f"{self._name} ended in the sandbox during {end.phase} ({end.reason.value}: {words})")
+
+
+class SandboxedEnv(SubjectEnv):
+    """The same with a worker of its own, which ends with it."""
+
+    def __init__(self, name: str, target: Target, contract: Contract, driver: Driver, render_mode: str | None) -> None:
+        """As :class:`SubjectEnv`; `driver` is closed at the end."""
+        self._driver = driver
+        subject = Subject(target, contract, WorkerPool(driver).lease(), BUDGETS["quick"])
+        with contextlib.ExitStack() as stack:
+            stack.callback(driver.close)
+            stack.callback(subject.close)
+            super().__init__(name, subject, render_mode)
+            stack.pop_all()
+
+    def close(self) -> None:
+        """End the episode and the worker. May be called twice."""
+        self._stop()
+        self._subject.close()
+        self._driver.close()
+
+
+def _info(shown: _Shown) -> dict[str, Any]:
+    try:
+        value = json.loads(shown.info or b"{}")
+    except (ValueError, RecursionError):
+        return {}
+    return value if isinstance(value, dict) else {}
+
+
+def open_sandboxed(
+    name: str,
+    source: bytes,
+    env_class: str | None,
+    contract: Contract,
+    sandbox: str,
+    runtime: str | None,
+    kwargs: dict[str, Any],
+) -> SandboxedEnv:
+    """Start a sandbox and the environment in it. `kwargs` go to its constructor and are JSON.
+
+    Raises UsageError, SandboxUnavailable, EnvironmentFailed.
+    """
+    from envcraft.judging.selection import driver_named
+
+    render_mode = kwargs.get("render_mode")
+    if render_mode not in (None, "rgb_array"):
+        raise UsageError(f"{name} runs in a sandbox, where render_mode can only be 'rgb_array', not {render_mode!r}")
+    given = {key: value for key, value in kwargs.items() if key != "render_mode"}
+    try:
+        msgspec.json.encode(given)
+    except TypeError as error:
+        raise UsageError(f"{name} runs in a sandbox, and its arguments must be JSON: {error}") from None
+    target = Target(name, source, env_class, kwargs=given)
+    return SandboxedEnv(name, target, contract, driver_named(sandbox, runtime=runtime), render_mode)

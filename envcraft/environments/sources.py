@@ -1,0 +1,197 @@
+"""Finds an environment's source and verdict, and decides whether its code may run in this process."""
+
+from __future__ import annotations
+
+import itertools
+import os
+from fnmatch import fnmatchcase
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from envcraft.config import settings
+from envcraft.contracts.lookup import contract_named
+from envcraft.corpus.store import FOLDER_CORPUS, CorpusDamaged, Store, decode, environments, find, is_corpus
+from envcraft.corpus.store.environments import EnvironmentRow
+from envcraft.corpus.trust import contract_of, last_verdicts
+from envcraft.errors import UsageError
+from envcraft.judging.settings import contract_digest
+from envcraft.model.contract import Contract
+from envcraft.model.target import read_target
+from envcraft.model.verdict import Verdict, plain
+
+#: The environment variable that names a corpus.
+VARIABLE = "ENVCRAFT_CORPUS"
+_DEFAULT = "arcade"
+_NO_VERDICT = "has no verdict"
+
+
+class Untrusted(UsageError):
+    """No verdict and no argument allows an environment's code to run in this process."""
+
+
+class EnvSource(msgspec.Struct, frozen=True):
+    """The source of one environment, and what a corpus says about it.
+
+    Attributes:
+        name: What messages call it.
+        path: The file with the source.
+        source: The file's bytes.
+        sha256: Their SHA-256.
+        env_class: The class to construct; None for a file that has exactly one.
+        contract: Its contract.
+        verdict: The last verdict on this source under this contract; None if there is none.
+        doubt: Why that is no pass that counts; empty if it is one.
+        folder: The folder or corpus to audit for a verdict.
+        entry: Its name in the corpus that has the verdict.
+        origin: Where it comes from, as the corpus says.
+    """
+
+    name: str
+    path: str
+    source: bytes
+    sha256: str
+    env_class: str | None
+    contract: Contract
+    verdict: Verdict | None
+    doubt: str
+    folder: str
+    entry: str = ""
+    origin: dict[str, Any] = {}
+
+    def ensure_trusted(self) -> None:
+        """Raises Untrusted, with the next step, unless the environment has passed."""
+        if not self.doubt:
+            return
+        contract = self.contract.name
+        option = "" if contract == _DEFAULT else f" --contract {contract}"
+        step = f"`envcraft audit {self.folder}{option}` judges it"
+        if self.verdict is Verdict.FAIL:
+            step = f"`envcraft corpus show {self.folder} {self.entry}` says why"
+        raise Untrusted(
+            f"{self.name} {self.doubt} under the contract {contract}, and only what has passed runs in your own "
+            f"process: {step}, sandbox='auto' runs it in a sandbox, and trust=True runs it here anyway"
+        )
+
+
+def default_corpus() -> Path | None:
+    """The corpus that ENVCRAFT_CORPUS names, else ``corpus`` in ``[tool.envcraft]``, else None. Raises UsageError."""
+    if named := os.environ.get(VARIABLE):
+        return Path(named)
+    path, table = settings(Path.cwd())
+    value = table.get("corpus")
+    if value is None:
+        return None
+    if not isinstance(value, str):
+        raise UsageError(f"{path}: corpus must be the path of a corpus, and is {value!r}")
+    return path.parent / value
+
+
+def needed_corpus(corpus: str | os.PathLike[str] | None) -> Path:
+    """The root of `corpus`, or of the default corpus. Raises UsageError if there is none."""
+    if corpus is None and (corpus := default_corpus()) is None:
+        raise UsageError(
+            f"no corpus is named: give its path, set {VARIABLE}, or set corpus in [tool.envcraft] of pyproject.toml"
+        )
+    return find(Path(corpus)).resolve()
+
+
+def names(corpus: str | os.PathLike[str] | None = None, pattern: str = "*") -> list[str]:
+    """The names of a corpus's environments that match a shell pattern, independent of their verdicts.
+
+    Args:
+        corpus: The corpus; by default the one that ENVCRAFT_CORPUS or ``corpus`` in ``[tool.envcraft]`` names.
+        pattern: The pattern; the ``.py`` at the end of a name is optional.
+
+    Returns:
+        The names, sorted.
+
+    Raises:
+        UsageError: There is no corpus.
+    """
+    with Store(needed_corpus(corpus)) as store:
+        every = environments.names(store)
+    return [one for one in every if fnmatchcase(one, pattern) or fnmatchcase(one.removesuffix(".py"), pattern)]
+
+
+def resolve(target: str | os.PathLike[str], name: str | None = None, contract: str | None = None) -> EnvSource:
+    """Find the environment `name` of the corpus `target`, or the one in the file `target`.
+
+    Args:
+        target: A corpus, a folder that was audited, or a Python file.
+        name: An environment of the corpus; optional if the corpus has exactly one.
+        contract: The contract; by default the one under which the environment has passed, the last of several, else
+            ``arcade``.
+
+    Returns:
+        The source, with its last verdict under the contract.
+
+    Raises:
+        UsageError: There is no such environment or contract.
+        CorpusDamaged: The corpus cannot be read.
+    """
+    path = Path(target)
+    if path.is_file() or path.suffix == ".py":
+        if name is not None:
+            raise UsageError(f"{path} is a file, and has no environment {name}: name a corpus, or leave {name} out")
+        return _of_file(path, contract)
+    root = find(path)
+    with Store(root) as store:
+        (name, sha256, env_class), origin = _row(store, path, name)
+        source = store.source(sha256)
+        folder = root.parent if root.name == FOLDER_CORPUS else root
+        judged = _judged(store, name, str(store.place(sha256)), source, sha256, env_class, contract, str(folder))
+        return msgspec.structs.replace(judged, entry=name, origin=origin)
+
+
+def _row(store: Store, path: Path, name: str | None) -> EnvironmentRow:
+    """The row of an environment; the ``.py`` at the end of its name is optional."""
+    if name is None:
+        rows = list(itertools.islice(environments.rows(store), 2))
+        if len(rows) == 1:
+            return rows[0]
+        such = f", such as {rows[0].environment.name}" if rows else ""
+        raise UsageError(f"{path} has {'several environments: name one' if rows else 'no environment'}{such}")
+    for spelling in (name, f"{name}.py"):
+        row = environments.get(store, plain(spelling))
+        if row is not None:
+            return row
+    raise UsageError(f"{path} has no environment {name}; `envcraft corpus list {path}` lists them")
+
+
+def _of_file(path: Path, contract: str | None) -> EnvSource:
+    """A file as it is now, with the verdict of the nearest audited folder above it."""
+    target = read_target(str(path))
+    whole = path.resolve()
+    for parent in whole.parents:
+        if not is_corpus(parent / FOLDER_CORPUS):
+            continue
+        with Store(parent / FOLDER_CORPUS) as store:
+            found = environments.with_source(store, target.sha256, plain(str(whole.relative_to(parent))))
+            entry, env_class = (found.name, found.env_class) if found else ("", "")
+            judged = _judged(
+                store, str(path), str(whole), target.source, target.sha256, env_class, contract, str(parent)
+            )
+            return msgspec.structs.replace(judged, entry=entry)
+    chosen = contract_named(contract or _DEFAULT)
+    return EnvSource(
+        str(path), str(whole), target.source, target.sha256, None, chosen, None, _NO_VERDICT, str(whole.parent)
+    )
+
+
+def _judged(
+    store: Store, name: str, path: str, source: bytes, sha256: str, env_class: str, contract: str | None, folder: str
+) -> EnvSource:
+    """A source and class with what a corpus says about them. Raises CorpusDamaged."""
+    last = last_verdicts(store, sha256, env_class)
+    chosen = contract_named(contract or contract_of(last) or _DEFAULT)
+    given = last.get(chosen.name)
+    # A verdict under an earlier version of the contract says nothing about this one.
+    if given is None or given.contract_sha256 != contract_digest(chosen):
+        return EnvSource(name, path, source, sha256, env_class or None, chosen, None, _NO_VERDICT, folder)
+    try:
+        judged = decode(given.report).env_class
+    except msgspec.DecodeError as error:
+        raise CorpusDamaged(f"the report on {name} in {store.root} cannot be read: {error}") from None
+    return EnvSource(name, path, source, sha256, env_class or judged, chosen, given.verdict, given.doubt, folder)

@@ -1,0 +1,130 @@
+"""What a worker reports about a target's file when it loads it: the class, its spaces and where it is defined."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Literal
+
+import msgspec
+
+from envcraft.errors import Skip
+from envcraft.judging.description import Description
+from envcraft.judging.job_runner import JobRunner
+from envcraft.judging.job_scheduler import Placement
+from envcraft.judging.trace_builder import TraceBuilder
+from envcraft.model.contract import Contract
+from envcraft.model.job import JobResult
+from envcraft.model.rollout import Rollout
+from envcraft.model.target import Kind, Target
+from envcraft.model.trace import Trace
+from envcraft.spaces.spec import SpaceSpec, read_space
+
+if TYPE_CHECKING:
+    from envcraft_protocol.jobs import Job
+
+
+class Loaded(msgspec.Struct, frozen=True):
+    """The result of loading the file in the worker.
+
+    Attributes:
+        description: what the worker reports about the file.
+        trace: holds the fault if loading failed.
+        end: how the job ended.
+    """
+
+    description: Description
+    trace: Trace
+    end: JobResult
+
+
+class Facts:
+    """The facts of one target. Properties that need the worker load the file when they are first read.
+
+    Attributes:
+        env_class: the environment's class, if it is known.
+    """
+
+    def __init__(self, target: Target, contract: Contract, runner: JobRunner) -> None:
+        self.env_class = target.env_class
+        self._target = target
+        self._contract = contract
+        self._runner = runner
+        self._loaded: Loaded | None = None
+        #: The spaces that were read last, with their JSON.
+        self._spaces: dict[str, tuple[dict[str, Any], SpaceSpec]] = {}
+
+    def load(self) -> Loaded:
+        """Load the file in a worker and construct one instance, once.
+
+        Raises:
+            WorkerLost: the sandbox failed.
+        """
+        if self._loaded is None:
+            self._loaded = self._runner.retry(self._load)
+            description = self._loaded.description
+            # A process with threads must not be forked.
+            forkable = description.get("effects", {}).get("threads") == 0
+            self._runner.preload(description.get("modules", []) if forkable else [])
+            self.env_class = description.get("class", self.env_class)
+        return self._loaded
+
+    def _load(self) -> Loaded:
+        builder = TraceBuilder(Rollout(0, []), None, None)
+        job: Job = {**self.job("describe"), "series": self._runner.series}
+        trace = self._runner.result(self._runner.submit(Placement(), job, builder))
+        assert trace.end is not None
+        return Loaded(builder.description, trace, trace.end)
+
+    def job(self, kind: Literal["describe", "rollout", "search"]) -> Job:
+        """A job with the fields that all jobs of the target have."""
+        return {
+            "kind": kind,
+            "target": msgspec.structs.replace(self._target, env_class=self.env_class).for_worker(),
+            "contract": self._contract.for_worker(),
+        }
+
+    @property
+    def source_sha256(self) -> str:
+        """The digest of the file that defines the class. For an installed class the worker reports it."""
+        reported = self._loaded.description.get("sha256") if self._loaded is not None else None
+        return reported if reported and self._target.kind is not Kind.SOURCE else self._target.sha256
+
+    @property
+    def module(self) -> str | None:
+        """The module of an installed class; lines in findings are lines of its file."""
+        reported = self._loaded.description.get("module") if self._loaded is not None else None
+        return reported if reported and self._target.kind is not Kind.SOURCE else None
+
+    @property
+    def observation_space(self) -> SpaceSpec:
+        """The space that observations are checked against: the contract's, else the environment's own."""
+        return self._space("observation_space", self._contract.observation)
+
+    @property
+    def action_space(self) -> SpaceSpec:
+        """The space that actions are drawn from.
+
+        Raises:
+            Skip: only the package that defines the space can draw from it.
+        """
+        space = self._space("action_space", self._contract.action)
+        if not space.known:
+            raise Skip(f"no actions can be drawn from the action space, {space}")
+        return space
+
+    @property
+    def renders(self) -> bool:
+        """Whether render() must give frames, because the contract or the environment says so."""
+        return self._contract.render or "rgb_array" in self.load().description.get("render_modes", ())
+
+    def line_of(self, method: str) -> int | None:
+        """The line at which the class defines a method."""
+        return self.load().description.get("lines", {}).get(method)
+
+    def _space(self, name: Literal["observation_space", "action_space"], promised: dict[str, Any] | None) -> SpaceSpec:
+        described = promised or self.load().description.get(name)
+        if described is None:
+            raise Skip(f"the environment could not be constructed, so its {name} is not known")
+        read = self._spaces.get(name)
+        if read is None or read[0] is not described:
+            read = self._spaces[name] = described, read_space(described)
+        return read[1]

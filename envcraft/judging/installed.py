@@ -1,0 +1,56 @@
+"""Where the packages of this interpreter lie, so that a worker can import what the host could. Nothing is imported."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import msgspec
+
+
+class Installed(msgspec.Struct, frozen=True):
+    """Folders beside those of the interpreter itself and its ``site-packages``.
+
+    Attributes:
+        paths: what to import from, in this order (``PYTHONPATH``, ``.pth`` files, the user's own packages).
+        folders: what must be readable besides: projects that are installed as editable.
+    """
+
+    paths: tuple[str, ...] = ()
+    folders: tuple[str, ...] = ()
+
+
+def installed() -> Installed:
+    """What this process can import from, but for the folder of the script or the working directory."""
+    entries = sys.path if sys.flags.safe_path else sys.path[1:]
+    paths = [os.path.abspath(entry) for entry in entries if entry]
+    projects = list(_editable())
+    return Installed(tuple(_besides(paths)), tuple(path for path in _besides(projects) if path not in paths))
+
+
+def _besides(paths: list[str]) -> Iterator[str]:
+    """Those that exist and that the interpreter's own folders do not hold."""
+    own = [os.path.abspath(prefix) for prefix in (sys.prefix, sys.base_prefix, sys.exec_prefix)]
+    for path in dict.fromkeys(paths):
+        if path != "/" and os.path.exists(path) and not any(Path(path).is_relative_to(prefix) for prefix in own):
+            yield path
+
+
+def _editable() -> Iterator[str]:
+    """The folders of projects that are installed as editable (PEP 610)."""
+    # Slow to import, and drivers are loaded for targets that are files, too.
+    import importlib.metadata
+    import json
+    import urllib.parse
+    import urllib.request
+
+    for distribution in importlib.metadata.distributions():
+        try:
+            source = json.loads(distribution.read_text("direct_url.json") or "{}")
+            url = urllib.parse.urlsplit(source["url"]) if source.get("dir_info", {}).get("editable") else None
+        except (ValueError, OSError, AttributeError, KeyError):
+            continue
+        if url is not None and url.scheme == "file":
+            yield os.path.abspath(urllib.request.url2pathname(url.path))

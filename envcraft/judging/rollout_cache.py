@@ -1,0 +1,250 @@
+"""The traces and search outcomes of one subject: each request runs once, and may run before a check needs it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from functools import cached_property
+
+import msgspec
+
+from envcraft.errors import EnvCraftError, Skip
+from envcraft.judging.budget import Budget
+from envcraft.judging.driver import Player
+from envcraft.judging.job_builder import JobBuilder
+from envcraft.judging.job_runner import JobRunner, PendingRollout
+from envcraft.judging.trace_builder import TraceBuilder
+from envcraft.model.job import ExitReason, SearchOutcome
+from envcraft.model.rollout import Rollout, Search
+from envcraft.model.trace import Trace
+
+#: After this many jobs that hung, no more are started.
+_MOST_TIMEOUTS = 3
+
+
+class RolloutCache:
+    """Runs rollouts and searches, and keeps their results.
+
+    A rollout counts when a check requests it, whenever it ran. So nothing that a check sees depends on which job ends
+    first, or on how many run at a time. Methods that run something raise WorkerLost when the sandbox itself fails, and
+    Skip when the subject has used up its time or hung too often.
+
+    Args:
+        jobs: makes the jobs.
+        runner: runs them.
+        budget: how much the validation spends.
+        total_seconds: the longest time of all jobs together.
+
+    Attributes:
+        steps: environment steps that were requested.
+        on_steps: called with `steps` when they have grown, once for each episode or search.
+    """
+
+    def __init__(self, jobs: JobBuilder, runner: JobRunner, budget: Budget, total_seconds: float) -> None:
+        self.steps = 0
+        self.on_steps: Callable[[int], None] | None = None
+        self._jobs = jobs
+        self._runner = runner
+        self._budget = budget
+        self._total_seconds = total_seconds
+        self._timeouts = 0
+        self._traces: dict[bytes, Trace] = {}
+        self._searches: dict[bytes, SearchOutcome] = {}
+        self._pending: dict[tuple[bytes, bool], PendingRollout] = {}
+        #: Rollouts that are compared bit by bit, and those that may have run after others in their process.
+        self._compared: set[bytes] = set()
+        self._followed: set[bytes] = set()
+
+    @property
+    def traces(self) -> list[Trace]:
+        """Every trace so far, in the order of the requests."""
+        return list(self._traces.values())
+
+    @property
+    def out_of_time(self) -> bool:
+        """Whether the jobs have used up the time that they may take together."""
+        return self._runner.seconds > self._total_seconds
+
+    def prefetch(self, requests: Iterable[Rollout | Search], again: bool = False, alone: bool = False) -> None:
+        """Start requests that are nearly sure to come, in this order, and return at once. A request that never comes
+        counts nowhere.
+
+        Args:
+            requests: rollouts and searches.
+            again: :meth:`rerun` will request them.
+            alone: nothing runs before the rollout in its process, because it is compared with others bit by bit.
+        """
+        if self._refusal:
+            return
+        for request in requests:
+            key = (request.key(), again)
+            if alone:
+                self._compared.add(key[0])
+            known = not again and (key[0] in self._traces or key[0] in self._searches)
+            if alone and key[0] in self._followed:
+                known = False
+            if not known and key not in self._pending:
+                self._pending[key] = self._start(request, again, alone=again)
+
+    def cancel_pending(self) -> None:
+        """Remove the prefetched requests from the queue that have not started."""
+        self._pending = {key: pending for key, pending in self._pending.items() if not self._runner.cancel(pending)}
+
+    def clear_traces(self) -> None:
+        """Forget the traces so far, to save memory when thousands of episodes are played once."""
+        self._traces.clear()
+
+    def rollout(self, rollout: Rollout, alone: bool = False) -> Trace:
+        """Run a rollout, or give its known trace; `alone` as in :meth:`prefetch`."""
+        key = rollout.key()
+        if alone:
+            self._compared.add(key)
+            if key in self._followed:
+                self._followed.remove(key)
+                self._traces.pop(key, None)
+        if key not in self._traces:
+            self._traces[key] = self._record(rollout)
+        return self._traces[key]
+
+    def rollouts(self, rollouts: Sequence[Rollout]) -> list[Trace]:
+        """Run several rollouts at a time."""
+        self.prefetch(rollouts)
+        return [self.rollout(rollout) for rollout in rollouts]
+
+    def rerun(self, rollout: Rollout, alone: bool = True) -> Trace:
+        """Run a rollout even if its trace is known, a fresh one in a worker of its own.
+
+        Without `alone` it may follow others in a process: a difference must then be confirmed.
+        """
+        return self._record(rollout, again=True, alone=alone)
+
+    def measured(self, rollout: Rollout) -> Trace:
+        """Run a rollout in a process that ends with it: the end of its trace says what that process has used, and at
+        how many steps it waited.
+        """
+        if refusal := self._refusal:
+            raise Skip(refusal)
+        trace = self._runner.retry(lambda: self._result(self._start(rollout, again=True, count_waits=True)))
+        self._count(trace.steps)
+        return trace
+
+    def search(self, search: Search) -> SearchOutcome:
+        """Run a search, or give its known outcome."""
+        key = search.key()
+        if key not in self._searches:
+            trace = self._request(search)
+            self._searches[key] = trace.result or {}
+            self._count(min(max(self._searches[key].get("steps", 0), 0), search.budget))
+        return self._searches[key]
+
+    # Interactive episodes
+
+    def start(self, rollout: Rollout, player: Player, kind: type[TraceBuilder] = TraceBuilder) -> PendingRollout:
+        """Start an episode whose actions `player` chooses, and return at once."""
+        return self._start(rollout, player=player, kind=kind)
+
+    def finish(self, pending: PendingRollout) -> Trace:
+        """Wait for the end of such an episode, and keep its trace as that of the same actions from a list."""
+        trace = self._result(pending)
+        trace.rollout = msgspec.structs.replace(trace.rollout, actions=trace.actions, interactive=False, max_steps=0)
+        self._count(trace.steps)
+        self._traces[trace.rollout.key()] = trace
+        return trace
+
+    def discard(self, pending: PendingRollout) -> None:
+        """Count the steps and the time of such an episode after its end, without keeping its trace."""
+        self._count(pending.builder.trace.steps)
+        if pending.task.future.exception() is None:
+            self._runner.result(pending)
+
+    def _record(self, rollout: Rollout, again: bool = False, alone: bool = False) -> Trace:
+        trace = self._request(rollout, again, alone)
+        if trace.end is not None and (
+            trace.end.reason is ExitReason.DIED or (trace.end.reason is ExitReason.TIMEOUT and self._timeouts == 1)
+        ):
+            # Steps are sent in batches. Sending each at once shows how far the episode came.
+            slow = self._runner.retry(lambda: self._result(self._start(rollout, again, every_step=True)))
+            hung = trace.end.reason is ExitReason.TIMEOUT
+            if slow.end is not None and slow.end.reason is trace.end.reason:
+                trace = slow
+            elif slow.end is not None and hung and slow.end.reason is ExitReason.DONE:
+                # The machine missed the first deadline, not the program.
+                trace = slow
+                self._timeouts -= 1
+        self._count(trace.steps)
+        return trace
+
+    def _count(self, steps: int) -> None:
+        self.steps += steps
+        if self.on_steps is not None:
+            self.on_steps(self.steps)
+
+    @property
+    def _refusal(self) -> str:
+        """Why no more jobs are started; empty if they are."""
+        if self._timeouts >= _MOST_TIMEOUTS:
+            return f"{self._timeouts} episodes or searches hung: see sandbox, or difficulty for a policy"
+        if self.out_of_time:
+            return f"its episodes took {self._runner.seconds:.0f} s together; the check sandbox tells more"
+        return ""
+
+    def _request(self, request: Rollout | Search, again: bool = False, alone: bool = False) -> Trace:
+        """Wait for what a check requests. All that depends on the order of requests happens here."""
+        if refusal := self._refusal:
+            raise Skip(refusal)
+        key = (request.key(), again)
+
+        def attempt() -> Trace:
+            pending = self._pending.pop(key) if key in self._pending else self._start(request, again, alone=alone)
+            return self._result(pending)
+
+        trace = self._runner.retry(attempt)
+        if isinstance(request, Rollout):
+            # The prefetched rollout may have had another player's name.
+            trace.rollout = request
+        self._timeouts += trace.end is not None and trace.end.reason is ExitReason.TIMEOUT
+        if self._refusal:
+            self.cancel_pending()
+        return trace
+
+    def _result(self, pending: PendingRollout) -> Trace:
+        try:
+            return self._runner.result(pending)
+        except EnvCraftError:
+            # The sandbox failed, and would fail for the prefetched jobs, too.
+            self.cancel_pending()
+            raise
+
+    def _start(
+        self,
+        request: Rollout | Search,
+        again: bool = False,
+        *,
+        alone: bool = False,
+        every_step: bool = False,
+        count_waits: bool = False,
+        player: Player | None = None,
+        kind: type[TraceBuilder] = TraceBuilder,
+    ) -> PendingRollout:
+        if isinstance(request, Search):
+            # An exhaustive search is a proof, so nothing may have run before it.
+            return self._runner.submit(*self._jobs.search(request, self._runner.series and request.kind != "exhaust"))
+        series = self._runner.series and not (every_step or count_waits or request.live) and request.conditions.passing
+        new_process = series and (alone or (not again and request.key() in self._compared | self._probed))
+        if series and not again and not new_process:
+            self._followed.add(request.key())
+        prepared = self._jobs.rollout(
+            request,
+            again=again,
+            series=series,
+            new_process=new_process,
+            every_step=every_step,
+            count_waits=count_waits,
+            kind=kind,
+        )
+        return self._runner.submit(*prepared, player)
+
+    @cached_property
+    def _probed(self) -> set[bytes]:
+        """The rollouts that determinism is probed on as they are; it runs shorter copies of the others."""
+        length = self._budget.probes[1]
+        return {rollout.key() for rollout in self._jobs.probes.determinism if len(rollout.actions) <= length}

@@ -1,0 +1,111 @@
+"""Select checks and sandboxes by the names in options and settings."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterable
+
+import click
+
+from envcraft.errors import SandboxUnavailable, UsageError
+from envcraft.judging.check import Check, Rule
+from envcraft.judging.driver import Driver, Isolation, choose, ensure
+from envcraft.registry import did_you_mean, lookup, offered
+
+
+def all_checks() -> list[Check]:
+    """Every check in the order in which they run: gates first, and those that always run last."""
+    return sorted(offered("envcraft_checks"), key=lambda check: (not check.gate, check.always))
+
+
+def default_checks() -> list[Check]:
+    """The checks that run when none is named, in the same order."""
+    return [check for check in all_checks() if not check.opt_in]
+
+
+def rules_of(checks: Iterable[Check]) -> dict[str, Rule]:
+    """All rules by code."""
+    return {rule.code: rule for check in checks for rule in check.rules}
+
+
+def select_checks(only: str | None, skip: str | None) -> list[Check]:
+    """The checks that ``--checks`` and ``--skip`` leave, and those that always run. Raises UsageError."""
+    checks = all_checks()
+    names = [check.name for check in checks]
+    wanted, unwanted = split(only), split(skip)
+    for name in [*wanted, *unwanted]:
+        if name not in names:
+            raise UsageError(f"there is no check {did_you_mean(name, names)}")
+    kept = [
+        check
+        for check in checks
+        if check.name not in unwanted
+        and (check.name in wanted or check.always or check.gate or (only is None and not check.opt_in))
+    ]
+    if not [check for check in kept if not check.always]:
+        raise UsageError("no check is left; leave out some of --skip, and `envcraft checks` lists them all")
+    return kept
+
+
+def checks_named(names: Iterable[str]) -> list[Check]:
+    """The checks of these names, in this order. Raises UsageError, naming the nearest."""
+    known = {check.name: check for check in all_checks()}
+    return [lookup("check", name, known) for name in names]
+
+
+def split(names: str | None) -> list[str]:
+    """The names in a list that commas separate."""
+    return [name.strip() for name in (names or "").split(",") if name.strip()]
+
+
+def driver_named(name: str, least: str | None = None, runtime: str | None = None, probe: bool = True) -> Driver:
+    """The sandbox that ``--sandbox`` names, at least as strong as `least` and under `runtime`; a word on stderr where
+    it is the weakest. What runs that were killed have left behind is removed first.
+
+    Without `probe`, one that is named is not tried: that is left to the caller, to do while a worker starts.
+    Raises UsageError on an unknown name, or one that knows no runtimes; SandboxUnavailable where there is none.
+    """
+    drivers = offered("envcraft_sandbox_drivers")
+    if name != "auto":
+        lookup("sandbox", name, {"auto": None, **{driver.name: driver for driver in drivers}})
+    for driver in drivers:
+        # Nothing depends on it, and `envcraft doctor` names one that breaks.
+        with contextlib.suppress(Exception):
+            driver.sweep()
+    if runtime is not None:
+        drivers = under(runtime, drivers, name)
+        # With one left, its own words say more than those of "auto".
+        name = drivers[0].name if len(drivers) == 1 else name
+    driver = choose(drivers, name)
+    if probe:
+        ensure(driver)
+    levels = list(Isolation)
+    if least is not None and levels.index(driver.isolation) > levels.index(Isolation(least)):
+        raise SandboxUnavailable(
+            f"the strongest sandbox here is {driver.name}, whose isolation is only {driver.isolation}, and "
+            f"--require-isolation asks for {least}; `envcraft doctor` tells what is missing"
+            if name == "auto"
+            else f"the {name} sandbox isolates by {driver.isolation} only, and --require-isolation asks for {least}"
+        )
+    if name == "auto" and driver.isolation is Isolation.PROCESS:
+        click.echo(
+            "Note: neither a container nor a namespace can be had here, so the process sandbox is used, which holds "
+            "against accidents, not against malice; `envcraft doctor` tells what is missing.",
+            err=True,
+        )
+    return driver
+
+
+def under(runtime: str, drivers: Iterable[Driver], name: str = "auto") -> list[Driver]:
+    """Those drivers that know container runtimes, under this one. Raises UsageError where `name` is not among them."""
+    found, refusals = [], {}
+    for driver in drivers:
+        try:
+            found.append(driver.with_runtime(runtime))
+        except UsageError as error:
+            refusals[driver.name] = error
+    if name in refusals:
+        raise refusals[name]
+    if not found:
+        raise UsageError(f"--runtime {runtime} goes with the docker sandbox, and no plugin here has one")
+    return found

@@ -1,0 +1,300 @@
+"""Builds a trace from a job's messages: each value is checked when it arrives, and then dropped."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import xxhash
+from numpy.typing import NDArray
+
+from envcraft.errors import MalformedValue
+from envcraft.judging.description import Description, describe
+from envcraft.judging.description import outcome as read_outcome
+from envcraft.judging.driver import Step, Steps, Stop
+from envcraft.model.contract import Success
+from envcraft.model.rollout import Rollout
+from envcraft.model.trace import SLOW, Fault, Problem, Trace, info_digest
+from envcraft.similarity.behavioural import EVERY, STEPS
+from envcraft.similarity.perceptual import frame_hash, value_hash
+from envcraft.spaces.codec import ValueCodec, is_picture
+from envcraft.spaces.spec import Box, SpaceSpec
+from envcraft.spaces.validation import validate, validate_action, validate_range
+
+_MAX_PROBLEMS = 3
+_MAX_LAYOUTS = 4096
+#: Layouts of one job, counting the parts of each.
+_MAX_PARTS = 100_000
+#: Bytes of info, and of frames, that one trace keeps as they are.
+_MAX_INFOS = 256 * 1024
+_MAX_FRAMES = 64 * 1024 * 1024
+#: Pixels of the longer side of a frame of render() that is kept.
+_RENDERED_SIDE = 256
+
+
+class TraceBuilder:
+    """Receives a job's messages (:class:`envcraft.judging.driver.Recorder`) and builds a :class:`Trace`.
+
+    `observation_space` and `action_space` are what the values are checked against, the former exactly as the contract
+    says or as its environment means it; `success` tells what winning is; of an episode to `watch`, the hashes are kept
+    that a fingerprint is made of (:mod:`envcraft.similarity.behavioural`). Raises MalformedValue on bytes that
+    no layout allows.
+    """
+
+    def __init__(
+        self,
+        rollout: Rollout,
+        observation_space: SpaceSpec | None,
+        action_space: SpaceSpec | None,
+        *,
+        exact: bool = True,
+        success: Success | None = None,
+        watch: bool = False,
+    ) -> None:
+        self._watch = STEPS if watch else -1
+        self._success = success or Success()
+        self._exact_space = exact
+        self._rollout = rollout
+        self._observation_space = observation_space
+        self._action_space = action_space
+        self.restart()
+
+    def restart(self) -> None:
+        """Forget all messages, because the job runs again from the start."""
+        self.trace = Trace(self._rollout, rule=self._success)
+        self.description: Description = {}
+        self._layouts: list[ValueCodec] = []
+        self._exact: list[bool] = []
+        self._parts = 0
+        self._infos = 0
+        self._frames = 0
+        self._phase = ""
+        #: How many observations have come again.
+        self._reread = 0
+        #: The last value and its layout, with their digest.
+        self._digested: tuple[memoryview, ValueCodec, bytes] | None = None
+
+    def phase(self, name: str) -> None:
+        self._phase = name
+
+    def loaded(self, description: dict[str, Any]) -> None:
+        self.description = describe(description)
+
+    def layout(self, description: dict[str, Any]) -> None:
+        if len(self._layouts) >= _MAX_LAYOUTS:
+            raise MalformedValue(f"more than {_MAX_LAYOUTS} layouts")
+        layout = ValueCodec(description)
+        self._parts += layout.parts
+        if self._parts > _MAX_PARTS:
+            raise MalformedValue(f"layouts of more than {_MAX_PARTS} parts")
+        self._layouts.append(layout)
+        self._exact.append(self._is_any_frame(layout))
+
+    def reset(self, step: Step) -> None:
+        if self.trace.observations:
+            if self.trace.earlier is not None or not self.trace.rollout.conditions.again:
+                raise MalformedValue("a second reset")
+            self.trace = Trace(self.trace.rollout, earlier=self.trace, rule=self._success)
+        self._observe(step)
+
+    def step(self, step: Step) -> None:
+        trace = self.trace
+        if not trace.observations or trace.steps >= len(trace.given):
+            raise MalformedValue("a step that was not asked for")
+        trace.rewards.append(step.reward)
+        trace.reward_types.append(step.reward_type)
+        trace.terminated.append(step.terminated)
+        trace.truncated.append(step.truncated)
+        trace.flag_types.append((step.terminated_type, step.truncated_type))
+        trace.slow += step.micros >= SLOW
+        self._observe(step)
+
+    def steps(self, steps: Steps) -> None:
+        trace, layout, count = self.trace, self._layout(steps.layout), len(steps.rewards)
+        looked_at = trace.steps <= self._watch or len(trace.frames) < trace.rollout.keep
+        judged = self._exact[steps.layout] or len(trace.problems) >= _MAX_PROBLEMS
+        asked_for = trace.observations and trace.steps + count <= len(trace.given)
+        if looked_at or not judged or not asked_for or len(steps.data) != layout.size:
+            for step in _each(steps):
+                self.step(step)
+            return
+        trace.rewards += steps.rewards
+        trace.reward_types += steps.reward_types
+        trace.terminated += steps.terminated
+        trace.truncated += steps.truncated
+        trace.flag_types += zip(steps.terminated_types, steps.truncated_types, strict=True)
+        trace.micros += sum(steps.micros)
+        trace.slow += sum(micros >= SLOW for micros in steps.micros)
+        trace.observations += [self._digest(layout, steps.data)] * count
+        self._keep_info(steps.info)
+        trace.infos += [trace.infos[-1]] * (count - 1)
+
+    def after(self, step: Step) -> None:
+        if len(self.trace.after) >= self.trace.rollout.conditions.after_end:
+            raise MalformedValue("a step after the end that was not asked for")
+        self.trace.after.append((step.reward, step.terminated, step.truncated))
+
+    def action(self, action: Any) -> None:
+        if len(self.trace.chosen) >= self.trace.rollout.max_steps:
+            raise MalformedValue("an action that was not asked for")
+        self.trace.chosen.append(action)
+        if self._action_space is not None and (wrong := validate_action(self._action_space, action)):
+            self.trace.refused = wrong
+            raise Stop
+
+    def render(self, layout: int, data: memoryview) -> None:
+        trace, step = self.trace, self.trace.steps
+        if not trace.observations:
+            raise MalformedValue("a frame before the reset")
+        trace.renders += 1
+        shape = self._layout(layout)
+        self._keep_frame(trace.rendered, shape, _thin(shape.decode(data)))
+        if self._digest(shape, data) == trace.observations[-1]:
+            return
+        if shape.kind != "array" or len(shape.shape) != 3:
+            self._note_render(Problem(step, "type", f"render() returned {shape}, not a frame"))
+        else:
+            self._note_render(Problem(step, "differs", f"render() returned {shape} unlike the observation"))
+
+    def reread(self, layout: int, data: memoryview) -> None:
+        at, self._reread = self._reread, self._reread + 1
+        if at >= len(self.trace.observations):
+            raise MalformedValue("an observation again that there has not been")
+        if self._digest(self._layout(layout), data) != self.trace.observations[at]:
+            self.trace.overwritten.append((at, None if self._phase == "plain reset" else self.trace.steps))
+
+    def acted(self, action: Any) -> None:
+        if not isinstance(action, dict):
+            raise MalformedValue("an action that is not told before and after")
+        if len(self.trace.acted) < _MAX_PROBLEMS and action.get("before") != action.get("now"):
+            self.trace.acted.append((self.trace.steps + 1, action.get("now")))
+
+    def fault(self, report: dict[str, Any]) -> None:
+        if report.get("note"):
+            if len(self.trace.info_notes) < _MAX_PROBLEMS:
+                note: dict[str, Any] = {key: str(report[key])[:200] for key in ("type", "key") if key in report}
+                self.trace.info_notes.append((self.trace.steps, note))
+            return
+        line, errno = report.get("line"), report.get("errno")
+        self.trace.fault = Fault(
+            phase=str(report.get("phase")),
+            step=self.trace.steps + (report.get("phase") == "step"),
+            type=str(report.get("type", "")),
+            message=str(report.get("message", ""))[:2000],
+            malformed=str(report.get("malformed", ""))[:200],
+            line=line if isinstance(line, int) else None,
+            memory=bool(report.get("memory")),
+            errno=errno if isinstance(errno, int) else None,
+            traceback=str(report.get("traceback", ""))[:8000],
+        )
+
+    def result(self, outcome: dict[str, Any]) -> None:
+        if self._action_space is None:
+            raise MalformedValue("a search's result without a search")
+        self.trace.result = read_outcome(outcome, self._action_space, self.trace.rollout.max_steps)
+
+    def end(self) -> None:
+        """Check that a job that says it is complete has sent the whole episode, or what stopped it."""
+        trace, rollout = self.trace, self.trace.rollout
+        wanted = rollout.max_steps if rollout.live else len(rollout.actions)
+        stopped = trace.fault is not None or trace.refused or trace.ended or trace.result is not None
+        if not stopped and trace.steps < wanted:
+            raise MalformedValue(f"an end after {trace.steps} of {wanted} steps")
+        if not stopped and rollout.conditions.again and trace.earlier is None:
+            raise MalformedValue("an end before the second episode")
+
+    def _observe(self, step: Step) -> None:
+        trace = self.trace
+        layout = self._layout(step.layout)
+        value = None
+        if not self._exact[step.layout] and len(trace.problems) < _MAX_PROBLEMS:
+            value = layout.decode(step.data)
+            trace.problems += [Problem(trace.steps, *found) for found in self._problems(layout, value)]
+        elif len(step.data) != layout.size:
+            raise MalformedValue(f"{len(step.data)} bytes for {layout}")
+        if trace.steps <= self._watch and trace.steps % EVERY == 0:
+            value = layout.decode(step.data) if value is None else value
+            picture = layout.kind == "array" and is_picture(layout.shape, layout.dtype)
+            trace.watched.append(frame_hash(value) if picture else value_hash(value))
+        trace.micros += step.micros
+        trace.opaque |= layout.opaque
+        trace.observations.append(self._digest(layout, step.data))
+        self._keep_info(step.info)
+        # Where render() is asked for, observations that are no pictures are not what is to be seen.
+        seen = not trace.rollout.conditions.render or is_picture(layout.shape, layout.dtype)
+        if len(trace.frames) < trace.rollout.keep and seen:
+            self._keep_frame(trace.frames, layout, layout.decode(step.data))
+
+    def _digest(self, layout: ValueCodec, data: memoryview) -> bytes:
+        last = self._digested
+        if last is None or last[0] is not data or last[1] is not layout:
+            last = self._digested = data, layout, xxhash.xxh3_128_digest(data, layout.tag)
+        return last[2]
+
+    def _keep_frame(self, frames: list[NDArray[Any]], layout: ValueCodec, value: Any) -> None:
+        numbers = layout.kind == "array" and value.dtype.kind in "biuf"
+        wanted = numbers and len(frames) < self.trace.rollout.keep
+        if wanted and self._frames + value.nbytes <= _MAX_FRAMES:
+            self._frames += value.nbytes
+            frames.append(np.array(value))
+
+    def _keep_info(self, info: bytes) -> None:
+        infos = self.trace.infos
+        if infos and infos[-1] == info:
+            # Most environments repeat their info: share it.
+            infos.append(infos[-1])
+            return
+        if infos and self._infos > _MAX_INFOS:
+            infos[-1] = info_digest(infos[-1])
+        self._infos += len(info)
+        infos.append(info)
+
+    def _problems(self, layout: ValueCodec, value: Any) -> list[tuple[str, str]]:
+        space = self._observation_space
+        if layout.kind == "other" and (space is None or space.known):
+            return [("type", f"the observation is {layout}")]
+        if space is None:
+            return []
+        found = [validate(space, value, exact=self._exact_space)]
+        numbers = layout.kind in ("array", "scalar") and layout.dtype is not None and layout.dtype.kind in "biuf"
+        if found[0] and isinstance(space, Box) and numbers and layout.dtype != space.dtype:
+            # The problem of another dtype hides that numbers are out of range.
+            found.append(validate_range(space, value, exact=self._exact_space))
+        return list(dict.fromkeys(problem for problem in found if problem))
+
+    def _is_any_frame(self, layout: ValueCodec) -> bool:
+        """Whether every value of this layout is in the space: the usual case of uint8 frames with bounds 0 and 255."""
+        space = self._observation_space
+        return (
+            isinstance(space, Box)
+            and layout.kind == "array"
+            and layout.dtype == space.dtype
+            and layout.shape == space.shape
+            and space.spans_dtype
+        )
+
+    def _layout(self, number: int) -> ValueCodec:
+        try:
+            return self._layouts[number]
+        except IndexError:
+            raise MalformedValue(f"layout {number} was never described") from None
+
+    def _note_render(self, problem: Problem) -> None:
+        if len(self.trace.render_problems) < _MAX_PROBLEMS:
+            self.trace.render_problems.append(problem)
+
+
+def _each(steps: Steps) -> Iterator[Step]:
+    flags = zip(steps.terminated, steps.truncated, strict=True)
+    types = zip(steps.terminated_types, steps.truncated_types, steps.reward_types, strict=True)
+    for ended, named, reward, micros in zip(flags, types, steps.rewards, steps.micros, strict=True):
+        yield Step(*ended, *named, reward, micros, steps.layout, steps.data, steps.info)
+
+
+def _thin(value: Any) -> Any:
+    """Shrink a rendered frame to the size of a picture for people; give any other value unchanged."""
+    if not isinstance(value, np.ndarray) or value.ndim != 3:
+        return value
+    step = -(-max(value.shape[:2]) // _RENDERED_SIDE) or 1
+    return value[::step, ::step]

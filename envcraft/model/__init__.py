@@ -1,0 +1,1 @@
+"""Data that the layers above exchange: contracts, targets, rollouts, traces, verdicts and events."""

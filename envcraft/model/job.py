@@ -1,0 +1,64 @@
+"""The result of a job in the worker."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from typing import Any, TypedDict
+
+import msgspec
+
+
+class ExitReason(StrEnum):
+    """How a job ended."""
+
+    DONE = "done"  #: the job reported its own end
+    TIMEOUT = "timeout"  #: no message within the deadline
+    DIED = "died"  #: the process ended without a report
+    FORGED = "forged"  #: its messages violate the protocol
+    FLOOD = "flood"  #: it printed more than the limit
+    MEMORY = "memory"  #: it held more memory than the limit
+    PROCESSES = "processes"  #: it ran more threads than the limit
+    DISK = "disk"  #: it wrote more to files than the limit
+    STOPPED = "stopped"  #: the receiver stopped the job
+
+
+class JobResult(msgspec.Struct, frozen=True):
+    """The end of a job.
+
+    Attributes:
+        reason: why it ended.
+        phase: the call that was running, such as ``step``.
+        seconds: wall time.
+        signal: the signal that killed the process, if it died of one.
+        exit_code: the exit status of the process, if it exited.
+        detail: the exceeded limit or the violation, for messages.
+        output: the first part of what the process printed.
+        output_bytes: how many bytes it printed.
+        cpu: processor time of its processes, in seconds; of a series it is known at the end of the last job.
+        before: jobs of the same series that ran in the process before.
+        waits: steps that gave up the processor to wait, if the job measures this.
+    """
+
+    reason: ExitReason
+    phase: str
+    seconds: float
+    signal: int | None = None
+    exit_code: int | None = None
+    detail: str = ""
+    output: str = ""
+    output_bytes: int = 0
+    cpu: float = 0.0
+    before: int = 0
+    waits: int = 0
+
+
+class SearchOutcome(TypedDict, total=False):
+    """The result of a search: action lists to a crash, to a win and to the highest return, and its size."""
+
+    crash: list[Any] | None
+    win: list[Any] | None
+    best: list[Any] | None
+    steps: int
+    states: int
+    exhausted: bool
+    stochastic: bool

@@ -1,0 +1,144 @@
+"""Requests for one episode (seed, actions, and the conditions under which the process runs it) and for one search.
+
+A rollout runs in a process of its own, or in one that earlier rollouts left unchanged. Its trace depends only on the
+source and the request, so it can be memoised, run in parallel, and run again from a report.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import msgspec
+
+if TYPE_CHECKING:
+    from envcraft_protocol import jobs
+
+Action = Any
+
+
+class Episode(msgspec.Struct, frozen=True, omit_defaults=True):
+    """An episode that is played but not recorded. A seed of None resets without a seed."""
+
+    seed: int | None
+    actions: list[Action]
+
+
+class ClockShift(msgspec.Struct, frozen=True):
+    """`offset` in seconds. `rate` is the speed of the clock; 0 is a logical clock of one millisecond a reading."""
+
+    offset: float
+    rate: float
+
+
+class Conditions(msgspec.Struct, frozen=True, omit_defaults=True):
+    """Changes to an ordinary process. The defaults change nothing.
+
+    Attributes:
+        fresh: a worker of its own (a fresh container or namespace), not a fork of the usual one.
+        heap: seed for objects that are allocated and freed first, so that new objects have other addresses.
+        hash_seed: PYTHONHASHSEED of the worker.
+        global_seed: seeds the global ``random`` and ``numpy.random`` before the import; None uses the episode's seed.
+        perturb: reseeds both global generators before each call.
+        clock: replaces the clock.
+        again: plays the episode twice in one process, each time on a new instance, and records both.
+        before: episodes that are played first, on the same instance.
+        companion: the episode of a second instance, which is stepped in turn with the first.
+        render: calls ``render()`` after each reset and step, and sends the frame.
+        reread: sends each observation again some steps later and at the episode's end, and each action after its step.
+        after_end: steps to take after the episode's end.
+        options: passes ``options={}`` to reset, and resets once more after the episode, as wrappers do.
+        closed: constructs another instance first, and closes it at once.
+        unseeded: resets without a seed, as training does for every episode but the first.
+    """
+
+    fresh: bool = False
+    heap: int | None = None
+    hash_seed: int = 0
+    global_seed: int | None = None
+    perturb: int | None = None
+    clock: ClockShift | None = None
+    again: bool = False
+    before: list[Episode] = []
+    companion: Episode | None = None
+    render: bool = False
+    reread: bool = False
+    after_end: int = 0
+    options: bool = False
+    closed: bool = False
+    unseeded: bool = False
+
+    @property
+    def passing(self) -> bool:
+        """Whether the conditions leave the process as an ordinary episode does."""
+        return not self.again and (self.heap, self.global_seed, self.perturb, self.clock) == (None,) * 4
+
+    def to_json(self) -> jobs.Conditions:
+        """The conditions that differ from the defaults."""
+        result: jobs.Conditions = msgspec.to_builtins(self)
+        return result
+
+    @classmethod
+    def from_json(cls, value: dict[str, Any]) -> Conditions:
+        """Read what :meth:`to_json` wrote. Raises msgspec.ValidationError."""
+        return msgspec.convert(value, cls)
+
+
+class Rollout(msgspec.Struct, frozen=True, dict=True):
+    """One episode to run.
+
+    `player` names the action source in messages. With `policy` the privileged policy chooses up to `max_steps`
+    actions, and with `interactive` a player on the host does; `actions` is empty then. `keep` is the number of
+    observations, from the first, whose frames the trace keeps.
+    """
+
+    seed: int
+    actions: list[Action]
+    conditions: Conditions = Conditions()
+    player: str = "these actions"
+    policy: bool = False
+    interactive: bool = False
+    max_steps: int = 0
+    keep: int = 0
+
+    @property
+    def live(self) -> bool:
+        """Whether actions are chosen during the episode."""
+        return self.policy or self.interactive
+
+    def key(self) -> bytes:
+        """A digest of everything that the trace depends on; the player's name is not part of it."""
+        return self._key
+
+    @cached_property
+    def _key(self) -> bytes:
+        parts = (self.seed, self.actions, self.conditions, self.policy, self.max_steps, self.keep)
+        return hashlib.blake2b(msgspec.json.encode(parts), digest_size=16).digest()
+
+    def cut(self, steps: int) -> Rollout:
+        """The same episode with at most `steps` actions."""
+        return msgspec.structs.replace(self, actions=self.actions[:steps])
+
+    def under(self, conditions: Conditions) -> Rollout:
+        return msgspec.structs.replace(self, conditions=conditions)
+
+
+class Search(msgspec.Struct, frozen=True):
+    """A request for one search in the worker.
+
+    Attributes:
+        kind: which search, see the worker.
+        seed: the seed of the episode.
+        budget: the most environment steps.
+        path: the actions that the search follows, if any.
+    """
+
+    kind: str
+    seed: int
+    budget: int
+    path: list[Action] = []
+
+    def key(self) -> bytes:
+        """What the outcome depends on."""
+        return msgspec.json.encode((self.kind, self.seed, self.budget, self.path))

@@ -1,0 +1,172 @@
+"""What to judge: a Python file, a class of an installed package, or an environment that a package has registered; and
+the privileged policies to judge with.
+
+Only files are read here. A package is never imported on the host: the worker imports it, and says which file its class
+comes from. Importing this module costs nothing, so that commands can look at their files before anything heavy.
+"""
+
+from __future__ import annotations
+
+import ast
+import re
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Generic, TypeVar, overload
+
+import msgspec
+
+from envcraft.errors import UsageError
+
+if TYPE_CHECKING:
+    from envcraft_protocol import jobs
+
+#: Larger files are not read: no environment of this kind is anywhere near.
+MAX_SOURCE = 2 * 1024**2
+_PARSING = threading.Lock()
+
+_NAME = r"[^\W\d]\w*"
+_CLASS = re.compile(rf"{_NAME}(?:\.{_NAME})*:{_NAME}(?:\.{_NAME})*")
+#: As Gymnasium writes ids: ``[module:][namespace/]name[-vN]``.
+_ID = re.compile(r"(?:[\w.]+:)?(?:[\w:-]+/)?[\w:.-]+")
+_VERSION = re.compile(r"-v\d+$")
+_Item = TypeVar("_Item")
+
+
+class Kind(StrEnum):
+    """How a target names its environment."""
+
+    SOURCE = "source"  #: a Python file
+    MODULE = "module"  #: ``package.module:Class``
+    ID = "id"  #: a registered id
+
+
+class Target(msgspec.Struct, frozen=True):
+    """One environment to judge.
+
+    Attributes:
+        path: the target as it was named: a file, ``package.module:Class`` or an id.
+        source: the file's bytes; empty for what is installed.
+        env_class: picks one of several classes of a file.
+        kwargs: what the constructor is given.
+        wrappers: ``module:callable`` of what is applied to each instance, the innermost first.
+    """
+
+    path: str
+    source: bytes = b""
+    env_class: str | None = None
+    kind: Kind = Kind.SOURCE
+    kwargs: dict[str, Any] = {}
+    wrappers: tuple[str, ...] = ()
+
+    @property
+    def sha256(self) -> str:
+        """Of the file, or of the target's name where the file is not known on this side."""
+        # Slow to import, and not needed before the first worker is on its way.
+        import hashlib
+
+        return hashlib.sha256(self.source if self.kind is Kind.SOURCE else self.path.encode()).hexdigest()
+
+    @property
+    def text(self) -> str:
+        """The source as text. Raises UnicodeDecodeError."""
+        return self.source.decode("utf-8-sig")
+
+    @property
+    def installed(self) -> bool:
+        """Whether a worker needs what is installed beside the contract's libraries."""
+        return self.kind is not Kind.SOURCE or bool(self.wrappers)
+
+    def for_worker(self) -> jobs.Target:
+        """The part that the worker needs. Raises UnicodeDecodeError."""
+        kwargs, wrappers = self.kwargs, list(self.wrappers)
+        if self.kind is Kind.SOURCE:
+            filename = Path(self.path).name
+            return {
+                "kind": "source",
+                "kwargs": kwargs,
+                "wrappers": wrappers,
+                "filename": filename,
+                "source": self.text,
+                "class": self.env_class,
+            }
+        if self.kind is Kind.MODULE:
+            module, _, name = self.path.partition(":")
+            return {"kind": "module", "kwargs": kwargs, "wrappers": wrappers, "module": module, "class": name}
+        return {"kind": "id", "kwargs": kwargs, "wrappers": wrappers, "id": self.path}
+
+
+class LazyTargets(Sequence[Target], Generic[_Item]):
+    """A sequence of targets that reads each item on access, in the accessing thread, and keeps none."""
+
+    def __init__(self, items: Sequence[_Item], read: Callable[[_Item], Target]) -> None:
+        self._items, self._read = items, read
+
+    def __len__(self) -> int:
+        return len(self._items)
+
+    @overload
+    def __getitem__(self, index: int) -> Target: ...
+    @overload
+    def __getitem__(self, index: slice) -> Sequence[Target]: ...
+    def __getitem__(self, index: int | slice) -> Target | Sequence[Target]:
+        if isinstance(index, slice):
+            return LazyTargets(self._items[index], self._read)
+        return self._read(self._items[index])
+
+
+def kind_of(name: str) -> Kind | None:
+    """Whether a name is a class of a module or an id; None for a path."""
+    if name.endswith(".py"):
+        return None
+    if _CLASS.fullmatch(name):
+        return Kind.MODULE
+    named = _ID.fullmatch(name) and (_VERSION.search(name) or ":" in name)
+    return Kind.ID if named else None
+
+
+class PolicyFile(msgspec.Struct, frozen=True):
+    """A privileged policy to run in the worker."""
+
+    path: str
+    source: str
+
+
+def read_target(path: str, env_class: str | None = None) -> Target:
+    """Read a file to judge. Raises UsageError if it cannot be read."""
+    try:
+        with open(path, "rb") as stream:
+            return Target(path, stream.read(MAX_SOURCE + 1), env_class)
+    except OSError as error:
+        raise UsageError(f"{path} cannot be read: {error.strerror}") from None
+
+
+def read_policy(path: str) -> PolicyFile:
+    """Read a privileged policy. Raises UsageError if it cannot be read or is not text."""
+    try:
+        return PolicyFile(path, Path(path).read_text("utf-8"))
+    except OSError as error:
+        raise UsageError(f"the policy {path} cannot be read: {error.strerror}") from None
+    except UnicodeDecodeError:
+        raise UsageError(f"the policy {path} is not Python text") from None
+
+
+def parse(source: bytes | str) -> ast.Module:
+    """The syntax tree of a source. Raises SyntaxError, ValueError, RecursionError, MemoryError."""
+    # In Python 3.11 and 3.12 two threads share the parser's depth counter (CPython issue 106905).
+    with _PARSING:
+        return ast.parse(source)
+
+
+def imported(source: bytes) -> Iterator[str]:
+    """The top-level modules that a source imports anywhere; none if it does not parse."""
+    try:
+        tree = parse(source)
+    except (SyntaxError, ValueError, RecursionError, MemoryError):
+        return
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            yield from (alias.name.partition(".")[0] for alias in node.names)
+        elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
+            yield node.module.partition(".")[0]

@@ -1,0 +1,63 @@
+"""Look up what plugins offer, by hook and by name."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import click
+
+from envcraft.errors import UsageError
+from envcraft.plugins import plugins
+
+_warned: set[str] = set()
+
+
+def offered(hook: str) -> list[Any]:
+    """Collect the objects that plugins offer for a hook, and warn once on stderr about each broken plugin."""
+    objects = plugins().collect(hook)
+    _warn()
+    return objects
+
+
+def named(hook: str, name: str) -> Any | None:
+    """Find one object by its name, or None. Unlike :func:`offered`, this imports no plugin that comes after it."""
+    item = plugins().find(hook, name)
+    _warn()
+    return item
+
+
+def lookup(kind: str, name: str, known: Mapping[str, Any]) -> Any:
+    """Give the value of a name.
+
+    Args:
+        kind: what the names stand for, for the message: ``contract``.
+        name: the name that a user gave.
+        known: the values by name.
+
+    Raises:
+        UsageError: the name does not exist; the message suggests the nearest one.
+    """
+    if name not in known:
+        raise UsageError(f"there is no {kind} {did_you_mean(name, known)}")
+    return known[name]
+
+
+def did_you_mean(name: str, known: Iterable[str]) -> str:
+    """Describe an unknown name: the name with the nearest known one, or with all of them if none is near."""
+    # Slow to import, and needed only for an error.
+    import difflib
+
+    known = list(known)
+    near = difflib.get_close_matches(name.lower(), [other.lower() for other in known], n=1, cutoff=0.5)
+    if near:
+        return f"{name!r}; did you mean {next(other for other in known if other.lower() == near[0])}?"
+    return f"{name!r}; there are {', '.join(known)}" if known else repr(name)
+
+
+def _warn() -> None:
+    for broken in plugins().broken:
+        line = f"Warning: ignored the broken plugin {broken.plugin}: {broken.error}"
+        if line not in _warned:
+            _warned.add(line)
+            click.echo(" ".join(line.split()), err=True)

@@ -1,0 +1,113 @@
+"""Parts that several reporters share: numbered findings, the summary, reproductions in words and as commands."""
+
+from __future__ import annotations
+
+import os
+import shlex
+from collections import Counter
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+from urllib.parse import quote
+
+import msgspec
+
+from envcraft.model.verdict import CheckReport, Finding, Report, Repro, Severity, SubjectReport, Verdict, plain
+from envcraft.text import one_line, plural, printable, relative
+
+#: Words for conditions of a reproduction.
+_CONDITIONS = {
+    "before": "after other episodes",
+    "companion": "beside another instance",
+    "again": "played twice",
+    "clock": "another clock",
+    "closed": "after another instance was closed",
+    "fresh": "fresh worker",
+    "render": "with render() in between",
+    "unseeded": "reset without a seed",
+}
+
+
+class Numbered(NamedTuple):
+    """A finding with its position.
+
+    Attributes:
+        number: counts the findings of the report from 1, as ``envcraft replay --finding`` does.
+        own: counts the findings of the subject from 1.
+        place: the index of the subject.
+    """
+
+    number: int
+    own: int
+    place: int
+    subject: SubjectReport
+    check: CheckReport
+    finding: Finding
+
+
+def numbered(report: Report) -> Iterator[Numbered]:
+    """Yield every finding of a report in order."""
+    number = 0
+    for place, subject in enumerate(report.reports):
+        own = 0
+        for check in subject.checks:
+            for finding in check.findings:
+                number, own = number + 1, own + 1
+                yield Numbered(number, own, place, subject, check, finding)
+
+
+def summary_words(report: Report) -> str:
+    """Summarise a report in one sentence: ``1 passed, 2 failed: 3 findings, 1 warning``."""
+    verdicts = Counter(subject.verdict for subject in report.reports)
+    words = zip(Verdict, ("passed", "failed", "skipped", "could not be judged"), strict=True)
+    counts = ", ".join(f"{verdicts[verdict]:,} {word}" for verdict, word in words if verdicts[verdict])
+    severities = Counter(item.finding.severity for item in numbered(report))
+    errors, warnings = severities[Severity.ERROR], severities[Severity.WARNING]
+    return f"{counts or 'nothing judged'}: {plural(errors, 'finding')}, {plural(warnings, 'warning')}"
+
+
+def repro_words(repro: Repro) -> str:
+    """Describe a reproduction: ``seed 0, 41 actions, hash_seed 1``."""
+    parts = [f"seed {repro.seed}", plural(len(repro.actions), "action") if repro.actions else "no action"]
+    parts += [f"{_CONDITIONS.get(name, name)} {_condition(value)}".strip() for name, value in repro.conditions.items()]
+    return one_line(", ".join(parts))
+
+
+def _condition(value: Any) -> str:
+    if value is True or isinstance(value, dict | list):
+        return ""
+    return str(value)
+
+
+def replay_command(report: Report, item: Numbered) -> str:
+    """Give two commands that show one finding again: validate the subject alone, then replay its report."""
+    options = [] if report.contract == "arcade" else ["--contract", report.contract]
+    options += [] if report.budget == "standard" else ["--budget", report.budget]
+    options += ["--seed", str(report.seed)] if report.seed else []
+    options += ["--policy", item.subject.policy] if item.subject.policy else []
+    options += ["--kwargs", _json(item.subject.kwargs)] if item.subject.kwargs else []
+    options += [word for name in item.subject.wrappers for word in ("--wrap", name)]
+    path = f"./{item.subject.path}" if item.subject.path.startswith("-") else item.subject.path
+    words = ["envcraft", "validate", path, *options, "--format", "json", "--output", "report.json"]
+    return f"{shlex.join(map(printable, words))}\nenvcraft replay report.json --finding {item.own}"
+
+
+def _json(value: Any) -> str:
+    return msgspec.json.encode(plain(value)).decode()
+
+
+def fingerprint(path: str, code: str, nth: int) -> str:
+    """Identify a finding across runs.
+
+    Args:
+        path: the subject's path.
+        code: the finding's code.
+        nth: the index among the subject's findings of this code, from 0.
+
+    Returns:
+        A SHA-256 as hex. Lines and measured values are left out, because they change with each edit.
+    """
+    identity = "\0".join((quote(os.fsencode(relative(path))), code, str(nth)))
+    # Slow to import, and needed only for a finding.
+    import hashlib
+
+    return hashlib.sha256(identity.encode("utf-8", "backslashreplace")).hexdigest()

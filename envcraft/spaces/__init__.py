@@ -1,0 +1,1 @@
+"""Gymnasium spaces as data: read, write, validate, sample, encode and decode."""

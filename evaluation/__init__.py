@@ -1,0 +1,1 @@
+"""Labelled environments and the code that judges them. Tests assert on the verdicts; benchmarks report them."""

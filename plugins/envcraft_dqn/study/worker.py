@@ -1,0 +1,187 @@
+"""The tasks of a study as messages, and their execution in a worker process."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import msgspec
+
+from envcraft.errors import EnvCraftError
+from envcraft_dqn.study.metric import Score
+from envcraft_dqn.study.protocol import NOOP, PRIVILEGED, RANDOM, UNTRAINED, Protocol, Task, training_settings
+from envcraft_dqn.study.selection import EnvFactory, StudyEnv
+
+if TYPE_CHECKING:
+    from envcraft_dqn.env_spec import EnvSpec
+    from envcraft_dqn.policies import Policy
+    from envcraft_dqn.recordings import RecordedDemonstrations
+
+#: Seconds between two checkpoints of a training.
+_CHECKPOINT_SECONDS = 120.0
+
+
+class TaskRequest(msgspec.Struct, frozen=True):
+    """A task with its context. It can run wherever `folder` and the corpus are accessible.
+
+    Attributes:
+        protocol: The protocol of the study.
+        factory: Makes the environments.
+        folder: The folder of the study.
+        task: The task.
+        player: The name of the privileged player.
+        environments: All environments of the study.
+        device: The torch device.
+        sandbox: The sandbox of the privileged player.
+    """
+
+    protocol: Protocol
+    factory: EnvFactory
+    folder: str
+    task: Task
+    player: str
+    environments: list[StudyEnv]
+    device: str
+    sandbox: str
+
+
+class TaskResult(msgspec.Struct, frozen=True):
+    """The result of a task. It is reproducible except for the times.
+
+    Attributes:
+        task: The task.
+        seconds, processor_seconds: The wall-clock and processor time.
+        scores: The scores of a ``play`` task by environment.
+        curve: The learning curve of a ``train`` task.
+        parameters: The number of parameters of the network.
+        updates, steps: The length of the training.
+    """
+
+    task: Task
+    seconds: float
+    processor_seconds: float
+    scores: list[Score] = []
+    curve: list[dict[str, Any]] = []
+    parameters: int = 0
+    updates: int = 0
+    steps: int = 0
+
+
+def run_task(data: bytes) -> bytes:
+    """Run one task.
+
+    Args:
+        data: A :class:`TaskRequest` as MessagePack.
+
+    Returns:
+        A :class:`TaskResult` as JSON.
+
+    Raises:
+        EnvCraftError: The task fails.
+    """
+    request = msgspec.msgpack.decode(data, type=TaskRequest)
+    started, spent = time.perf_counter(), time.process_time()
+    if request.task.player == PRIVILEGED:
+        fields: dict[str, Any] = {"scores": _play_privileged(request)}
+    else:
+        import torch
+
+        # The number of threads affects the order of floating-point sums.
+        torch.set_num_threads(request.protocol.threads)
+        fields = _train(request) if request.task.kind == "train" else {"scores": _play(request)}
+    result = TaskResult(request.task, time.perf_counter() - started, time.process_time() - spent, **fields)
+    return msgspec.json.encode(result)
+
+
+def _train(request: TaskRequest) -> dict[str, Any]:
+    import json
+
+    from envcraft_dqn.checkpoint import load_agent
+    from envcraft_dqn.learner import train
+    from envcraft_dqn.selection import source_digests
+    from envcraft_dqn.study.curve import LearningCurve, read
+
+    task = request.task
+    folder = Path(request.folder, "runs", task.name)
+    settings = msgspec.structs.replace(training_settings(request.protocol, task), device=request.device)
+    demonstrations = _demonstrations(request) if task.demonstrations else None
+    file = folder / "curve.jsonl"
+    sources = source_digests(Path(request.factory.corpus), task.environments, None)
+    open_vector = request.factory.open
+    agent = train(
+        settings,
+        task.environments,
+        open_vector,
+        folder,
+        demonstrations,
+        LearningCurve(file),
+        _CHECKPOINT_SECONDS,
+        sources,
+    )
+    numbers = json.loads((folder / "checkpoint" / "state.json").read_text("utf-8"))["numbers"]
+    return {
+        "curve": read(file),
+        "parameters": load_agent(agent)[0].parameter_count,
+        "updates": numbers["updates"],
+        "steps": numbers["steps"],
+    }
+
+
+def _demonstrations(request: TaskRequest) -> RecordedDemonstrations:
+    """The recordings of this study, all under the contract of the first environment."""
+    from envcraft_dqn.recordings import RecordedDemonstrations
+    from envcraft_dqn.selection import contract_digests
+    from envcraft_dqn.study.privileged import player_for
+
+    names, corpus = [one.name for one in request.environments], Path(request.factory.corpus)
+    [contract] = contract_digests(corpus, names[:1], None).values()
+    digest = player_for(request.environments).digest
+    return RecordedDemonstrations(
+        corpus, request.factory.open, request.player, request.protocol.seed, dict.fromkeys(names, contract), digest
+    )
+
+
+def _play(request: TaskRequest) -> list[Score]:
+    from envcraft_dqn.env_spec import EnvSpec
+    from envcraft_dqn.evaluation import evaluate
+
+    protocol, task = request.protocol, request.task
+    policy = _policy(request, EnvSpec.of(request.factory.open, task.environments[0]))
+    results = evaluate(task.environments, request.factory.open, policy, protocol.episodes, protocol.num_envs, task.seed)
+    return [Score.of(one) for one in results]
+
+
+def _policy(request: TaskRequest, spec: EnvSpec) -> Policy:
+    from envcraft_dqn.policies import AgentPolicy, policy_named
+
+    task = request.task
+    if task.player in (RANDOM, NOOP):
+        return policy_named(task.player, spec, task.seed)
+    file = untrained_agent(request, spec) if task.player == UNTRAINED else Path(request.folder, task.player)
+    if not file.is_file():
+        raise EnvCraftError(f"{file} is missing: all processes of a study must see the same folder")
+    return AgentPolicy(file, spec, task.seed, request.protocol.epsilon, request.device)
+
+
+def untrained_agent(request: TaskRequest, spec: EnvSpec) -> Path:
+    """Write an untrained agent with the seed of the task, which differs between splits."""
+    from envcraft_dqn.checkpoint import save_agent
+    from envcraft_dqn.learner import Learner
+
+    settings = msgspec.structs.replace(request.protocol.settings, seed=request.task.seed, device=request.device)
+    file = Path(request.folder, "runs", request.task.name, "agent.safetensors")
+    return save_agent(file, Learner(settings, spec).network, spec)
+
+
+def _play_privileged(request: TaskRequest) -> list[Score]:
+    from envcraft_dqn.study.privileged import player_for, scores
+
+    return scores(
+        Path(request.factory.corpus),
+        request.task.environments,
+        player_for(request.environments),
+        request.protocol.privileged_episodes,
+        request.protocol.seed,
+        request.sandbox,
+    )
