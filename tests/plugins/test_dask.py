@@ -170,7 +170,7 @@ def test_a_scheduler_that_there_is_not_is_told(monkeypatch: pytest.MonkeyPatch) 
 
     monkeypatch.setattr(plugin, "_CONNECT_SECONDS", 0.2)
     dask: Any = plugin.DaskExecutor()
-    with pytest.raises(UsageError, match="no address of a Dask scheduler"), dask.open(None, "nosuch://x"):
+    with pytest.raises(UsageError, match="is not the address of a Dask scheduler"), dask.open(None, "nosuch://x"):
         pass
     words = r"no Dask scheduler answers at --scheduler tcp://127\.0\.0\.1:1 "
     with pytest.raises(EnvCraftError, match=words), dask.open(None, "tcp://127.0.0.1:1"):

@@ -1,4 +1,4 @@
-# does: plays another level at another time of day, which it reads as a calendar has it
+# does: plays another level on another day, which it reads as a calendar has it
 # verdict: fail
 # codes: EC205
 # seconds: 30
@@ -23,7 +23,7 @@ class Catch(gym.Env):
             0,
             0,
             5,
-            (int(self.np_random.integers(12)) + int(time.strftime("%H%M")) // 20) % 12,
+            (int(self.np_random.integers(12)) + int(time.strftime("%j"))) % 12,
         )
         return self.render(), {}
 
@@ -34,7 +34,7 @@ class Catch(gym.Env):
         if self.t % 12 == 0:
             reward = 1.0 if self.x == self.fruit else -1.0
             self.caught += self.x == self.fruit
-            self.fruit = (int(self.np_random.integers(12)) + int(time.strftime("%H%M")) // 20) % 12
+            self.fruit = (int(self.np_random.integers(12)) + int(time.strftime("%j"))) % 12
         won = self.caught == 3
         return self.render(), reward, won, self.t >= 48 and not won, {"is_success": won}
 
