@@ -35,7 +35,8 @@ class RolloutCache:
         total_seconds: the longest time of all jobs together.
 
     Attributes:
-        steps: environment steps that were requested.
+        steps: environment steps of every kind in what was requested: of episodes, of those before and beside them,
+            and of searches.
         on_steps: called with `steps` when they have grown, once for each episode or search.
     """
 
@@ -124,7 +125,7 @@ class RolloutCache:
         if refusal := self._refusal:
             raise Skip(refusal)
         trace = self._runner.retry(lambda: self._result(self._start(rollout, again=True, count_waits=True)))
-        self._count(trace.steps)
+        self._count(trace)
         return trace
 
     def search(self, search: Search) -> SearchOutcome:
@@ -133,7 +134,7 @@ class RolloutCache:
         if key not in self._searches:
             trace = self._request(search)
             self._searches[key] = trace.result or {}
-            self._count(min(max(self._searches[key].get("steps", 0), 0), search.budget))
+            self._count(trace)
         return self._searches[key]
 
     # Interactive episodes
@@ -146,15 +147,15 @@ class RolloutCache:
         """Wait for the end of such an episode, and keep its trace as that of the same actions from a list."""
         trace = self._result(pending)
         trace.rollout = msgspec.structs.replace(trace.rollout, actions=trace.actions, interactive=False, max_steps=0)
-        self._count(trace.steps)
+        self._count(trace)
         self._traces[trace.rollout.key()] = trace
         return trace
 
     def discard(self, pending: PendingRollout) -> None:
         """Count the steps and the time of such an episode after its end, without keeping its trace."""
-        self._count(pending.builder.trace.steps)
         if pending.task.future.exception() is None:
             self._runner.result(pending)
+        self._count(pending.builder.trace)
 
     def _record(self, rollout: Rollout, again: bool = False, alone: bool = False) -> Trace:
         trace = self._request(rollout, again, alone)
@@ -170,11 +171,13 @@ class RolloutCache:
                 # The machine missed the first deadline, not the program.
                 trace = slow
                 self._timeouts -= 1
-        self._count(trace.steps)
+        self._count(trace)
         return trace
 
-    def _count(self, steps: int) -> None:
-        self.steps += steps
+    def _count(self, trace: Trace) -> None:
+        """Count the steps that a job reports; of one that does not come to report, those that its trace shows."""
+        shown = trace.steps + (trace.earlier.steps if trace.earlier is not None else 0)
+        self.steps += max(trace.end.steps if trace.end is not None else 0, shown)
         if self.on_steps is not None:
             self.on_steps(self.steps)
 

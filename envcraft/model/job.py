@@ -36,6 +36,7 @@ class JobResult(msgspec.Struct, frozen=True):
         output_bytes: how many bytes it printed.
         cpu: processor time of its processes, in seconds; of a series it is known at the end of the last job.
         before: jobs of the same series that ran in the process before.
+        steps: calls of step() of every kind, as the job reports them at its end; 0 if it does not come to report.
         waits: steps that gave up the processor to wait, if the job measures this.
     """
 
@@ -49,6 +50,7 @@ class JobResult(msgspec.Struct, frozen=True):
     output_bytes: int = 0
     cpu: float = 0.0
     before: int = 0
+    steps: int = 0
     waits: int = 0
 
 

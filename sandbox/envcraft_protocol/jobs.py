@@ -146,8 +146,15 @@ class Job(TypedDict):
 
 
 class End(TypedDict, total=False):
-    """Payload of the END message: `reusable` offers to run another job, `waits` answers ``count_waits``."""
+    """Payload of the END message.
 
+    Attributes:
+        steps: calls of step() of every kind: of the episode, of earlier ones, of a companion, of searches.
+        reusable: the process offers to run another job.
+        waits: the answer to ``count_waits``.
+    """
+
+    steps: int
     reusable: bool
     waits: int
 

@@ -302,6 +302,7 @@ class _Watch:
             output=self._head.decode("utf-8", "replace"),
             output_bytes=self._printed,
             before=self._before,
+            steps=self._reader.steps,
             waits=self._reader.waits,
         )
 

@@ -28,6 +28,7 @@ class Reader:
     Attributes:
         ended: the END message has arrived.
         reusable: the process offers to run another job.
+        steps: the number of calls of step() that the job reported at its end.
         waits: the number of steps that gave up the processor, of a job that counts them.
         awaits_action: the job waits for its next action. Only an interactive job may ask, and it chooses no action
             itself. The sender of the action resets it.
@@ -37,6 +38,7 @@ class Reader:
     def __init__(self, recorder: Recorder, played: bool = False) -> None:
         self.ended = False
         self.reusable = False
+        self.steps = 0
         self.waits = 0
         self.awaits_action = False
         self._played = played
@@ -103,11 +105,10 @@ class Reader:
             recorder.end()
             self.ended = True
             end = _json(payload)
-            self.reusable = end == {"reusable": True}
-            waits = end.get("waits", 0) if isinstance(end, dict) else 0
-            if type(waits) is not int or not 0 <= waits < 2**32:
-                raise Forged("an impossible number of waits")
-            self.waits = waits
+            if not isinstance(end, dict):
+                raise Forged("END is not a JSON object")
+            self.steps, self.waits = _count(end, "steps"), _count(end, "waits")
+            self.reusable = end.get("reusable") is True
         elif kind is Kind.ASK:
             self.awaits_action = True
         elif kind is not Kind.TICK:
@@ -176,6 +177,13 @@ class Reader:
             data=self._last[1],
             info=self._info,
         )
+
+
+def _count(end: dict[str, Any], name: str) -> int:
+    count = end.get(name, 0)
+    if type(count) is not int or not 0 <= count < 2**32:
+        raise Forged(f"an impossible number of {name}")
+    return count
 
 
 def _json(payload: memoryview) -> Any:

@@ -63,9 +63,11 @@ class Game(Worker):
                 step = Step(False, False, "bool", "bool", "float", 1.0, 1, 0, data, b"")
                 (recorder.step if number else recorder.reset)(step)
         died = 200 <= job.get("seed", 0) < 300 or (400 <= job.get("seed", 0) < 500 and before > 0)
-        return JobResult(
-            ExitReason.TIMEOUT if hangs else ExitReason.DIED if died else ExitReason.DONE, "step", 1.0, before=before
+        reason = ExitReason.TIMEOUT if hangs else ExitReason.DIED if died else ExitReason.DONE
+        steps = (
+            0 if reason is not ExitReason.DONE else 5 if job["kind"] == "search" else len(job.get("actions", ())) + 2
         )
+        return JobResult(reason, "step", 1.0, before=before, steps=steps)
 
     def close(self) -> None:
         self.ended.set()
@@ -111,7 +113,8 @@ def test_requested_rollouts_count_in_the_order_of_the_requests(parallel_jobs: in
         traces = [subject.rollout(play(seed, steps=seed)) for seed in asked]
         assert [trace.rollout.seed for trace in subject.traces] == [7, 3, 29, 0, 11]
         assert traces[1] is traces[2]
-        assert subject.steps == 7 + 3 + 29 + 0 + 11
+        # The worker counts two steps more than each trace shows.
+        assert subject.steps == 9 + 5 + 31 + 2 + 13
         assert subject.seconds == 5
 
 
@@ -313,7 +316,7 @@ def test_a_worker_that_is_lost_once_costs_no_verdict() -> None:
         driver.games[0].ended.set()
         subject.prefetch([play(seed) for seed in range(3)])
         assert [subject.rollout(play(seed)).steps for seed in range(3)] == [3, 3, 3]
-        assert subject.steps == 9
+        assert subject.steps == 15
     assert len(driver.games) == 2
 
 

@@ -92,17 +92,23 @@ def test_the_good_stream_is_read() -> None:
     assert reader.ended
 
 
-def test_waits_are_counted_at_the_end() -> None:
+def test_the_end_has_counts() -> None:
     reader = Reader(recording())
-    reader.feed(b"".join(GOOD[:-1]) + message(Kind.END, {"waits": 3}))
+    reader.feed(b"".join(GOOD[:-1]) + message(Kind.END, {"steps": 7, "waits": 3}))
     assert reader.ended
-    assert reader.waits == 3
+    assert (reader.steps, reader.waits) == (7, 3)
 
 
-@pytest.mark.parametrize("waits", [-1, 2**64, 10**400, True, 1.5, "1", None])
-def test_waits_that_cannot_be_are_forged(waits: Any) -> None:
-    with pytest.raises(Forged, match="waits"):
-        Reader(recording()).feed(b"".join(GOOD[:-1]) + message(Kind.END, {"waits": waits}))
+@pytest.mark.parametrize("name", ["steps", "waits"])
+@pytest.mark.parametrize("count", [-1, 2**32, 10**400, True, 1.5, "1", None])
+def test_counts_that_cannot_be_are_forged(name: str, count: Any) -> None:
+    with pytest.raises(Forged, match=name):
+        Reader(recording()).feed(b"".join(GOOD[:-1]) + message(Kind.END, {name: count}))
+
+
+def test_an_end_that_is_no_object_is_forged() -> None:
+    with pytest.raises(Forged, match="END"):
+        Reader(recording()).feed(b"".join(GOOD[:-1]) + message(Kind.END, []))
 
 
 @settings(max_examples=600, deadline=None, suppress_health_check=[HealthCheck.too_slow])

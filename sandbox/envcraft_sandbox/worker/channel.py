@@ -80,7 +80,9 @@ class Channel:
         self._info: bytes | None = None
         #: Steps that repeat observation and info, for one message.
         self._run: list[bytes] = []
-        #: Number of steps that gave up the processor, in a job that counts them.
+        #: Number of calls of step() so far, on any instance, and of those that gave up the processor in a job that
+        #: counts them.
+        self.steps = 0
         self.waits = 0
 
     def send(self, kind: Kind, payload: bytes = b"", flush: bool = False) -> None:

@@ -140,6 +140,10 @@ def _run(job: Job, channel: Channel, traces: Traces | None) -> bool:
         # The previous call is not responsible for failures of the cleanup.
         channel.phase("close")
         reusable = traces.remove()
-    end: End = {"reusable": True} if reusable else {"waits": channel.waits} if job.get("count_waits") else {}
+    end: End = {"steps": channel.steps}
+    if reusable:
+        end["reusable"] = True
+    elif job.get("count_waits"):
+        end["waits"] = channel.waits
     channel.send_json(Kind.END, end, flush=True)
     return reusable

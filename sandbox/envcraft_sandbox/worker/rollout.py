@@ -64,9 +64,9 @@ class Companion:
         _restore(state)
 
     def _step(self) -> None:
-        action = self._subject.action(self._actions[self._position % len(self._actions)], self._env)
+        action = self._actions[self._position % len(self._actions)]
         self._position += 1
-        result = self._subject.call("companion", self._env.step, action)
+        result = self._subject.step("companion", self._env, action)
         if isinstance(result, tuple) and len(result) == 5 and (_true(result[2]) or _true(result[3])):
             self._reset()
 
@@ -134,6 +134,7 @@ def _episode(subject: Subject, job: Job, conditions: Conditions) -> None:
         perturb()
         before = jsonable(action) if reread else None
         waits = _waits() if count_waits else 0
+        channel.steps += 1
         started = _perf_counter()
         result = subject.call("step", env.step, action)
         seconds = _perf_counter() - started
@@ -185,7 +186,7 @@ def _play_through(subject: Subject, env: Any, episode: EpisodePlan) -> None:
     subject.channel.phase("before")
     subject.call("earlier reset", env.reset, seed=episode["seed"])
     for value in episode["actions"]:
-        result = subject.call("before", env.step, subject.action(value, env))
+        result = subject.step("before", env, value)
         subject.channel.tick()
         if isinstance(result, tuple) and len(result) == 5 and (_true(result[2]) or _true(result[3])):
             return
@@ -197,7 +198,7 @@ def _step_on(subject: Subject, env: Any, actions: list[Any], count: int) -> None
         subject.channel.phase("after")
     for value in (actions * 2)[:count]:
         try:
-            result = subject.call("after", env.step, subject.action(value, env))
+            result = subject.step("after", env, value)
         except Fault:
             return
         if not (isinstance(result, tuple) and len(result) == 5):

@@ -122,7 +122,7 @@ class Tree:
         env = self.subject.construct(announce=False)
         self.subject.call("reset", env.reset, seed=self.seed)
         for action in node.path.actions():
-            self.subject.call("step", env.step, self.subject.action(action, env))
+            self.subject.step("step", env, action)
             self.out.steps += 1
         return Node(env, node.path, node.total)
 
@@ -131,7 +131,7 @@ class Tree:
         self.out.steps += 1
         path = node.path.then(action)
         try:
-            result = self.subject.call("step", node.env.step, self.subject.action(action, node.env))
+            result = self.subject.step("step", node.env, action)
             observation, reward, terminated, truncated, info = result
             reward = float(reward)
         except (Fault, TypeError, ValueError):

@@ -60,6 +60,12 @@ class Subject:
         except BaseException as error:
             raise Fault(self._report(phase, error)) from None
 
+    def step(self, phase: str, env: Any, value: Any) -> Any:
+        """Step an instance with an action as JSON, and count the call."""
+        action = self.action(value, env)
+        self.channel.steps += 1
+        return self.call(phase, env.step, action)
+
     def load(self) -> None:
         """Import the module that defines the environment."""
         self.channel.phase("import")

@@ -13,10 +13,12 @@ from envcraft_protocol.wire import HEADER, MAX_MESSAGE, Kind
 from envcraft.errors import EnvCraftError
 from envcraft.judging.driver import Driver, Limits, Worker
 from envcraft.model.job import ExitReason
-from envcraft.model.rollout import ClockShift, Conditions
+from envcraft.model.rollout import ClockShift, Conditions, Episode
 from envcraft.model.trace import Ending
 
 Environment = Callable[..., str]
+
+_ACTIONS = [[number % 5, 0, 1] for number in range(9)]
 
 
 class TestOrdinaryJobs:
@@ -163,6 +165,23 @@ class TestConditions:
         )
         assert plain
         assert plain != perturbed
+
+    @pytest.mark.parametrize(
+        ("conditions", "steps"),
+        [
+            (Conditions(), 8),
+            (Conditions(again=True), 16),
+            (Conditions(before=[Episode(1, _ACTIONS[:3]), Episode(2, _ACTIONS)]), 3 + 8 + 8),
+            (Conditions(companion=Episode(1, _ACTIONS)), 16),
+            (Conditions(after_end=3), 11),
+        ],
+        ids=["plain", "again", "before", "companion", "after the end"],
+    )
+    def test_steps_of_every_kind_are_counted(
+        self, worker: Worker, environment: Environment, play: Any, conditions: Conditions, steps: int
+    ) -> None:
+        ran = play(worker, environment(step="print('.', end='')"), conditions=conditions)
+        assert ran.end.steps == steps == ran.end.output.count(".")
 
     def test_workers_are_independent(
         self, driver: Driver, limits: Limits, worker: Worker, environment: Environment, play: Any
