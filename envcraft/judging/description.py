@@ -1,6 +1,6 @@
-"""What the worker says in words of its own, a file's description and a search's outcome: checked before it is read.
+"""Schemas of two messages of the worker: the description of a file and the outcome of a search.
 
-Code that shares a process with the worker can send what it likes in its name. What is not of the form here raises
+Untrusted code shares a process with the worker and can send any bytes. A message that does not fit its schema raises
 MalformedValue, which ends the job as forged.
 """
 
@@ -20,14 +20,14 @@ _Name = Annotated[str, msgspec.Meta(max_length=1000)]
 
 
 class DefinedClass(TypedDict):
-    """An environment class, and the line at which it is defined."""
+    """An environment class and the line of its definition."""
 
     name: str
     line: int | None
 
 
 class Effects(TypedDict, total=False):
-    """What importing the file did: seconds it took, whether global generators moved on, threads that it started."""
+    """Side effects of the import: its seconds, whether it used the global generators, the number of threads started."""
 
     seconds: float
     random: bool
@@ -35,9 +35,9 @@ class Effects(TypedDict, total=False):
     threads: int
 
 
-#: ``class`` is no name that the class syntax takes. The last five are told of what is installed: the module and digest
-#: of the file that defines the class, the type that was ``made`` and whether it is an ``environment``, and the
-#: ``modules`` that it imports.
+#: The functional syntax, because ``class`` is a keyword. The last five keys are sent only for installed environments:
+#: the module and digest of the file that defines the class, the type of the object that was ``made``, whether that is
+#: an ``environment``, and the ``modules`` that it imports.
 Description = TypedDict(
     "Description",
     {
@@ -64,7 +64,11 @@ Description = TypedDict(
 
 
 def describe(value: dict[str, Any]) -> Description:
-    """Read a description. Raises MalformedValue."""
+    """Validate a description.
+
+    Raises:
+        MalformedValue: it does not fit the schema.
+    """
     description: Description = _convert(value, Description)
     for name in ("observation_space", "action_space"):
         if name in description:
@@ -73,17 +77,24 @@ def describe(value: dict[str, Any]) -> Description:
 
 
 def outcome(value: dict[str, Any], action_space: SpaceSpec, most: int) -> SearchOutcome:
-    """Read a search's outcome, whose action lists are in `action_space` and no longer than `most`. Raises
-    MalformedValue.
+    """Validate a search's outcome.
+
+    Args:
+        value: the message.
+        action_space: contains every action of the outcome's lists.
+        most: the maximum length of a list of actions.
+
+    Raises:
+        MalformedValue: it does not fit the schema, or a list is too long or has an action outside the space.
     """
-    found: SearchOutcome = _convert(value, SearchOutcome)
-    for name, actions in (("crash", found.get("crash")), ("win", found.get("win")), ("best", found.get("best"))):
+    result: SearchOutcome = _convert(value, SearchOutcome)
+    for name, actions in (("crash", result.get("crash")), ("win", result.get("win")), ("best", result.get("best"))):
         if len(actions or []) > most:
-            raise MalformedValue(f"{name} is a list more than {most} actions")
+            raise MalformedValue(f"{name} is a list of more than {most} actions")
         for action in actions or []:
             if wrong := validate_action(action_space, action):
                 raise MalformedValue(f"{name}: {wrong}")
-    return found
+    return result
 
 
 def _convert(value: dict[str, Any], kind: Any) -> Any:

@@ -48,8 +48,17 @@ _STEPS_EVERY = 0.25
 class Plan(msgspec.Struct, frozen=True):
     """What to judge, and under which settings.
 
-    `parallel_jobs` is the number of jobs of one subject that run at a time. None divides the workers of the run by
-    the number of subjects that are judged at a time. No verdict depends on it.
+    Attributes:
+        targets: the environments, in the order in which they are judged.
+        contract: what they promise.
+        driver: the sandbox.
+        checks: in the order in which they run.
+        budget: the numbers of episodes and steps.
+        seed: of the run; all other seeds derive from it.
+        policy: a file with a policy for the checks that use one.
+        limits: of each job's memory and time.
+        parallel_jobs: the number of jobs of one subject that run at a time. None divides the workers of the run by
+            the number of subjects that are judged at a time. No verdict depends on it.
     """
 
     targets: Sequence[Target]
@@ -64,18 +73,23 @@ class Plan(msgspec.Struct, frozen=True):
 
 
 def cores() -> int:
-    """The number of processors that this process may use."""
+    """Return the number of processors that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def validate(plan: Plan, workers: int | None = None, pool: WorkerPool | None = None) -> Generator[Event, None, None]:
-    """Judge every target, with up to `workers` jobs side by side: by default as many as there are cores. They are those
-    of as many subjects, or of fewer if there are no more.
+    """Judge every target and yield the events of the run, the last of which is `Finished`.
 
-    `pool` may have been opened before, with the plan's driver (which must see what the targets need,
-    :func:`envcraft.judging.driver.driver_for`), limits and number of targets, so that the first workers are under
-    way; it is ended here. A sandbox that fails or a check that breaks is an ``error``. Closing the iterator,
-    or an exception such as KeyboardInterrupt, ends every worker that is still running.
+    A sandbox that fails and a check that raises are ``error`` verdicts, not exceptions. Closing the iterator ends
+    every worker that is still running, and so does an exception such as KeyboardInterrupt.
+
+    Args:
+        plan: what to judge.
+        workers: the number of jobs that run at a time, by default the number of cores. Up to this number of subjects
+            are judged at a time.
+        pool: an open pool, whose first workers start before the call. It must have the plan's limits, its number of
+            targets, and a driver that can read what the targets need (:func:`envcraft.judging.driver.driver_for`).
+            It is closed at the end.
     """
     reports: dict[int, SubjectReport] = {}
     with contextlib.closing(stream(plan, workers, pool)) as running:
@@ -90,9 +104,15 @@ def validate(plan: Plan, workers: int | None = None, pool: WorkerPool | None = N
 def stream(
     plan: Plan, workers: int | None = None, pool: WorkerPool | None = None
 ) -> Generator[tuple[int, Event], None, None]:
-    """As :func:`validate`, but without the last event, so that no report is kept: each event comes with the number of
-    its subject. With a `pool`, a target is taken from `plan.targets` when its turn comes, by the thread that judges it;
-    one that raises TargetLost then is an ``error``.
+    """Judge every target and yield each event with the number of its subject, counted from 1.
+
+    Unlike :func:`validate`, it yields no `Finished` and keeps no reports. With a `pool`, the thread that judges a
+    target takes it from `plan.targets` at that moment. If that raises TargetLost, the verdict is ``error``.
+
+    Args:
+        plan: what to judge.
+        workers: as for :func:`validate`.
+        pool: as for :func:`validate`.
     """
     jobs = workers or cores()
     workers = max(min(jobs, len(plan.targets)), 1)
@@ -111,20 +131,20 @@ def _side_by_side(plan: Plan, pool: WorkerPool, workers: int) -> Generator[tuple
     turns, turn = iter(range(1, total + 1)), threading.Lock()
 
     def run(number: int) -> None:
-        def tell(event: Event) -> None:
+        def emit(event: Event) -> None:
             events.put((number, event))
 
         try:
             target = plan.targets[number - 1]
         except TargetLost as lost:
-            # It needs no worker.
+            # The pool starts workers for the number of targets, and this one needs none.
             pool.lease().release()
-            tell(SubjectStarted(lost.path, number, total))
-            tell(SubjectFinished(not_judged(plan, lost.path, lost.env_class, lost.sha256, str(lost))))
+            emit(SubjectStarted(lost.path, number, total))
+            emit(SubjectFinished(not_judged(plan, lost.path, lost.env_class, lost.sha256, str(lost))))
             return
-        tell(SubjectStarted(target.path, number, total))
-        for event in judge(plan, target, pool, tell):
-            tell(event)
+        emit(SubjectStarted(target.path, number, total))
+        for event in judge(plan, target, pool, emit):
+            emit(event)
             if pool.closed:
                 break
 
@@ -155,7 +175,7 @@ def _side_by_side(plan: Plan, pool: WorkerPool, workers: int) -> Generator[tuple
                 else:
                     yield event
         finally:
-            # Leaving waits for the threads: without workers they have nothing left to do.
+            # The executor's exit waits for the threads, which end as soon as they have no workers.
             pool.close()
 
 
@@ -163,19 +183,26 @@ def judge(
     plan: Plan,
     target: Target,
     pool: WorkerPool,
-    tell: Callable[[Event], None] | None = None,
+    emit: Callable[[Event], None] | None = None,
     look: Callable[[Subject], None] | None = None,
 ) -> Generator[Event, None, None]:
-    """Judge one target by all checks. Those after a failed gate are skipped, except the ones that always run.
+    """Judge one target by all checks and yield the events.
 
-    `tell` gets what happens within a check, while the generator cannot yield. `look` is shown the subject once its
-    checks are done: what it asks for is in the report's steps, and no finding.
+    After a failed gate, only the checks that always run are run; the others are skipped.
+
+    Args:
+        plan: the settings.
+        target: the environment.
+        pool: provides its workers.
+        emit: receives the events during a check, when the generator cannot yield.
+        look: is called with the subject after its last check. Its rollouts count as steps of the report, but it
+            cannot add findings.
     """
     started = time.monotonic()
     done: list[CheckReport] = []
     with open_subject(plan, target, pool) as subject:
-        if tell is not None:
-            subject.cache.on_steps = _now_and_then(target.path, tell)
+        if emit is not None:
+            subject.cache.on_steps = _throttled(target.path, emit)
         blocked = ""
         for check in plan.checks:
             if blocked and not check.always:
@@ -187,7 +214,7 @@ def judge(
                 blocked = f"it did not get past the check {check.name}"
             done.append(report)
             if len(done) == 2 and not blocked:
-                # Not sooner: workers that start would hold up the first episodes.
+                # Workers that start earlier would delay the first episodes.
                 subject.lease.reserve(seed for later in plan.checks for seed in later.hash_seeds)
             yield CheckFinished(target.path, report)
         if look is not None:
@@ -196,7 +223,14 @@ def judge(
 
 
 def report_on(plan: Plan, subject: Subject, checks: list[CheckReport], started: float) -> SubjectReport:
-    """The report of a subject that was opened at `started`, a reading of ``time.monotonic``."""
+    """Build the report on a subject.
+
+    Args:
+        plan: the settings.
+        subject: the subject, still open.
+        checks: the reports of its checks.
+        started: the reading of ``time.monotonic`` when the subject was opened.
+    """
     target, available = subject.target, plan.driver.availability
     return SubjectReport(
         path=target.path,
@@ -221,15 +255,15 @@ def report_on(plan: Plan, subject: Subject, checks: list[CheckReport], started: 
 
 
 def not_judged(plan: Plan, path: str, env_class: str | None, sha256: str, reason: str) -> SubjectReport:
-    """The report on a target that no check has judged."""
+    """Build the report on a target that no check judged, with the verdict ``error`` and this reason."""
     driver = plan.driver
     return SubjectReport(
         path, env_class, sha256, Verdict.ERROR, driver.isolation, 0.0, 0, [], driver=driver.name, reason=reason
     )
 
 
-def _now_and_then(path: str, tell: Callable[[Event], None]) -> Callable[[int], None]:
-    """Give a callback that reports a subject's steps, at most a few times a second."""
+def _throttled(path: str, emit: Callable[[Event], None]) -> Callable[[int], None]:
+    """Return a callback that emits a subject's steps, at most once every `_STEPS_EVERY` seconds."""
     last = time.monotonic()
 
     def stepped(steps: int) -> None:
@@ -237,26 +271,32 @@ def _now_and_then(path: str, tell: Callable[[Event], None]) -> Callable[[int], N
         now = time.monotonic()
         if now - last >= _STEPS_EVERY:
             last = now
-            tell(StepsTaken(path, steps))
+            emit(StepsTaken(path, steps))
 
     return stepped
 
 
 def open_subject(plan: Plan, target: Target, pool: WorkerPool | None = None) -> Subject:
-    """The subject of a target under a plan, with workers from `pool`; None launches each when it is needed."""
+    """Open the subject of a target, with workers from `pool`; None launches each worker when it is needed."""
     lease = (pool or WorkerPool(plan.driver, plan.limits)).lease()
     return Subject(target, plan.contract, lease, plan.budget, plan.seed, plan.policy, plan.parallel_jobs or cores())
 
 
 def run_check(check: Check, subject: Subject, trace: Trace | None = None) -> CheckReport:
-    """Run one check guarded, on `trace` alone if there is one: an exception of its own is this check's error, not the
-    subject's failure.
+    """Run one check and return its report.
+
+    An exception of the check is this check's ``error``, not a failure of the subject.
+
+    Args:
+        check: the check.
+        subject: the environment.
+        trace: judge only this trace, instead of the rollouts that the check requests.
     """
     started = time.monotonic()
     findings: list[Finding] = []
     try:
         judged = check.judge(subject) if trace is None else check.find(subject, trace)
-        findings.extend(found for found in judged if found.code not in subject.contract.without)
+        findings.extend(finding for finding in judged if finding.code not in subject.contract.without)
         failed = any(finding.severity is Severity.ERROR for finding in findings)
         verdict, reason = Verdict.FAIL if failed else Verdict.PASS, ""
     except Skip as skip:

@@ -1,6 +1,6 @@
-"""Pictures of a finding: its reproduction run again in the sandbox, each frame as a PNG file.
+"""Pictures of a finding: the reproduction runs again in the sandbox, and each frame becomes a PNG file.
 
-Reporters run no code; one that wants pictures is given :class:`FrameRenderer`.
+A reporter runs no code of a target. A reporter that shows pictures receives a :class:`FrameRenderer`.
 """
 
 from __future__ import annotations
@@ -24,20 +24,24 @@ from envcraft.model.verdict import Finding, SubjectReport
 from envcraft.spaces.codec import is_picture
 from envcraft.spaces.spec import Box
 
-#: The last so many frames of an episode: what led to the moment.
+#: Maximum number of frames of a finding; they are the last ones of the episode.
 MOST = 90
-#: Reproductions with more steps than this show no frames: a trace keeps the first ones, and the last are wanted.
+#: Maximum number of steps of a reproduction that is rendered. A trace keeps the first frames, and the last are needed.
 _STEPS = 1_000
-#: Pixels of the longer side; larger frames are thinned out.
+#: Maximum length of the longer side in pixels; larger frames are downsampled.
 _SIDE = 256
 _PALETTE = 256
 
 
 class FrameRenderer:
-    """Gives the frames of findings (:data:`envcraft.model.frame.FrameSource`), for `findings` of them at the most.
+    """Renders the frames of findings (:data:`envcraft.model.frame.FrameSource`).
 
-    Use as a context manager: leaving it ends the workers. The frames of one subject's findings should be asked for in
-    a row, since they share its workers.
+    Use it as a context manager: the exit ends the workers. Request the frames of one subject's findings in a row,
+    because they share its workers.
+
+    Args:
+        plan: the settings under which the findings were made.
+        findings: the maximum number of findings that are rendered.
     """
 
     def __init__(self, plan: Plan, findings: int = 200) -> None:
@@ -54,7 +58,7 @@ class FrameRenderer:
         self._close()
 
     def __call__(self, report: SubjectReport, finding: Finding) -> list[Frame]:
-        """The last frames of the finding's reproduction; none where it cannot be played, or shows no picture."""
+        """Return the last frames of the finding's reproduction, or none if it cannot be played or shows no picture."""
         target = self._targets.get(report.path)
         if target is None or self._left <= 0 or len(finding.repro.actions) > _STEPS:
             return []
@@ -68,13 +72,13 @@ class FrameRenderer:
             repro = finding.repro
             conditions = with_frames(self._subject, conditions)
             rollout = Rollout(repro.seed, repro.actions, conditions, player="replay", keep=len(repro.actions) + 1)
-            # A rollout would be remembered with all its frames.
+            # The cache would keep the trace with all its frames.
             trace = self._subject.rerun(rollout)
         except (EnvCraftError, Skip, msgspec.ValidationError):
             # A report without pictures is better than none.
             return []
         if len(frames_of(trace)) < len(trace.observations):
-            # Some were not kept, most likely the last ones.
+            # The trace did not keep all frames, and the missing ones are probably the last.
             return []
         shown = list(enumerate(frames_of(trace)))[-MOST:]
         return [Frame(step, png(picture)) for step, frame in shown if (picture := pixels(frame)) is not None]
@@ -86,26 +90,31 @@ class FrameRenderer:
 
 
 def with_frames(subject: Subject, conditions: Conditions) -> Conditions:
-    """`conditions`, with the frames of render() where the observations are no pictures and it gives some."""
+    """Return `conditions` with the frames of render(), if the observations are not pictures and render() is supported.
+
+    Args:
+        subject: the environment.
+        conditions: of the rollout to be rendered.
+    """
     space = subject.observation_space
     pictures = isinstance(space, Box) and is_picture(space.shape, np.dtype(space.dtype))
     return conditions if pictures or not subject.renders else msgspec.structs.replace(conditions, render=True)
 
 
 def frames_of(trace: Trace) -> list[NDArray[Any]]:
-    """The frames that a trace under :func:`with_frames` conditions kept: observations, or what render() gave."""
+    """Return the frames of a trace under :func:`with_frames` conditions: observations or the results of render()."""
     pictures = [frame for frame in trace.frames if rgb(frame) is not None]
     return pictures or trace.rendered
 
 
 def pixels(frame: NDArray[Any]) -> NDArray[np.uint8] | None:
-    """A frame as RGB pixels of moderate size, or None where the observation is no picture."""
+    """Return a downsampled frame as RGB pixels, or None if the observation is not a picture."""
     thin = -(-max(frame.shape[:2], default=1) // _SIDE) or 1
     return rgb(frame[::thin, ::thin] if frame.ndim > 1 else frame)
 
 
 def rgb(frame: NDArray[Any]) -> NDArray[np.uint8] | None:
-    """A frame as RGB pixels, or None where the observation is no picture."""
+    """Return a frame as RGB pixels, or None if the observation is not a picture."""
     if not is_picture(frame.shape, frame.dtype):
         return None
     grey = frame.ndim == 2 or frame.shape[2] == 1
@@ -113,7 +122,11 @@ def rgb(frame: NDArray[Any]) -> NDArray[np.uint8] | None:
 
 
 def png(picture: NDArray[np.uint8]) -> bytes:
-    """Encode RGB pixels as a PNG file, with a palette where 256 colours do."""
+    """Encode RGB pixels as a PNG file, with a palette if there are at most 256 colours.
+
+    Args:
+        picture: pixels of shape (height, width, 3).
+    """
     height, width = picture.shape[:2]
     packed = picture.astype(np.uint32) @ np.array([1 << 16, 1 << 8, 1], np.uint32)
     colours, indices = np.unique(packed, return_inverse=True)
@@ -123,7 +136,7 @@ def png(picture: NDArray[np.uint8]) -> bytes:
         kind, chunks = 3, _chunk(b"PLTE", palette.tobytes())
     else:
         rows, kind, chunks = picture.reshape(height, -1), 2, b""
-    # Each row begins with the number of its filter: 0, none.
+    # Each row begins with the number of its filter; 0 is none.
     data = np.hstack([np.zeros((height, 1), np.uint8), rows]).tobytes()
     header = struct.pack(">IIBBBBB", width, height, 8, kind, 0, 0, 0)
     chunks = _chunk(b"IHDR", header) + chunks + _chunk(b"IDAT", zlib.compress(data, 9)) + _chunk(b"IEND", b"")

@@ -1,4 +1,4 @@
-"""Where the packages of this interpreter lie, so that a worker can import what the host could. Nothing is imported."""
+"""Locate the packages of this interpreter, without importing them, so that a worker can import what the host can."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ import msgspec
 
 
 class Installed(msgspec.Struct, frozen=True):
-    """Folders beside those of the interpreter itself and its ``site-packages``.
+    """Folders other than those of the interpreter and its ``site-packages``.
 
     Attributes:
-        paths: what to import from, in this order (``PYTHONPATH``, ``.pth`` files, the user's own packages).
-        folders: what must be readable besides: projects that are installed as editable.
+        paths: import paths in order (``PYTHONPATH``, ``.pth`` files, the user's own packages).
+        folders: other folders that must be readable, such as projects that are installed as editable.
     """
 
     paths: tuple[str, ...] = ()
@@ -23,7 +23,7 @@ class Installed(msgspec.Struct, frozen=True):
 
 
 def installed() -> Installed:
-    """What this process can import from, but for the folder of the script or the working directory."""
+    """Return the folders that this process can import from, except that of the script or the working directory."""
     entries = sys.path if sys.flags.safe_path else sys.path[1:]
     paths = [os.path.abspath(entry) for entry in entries if entry]
     projects = list(_editable())
@@ -31,7 +31,7 @@ def installed() -> Installed:
 
 
 def _besides(paths: list[str]) -> Iterator[str]:
-    """Those that exist and that the interpreter's own folders do not hold."""
+    """Yield the existing paths outside the interpreter's own folders."""
     own = [os.path.abspath(prefix) for prefix in (sys.prefix, sys.base_prefix, sys.exec_prefix)]
     for path in dict.fromkeys(paths):
         if path != "/" and os.path.exists(path) and not any(Path(path).is_relative_to(prefix) for prefix in own):
@@ -39,8 +39,8 @@ def _besides(paths: list[str]) -> Iterator[str]:
 
 
 def _editable() -> Iterator[str]:
-    """The folders of projects that are installed as editable (PEP 610)."""
-    # Slow to import, and drivers are loaded for targets that are files, too.
+    """Yield the folders of projects that are installed as editable (PEP 610)."""
+    # These are slow to import, and targets that are files do not need them.
     import importlib.metadata
     import json
     import urllib.parse

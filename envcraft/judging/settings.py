@@ -1,4 +1,4 @@
-"""What a verdict depends on besides the source: two verdicts under the same settings are the same verdict."""
+"""What a verdict depends on besides the source. The same source under the same settings has the same verdict."""
 
 from __future__ import annotations
 
@@ -19,31 +19,31 @@ from envcraft.model.verdict import plain
 from envcraft.registry import offered
 from envcraft.version import __version__
 
-#: What the environments of the built-in contracts import, and so what their episodes may depend on.
+#: The libraries that environments of the built-in contracts import, so that their episodes may depend on them.
 _LIBRARIES = ("numpy", "gymnasium", "pygame-ce", "scipy")
 
-#: What is known of settings and does not tell them apart.
-_BESIDE = ("checks", "offered")
-#: What settings are called in words, where it is not as in the table.
+#: Fields that are not part of the identity of settings.
+_DESCRIPTIVE = ("checks", "offered")
+#: Names of fields in messages, if they differ from the field's name.
 _WORDS = {"contract_sha256": "a contract whose digest is", "image": "image or libraries"}
 
 
 class Settings(msgspec.Struct, frozen=True):
-    """A way to judge.
+    """The settings of a verdict.
+
+    `checks` and `offered` are not part of the identity, because `rules` includes a digest of the checks that ran.
 
     Attributes:
         contract: the contract's name.
-        contract_sha256: the digest of all that the contract promises.
+        contract_sha256: the digest of the contract.
         rules: the version of the rules (:func:`rules_version`).
         seed: of the run.
-        budget: its name; its numbers are part of `rules`.
+        budget: the budget's name; its numbers are part of `rules`.
         driver: the sandbox driver's name.
-        image: the digest of the image that workers run in, else the versions of the interpreter and the libraries.
-        checks: the names of those that ran, empty where just those did that run unasked, ``?`` where that is not known.
-        offered: what `rules` would be with all checks that run unasked, where some of them ran and no others; else
-            empty.
-
-    The last two are no part of what tells settings apart: `rules` has a digest of the checks that ran.
+        image: the digest of the workers' image, or the versions of the interpreter and the libraries.
+        checks: the names of the checks that ran, comma-separated. Empty if they are the default checks, ``?`` if that
+            is unknown.
+        offered: `rules` as computed with all default checks, if a proper subset of them ran. Otherwise empty.
     """
 
     contract: str
@@ -58,21 +58,24 @@ class Settings(msgspec.Struct, frozen=True):
 
     @property
     def digest(self) -> str:
-        return hashlib.sha256(msgspec.json.encode(self._telling())).hexdigest()
+        return hashlib.sha256(msgspec.json.encode(self._identity())).hexdigest()
 
     def differing(self, other: Settings) -> list[str]:
-        """In words, each setting that is not as in `other`, with both values."""
-        told = other._telling()
-        pairs = [(name, mine, told[name]) for name, mine in self._telling().items()]
+        """Return a phrase for each setting that differs from `other`, with both values."""
+        expected = other._identity()
+        pairs = [(name, mine, expected[name]) for name, mine in self._identity().items()]
         return [f"{_WORDS.get(name, name)} {mine}, not {theirs}" for name, mine, theirs in pairs if mine != theirs]
 
-    def _telling(self) -> dict[str, Any]:
-        """What tells settings apart."""
-        return {name: value for name, value in msgspec.structs.asdict(self).items() if name not in _BESIDE}
+    def _identity(self) -> dict[str, Any]:
+        return {name: value for name, value in msgspec.structs.asdict(self).items() if name not in _DESCRIPTIVE}
 
 
 def settings_of(contract: Contract, checks: Iterable[Check], driver: Driver, budget: Budget, seed: int) -> Settings:
-    """The settings of a run. Raises SandboxUnavailable where the driver's image is missing."""
+    """Return the settings of a run.
+
+    Raises:
+        SandboxUnavailable: the driver's image is missing.
+    """
     checks, offers = list(checks), [check for check in offered("envcraft_checks") if not check.opt_in]
     names, offered_names = {check.name for check in checks}, {check.name for check in offers}
     return Settings(
@@ -89,16 +92,16 @@ def settings_of(contract: Contract, checks: Iterable[Check], driver: Driver, bud
 
 
 def contract_digest(contract: Contract) -> str:
-    """The SHA-256 of all that a contract promises; what it is called in listings is no part of it."""
+    """Return the SHA-256 of a contract without its summary."""
     promises = msgspec.structs.replace(contract, summary="")
     return hashlib.sha256(msgspec.json.encode(plain(promises), order="sorted")).hexdigest()
 
 
 def rules_version(checks: Iterable[Check], driver: Driver) -> str:
-    """Give EnvCraft's version and a digest of the rules of these checks and of the code that judges.
+    """Return EnvCraft's version with a digest of the checks' rules and of the code that judges.
 
-    That code is the engine, the checks and the driver's package, each with all that it imports of EnvCraft
-    (:mod:`envcraft.judging.code_digest`).
+    That code consists of the engine, the checks and the driver's package, each with all modules of EnvCraft that it
+    imports (:mod:`envcraft.judging.code_digest`).
     """
     checks = sorted(checks, key=lambda check: check.name)
     rules = [(check.name, plain(list(check.rules))) for check in checks]

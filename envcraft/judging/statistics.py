@@ -1,4 +1,4 @@
-"""Proportions and means with their intervals, and tests that stop as soon as they are settled."""
+"""Proportions and means with confidence intervals, and a sequential test of a proportion."""
 
 from __future__ import annotations
 
@@ -9,20 +9,25 @@ from math import exp, fsum, inf, lgamma, log, log1p, pi, sqrt, tan
 
 import msgspec
 
-#: Numbers of episodes after which a settling test looks.
+#: Numbers of episodes after which the sequential test looks at the interval.
 LOOKS = (6, 12, 24)
-#: So many looks share the error of a settling test, also where a budget ends before the last of them: its looks are the
-#: first ones of a larger budget, which then settles the same where it is settled at all.
+#: Number of looks that share the error of the sequential test, even if a budget has fewer looks. A larger budget then
+#: has the same intervals at its first looks, so it cannot decide differently where a smaller one has decided.
 _SHARES = 5
 _ERROR = 0.05
 
 
 @dataclass(frozen=True)
 class Proportion:
-    """`hits` of `n` with the Wilson score interval (Wilson 1927, doi:10.1080/01621459.1927.10502953).
+    """A proportion with the Wilson score interval (Wilson 1927, doi:10.1080/01621459.1927.10502953).
 
-    It has the true value in it with a probability of 1 - `error` on average over what that value may be (Brown, Cai and
-    DasGupta 2001, doi:10.1214/ss/1009213286).
+    The interval contains the true value with a probability of 1 - `error`, averaged over all true values (Brown, Cai
+    and DasGupta 2001, doi:10.1214/ss/1009213286).
+
+    Attributes:
+        hits: the number of successes.
+        n: the number of trials.
+        error: the probability that the interval misses the true value.
     """
 
     hits: int
@@ -44,14 +49,14 @@ class Proportion:
     def _bounds(self) -> tuple[float, float]:
         if not self.n:
             return 0.0, 1.0
-        # Here, because only judging and reports need it and commands are to start fast.
+        # Imported here, because only judging and reports need it, and commands must start fast.
         from statistics import NormalDist
 
         z = NormalDist().inv_cdf(1 - self.error / 2)
         spread = z**2 / self.n
         middle = (self.estimate + spread / 2) / (1 + spread)
         half = z / (1 + spread) * sqrt(self.estimate * (1 - self.estimate) / self.n + spread / (4 * self.n))
-        # No rounding puts the estimate outside.
+        # Rounding must not put the estimate outside its interval.
         return max(min(middle - half, self.estimate), 0.0), min(max(middle + half, self.estimate), 1.0)
 
     def __str__(self) -> str:
@@ -59,7 +64,7 @@ class Proportion:
         return "{} of {} ({}, {} interval {} to {})".format(self.hits, self.n, *numbers)
 
     def evidence(self) -> dict[str, float | int]:
-        """The numbers for a finding's evidence."""
+        """Return the numbers for a finding's evidence."""
         return {
             "hits": self.hits,
             "n": self.n,
@@ -71,8 +76,10 @@ class Proportion:
 
 
 class Exact(Proportion):
-    """The same with the interval of Clopper and Pearson (1934, doi:10.1093/biomet/26.4.404), which misses the true
-    value on either side with a probability of `error` / 2 at the most, whatever it is: where an error is promised.
+    """A proportion with the Clopper-Pearson interval (1934, doi:10.1093/biomet/26.4.404).
+
+    For every true value, the interval misses it on either side with a probability of at most `error` / 2. Use it where
+    a bound on the error is promised.
     """
 
     def _bounds(self) -> tuple[float, float]:
@@ -81,7 +88,7 @@ class Exact(Proportion):
 
 @lru_cache(maxsize=256)
 def _lowest(hits: int, n: int, tail: float) -> float:
-    """The rate at which `hits` or more come with the probability `tail`; 0 where there are none."""
+    """Return the rate at which `hits` or more of `n` have the probability `tail`, or 0 if `hits` is 0."""
     if not hits:
         return 0.0
     ways = [lgamma(n + 1) - lgamma(k + 1) - lgamma(n - k + 1) for k in range(hits, n + 1)]
@@ -102,13 +109,19 @@ def settle(
     looks: tuple[int, ...] = LOOKS,
     prefetch: Callable[[range], object] = lambda numbers: None,
 ) -> tuple[bool | None, Proportion]:
-    """Run `trial` 0, 1, 2, … until its rate is settled to lie above or below `threshold`.
+    """Run `trial` 0, 1, 2, … until its rate is significantly above or below `threshold`.
 
-    `prefetch` receives the numbers of the trials up to the next look, before the first of them runs.
+    By Bonferroni's correction, all looks together err with a probability of at most 0.05. The correction is the same
+    for up to five looks, so additional looks do not change an earlier decision.
 
-    Gives True (above), False (below) or None (the last look settles nothing), and the proportion. The interval at each
-    look is wide enough that all looks together err at most once in twenty, by Bonferroni. Up to five looks it is the
-    same at the same look, so that more of them change nothing that is settled.
+    Args:
+        trial: runs the trial of a number and returns whether it is a success.
+        threshold: a rate from 0 to 1.
+        looks: the numbers of trials after which the interval is compared with the threshold.
+        prefetch: receives the numbers of the trials up to the next look, before the first of them runs.
+
+    Returns:
+        True (above), False (below) or None (undecided after the last look), and the proportion.
     """
     hits = done = 0
     error = _ERROR / max(len(looks), _SHARES)
@@ -127,10 +140,13 @@ def settle(
 
 
 def student(freedom: float) -> float:
-    """The 0.975 quantile of Student's t, for two-sided 95%, right to three digits.
+    """Return the 0.975 quantile of Student's t distribution (two-sided 95%), accurate to three digits.
 
-    By Abramowitz and Stegun (1964), 26.7.5, and exactly for less than three degrees of freedom, which are rounded down;
-    for less than one there is none.
+    The approximation is 26.7.5 of Abramowitz and Stegun (1964). Below three degrees of freedom, the value is exact for
+    the degrees rounded down.
+
+    Args:
+        freedom: degrees of freedom. Below 1 the quantile is infinite.
     """
     if freedom < 1:
         return inf
@@ -151,7 +167,7 @@ def student(freedom: float) -> float:
 
 
 class Mean(msgspec.Struct, frozen=True):
-    """A mean with its standard error and the 95% interval of Student's t, which a single value has no bounds for."""
+    """A mean with its standard error and Student's 95% interval, which is unbounded for a single value."""
 
     mean: float
     standard_error: float
@@ -160,16 +176,20 @@ class Mean(msgspec.Struct, frozen=True):
 
     @classmethod
     def of(cls, values: Sequence[float]) -> Mean:
-        """Of at least one value."""
+        """Compute the mean of at least one value."""
         n = len(values)
         mean = sum(values) / n
         rests = [value - mean for value in values]
-        # Of what untrusted code gives nothing may raise, neither infinities, as in fsum, nor large numbers, as in pow.
+        # Untrusted code provides the values. fsum raises on infinities and pow on large numbers, so neither is used.
         error = sqrt(sum(rest * rest for rest in rests) / (n - 1) / n) if n > 1 else inf
         half = student(n - 1) * error
         return cls(mean, error, mean - half, mean + half)
 
 
 def lead(ours: Sequence[float], others: Sequence[float]) -> Mean:
-    """By how much the mean of `ours` lies above that of `others`, whose values go together one by one."""
+    """Return the mean of the paired differences `ours` - `others`.
+
+    Raises:
+        ValueError: the lengths differ.
+    """
     return Mean.of([one - other for one, other in zip(ours, others, strict=True)])

@@ -1,4 +1,4 @@
-"""Builds a trace from a job's messages: each value is checked when it arrives, and then dropped."""
+"""Build a trace from a job's messages. Each value is validated when it arrives, and then dropped."""
 
 from __future__ import annotations
 
@@ -24,22 +24,28 @@ from envcraft.spaces.validation import validate, validate_action, validate_range
 
 _MAX_PROBLEMS = 3
 _MAX_LAYOUTS = 4096
-#: Layouts of one job, counting the parts of each.
+#: Parts of all layouts of one job.
 _MAX_PARTS = 100_000
-#: Bytes of info, and of frames, that one trace keeps as they are.
+#: Bytes of info that one trace keeps in full; later infos are replaced by their digests.
 _MAX_INFOS = 256 * 1024
+#: Bytes of frames that one trace keeps.
 _MAX_FRAMES = 64 * 1024 * 1024
-#: Pixels of the longer side of a frame of render() that is kept.
+#: Maximum length in pixels of the longer side of a kept render() frame.
 _RENDERED_SIDE = 256
 
 
 class TraceBuilder:
     """Receives a job's messages (:class:`envcraft.judging.driver.Recorder`) and builds a :class:`Trace`.
 
-    `observation_space` and `action_space` are what the values are checked against, the former exactly as the contract
-    says or as its environment means it; `success` tells what winning is; of an episode to `watch`, the hashes are kept
-    that a fingerprint is made of (:mod:`envcraft.similarity.behavioural`). Raises MalformedValue on bytes that
-    no layout allows.
+    Args:
+        rollout: the request.
+        observation_space: validates observations. None disables the validation.
+        action_space: validates the actions that a live player chooses. None disables the validation.
+        exact: whether the contract prescribes `observation_space`. False if the environment declared it.
+        success: the contract's definition of a win.
+        watch: whether to keep the hashes that a fingerprint consists of (:mod:`envcraft.similarity.behavioural`).
+
+    Each method that receives bytes raises MalformedValue if no layout allows them.
     """
 
     def __init__(
@@ -61,7 +67,7 @@ class TraceBuilder:
         self.restart()
 
     def restart(self) -> None:
-        """Forget all messages, because the job runs again from the start."""
+        """Discard all messages, because the job runs again from the start."""
         self.trace = Trace(self._rollout, rule=self._success)
         self.description: Description = {}
         self._layouts: list[ValueCodec] = []
@@ -70,7 +76,7 @@ class TraceBuilder:
         self._infos = 0
         self._frames = 0
         self._phase = ""
-        #: How many observations have come again.
+        #: The number of observations that were received a second time.
         self._reread = 0
         #: The last value and its layout, with their digest.
         self._digested: tuple[memoryview, ValueCodec, bytes] | None = None
@@ -101,7 +107,7 @@ class TraceBuilder:
     def step(self, step: Step) -> None:
         trace = self.trace
         if not trace.observations or trace.steps >= len(trace.given):
-            raise MalformedValue("a step that was not asked for")
+            raise MalformedValue("a step that was not requested")
         trace.rewards.append(step.reward)
         trace.reward_types.append(step.reward_type)
         trace.terminated.append(step.terminated)
@@ -114,8 +120,8 @@ class TraceBuilder:
         trace, layout, count = self.trace, self._layout(steps.layout), len(steps.rewards)
         looked_at = trace.steps <= self._watch or len(trace.frames) < trace.rollout.keep
         judged = self._exact[steps.layout] or len(trace.problems) >= _MAX_PROBLEMS
-        asked_for = trace.observations and trace.steps + count <= len(trace.given)
-        if looked_at or not judged or not asked_for or len(steps.data) != layout.size:
+        requested = trace.observations and trace.steps + count <= len(trace.given)
+        if looked_at or not judged or not requested or len(steps.data) != layout.size:
             for step in _each(steps):
                 self.step(step)
             return
@@ -132,12 +138,12 @@ class TraceBuilder:
 
     def after(self, step: Step) -> None:
         if len(self.trace.after) >= self.trace.rollout.conditions.after_end:
-            raise MalformedValue("a step after the end that was not asked for")
+            raise MalformedValue("a step after the end that was not requested")
         self.trace.after.append((step.reward, step.terminated, step.truncated))
 
     def action(self, action: Any) -> None:
         if len(self.trace.chosen) >= self.trace.rollout.max_steps:
-            raise MalformedValue("an action that was not asked for")
+            raise MalformedValue("an action that was not requested")
         self.trace.chosen.append(action)
         if self._action_space is not None and (wrong := validate_action(self._action_space, action)):
             self.trace.refused = wrong
@@ -155,18 +161,18 @@ class TraceBuilder:
         if shape.kind != "array" or len(shape.shape) != 3:
             self._note_render(Problem(step, "type", f"render() returned {shape}, not a frame"))
         else:
-            self._note_render(Problem(step, "differs", f"render() returned {shape} unlike the observation"))
+            self._note_render(Problem(step, "differs", f"render() returned {shape} that differs from the observation"))
 
     def reread(self, layout: int, data: memoryview) -> None:
         at, self._reread = self._reread, self._reread + 1
         if at >= len(self.trace.observations):
-            raise MalformedValue("an observation again that there has not been")
+            raise MalformedValue("a second reading of an observation that was never sent")
         if self._digest(self._layout(layout), data) != self.trace.observations[at]:
             self.trace.overwritten.append((at, None if self._phase == "plain reset" else self.trace.steps))
 
     def acted(self, action: Any) -> None:
         if not isinstance(action, dict):
-            raise MalformedValue("an action that is not told before and after")
+            raise MalformedValue("an action without its values before and after the step")
         if len(self.trace.acted) < _MAX_PROBLEMS and action.get("before") != action.get("now"):
             self.trace.acted.append((self.trace.steps + 1, action.get("now")))
 
@@ -195,7 +201,11 @@ class TraceBuilder:
         self.trace.result = read_outcome(outcome, self._action_space, self.trace.rollout.max_steps)
 
     def end(self) -> None:
-        """Check that a job that says it is complete has sent the whole episode, or what stopped it."""
+        """Check that a complete job sent the whole episode or the reason why it stopped.
+
+        Raises:
+            MalformedValue: it sent neither.
+        """
         trace, rollout = self.trace, self.trace.rollout
         wanted = rollout.max_steps if rollout.live else len(rollout.actions)
         stopped = trace.fault is not None or trace.refused or trace.ended or trace.result is not None
@@ -210,7 +220,7 @@ class TraceBuilder:
         value = None
         if not self._exact[step.layout] and len(trace.problems) < _MAX_PROBLEMS:
             value = layout.decode(step.data)
-            trace.problems += [Problem(trace.steps, *found) for found in self._problems(layout, value)]
+            trace.problems += [Problem(trace.steps, *problem) for problem in self._problems(layout, value)]
         elif len(step.data) != layout.size:
             raise MalformedValue(f"{len(step.data)} bytes for {layout}")
         if trace.steps <= self._watch and trace.steps % EVERY == 0:
@@ -221,7 +231,7 @@ class TraceBuilder:
         trace.opaque |= layout.opaque
         trace.observations.append(self._digest(layout, step.data))
         self._keep_info(step.info)
-        # Where render() is asked for, observations that are no pictures are not what is to be seen.
+        # If the request includes render(), its frames replace observations that are not pictures.
         seen = not trace.rollout.conditions.render or is_picture(layout.shape, layout.dtype)
         if len(trace.frames) < trace.rollout.keep and seen:
             self._keep_frame(trace.frames, layout, layout.decode(step.data))
@@ -242,7 +252,7 @@ class TraceBuilder:
     def _keep_info(self, info: bytes) -> None:
         infos = self.trace.infos
         if infos and infos[-1] == info:
-            # Most environments repeat their info: share it.
+            # Most environments repeat their info, so the steps share one object.
             infos.append(infos[-1])
             return
         if infos and self._infos > _MAX_INFOS:
@@ -256,15 +266,15 @@ class TraceBuilder:
             return [("type", f"the observation is {layout}")]
         if space is None:
             return []
-        found = [validate(space, value, exact=self._exact_space)]
+        problems = [validate(space, value, exact=self._exact_space)]
         numbers = layout.kind in ("array", "scalar") and layout.dtype is not None and layout.dtype.kind in "biuf"
-        if found[0] and isinstance(space, Box) and numbers and layout.dtype != space.dtype:
-            # The problem of another dtype hides that numbers are out of range.
-            found.append(validate_range(space, value, exact=self._exact_space))
-        return list(dict.fromkeys(problem for problem in found if problem))
+        if problems[0] and isinstance(space, Box) and numbers and layout.dtype != space.dtype:
+            # validate() reports the wrong dtype and does not get to the range.
+            problems.append(validate_range(space, value, exact=self._exact_space))
+        return list(dict.fromkeys(problem for problem in problems if problem))
 
     def _is_any_frame(self, layout: ValueCodec) -> bool:
-        """Whether every value of this layout is in the space: the usual case of uint8 frames with bounds 0 and 255."""
+        """Whether every value of this layout is in the space, as for uint8 frames with the bounds 0 and 255."""
         space = self._observation_space
         return (
             isinstance(space, Box)
@@ -293,7 +303,7 @@ def _each(steps: Steps) -> Iterator[Step]:
 
 
 def _thin(value: Any) -> Any:
-    """Shrink a rendered frame to the size of a picture for people; give any other value unchanged."""
+    """Downsample a rendered frame; return any other value unchanged."""
     if not isinstance(value, np.ndarray) or value.ndim != 3:
         return value
     step = -(-max(value.shape[:2]) // _RENDERED_SIDE) or 1

@@ -86,7 +86,7 @@ def complaints(text: str) -> list[str]:
     if names != list(SECTIONS):
         found += [f"The section `## {name}` is missing." for name in SECTIONS if name not in names]
         found += [
-            f"There is a level-2 heading `## {name}` that is not asked for." for name in names if name not in SECTIONS
+            f"There is a level-2 heading `## {name}` that was not requested." for name in names if name not in SECTIONS
         ]
         if not found or sorted(names) == sorted(SECTIONS):
             found.append(f"The sections are not in the order {', '.join(SECTIONS)}, each once.")

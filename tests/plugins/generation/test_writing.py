@@ -93,7 +93,7 @@ def test_a_brief_that_stays_invalid_fails_with_the_reason() -> None:
         (brief(words=3100), "words; it has to have"),
         (brief().replace("# Errand\n", "", 1), "level-1 heading that gives the title"),
         (brief().replace("## Controls", "## Input"), "`## Controls` is missing"),
-        (brief().replace("## Controls", "## Input"), "`## Input` that is not asked for"),
+        (brief().replace("## Controls", "## Input"), "`## Input` that was not requested"),
         (
             brief()
             .replace("## Rewards", "## Swap")

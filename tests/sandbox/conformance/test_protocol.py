@@ -128,7 +128,7 @@ class TestPlayedJobs:
                 os.read(3, 99)
         """
         ran = play(worker, environment(reset=ask), player=chooser())
-        assert (ran.end.reason, ran.end.detail) == (ExitReason.FORGED, "an action that was not asked for")
+        assert (ran.end.reason, ran.end.detail) == (ExitReason.FORGED, "an action that was not requested")
 
     def test_only_a_played_job_asks(self, worker: Worker, environment: Environment, play: Any) -> None:
         ran = play(worker, environment(top="import os", step=f"os.write(3, {_message(Kind.ASK, b'')!r})"))
