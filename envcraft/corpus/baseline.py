@@ -1,4 +1,4 @@
-"""What is new since an earlier report, what is fixed, and what is as it was; findings are known by fingerprints."""
+"""Compare an audit with an earlier report: new, fixed and unchanged findings, which are identified by fingerprints."""
 
 from __future__ import annotations
 
@@ -33,14 +33,14 @@ class _Subject(msgspec.Struct, frozen=True):
 
 
 class _Report(msgspec.Struct, frozen=True):
-    """The part of a report that findings are known by: evidence and reproductions are most of it."""
+    """The part of a report that identifies findings, without the evidence and reproductions, which are most of it."""
 
     reports: list[_Subject]
     schema: int = SCHEMA
 
 
 class Known(msgspec.Struct, frozen=True):
-    """A finding of either side."""
+    """A finding of the audit or of the baseline."""
 
     path: str
     check: str
@@ -50,8 +50,13 @@ class Known(msgspec.Struct, frozen=True):
 
 
 class Difference(msgspec.Struct):
-    """How an audit differs from a baseline. `unknown` findings are those whose check did not run now, or whose
-    environment the audit is not about.
+    """The difference between an audit and a baseline.
+
+    Attributes:
+        new: findings that only the audit has.
+        fixed: findings that only the baseline has, although their check judged the environment again.
+        unchanged: the number of findings that both have.
+        unknown: the number of findings of the baseline whose check or environment was not judged again.
     """
 
     new: list[Known] = []
@@ -61,30 +66,45 @@ class Difference(msgspec.Struct):
 
 
 def read_baseline(path: str) -> dict[str, Known]:
-    """The findings of a report by their fingerprints. Raises UsageError."""
-    hint = "give what `envcraft audit` or `envcraft validate` wrote with --format json"
+    """Read the findings of a report.
+
+    Args:
+        path: a report in the format ``json``.
+
+    Returns:
+        The findings by fingerprint.
+
+    Raises:
+        UsageError: the file cannot be read, or is not a report.
+    """
+    hint = "a baseline is a report that `envcraft audit` or `envcraft validate` wrote with --format json"
     try:
         with open(path, "rb") as stream, mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as data:
             report = msgspec.json.decode(data, type=_Report)
     except OSError as error:
         raise UsageError(f"the baseline {path} cannot be read ({error.strerror}); {hint}") from None
     except (ValueError, RecursionError) as error:
-        raise UsageError(f"the baseline {path} is no report ({one_line(error)}); {hint}") from None
+        raise UsageError(f"the baseline {path} is not a report ({one_line(error)}); {hint}") from None
     if report.schema != SCHEMA:
         raise UsageError(f"{path} has schema {report.schema}, and this version of EnvCraft reads schema {SCHEMA}")
-    found: dict[str, Known] = {}
+    known: dict[str, Known] = {}
     for subject in report.reports:
         seen: Counter[str] = Counter()
         for check in subject.checks:
             for finding in check.findings:
                 key = fingerprint(subject.path, finding.code, seen[finding.code])
                 seen[finding.code] += 1
-                found[key] = Known(subject.path, check.check, finding.code, finding.message, key)
-    return found
+                known[key] = Known(subject.path, check.check, finding.code, finding.message, key)
+    return known
 
 
 def compare(audit: Audit, baseline: dict[str, Known]) -> Difference:
-    """Hold an audit against the findings of a baseline, which are used up."""
+    """Compare an audit with the findings of a baseline.
+
+    Args:
+        audit: the audit.
+        baseline: findings by fingerprint. The comparison removes those that the audit has.
+    """
     difference = Difference()
     seen: Counter[str] = Counter()
     last = ""
@@ -97,7 +117,7 @@ def compare(audit: Audit, baseline: dict[str, Known]) -> Difference:
             difference.new.append(Known(path, check, code, message, key))
         else:
             difference.unchanged += 1
-    # Those of one environment lie together, so that each report is read once.
+    # The findings of one environment are adjacent, so each report is read once.
     ran: dict[str, bool] = {}
     last = ""
     for known in baseline.values():
@@ -111,7 +131,7 @@ def compare(audit: Audit, baseline: dict[str, Known]) -> Difference:
 
 
 def _ran(audit: Audit, path: str) -> dict[str, bool]:
-    """Which checks judged an environment, so that what they no longer find is not there."""
+    """Return for each check whether it judged the environment."""
     name = audit.name(path)
     report = None if name is None else audit.report(name)
     checks = report.checks if report is not None else []

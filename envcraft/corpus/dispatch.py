@@ -1,4 +1,4 @@
-"""The judging of an audit on an executor: tasks go out a few at a time, verdicts come back, lost tasks go out again."""
+"""Judge an audit on an executor: submit tasks, collect the verdicts, and resubmit lost tasks."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from envcraft.judging.engine import Plan, not_judged
 from envcraft.model.events import Event, SubjectFinished, SubjectStarted
 from envcraft.model.verdict import SubjectReport
 
-#: Tasks out for each that can run: a worker that has done one finds the next, and no more sources are held than these.
+#: Submitted tasks per slot. With two, a worker always has a next task, and few sources are in memory.
 _EACH = 2
-#: A task that is lost so often is given up: most likely it is what ends the workers.
+#: Losses after which a task is not resubmitted, because it probably kills its workers.
 _LOSSES = 3
-#: After so many failures without a verdict in between, it is not the environments.
+#: Consecutive failures without a verdict after which the executor counts as broken.
 _FAILURES = 5
-#: Seconds after which an executor is looked at again: it may have more workers than it had.
+#: Seconds between two looks at the number of slots, which may grow.
 _LOOK = 5.0
-#: Seconds for which an executor may have nobody to run a task.
+#: Seconds for which an executor may have no slots.
 _EMPTY = 60.0
 
 _Events = Generator[tuple[int, Event], None, None]
@@ -33,12 +33,21 @@ _Events = Generator[tuple[int, Event], None, None]
 def stream(
     plugin: ExecutorPlugin, workers: int | None, scheduler: str | None, order: tasks.Order, plan: Plan
 ) -> _Events:
-    """Judge every target of `plan` on an executor, as :func:`envcraft.judging.engine.stream` does in this process;
-    `order` is the same plan as data. Each subject starts once and finishes once, even if tasks are lost.
+    """Judge every target of a plan on an executor and yield each event with the number of its subject.
 
-    Closing the iterator, or an exception such as KeyboardInterrupt, takes back what has not begun.
+    It is the counterpart of :func:`envcraft.judging.engine.stream`. Each subject starts once and finishes once, even if
+    tasks are lost. Closing the iterator, or an exception such as KeyboardInterrupt, cancels the tasks that have not
+    started.
 
-    Raises EnvCraftError where a worker refuses the order, or the executor gives no verdicts.
+    Args:
+        plugin: opens the executor.
+        workers: for :meth:`envcraft.corpus.executors.ExecutorPlugin.open`.
+        scheduler: for :meth:`envcraft.corpus.executors.ExecutorPlugin.open`.
+        order: the plan as data.
+        plan: the targets and the settings.
+
+    Raises:
+        EnvCraftError: a worker rejects the order, or the executor returns no verdicts.
     """
     dispatch = _Dispatch(plugin.name, order, plan)
     while not dispatch.done:
@@ -47,7 +56,7 @@ def stream(
 
 
 class _Named(msgspec.Struct, frozen=True):
-    """Which environment a number stands for."""
+    """The environment of a number."""
 
     path: str
     env_class: str | None
@@ -55,7 +64,7 @@ class _Named(msgspec.Struct, frozen=True):
 
 
 class _Dispatch:
-    """What is to be judged, what is out, and what was lost, beyond the end of one executor."""
+    """The pending, submitted and lost tasks. It outlives an executor that breaks."""
 
     def __init__(self, name: str, order: tasks.Order, plan: Plan) -> None:
         self.done = False
@@ -63,13 +72,13 @@ class _Dispatch:
         self._fresh = iter(range(1, len(plan.targets) + 1))
         self._again: deque[int] = deque()
         self._out: dict[Future[bytes], int] = {}
-        self._begun: dict[int, _Named] = {}
+        self._started: dict[int, _Named] = {}
         self._losses: Counter[int] = Counter()
         self._verdicts = self._failures = 0
         self._empty: float | None = None
 
     def on(self, opened: Opened) -> _Events:
-        """Go on with an executor: to the end, or until it takes no more. Raises EnvCraftError."""
+        """Judge on an executor until all is done or the executor breaks. Raises EnvCraftError."""
         try:
             broken = ""
             while not broken:
@@ -93,10 +102,10 @@ class _Dispatch:
                         yield from self._lose(number, trouble)
                     except Exception as error:
                         trouble = _words(error)
-                        yield self._give_up(number, f"no verdict came back from the executor {self._name}: {trouble}")
+                        yield self._give_up(number, f"the executor {self._name} returned no verdict: {trouble}")
                     else:
                         self._verdicts += 1
-                        named = self._begun.pop(number)
+                        named = self._started.pop(number)
                         yield number, SubjectFinished(msgspec.structs.replace(report, path=named.path))
                 self._count(self._verdicts > before, trouble or broken)
             for number in list(self._out.values()):
@@ -107,11 +116,11 @@ class _Dispatch:
             self._out.clear()
 
     def _send(self, opened: Opened) -> Generator[tuple[int, Event], None, str]:
-        """Have as many tasks out as can run, and some; give why the executor takes none, if so."""
+        """Submit tasks up to the limit. Return why the executor accepts none, or an empty string."""
         try:
             slots = opened.slots()
         except Exception as error:
-            # Engines have errors of their own for being gone.
+            # Each engine has its own errors for a lost connection.
             return _words(error)
         self._wait_for_workers(slots)
         room = _EACH * max(slots, 1)
@@ -134,7 +143,7 @@ class _Dispatch:
         return ""
 
     def _wait_for_workers(self, slots: int) -> None:
-        """Raises EnvCraftError where there have been none for too long."""
+        """Raise EnvCraftError if there have been no slots for `_EMPTY` seconds."""
         if slots:
             self._empty = None
             return
@@ -145,13 +154,13 @@ class _Dispatch:
             )
 
     def _begin(self, number: int, named: _Named) -> _Events:
-        """Tell of an environment's turn, the first time."""
-        if number not in self._begun:
-            self._begun[number] = named
+        """Yield the event of an environment's start, unless it was yielded before."""
+        if number not in self._started:
+            self._started[number] = named
             yield number, SubjectStarted(named.path, number, len(self._plan.targets))
 
     def _lose(self, number: int, why: str) -> _Events:
-        """Send a task again, unless it was lost too often."""
+        """Queue a lost task again, unless it was lost too often."""
         self._losses[number] += 1
         if self._losses[number] < _LOSSES:
             self._again.append(number)
@@ -159,19 +168,19 @@ class _Dispatch:
             yield self._give_up(number, f"the executor {self._name} lost it {_LOSSES} times: {why}")
 
     def _give_up(self, number: int, reason: str) -> tuple[int, Event]:
-        named = self._begun.pop(number)
+        named = self._started.pop(number)
         return number, SubjectFinished(not_judged(self._plan, named.path, named.env_class, named.sha256, reason))
 
     def _count(self, verdict: bool, trouble: str) -> None:
-        """Raises EnvCraftError where there has been nothing but trouble for too long."""
+        """Raise EnvCraftError after `_FAILURES` consecutive failures without a verdict."""
         if verdict:
             self._failures = 0
         elif trouble:
             self._failures += 1
         if self._failures >= _FAILURES:
             raise EnvCraftError(
-                f"the executor {self._name} failed {_FAILURES} times and gave no verdict in between, the last time by "
-                f"{trouble}; what was judged is kept"
+                f"the executor {self._name} failed {_FAILURES} times in a row without a verdict, the last time with "
+                f"{trouble}; the verdicts so far are kept"
             )
 
 

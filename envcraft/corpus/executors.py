@@ -1,8 +1,8 @@
-"""Where environments are judged when not in the threads of one process: executors, which plugins open.
+"""Executors, which plugins provide to judge environments outside of this process.
 
-The seam is :class:`concurrent.futures.Executor`, which any engine can be. What is handed over is one module-level
-function and bytes, what comes back is bytes (:mod:`envcraft.corpus.tasks`); only the process that audits writes to the
-corpus.
+The interface is :class:`concurrent.futures.Executor`, which every engine can provide. A task is one module-level
+function with bytes as its argument, and its result is bytes (:mod:`envcraft.corpus.tasks`). Only the process that
+audits writes to the corpus.
 """
 
 from __future__ import annotations
@@ -19,47 +19,70 @@ if TYPE_CHECKING:
     from concurrent.futures import Executor
 
 
-#: The executor that is no plugin's: the threads of the process that judges.
+#: The name for the threads of this process, which no plugin provides.
 LOCAL = "local"
 
 
 @dataclass(frozen=True)
 class Opened:
-    """An executor that takes tasks. `slots` says how many of them it can run at the same time, as of now."""
+    """An open executor.
+
+    Attributes:
+        executor: accepts tasks.
+        slots: returns the number of tasks that the executor can run at the same time at present.
+    """
 
     executor: Executor
     slots: Callable[[], int]
 
 
 class ExecutorPlugin(ABC):
-    """A way to run tasks elsewhere; making one must not start anything. `name` is how ``--executor`` names it."""
+    """Provides an executor. Its constructor must not start anything.
+
+    Attributes:
+        name: the value of ``--executor``.
+    """
 
     name: str
 
     def ensure(self) -> None:
-        """Look whether what it needs is installed, before anything is read. Raises UsageError, with what to install."""
+        """Check that the plugin's requirements are installed. It is called before anything is read.
+
+        Raises:
+            UsageError: a requirement is missing; the message says what to install.
+        """
         return
 
     @abstractmethod
     def open(self, workers: int | None, scheduler: str | None) -> AbstractContextManager[Opened]:
-        """Open what `scheduler` leads to, the value of ``--scheduler``; without it, `workers` processes of this machine
-        (None: as many as there are cores), whose main module is not run again and which Ctrl-C is not for.
+        """Open the executor.
 
-        Of a future that is lost with its worker is expected: that the executor runs its task again itself, that it ends
-        as cancelled (its task is submitted again), or that it raises BrokenExecutor (the executor is left, and opened
-        again). Any other exception counts as one environment that could not be judged.
+        If a worker is lost, the executor may run its task again, or cancel the future (the task is submitted again), or
+        let the future raise BrokenExecutor (the context is left and opened again). Any other exception of a future
+        means that one environment could not be judged.
 
-        Leaving the context ends what was opened here; after an exception, KeyboardInterrupt included, without waiting
-        for tasks that are running.
+        The exit of the context ends what this method started. After an exception, including KeyboardInterrupt, it does
+        not wait for running tasks.
 
-        Raises UsageError where `scheduler` cannot be used, EnvCraftError where nothing could be opened.
+        Args:
+            workers: the number of local processes if there is no `scheduler`; None for the number of cores. They must
+                not run the main module again, and must ignore Ctrl-C.
+            scheduler: the value of ``--scheduler``, such as an address.
+
+        Raises:
+            UsageError: `scheduler` is invalid.
+            EnvCraftError: the executor cannot be opened.
         """
 
 
 def executor_named(name: str) -> ExecutorPlugin | None:
-    """None for this process itself. Raises UsageError, naming the nearest."""
+    """Return the executor plugin with this name, or None for :data:`LOCAL`.
+
+    Raises:
+        UsageError: there is none; the message names the nearest.
+    """
     if name == LOCAL:
         return None
     known = {executor.name: executor for executor in offered("envcraft_executors")}
-    found: ExecutorPlugin | None = lookup("executor", name, {LOCAL: None, **known})
-    return found
+    plugin: ExecutorPlugin | None = lookup("executor", name, {LOCAL: None, **known})
+    return plugin

@@ -1,8 +1,8 @@
-"""One environment to judge, as bytes, and the judging of it in whichever process an executor runs that.
+"""One environment to judge as bytes, and the function that judges it in the process of an executor.
 
-MessagePack on the way there, since a contract may have infinities in it, which JSON lacks; JSON on the way back, as the
-corpus keeps it. Whoever judges must come to the settings that the verdict will be kept under: other rules, or another
-image, give other verdicts.
+A task is MessagePack, because a contract may contain infinities, which JSON cannot represent. The result is JSON, which
+the corpus stores. The process that judges must have the settings under which the verdict is stored, because other rules
+or another image may give another verdict.
 """
 
 from __future__ import annotations
@@ -28,14 +28,14 @@ from envcraft.model.verdict import plain
 
 
 class Order(msgspec.Struct, frozen=True):
-    """How to judge: the plan of an audit as data.
+    """The plan of an audit as data.
 
     Attributes:
-        settings: what verdicts are kept under: among others the driver, the budget and the seed.
-        contract: whole, since it may be that of a file here.
-        checks: their names, in their order.
-        runtime: the container runtime, if one was asked for.
-        isolation: the least isolation, if one was asked for.
+        settings: the settings of the verdicts, among them the driver, the budget and the seed.
+        contract: the whole contract, because its definition may be in a file of this machine.
+        checks: the names of the checks in order.
+        runtime: the container runtime, if the user requested one.
+        isolation: the minimum isolation, if the user requested one.
         limits: of each job.
     """
 
@@ -51,7 +51,7 @@ class Order(msgspec.Struct, frozen=True):
 
 
 class Task(msgspec.Struct, frozen=True):
-    """An environment and the order to judge it, which is encoded by itself so that a process reads it once."""
+    """An environment and the order, which is encoded separately so that a process decodes it once."""
 
     order: bytes
     path: str
@@ -60,18 +60,30 @@ class Task(msgspec.Struct, frozen=True):
 
 
 def encode(order: bytes, target: Target) -> bytes:
-    """A file to judge, as :func:`judge` takes it."""
+    """Encode a task for :func:`judge`.
+
+    Args:
+        order: an encoded :class:`Order`.
+        target: the file to judge.
+    """
     return msgspec.msgpack.encode(Task(order, plain(target.path), target.source, target.env_class))
 
 
 def judge(task: bytes) -> bytes:
-    """Judge one environment: a :class:`Task` in, a :class:`envcraft.model.verdict.SubjectReport` as JSON out.
+    """Judge one environment.
 
-    Raises EnvCraftError where this process cannot judge as the one that sent the task would.
+    Args:
+        task: an encoded :class:`Task`.
+
+    Returns:
+        The :class:`envcraft.model.verdict.SubjectReport` as JSON.
+
+    Raises:
+        EnvCraftError: the settings of this process differ from those of the order.
     """
-    told = msgspec.msgpack.decode(task, type=Task)
-    plan = _plan(told.order)
-    target = Target(told.path, told.source, told.env_class)
+    decoded = msgspec.msgpack.decode(task, type=Task)
+    plan = _plan(decoded.order)
+    target = Target(decoded.path, decoded.source, decoded.env_class)
     with WorkerPool(plan.driver, plan.limits, 1) as pool, contextlib.closing(judge_here(plan, target, pool)) as events:
         report = next(event.report for event in events if isinstance(event, SubjectFinished))
     return msgspec.json.encode(plain(report))
@@ -79,22 +91,21 @@ def judge(task: bytes) -> bytes:
 
 @functools.lru_cache(maxsize=1)
 def _plan(order: bytes) -> Plan:
-    """The plan of an order in this process, made once for all tasks of an audit. Raises EnvCraftError."""
-    told = msgspec.msgpack.decode(order, type=Order)
-    wanted = told.settings
+    """Build the plan of an order, once for all tasks of an audit. Raises EnvCraftError if the settings differ."""
+    decoded = msgspec.msgpack.decode(order, type=Order)
+    wanted = decoded.settings
     try:
-        checks = checks_named(told.checks)
-        driver = driver_named(wanted.driver, told.isolation, told.runtime, probe=False)
+        checks = checks_named(decoded.checks)
+        driver = driver_named(wanted.driver, decoded.isolation, decoded.runtime, probe=False)
         ensure(driver)
         if wanted.budget not in BUDGETS:
             raise EnvCraftError(f"there is no budget {wanted.budget}")
-        here = settings_of(told.contract, checks, driver, BUDGETS[wanted.budget], wanted.seed)
+        here = settings_of(decoded.contract, checks, driver, BUDGETS[wanted.budget], wanted.seed)
         if differing := here.differing(wanted):
             raise EnvCraftError(f"{'; '.join(differing)}; install there what is installed here")
     except EnvCraftError as error:
-        # Wrong use here is none of the person who audits.
+        # A UsageError of this process is not the user's mistake.
         raise EnvCraftError(f"the worker on {platform.node()} cannot judge as this process does: {error}") from None
-    # Tasks are what is run side by side.
-    return Plan(
-        [], told.contract, driver, checks, BUDGETS[wanted.budget], wanted.seed, limits=told.limits, parallel_jobs=1
-    )
+    budget, limits = BUDGETS[wanted.budget], decoded.limits
+    # The executor runs tasks in parallel, so a task runs one job at a time.
+    return Plan([], decoded.contract, driver, checks, budget, wanted.seed, limits=limits, parallel_jobs=1)

@@ -1,4 +1,4 @@
-"""Import the source of a trusted environment into this process, and make the environment of it."""
+"""Import the source of a trusted environment into this process and construct the environment."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _importing = threading.RLock()
 
 
 class _Checked(SourceLoader):
-    """Load the bytes whose digest was checked, not the file, and neither read nor write caches."""
+    """Loads the bytes whose digest was checked. It does not read the file, and it neither reads nor writes caches."""
 
     def __init__(self, path: str, source: bytes) -> None:
         self._path, self._source = path, source
@@ -34,9 +34,16 @@ class _Checked(SourceLoader):
 
 
 def load(path: str, source: bytes, sha256: str) -> ModuleType:
-    """Import a source under a name of its own, once a process.
+    """Import a source under a unique module name. A process imports each source once.
 
-    Raises UsageError if `source` has another digest, and any exception of the module.
+    Args:
+        path: the file of the source, for tracebacks.
+        source: the Python file.
+        sha256: the expected digest of `source`.
+
+    Raises:
+        UsageError: `source` has another digest.
+        Exception: whatever the module raises.
     """
     if hashlib.sha256(source).hexdigest() != sha256:
         raise UsageError(f"{path} has changed since it was looked up: its SHA-256 is no longer {sha256}")
@@ -60,22 +67,33 @@ def load(path: str, source: bytes, sha256: str) -> ModuleType:
 def construct(
     name: str, module: ModuleType, env_class: str | None, adapter: dict[str, Any], kwargs: dict[str, Any]
 ) -> gymnasium.Env[Any, Any]:
-    """An instance as the worker makes it: with ``render_mode="rgb_array"`` where the class takes that and `kwargs` have
-    no other, and under the contract's adapter.
+    """Construct an instance as the worker does.
 
-    Raises UsageError where there is no such class, EnvironmentFailed where it makes no environment.
+    The constructor receives ``render_mode="rgb_array"`` if it takes that argument and `kwargs` does not have it. The
+    contract's adapter wraps the instance.
+
+    Args:
+        name: names the environment in messages.
+        module: contains the class.
+        env_class: the class's name; None if there is only one.
+        adapter: of the contract, as data.
+        kwargs: the arguments of the constructor.
+
+    Raises:
+        UsageError: there is no such class.
+        EnvironmentFailed: the constructor raises, or returns no ``gymnasium.Env``.
     """
     names = [env_class] if env_class else concrete_classes(module)
     if len(names) != 1 or not hasattr(module, names[0]):
-        found = f"has the environment classes {', '.join(names)}" if len(names) > 1 else "has no environment class"
-        raise UsageError(f"{name} {found}; `envcraft validate {module.__file__}` tells more")
+        what = f"has the environment classes {', '.join(names)}" if len(names) > 1 else "has no environment class"
+        raise UsageError(f"{name} {what}; run `envcraft validate {module.__file__}` for details")
     creator = getattr(module, names[0])
     try:
         env = creator(**kwargs | rendering(creator, kwargs))
     except Exception as error:
         raise EnvironmentFailed(f"{name} cannot be constructed: {type(error).__name__}: {error}") from error
     if not isinstance(env, gymnasium.Env):
-        raise EnvironmentFailed(f"{name}: {names[0]} makes {type(env).__name__}, no gymnasium.Env")
+        raise EnvironmentFailed(f"{name}: {names[0]} constructs {type(env).__name__}, not gymnasium.Env")
     adapted: gymnasium.Env[Any, Any] = adapters.apply(env, adapter)
     return adapted
 
@@ -89,7 +107,12 @@ def open_trusted(
     adapter: dict[str, Any],
     kwargs: dict[str, Any],
 ) -> gymnasium.Env[Any, Any]:
-    """Import and construct. Raises UsageError, EnvironmentFailed."""
+    """Import a source and construct an instance; for the arguments see :func:`load` and :func:`construct`.
+
+    Raises:
+        UsageError: the digest is wrong, or there is no such class.
+        EnvironmentFailed: the module or the constructor raises.
+    """
     try:
         module = load(path, source, sha256)
     except UsageError:

@@ -1,4 +1,4 @@
-"""A Gymnasium environment whose code runs in the sandbox: an episode is a job that asks for its actions one by one."""
+"""A Gymnasium environment whose code runs in the sandbox. An episode is a job that requests its actions one by one."""
 
 from __future__ import annotations
 
@@ -27,15 +27,15 @@ from envcraft.model.trace import Trace
 from envcraft.spaces.gymnasium import to_gymnasium
 from envcraft.spaces.spec import read_space
 
-#: More steps than an episode has: it ends when its environment ends it.
+#: No limit in practice, because only the environment ends its episodes.
 _STEPS = 10**12
-#: What rewards and flags can be, in the words of a trace.
+#: Types of rewards and flags that a trace accepts.
 _NUMBERS = ("bool", "numpy.bool", "int", "numpy integer", "float", "numpy floating")
 _MAX_SEED = 2**31 - 1
 
 
 class _Shown(TraceBuilder):
-    """A recording that keeps what the last call gave."""
+    """A recorder that keeps the values of the last call."""
 
     observation: Any = None
     frame: Any = None
@@ -54,13 +54,13 @@ class _Shown(TraceBuilder):
         self.frame = self._layout(layout).decode(bytes(data))
 
     def _take(self, step: Step) -> None:
-        # The bytes are only there during the call.
+        # The buffer is valid only during the call.
         self.observation = self._layout(step.layout).decode(memoryview(bytearray(step.data)))
         self.info = step.info
 
 
 class _Episode(InteractiveEpisode[_Shown]):
-    """An episode that an agent plays, step by step."""
+    """An episode that an agent plays step by step."""
 
     def __init__(self, subject: Subject, seed: int, conditions: Conditions) -> None:
         self._turns: queue.SimpleQueue[None] = queue.SimpleQueue()
@@ -68,7 +68,7 @@ class _Episode(InteractiveEpisode[_Shown]):
         self._pending.task.future.add_done_callback(lambda _: self._turns.put(None))
 
     def wait(self) -> None:
-        """Wait until the job wants an action or has ended."""
+        """Wait until the job requests an action or ends."""
         self._turns.get()
 
     def action_requested(self) -> None:
@@ -76,24 +76,32 @@ class _Episode(InteractiveEpisode[_Shown]):
 
 
 class SubjectEnv(gymnasium.Env[Any, Any]):
-    """A subject that is stepped in its worker, one episode at a time. Every episode begins on a new instance in a new
-    process, and takes a lane of the subject's while it lasts.
+    """A subject that is stepped in its worker, one episode at a time.
 
-    Observations, rewards, flags and info are those of the environment under its contract's adapter; of info what JSON
-    has. ``reset()`` without a seed draws one. What the code does to its process ends the episode with
-    EnvironmentFailed, and the next reset begins another one.
+    Every episode runs on a new instance in a new process, and occupies one lane of the subject until it ends.
+
+    Observations, rewards, flags and info are those of the environment under its contract's adapter. Of the info, only
+    what JSON can represent is kept. ``reset()`` without a seed draws one. If the code ends or damages its process, the
+    episode ends with EnvironmentFailed, and the next reset starts a new one.
 
     Attributes:
-        failed: the trace of the episode that last failed.
+        failed: the trace of the last episode that failed.
     """
 
     metadata: dict[str, Any] = {"render_modes": ["rgb_array"]}
     failed: Trace | None = None
 
     def __init__(self, name: str, subject: Subject, render_mode: str | None = None) -> None:
-        """Construct one instance, to learn the spaces.
+        """Construct one instance to learn the spaces.
 
-        Raises UsageError where spaces cannot be sent, EnvironmentFailed where the class cannot be constructed.
+        Args:
+            name: names the environment in messages.
+            subject: the environment.
+            render_mode: None or "rgb_array".
+
+        Raises:
+            UsageError: a space cannot be sent over the trust boundary.
+            EnvironmentFailed: the class cannot be constructed.
         """
         self._name, self._subject = name, subject
         self._episode: _Episode | None = None
@@ -103,19 +111,32 @@ class SubjectEnv(gymnasium.Env[Any, Any]):
 
     def _learn(self, contract: Contract) -> None:
         loaded = self._subject.load()
-        told = loaded.description
+        description = loaded.description
         if loaded.trace.fault is not None or loaded.end.reason is not ExitReason.DONE:
             raise EnvironmentFailed(f"{self._name} cannot be constructed: {loaded.trace.fault or loaded.end.detail}")
-        if "observation_space" not in told or "action_space" not in told:
+        if "observation_space" not in description or "action_space" not in description:
             raise EnvironmentFailed(
-                f"{self._name} has no environment class, or several; `envcraft validate` tells more"
+                f"{self._name} has no environment class, or several; run `envcraft validate` for details"
             )
-        seen, acted = contract.observation or told["observation_space"], contract.action or told["action_space"]
-        self.observation_space = to_gymnasium(read_space(seen), f"the observation space of {self._name}")
-        self.action_space = to_gymnasium(read_space(acted), f"the action space of {self._name}")
+        observation = contract.observation or description["observation_space"]
+        action = contract.action or description["action_space"]
+        self.observation_space = to_gymnasium(read_space(observation), f"the observation space of {self._name}")
+        self.action_space = to_gymnasium(read_space(action), f"the action space of {self._name}")
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        """Begin an episode. Raises EnvironmentFailed, and UsageError for `options`, which have no way in."""
+        """Start an episode.
+
+        Args:
+            seed: of the episode. None draws one.
+            options: must be empty, because the sandbox does not pass them on.
+
+        Returns:
+            The first observation and its info.
+
+        Raises:
+            UsageError: `options` is not empty.
+            EnvironmentFailed: the environment raised, or ended its process.
+        """
         if options:
             raise UsageError(f"{self._name} runs in a sandbox, where reset() takes no options")
         super().reset(seed=seed)
@@ -129,8 +150,18 @@ class SubjectEnv(gymnasium.Env[Any, Any]):
         return shown.observation, _info(shown)
 
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
-        """Take a step. Raises ValueError for an action outside the space, ResetNeeded where no episode is under way,
-        EnvironmentFailed.
+        """Take a step.
+
+        Args:
+            action: an element of `action_space`.
+
+        Returns:
+            The observation, the reward, terminated, truncated and the info.
+
+        Raises:
+            ValueError: the action is outside the space.
+            ResetNeeded: no episode is running.
+            EnvironmentFailed: the environment raised, ended its process or returned a value of the wrong type.
         """
         episode = self._episode
         if episode is None or (episode.over and episode.shown.trace.ended):
@@ -147,11 +178,11 @@ class SubjectEnv(gymnasium.Env[Any, Any]):
         return shown.observation, trace.rewards[-1], trace.terminated[-1], trace.truncated[-1], _info(shown)
 
     def render(self) -> Any:
-        """The frame that render() gave after the last call; None unless made with ``render_mode="rgb_array"``."""
+        """Return the frame of render() after the last call, or None without ``render_mode="rgb_array"``."""
         return self._episode.shown.frame if self._episode is not None else None
 
     def close(self) -> None:
-        """End the episode. May be called twice."""
+        """End the episode. A second call does nothing."""
         self._stop()
 
     def _stop(self) -> None:
@@ -160,7 +191,7 @@ class SubjectEnv(gymnasium.Env[Any, Any]):
             episode.leave()
 
     def _wait(self, episode: _Episode) -> _Shown:
-        """Wait for what a call gives. Raises EnvironmentFailed where that is not of the spaces."""
+        """Wait for the result of a call. Raises EnvironmentFailed if its observation has the wrong type."""
         episode.wait()
         wrong = [problem for problem in episode.shown.trace.problems if problem.kind == "type"]
         if wrong:
@@ -169,16 +200,16 @@ class SubjectEnv(gymnasium.Env[Any, Any]):
         return episode.shown
 
     def _refuse(self, trace: Trace) -> None:
-        """Raises EnvironmentFailed where the last reward or a flag is no number: a trace has another in its place."""
-        told = {"reward": trace.reward_types[-1], "terminated": trace.flag_types[-1][0]}
-        told["truncated"] = trace.flag_types[-1][1]
-        for name, kind in told.items():
+        """Raise EnvironmentFailed if the last reward or flag is not a number, for which a trace has a substitute."""
+        types = {"reward": trace.reward_types[-1], "terminated": trace.flag_types[-1][0]}
+        types["truncated"] = trace.flag_types[-1][1]
+        for name, kind in types.items():
             if kind not in _NUMBERS:
                 self.failed = trace
                 raise EnvironmentFailed(f"{self._name}: at step {trace.steps} {name} is of type {kind}")
 
     def _failure(self, episode: _Episode) -> EnvironmentFailed:
-        """Why the job ended. Raises WorkerLost where it is the sandbox that failed."""
+        """Return why the job ended. Raises WorkerLost if the sandbox failed."""
         end, trace = episode.end(), episode.shown.trace
         self.failed, trace.end = trace, end
         if trace.fault is not None:
@@ -189,10 +220,23 @@ class SubjectEnv(gymnasium.Env[Any, Any]):
 
 
 class SandboxedEnv(SubjectEnv):
-    """The same with a worker of its own, which ends with it."""
+    """A :class:`SubjectEnv` that owns its worker and ends it in ``close()``."""
 
     def __init__(self, name: str, target: Target, contract: Contract, driver: Driver, render_mode: str | None) -> None:
-        """As :class:`SubjectEnv`; `driver` is closed at the end."""
+        """Start a worker and construct one instance.
+
+        Args:
+            name: names the environment in messages.
+            target: the source.
+            contract: what it promises.
+            driver: the sandbox; ``close()`` closes it.
+            render_mode: None or "rgb_array".
+
+        Raises:
+            UsageError: a space cannot be sent over the trust boundary.
+            SandboxUnavailable: the driver cannot start a worker.
+            EnvironmentFailed: the class cannot be constructed.
+        """
         self._driver = driver
         subject = Subject(target, contract, WorkerPool(driver).lease(), BUDGETS["quick"])
         with contextlib.ExitStack() as stack:
@@ -202,7 +246,7 @@ class SandboxedEnv(SubjectEnv):
             stack.pop_all()
 
     def close(self) -> None:
-        """End the episode and the worker. May be called twice."""
+        """End the episode and the worker. A second call does nothing."""
         self._stop()
         self._subject.close()
         self._driver.close()
@@ -225,9 +269,21 @@ def open_sandboxed(
     runtime: str | None,
     kwargs: dict[str, Any],
 ) -> SandboxedEnv:
-    """Start a sandbox and the environment in it. `kwargs` go to its constructor and are JSON.
+    """Start a sandbox and the environment in it.
 
-    Raises UsageError, SandboxUnavailable, EnvironmentFailed.
+    Args:
+        name: names the environment in messages.
+        source: the Python file.
+        env_class: the class in the file; None if there is only one.
+        contract: what the environment promises.
+        sandbox: the name of a driver, or "auto".
+        runtime: the container runtime of the driver docker. None chooses one.
+        kwargs: the arguments of the constructor, as JSON values.
+
+    Raises:
+        UsageError: an argument is invalid.
+        SandboxUnavailable: the driver cannot start a worker.
+        EnvironmentFailed: the class cannot be constructed.
     """
     from envcraft.judging.selection import driver_named
 

@@ -187,7 +187,7 @@ class RolloutCache:
         if self._timeouts >= _MOST_TIMEOUTS:
             return f"{self._timeouts} episodes or searches hung: see sandbox, or difficulty for a policy"
         if self.out_of_time:
-            return f"its episodes took {self._runner.seconds:.0f} s together; the check sandbox tells more"
+            return f"its episodes took {self._runner.seconds:.0f} s together; see the check sandbox"
         return ""
 
     def _request(self, request: Rollout | Search, again: bool = False, alone: bool = False) -> Trace:

@@ -166,7 +166,7 @@ def test_names_of_files_are_told_on_one_line(invoke: Invoke, tmp_path: Path) -> 
     [
         (["audit", "nowhere"], "neither a corpus nor a folder"),
         (["audit", "games/more", "--baseline", "none.json"], "cannot be read"),
-        (["audit", "games/more", "--baseline", "games/a.py"], "is no report"),
+        (["audit", "games/more", "--baseline", "games/a.py"], "is not a report"),
         (["audit", "empty"], "holds no environment"),
         (["audit", "corpus", "--store", "other"], "leave out --store"),
         (["audit", "games", "--store", "corpus"], "need a separate corpus"),

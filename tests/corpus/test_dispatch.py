@@ -192,11 +192,11 @@ def test_what_never_comes_back_is_an_error_and_the_rest_goes_on(engine: Engine, 
 
 def test_an_executor_that_gives_nothing_ends_the_audit(engine: Engine) -> None:
     engine.breaks = lambda path, time: True
-    with pytest.raises(EnvCraftError, match=r"scripted failed 5 times and gave no verdict.*a worker was killed"):
+    with pytest.raises(EnvCraftError, match=r"scripted failed 5 times in a row without a verdict.*a worker was killed"):
         reports(engine, 100)
     assert engine.opened == 5
     engine.breaks, engine.fate = (lambda path, time: False), (lambda path, time: killed)
-    with pytest.raises(EnvCraftError, match="the scheduler gave it up; what was judged is kept"):
+    with pytest.raises(EnvCraftError, match="the scheduler gave it up; the verdicts so far are kept"):
         reports(engine, 100)
 
 

@@ -166,7 +166,7 @@ def test_what_the_card_says(corpus: Path, dataset: Path) -> None:
     assert told["configs"][0]["data_files"][0] == {"split": "train", "path": "data/train-*.parquet"}
     assert "license" not in told
     text = (dataset / "README.md").read_text()
-    assert "None is stated for the sources" in text
+    assert "No licence is stated for the sources" in text
     assert not re.search(r"@[A-Z]+@", text)
     with Store(corpus) as store:
         verdicts = dict(store.db.execute("SELECT verdict, count(*) FROM verdicts GROUP BY verdict"))
@@ -213,8 +213,8 @@ def test_what_is_no_text_is_left_out_and_counted(store: Store, tmp_path: Path) -
     store.add("latin", b"# -*- coding: latin-1 -*-\n# \xe4\n")
     store.add("marked", b"\xef\xbb\xbfimport gymnasium\r\n")
     told = DatasetExporter().export(Order(store, tmp_path / "made", everything=True))
-    assert told[0] == "left out, since they are no UTF-8: 1"
-    assert "no UTF-8: 1." in (tmp_path / "made" / "README.md").read_text()
+    assert told[0] == "skipped sources that are not UTF-8: 1"
+    assert "not UTF-8: 1." in (tmp_path / "made" / "README.md").read_text()
     rows = {row["name"]: row for part in rows_of(tmp_path / "made").values() for row in part}
     assert set(rows) == {"ant", "bee", "cat", "dog", "marked"}
     assert rows["marked"]["source"].encode() == b"\xef\xbb\xbfimport gymnasium\r\n"
@@ -223,14 +223,14 @@ def test_what_is_no_text_is_left_out_and_counted(store: Store, tmp_path: Path) -
 @pytest.mark.parametrize(
     ("origins", "said", "licence", "words"),
     [
-        ({"ant": {"licence": "MIT"}, "bee": {"license": "mit"}}, None, "mit", "licensed under MIT,"),
-        ({"ant": {"licence": "MIT"}}, None, None, "not one for all. Stated are: MIT (1), none (1)."),
-        ({"ant": {"licence": "MIT"}, "bee": {"licence": "isc"}}, None, None, "Stated are: MIT (1), isc (1)."),
-        ({"ant": {"licence": ""}, "bee": {"licence": 3}}, None, None, "None is stated"),
-        ({}, "Apache-2.0", "apache-2.0", "licensed under Apache-2.0,"),
-        ({"ant": {"licence": "mit"}, "bee": {"licence": "MIT"}}, "MIT", "mit", "licensed under MIT,"),
-        ({"ant": {"licence": "mit"}}, "isc", UsageError, "--licence isc, but the corpus says mit"),
-        ({}, "Our own", "other", "licensed under Our own,"),
+        ({"ant": {"licence": "MIT"}, "bee": {"license": "mit"}}, None, "mit", "licensed under MIT."),
+        ({"ant": {"licence": "MIT"}}, None, None, "licences are: MIT (1), none (1)."),
+        ({"ant": {"licence": "MIT"}, "bee": {"licence": "isc"}}, None, None, "licences are: MIT (1), isc (1)."),
+        ({"ant": {"licence": ""}, "bee": {"licence": 3}}, None, None, "No licence is stated"),
+        ({}, "Apache-2.0", "apache-2.0", "licensed under Apache-2.0."),
+        ({"ant": {"licence": "mit"}, "bee": {"licence": "MIT"}}, "MIT", "mit", "licensed under MIT."),
+        ({"ant": {"licence": "mit"}}, "isc", UsageError, "--licence is isc, but the corpus states mit"),
+        ({}, "Our own", "other", "licensed under Our own."),
     ],
 )
 def test_licences(

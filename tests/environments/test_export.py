@@ -86,7 +86,7 @@ def test_what_a_package_says_of_itself(corpus: Path, tmp_path: Path) -> None:
     folder = tmp_path / "package"
     written = export(corpus, "--to", "package", "--output", folder)
     assert written.exit_code == 0
-    assert "sources import also lunar, which the package does not require" in written.output
+    assert "the sources also import lunar, which the package does not require" in written.output
     assert f"`pip install {folder}`" in written.output
     project = tomllib.loads((folder / "pyproject.toml").read_text())["project"]
     assert project["name"] == "games"
@@ -141,8 +141,8 @@ def test_wrong_use(corpus: Path, tmp_path: Path) -> None:
     for arguments, words in (
         (["--to", "packag", "--output", tmp_path / "x"], "no export format 'packag'; did you mean package?"),
         (["--to", "package", "--output", tmp_path / "full"], "is not empty"),
-        (["--to", "package", "--output", tmp_path / "x", "--name", "json"], "'json' is no name for a package"),
-        (["--to", "package", "--output", tmp_path / "x", "--name", "a-b"], "'a-b' is no name for a package"),
+        (["--to", "package", "--output", tmp_path / "x", "--name", "json"], "'json' is not a valid package name"),
+        (["--to", "package", "--output", tmp_path / "x", "--name", "a-b"], "'a-b' is not a valid package name"),
     ):
         result = export(corpus, *arguments)
         assert result.exit_code == 2, result.output
@@ -178,5 +178,5 @@ def test_what_was_judged_under_another_contract_of_that_name_is_not_exported(cor
         store.db.execute("UPDATE settings SET contract_sha256 = ?", ("0" * 64,))
     result = export(corpus, "--to", "package", "--output", tmp_path / "package")
     assert result.exit_code == 2
-    assert "was judged under another contract" in result.output
+    assert "was judged under another version of the contract" in result.output
     assert not (tmp_path / "package").exists()

@@ -1,6 +1,6 @@
-"""The card of a data set: YAML for the Hub, and what people want to know, in Markdown.
+"""The card of a data set: metadata for the Hub in YAML, and a description in Markdown.
 
-Text from a corpus is escaped, so that it is never markup.
+Text from a corpus is escaped, so that it cannot be markup.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ from envcraft.text import one_line
 from envcraft.version import __version__
 
 _TEMPLATE = Path(__file__).parent / "skeleton" / "dataset.md.txt"
-#: As the Hub sorts data sets by size: below so many rows, such a category.
+#: The Hub's size categories, each with the number of rows below which it applies.
 _SIZES = ((10**3, "n<1K"), (10**4, "1K<n<10K"), (10**5, "10K<n<100K"), (10**6, "100K<n<1M"), (10**7, "1M<n<10M"))
-#: Licences by the names that the Hub knows; another one is "other", and named beside it.
+#: The Hub's identifiers of licences. Any other licence is "other", with its name in a separate field.
 _HUB = re.compile(
     r"mit|isc|zlib|wtfpl|unlicense|apache-2\.0|bsd-[23]-clause|mpl-2\.0|[al]?gpl-3\.0|gpl-2\.0|lgpl-2\.1|"
     r"cc0-1\.0|cc-by(-nc)?(-sa|-nd)?-4\.0|odbl|odc-by"
@@ -33,40 +33,59 @@ _HUB = re.compile(
 
 
 class Licences:
-    """Under what the exported sources are licensed: what the corpus says of each, else what the user says of all.
+    """Counts the licences of the exported sources.
 
-    An environment's origin says it as ``licence`` or ``license``.
+    The key ``licence`` or ``license`` of an environment's origin states its licence.
+
+    Args:
+        default: the user's licence for environments whose origin states none.
     """
 
-    def __init__(self, said: str | None) -> None:
-        self.said = one_line(said) if said and said.strip() else None
-        self.found: Counter[str | None] = Counter()
+    def __init__(self, default: str | None) -> None:
+        self.default = one_line(default) if default and default.strip() else None
+        self.counts: Counter[str | None] = Counter()
 
     def add(self, origin: dict[str, Any]) -> str | None:
-        """Count an environment's, and give it. Raises UsageError where the user says otherwise."""
-        told = origin.get("licence") or origin.get("license")
-        own = one_line(told) if isinstance(told, str) and told.strip() else None
-        if own is not None and self.said is not None and own.lower() != self.said.lower():
-            raise UsageError(f"--licence {self.said}, but the corpus says {own} of some: leave it out")
-        self.found[self.said or own] += 1
-        return self.said or own
+        """Count an environment's licence.
+
+        Args:
+            origin: of the environment.
+
+        Returns:
+            The licence, or None if there is none.
+
+        Raises:
+            UsageError: the origin's licence differs from the user's.
+        """
+        stated = origin.get("licence") or origin.get("license")
+        own = one_line(stated) if isinstance(stated, str) and stated.strip() else None
+        if own is not None and self.default is not None and own.lower() != self.default.lower():
+            raise UsageError(
+                f"--licence is {self.default}, but the corpus states {own} for some sources: omit the option"
+            )
+        self.counts[self.default or own] += 1
+        return self.default or own
 
     @property
     def one(self) -> str | None:
-        """The licence of all; None where there is not one that all are under."""
-        stated = sorted(name for name in self.found if name is not None)
-        same = len({name.lower() for name in stated}) == 1 and None not in self.found
+        """The licence of all sources, or None if they do not share one."""
+        stated = sorted(name for name in self.counts if name is not None)
+        same = len({name.lower() for name in stated}) == 1 and None not in self.counts
         return stated[0] if same else None
 
 
 class Contents:
-    """What was written to a data set, counted.
+    """Counts of what was written to a data set.
 
     Attributes:
-        rows: of each split.
+        title: of the data set.
+        duplicates: the copies in the corpus.
+        licences: of the sources.
+        rows: the number of rows of each split.
         groups: the groups in each split.
-        settings: environments by the settings of their verdicts, all empty where there is none.
-        undecoded: environments that were left out because their source is no UTF-8.
+        settings: the number of environments by the settings of their verdicts, which are all None without a verdict.
+        passed: the number of environments that passed.
+        undecoded: the number of environments that were skipped because their source is not UTF-8.
     """
 
     def __init__(self, title: str, duplicates: Duplicates, licences: Licences) -> None:
@@ -77,7 +96,16 @@ class Contents:
         self.passed = self.undecoded = 0
 
     def add(self, environment: Exported, group: int, split: str) -> None:
-        """Count an environment. Raises UsageError where its licence is not what the user says."""
+        """Count an environment.
+
+        Args:
+            environment: the environment.
+            group: the number of its group.
+            split: the name of its split.
+
+        Raises:
+            UsageError: its licence differs from the user's.
+        """
         self.licences.add(environment.origin)
         self.rows[split] += 1
         self.groups[split].add(group)
@@ -94,18 +122,27 @@ class Contents:
 
     @property
     def shares(self) -> str:
-        """In words, how many are in each split."""
+        """A phrase with the number of rows of each split."""
         return ", ".join(f"{name} {self.rows[name]:,}" for name in SPLITS if self.rows[name])
 
 
 def card(store: Store, contents: Contents, described: Iterable[tuple[str, str, str]]) -> str:
-    """The whole card. Raises CorpusDamaged."""
+    """Build the card.
+
+    Args:
+        store: the corpus.
+        contents: the counts of the data set.
+        described: the name, type and description of each column.
+
+    Raises:
+        CorpusDamaged: a stored report cannot be decoded.
+    """
     from envcraft.judging.selection import all_checks
 
     checks = all_checks()
     survey = Survey(check.name for check in checks)
     for entry in entries(store):
-        # Nothing here is about how long sources are.
+        # The card does not use the number of lines.
         survey.take(entry, 0)
     rules = {rule.code: rule.name for check in checks for rule in check.rules}
     words = {
@@ -122,7 +159,7 @@ def card(store: Store, contents: Contents, described: Iterable[tuple[str, str, s
         "LICENCE": _licence(contents.licences),
         "VERSION": __version__,
         "SETTINGS": table(
-            ("contract", "its digest", "rules", "budget", "seed", "sandbox", "image or libraries", "environments"),
+            ("contract", "contract digest", "rules", "budget", "seed", "sandbox", "image or libraries", "environments"),
             [(*row, count) for row, count in sorted(contents.settings.items(), key=lambda item: (-item[1], str(item)))],
         ),
         "YIELDS": _yields(survey),
@@ -131,11 +168,11 @@ def card(store: Store, contents: Contents, described: Iterable[tuple[str, str, s
         "TOTAL": f"{contents.duplicates.environments:,}",
         "COPIES": _copies(contents.duplicates),
     }
-    return re.sub(r"@([A-Z]+)@", lambda found: words[found[1]], _TEMPLATE.read_text("utf-8"))
+    return re.sub(r"@([A-Z]+)@", lambda match: words[match[1]], _TEMPLATE.read_text("utf-8"))
 
 
 def _front(contents: Contents) -> str:
-    """YAML for the Hub, whose strings are JSON's."""
+    """Build the metadata in YAML. Its strings are JSON strings, which YAML accepts."""
     count = contents.rows.total()
     lines = [f"pretty_name: {json.dumps(one_line(contents.title))}"]
     if (licence := contents.licences.one) is not None:
@@ -158,40 +195,45 @@ def _front(contents: Contents) -> str:
 
 
 def licence_lines(licence: str) -> list[str]:
-    """A licence in the metadata of the Hub, by the name that this knows, if it does."""
+    """Return the lines of the Hub's metadata for a licence."""
     if _HUB.fullmatch(licence.lower()):
         return [f"license: {licence.lower()}"]
     return ["license: other", f"license_name: {json.dumps(licence)}"]
 
 
 def size_category(count: int) -> str:
-    """The size of a data set of so many rows, as the Hub names it."""
+    """Return the Hub's size category for a number of rows."""
     return next((name for limit, name in _SIZES if count < limit), "10M<n<100M")
 
 
 def _left_out(contents: Contents) -> str:
-    told = "Columns about the verdict are empty where there is none on the source as it is."
+    words = "The columns of the verdict are empty if there is no verdict on the present source."
     if contents.undecoded:
-        told += f" Left out, since their sources are no UTF-8: {contents.undecoded:,}."
-    return told
+        words += (
+            f" The number of environments that were skipped because their source is not UTF-8: {contents.undecoded:,}."
+        )
+    return words
 
 
 def _licence(licences: Licences) -> str:
     if licences.one is not None:
-        return f"The sources are licensed under {text(licences.one)}, as the corpus or whoever exported it says."
-    if set(licences.found) == {None}:
-        return "None is stated for the sources: whoever made them decides."
-    told = sorted((name or "none", count) for name, count in licences.found.items())
-    counts = ", ".join(f"{text(name)} ({count:,})" for name, count in told)
-    return f"There is not one for all. Stated are: {counts}. The column `origin` says it of each environment."
+        return f"The corpus, or its exporter, states that the sources are licensed under {text(licences.one)}."
+    if set(licences.counts) == {None}:
+        return "No licence is stated for the sources; it is that of their authors."
+    rows = sorted((name or "none", count) for name, count in licences.counts.items())
+    counts = ", ".join(f"{text(name)} ({count:,})" for name, count in rows)
+    return (
+        f"The sources do not share one licence. The stated licences are: {counts}. The column `origin` states the "
+        "licence of each environment."
+    )
 
 
 def _yields(survey: Survey) -> str:
     counts = {name: survey.verdicts[name] for name in ("pass", "fail", "error", NONE)}
     return (
-        f"Of the {survey.total:,} environments in the corpus that this was made from, {counts['pass']:,} passed, "
-        f"{counts['fail']:,} failed, {counts['error']:,} could not be judged and {counts[NONE]:,} were not. Of those "
-        f"that passed or failed, {_rate(survey.rate)} passed (interval {_interval(survey.rate)})."
+        f"Of the {survey.total:,} environments in the corpus, {counts['pass']:,} passed, {counts['fail']:,} failed, "
+        f"{counts['error']:,} could not be judged and {counts[NONE]:,} have no verdict. Of those that passed or "
+        f"failed, {_rate(survey.rate)} passed (interval {_interval(survey.rate)})."
     )
 
 
@@ -200,7 +242,7 @@ def _checks(survey: Survey) -> str:
         (row.name, row.judged, row.verdicts["pass"], _rate(row.rate), _interval(row.rate), row.verdicts["skip"])
         for row in survey.checks()
     ]
-    return table(("check", "judged", "passed", "pass rate", "interval", "had nothing to say"), rows)
+    return table(("check", "judged", "passed", "pass rate", "interval", "skipped"), rows)
 
 
 def _codes(survey: Survey, rules: dict[str, str]) -> str:
@@ -210,7 +252,7 @@ def _codes(survey: Survey, rules: dict[str, str]) -> str:
         name = rules.get(row.code, "")
         rows.append((row.code, name, row.severity.value, row.environments, _rate(share), _interval(share)))
     if not rows:
-        return "No check found anything."
+        return "There are no findings."
     return table(("code", "rule", "severity", "environments", "share of those with a verdict", "interval"), rows)
 
 
@@ -220,7 +262,7 @@ def _copies(duplicates: Duplicates) -> str:
         rows.append((name, layer.keyed, len(layer.clusters), sum(len(members) - 1 for members in layer.clusters)))
     extra = sum(len(cluster.members) - 1 for cluster in duplicates.clusters)
     rows.append(("all layers", duplicates.environments, len(duplicates.clusters), extra))
-    return table(("layer", "compared", "clusters", "environments beside the best of theirs"), rows)
+    return table(("layer", "compared", "clusters", "copies to remove"), rows)
 
 
 def _rate(rate: Proportion) -> str:
@@ -236,9 +278,9 @@ def _column(column: tuple[str, str, str]) -> str:
     return f"| `{name}` | `{kind}` | {what} |"
 
 
-def columns(told: Iterable[tuple[str, str, str]]) -> str:
-    """A table of columns, each with its type and what it has, in Markdown."""
-    return "\n".join(["| column | type | what it has |", "|---|---|---|", *map(_column, told)])
+def columns(described: Iterable[tuple[str, str, str]]) -> str:
+    """Write a table of columns in Markdown, each with its name, type and description."""
+    return "\n".join(["| column | type | contents |", "|---|---|---|", *map(_column, described)])
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
@@ -256,5 +298,5 @@ def _cell(value: Any) -> str:
 
 
 def text(value: Any) -> str:
-    """Text of a corpus, so that Markdown takes it for nothing else."""
+    """Escape a value as text in Markdown."""
     return re.sub(r"([\\`*_{}\[\]<>#|~&])", r"\\\1", one_line(value))

@@ -1,4 +1,4 @@
-"""What an export format is: a plugin gives an :class:`Exporter`, which writes an :class:`Order` to a folder."""
+"""The interface of export formats. An :class:`Exporter` writes an :class:`Order` to a folder."""
 
 from __future__ import annotations
 
@@ -144,7 +144,7 @@ class Exporter(ABC):
 
 @contextlib.contextmanager
 def fresh_folder(output: Path) -> Iterator[Path]:
-    """Give an empty folder that is renamed to `output` when the block ends without an exception.
+    """Create an empty folder that is renamed to `output` when the block ends without an exception.
 
     Raises:
         UsageError: if `output` is not empty or cannot be created.
@@ -173,11 +173,11 @@ def fresh_folder(output: Path) -> Iterator[Path]:
 
 
 def exporter_named(name: str) -> Exporter:
-    """The exporter with this name.
+    """Return the exporter with this name.
 
     Raises:
         UsageError: if there is none; the message names the nearest.
     """
     known = {exporter.name: exporter for exporter in offered("envcraft_exporters")}
-    found: Exporter = lookup("export format", name, known)
-    return found
+    exporter: Exporter = lookup("export format", name, known)
+    return exporter

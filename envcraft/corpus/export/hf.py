@@ -1,7 +1,7 @@
-"""A data set of a corpus in the layout of the Hugging Face Hub: parquet files for each split, and a card.
+"""The export format ``hf``: a data set for the Hugging Face Hub, with parquet files for each split and a card.
 
-Copies are in one split (:mod:`envcraft.corpus.splits`). With one version of pyarrow the same corpus gives the same
-files, independent of the order in which environments were added.
+All copies of an environment are in one split (:mod:`envcraft.corpus.splits`). The same corpus gives the same files with
+the same version of pyarrow, independent of the order in which environments were added.
 """
 
 from __future__ import annotations
@@ -22,31 +22,33 @@ if TYPE_CHECKING:
     from envcraft.corpus.export.card import Contents
 
 _NEEDED = ("pyarrow", "rensa")
-#: The columns, with their types and what they have.
+#: The columns with their types and descriptions.
 COLUMNS = (
-    ("name", "string", "what the environment is called in the corpus, a path below a folder; unique"),
-    ("source", "string", "the Python file, whole"),
+    ("name", "string", "the environment's unique name in the corpus, a relative path"),
+    ("source", "string", "the text of the Python file"),
     ("sha256", "string", "the SHA-256 of the file, which is that of `source` in UTF-8"),
-    ("class", "string", "the environment's class in the file, where it is known"),
+    ("class", "string", "the environment's class in the file, if it is known"),
     ("group", "int64", "environments with the same number are copies of each other, and in the same split"),
-    ("verdict", "string", "`pass`, `fail`, or `error` where it could not be judged"),
-    ("codes", "list<string>", "the codes of the findings, each once; `envcraft explain CODE` says what one means"),
-    ("checks", "list<check>", "each check's `name`, `verdict` and, where it has none, the `reason`"),
-    ("steps", "int64", "environment steps that judging took"),
-    ("seconds", "double", "and wall time"),
-    ("contract", "string", "what the environment promises; the rest are the settings of the verdict"),
-    ("contract_sha256", "string", "a digest of all that the contract promises"),
+    ("verdict", "string", "`pass`, `fail`, or `error` if it could not be judged"),
+    ("codes", "list<string>", "the distinct codes of the findings; `envcraft explain CODE` describes one"),
+    ("checks", "list<check>", "each check's `name`, `verdict` and, if it did not judge, the `reason`"),
+    ("steps", "int64", "the environment steps of the judging"),
+    ("seconds", "double", "the wall time of the judging"),
+    ("contract", "string", "the name of the contract"),
+    ("contract_sha256", "string", "a digest of the contract"),
     ("rules", "string", "EnvCraft's version and a digest of the code that judged"),
-    ("seed", "int64", "the seed of the episodes"),
-    ("budget", "string", "how much was played"),
-    ("sandbox", "string", "where the environment ran"),
-    ("image", "string", "the container image's digest, else the versions of Python and the libraries"),
-    ("origin", "string", "JSON: what is known of where the environment comes from"),
-    ("report", "string", "JSON: the whole verdict, with each finding's message, evidence and reproduction"),
+    ("seed", "int64", "the seed of the run"),
+    ("budget", "string", "the name of the budget, which limits episodes and steps"),
+    ("sandbox", "string", "the name of the sandbox driver"),
+    ("image", "string", "the container image's digest, or the versions of Python and the libraries"),
+    ("origin", "string", "JSON: the origin of the environment"),
+    ("report", "string", "JSON: the whole report, with each finding's message, evidence and reproduction"),
 )
 
 
 class DatasetExporter(Exporter):
+    """Writes a data set."""
+
     name = "hf"
     summary = "a data set for the Hugging Face Hub: parquet files with splits that no copy crosses, and a card"
 
@@ -58,25 +60,25 @@ class DatasetExporter(Exporter):
         from envcraft.corpus.export.card import Contents, Licences, card
 
         with fresh_folder(order.output) as folder:
-            found = deduplication.clusters(order.store)
-            groups, splits = _divided(order, deduplication.grouped(order.store, found))
-            contents = Contents(order.name or order.title, found, Licences(order.licence))
+            duplicates = deduplication.clusters(order.store)
+            groups, splits = _divided(order, deduplication.grouped(order.store, duplicates))
+            contents = Contents(order.name or order.title, duplicates, Licences(order.licence))
             with Shards(folder / "data", _schema()) as files:
                 for environment in order.environments():
-                    # Another process may have added some in the meantime.
+                    # Another process may add environments in the meantime.
                     if environment.name in groups:
                         _write(order, environment, groups[environment.name], splits[environment.name], files, contents)
             if not contents.rows.total():
                 raise order.nothing()
             (folder / "README.md").write_text(card(order.store, contents, COLUMNS), "utf-8")
-        told = [f"{order.output} has {plural(contents.rows.total(), 'environment')}: {contents.shares}; in Python"]
+        lines = [f"{order.output} has {plural(contents.rows.total(), 'environment')}: {contents.shares}; in Python"]
         if contents.undecoded:
-            told.insert(0, f"left out, since they are no UTF-8: {contents.undecoded:,}")
-        return [*told, f'  datasets.load_dataset("{order.output}")']
+            lines.insert(0, f"skipped sources that are not UTF-8: {contents.undecoded:,}")
+        return [*lines, f'  datasets.load_dataset("{order.output}")']
 
 
 def _divided(order: Order, groups: list[list[str]]) -> tuple[dict[str, int], dict[str, str]]:
-    """The number of the group, and the split, of each environment to export."""
+    """Return the number of the group and the split of each environment to export."""
     from envcraft.corpus.splits import split
 
     wanted = {environment.name for environment in order.environments()}
@@ -90,9 +92,9 @@ def _divided(order: Order, groups: list[list[str]]) -> tuple[dict[str, int], dic
 
 
 def _write(order: Order, environment: Exported, group: int, split: str, files: Shards, contents: Contents) -> None:
-    """Write an environment's row, unless its source is no text."""
+    """Write an environment's row, unless its source is not UTF-8."""
     try:
-        # Not as Python reads it: a mark at the beginning belongs to the digest.
+        # Not utf-8-sig: a byte order mark is part of the digest.
         source = order.store.source(environment.source).decode("utf-8")
     except UnicodeDecodeError:
         contents.undecoded += 1
@@ -102,7 +104,7 @@ def _write(order: Order, environment: Exported, group: int, split: str, files: S
 
 
 def _row(environment: Exported, source: str, group: int) -> dict[str, Any]:
-    """An environment's values in :data:`COLUMNS`."""
+    """Build an environment's row of :data:`COLUMNS`."""
     from envcraft.corpus.store import decode
 
     report = decode(environment.report) if environment.report is not None else None

@@ -1,4 +1,4 @@
-"""A Python package of a corpus: it registers its environments with Gymnasium, and needs no EnvCraft to run them."""
+"""The export format ``package``: a Python package that registers its environments and runs without EnvCraft."""
 
 from __future__ import annotations
 
@@ -17,22 +17,24 @@ from envcraft.plugins import hookimpl
 from envcraft.text import one_line, plural
 
 _SKELETON = Path(__file__).parent / "skeleton"
-#: Of ``envcraft_protocol``, what makes an environment of a class; each package has its own copy.
+#: The modules of ``envcraft_protocol`` that construct an environment. Each package has its own copy.
 _RUNTIME = ("__init__.py", "adapters.py", "classes.py")
 _ALWAYS = ("gymnasium>=1.0", "numpy>=1.26")
-#: Distributions of what the built-in contracts let environments import, but for those that are always required.
+#: Requirements by the modules that built-in contracts allow; None for those that are always required.
 _DISTRIBUTIONS = {"gymnasium": None, "numpy": None, "pygame": "pygame-ce>=2.5", "scipy": "scipy>=1.11"}
-#: So many ids are listed in the README.
+#: Maximum number of ids in the README.
 _LISTED = 20
 
 
 class PackageExporter(Exporter):
+    """Writes a package that pip can install."""
+
     name = "package"
     summary = "a Python package that pip installs and that registers the environments with Gymnasium"
 
     def export(self, order: Order) -> list[str]:
         if order.licence is not None:
-            raise UsageError("--licence is for the card of --to hf; a package's goes into its pyproject.toml")
+            raise UsageError("--licence applies to --to hf; state a package's licence in its pyproject.toml")
         package = package_name(order)
         from envcraft.model.target import imported
 
@@ -55,28 +57,32 @@ class PackageExporter(Exporter):
             _write_texts(folder, package, entries, _requirements(modules))
         first = entries[0]["id"]
         lines = [
-            # A bare word would be the name of something in the registry.
+            # An absolute path, because pip looks up a bare word in the package index.
             f"{plural(len(entries), 'environment')} in {order.output}: "
             f"`pip install {shlex.quote(str(order.output.absolute()))}`, then in Python",
             f'  gymnasium.make("{package}:{first}")',
         ]
         if others := sorted(name for name in modules - {*sys.stdlib_module_names, *_DISTRIBUTIONS}):
-            # Sources are not asked what to install: a name that nobody has taken yet may be taken for them.
-            lines.append(f"sources import also {one_line(', '.join(others))}, which the package does not require")
+            # Not added to the requirements: an untrusted source could name a malicious distribution.
+            lines.append(f"the sources also import {one_line(', '.join(others))}, which the package does not require")
         return lines
 
 
 def package_name(order: Order) -> str:
-    """What the package is called: as the user said, else after the corpus. Raises UsageError."""
+    """Return the package's name: the user's choice, or one that is derived from the corpus.
+
+    Raises:
+        UsageError: it is not a valid name for a package.
+    """
     name = order.name or re.sub(r"\W+", "_", order.title.lower(), flags=re.ASCII).strip("_")
     taken = {*sys.stdlib_module_names, "envcraft", "gymnasium", "numpy"}
     if not (name.isidentifier() and name.isascii()) or keyword.iskeyword(name) or name in taken or name[0] == "_":
-        raise UsageError(f"{name!r} is no name for a package; give another with --name, such as --name my_games")
+        raise UsageError(f"{name!r} is not a valid package name; choose one with --name, such as --name my_games")
     return name
 
 
 class _Names:
-    """Module names for environments, each once, also where a file system knows no capitals."""
+    """Unique module names for environments, also on a file system that ignores case."""
 
     def __init__(self) -> None:
         self._taken = {"__init__"}
@@ -94,7 +100,7 @@ class _Names:
 
 
 def _entry(environment: Exported, package: str, module: str) -> dict[str, Any]:
-    """What the package knows of an environment: where it is, and what was judged of it. Raises UsageError."""
+    """Build an environment's record of ``environments.json``. Raises UsageError if its contract has changed."""
     from envcraft.contracts.lookup import contract_named
     from envcraft.corpus.ids import identifier
     from envcraft.corpus.store import decode
@@ -104,8 +110,8 @@ def _entry(environment: Exported, package: str, module: str) -> dict[str, Any]:
     contract = contract_named(environment.contract or "arcade")
     if environment.contract_sha256 not in (None, contract_digest(contract)):
         raise UsageError(
-            f"{one_line(environment.name)} was judged under another contract {contract.name} than there is now: "
-            "`envcraft audit` judges it under this one"
+            f"{one_line(environment.name)} was judged under another version of the contract {contract.name}: "
+            "run `envcraft audit` to judge it under the present one"
         )
     return {
         "id": identifier(environment.name, package),
@@ -127,7 +133,7 @@ def _entry(environment: Exported, package: str, module: str) -> dict[str, Any]:
 
 
 def _requirements(modules: Iterable[str]) -> list[str]:
-    """What the package requires of the modules that its sources import."""
+    """Return the package's requirements, given the modules that its sources import."""
     known = {_DISTRIBUTIONS.get(name) for name in modules}
     return [*_ALWAYS, *sorted(filter(None, known))]
 
@@ -148,8 +154,8 @@ def _write_texts(folder: Path, package: str, entries: list[dict[str, Any]], requ
 
     from envcraft.version import __version__
 
-    told = msgspec.json.encode({"schema": 1, "envcraft": __version__, "environments": entries})
-    (folder / package / "environments.json").write_bytes(msgspec.json.format(told, indent=1) + b"\n")
+    data = msgspec.json.encode({"schema": 1, "envcraft": __version__, "environments": entries})
+    (folder / package / "environments.json").write_bytes(msgspec.json.format(data, indent=1) + b"\n")
     passed = sum(entry["verdict"] == "pass" for entry in entries)
     words = {
         "PACKAGE": package,
@@ -163,7 +169,7 @@ def _write_texts(folder: Path, package: str, entries: list[dict[str, Any]], requ
     }
     for name in ("pyproject.toml", "README.md"):
         text = (_SKELETON / f"{name}.txt").read_text("utf-8")
-        (folder / name).write_text(re.sub(r"@([A-Z]+)@", lambda found: words[found[1]], text), "utf-8")
+        (folder / name).write_text(re.sub(r"@([A-Z]+)@", lambda match: words[match[1]], text), "utf-8")
 
 
 @hookimpl

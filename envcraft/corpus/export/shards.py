@@ -1,7 +1,7 @@
-"""The parquet files of a data set's splits, named as the Hugging Face Hub names them.
+"""The parquet files of a data set's splits, named as the Hugging Face Hub expects.
 
-Rows are written in groups of a limited size, which is all that is kept in memory. With one version of pyarrow the same
-rows give the same files.
+Rows are written in groups of limited size, and only one group is in memory. The same rows give the same files with the
+same version of pyarrow.
 """
 
 from __future__ import annotations
@@ -12,15 +12,19 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     import pyarrow
 
-#: The splits, by the names that the Hub gives them.
+#: The share of each split, by its name on the Hub.
 SPLITS = {"train": 0.8, "validation": 0.1, "test": 0.1}
-#: A row group is written once it has so many rows or so many bytes of text; it is all that is kept in memory. After so
-#: many bytes another file is begun.
+#: Rows and bytes of text after which a row group is written, and bytes of text after which a new file is started.
 _ROWS, _GROUP, _FILE = 500, 8 * 1024**2, 256 * 1024**2
 
 
 class Shards:
-    """The parquet files of all splits in `folder`, which is made with the first row. Use as a context manager."""
+    """Writes the parquet files of all splits. Use it as a context manager.
+
+    Args:
+        folder: is created with the first row.
+        schema: of the rows.
+    """
 
     def __init__(self, folder: Path, schema: pyarrow.Schema) -> None:
         self._splits = {name: _Split(folder, name, schema) for name in SPLITS}
@@ -37,7 +41,7 @@ class Shards:
 
 
 class _Split:
-    """The parquet files of one split; none where it has no rows."""
+    """Writes the parquet files of one split. A split without rows has no files."""
 
     def __init__(self, folder: Path, name: str, schema: pyarrow.Schema) -> None:
         self._folder, self._name, self._schema = folder, name, schema
@@ -53,7 +57,7 @@ class _Split:
             self._flush()
 
     def close(self, whole: bool) -> None:
-        """Write what is left and give the files their names, if all went well."""
+        """Close the files. If `whole`, write the last rows first. Then rename the files, whose number is now known."""
         if whole:
             self._flush()
         if self._writer is not None:
@@ -81,7 +85,7 @@ class _Split:
 
 
 def _size(value: Any) -> int:
-    """The characters of all texts in plain data, but for the names of fields."""
+    """Return the number of characters of all strings in plain data, without the names of fields."""
     if isinstance(value, str):
         return len(value)
     if isinstance(value, dict):

@@ -1,4 +1,4 @@
-"""The figures of a report, drawn by matplotlib: each once for a wide screen and once for a narrow one."""
+"""The figures of a report, drawn by matplotlib. Each is drawn for a wide screen and for a narrow one."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-#: Inches at 72 points, so that a point is a pixel.
+#: Inches at 72 dots per inch, so that a point is a pixel.
 _WIDE, _NARROW = 10.0, 5.0
 _ROW = 0.36
 _VERDICTS = ("pass", "fail", "error", "skip")
-#: So many codes are drawn; the table has all.
+#: Maximum number of codes in the figure; the table has all.
 CODES = 12
 _STYLE: Any = {
     "svg.fonttype": "none",
@@ -43,7 +43,7 @@ _STYLE: Any = {
 
 
 class Drawn(NamedTuple):
-    """One figure, as two elements of which the page shows the one that fits."""
+    """One figure as two elements, of which the page shows the one that fits the screen."""
 
     wide: str
     narrow: str
@@ -53,7 +53,12 @@ Draw = Callable[[bool], "Figure"]
 
 
 def cascade(stages: Sequence[Stage], judged: int) -> Drawn:
-    """How many are left after each check, and how many it took out."""
+    """Draw how many environments are left after each check, and how many it removed.
+
+    Args:
+        stages: of the checks, in order.
+        judged: the number of environments with a verdict.
+    """
     labels = ["judged", *(stage.name for stage in stages)]
     left = [judged, *(stage.left for stage in stages)]
     failed = [0, *(stage.failed for stage in stages)]
@@ -77,7 +82,7 @@ def cascade(stages: Sequence[Stage], judged: int) -> Drawn:
 
 
 def checks(rows: Sequence[CheckRow]) -> Drawn:
-    """The shares of verdicts that each check gave."""
+    """Draw the shares of each check's verdicts."""
 
     def draw(wide: bool) -> Figure:
         figure, axes = _rows(len(rows), wide, legend=True)
@@ -95,11 +100,16 @@ def checks(rows: Sequence[CheckRow]) -> Drawn:
         axes.legend(loc="lower left", bbox_to_anchor=(-0.01, 1), ncols=4, frameon=False, **box)
         return figure
 
-    return _both(draw, "checks", "Each check's verdicts, as shares; beside them how many pass of those judged")
+    return _both(draw, "checks", "The shares of each check's verdicts, with the pass rate of the judged environments")
 
 
 def codes(rows: Sequence[CodeRow], judged: int) -> Drawn:
-    """In how many environments the most frequent codes were found."""
+    """Draw the number of environments with each of the most frequent codes.
+
+    Args:
+        rows: of the codes, by falling number of environments.
+        judged: the number of environments with a verdict.
+    """
     rows = rows[:CODES]
 
     def draw(wide: bool) -> Figure:
@@ -113,11 +123,11 @@ def codes(rows: Sequence[CodeRow], judged: int) -> Drawn:
         _names(axes, [row.code for row in rows], most * (1.16 if wide else 1.42))
         return figure
 
-    return _both(draw, "codes", "In how many environments each code was found, the most frequent first")
+    return _both(draw, "codes", "The number of environments with each code, the most frequent first")
 
 
 def distributions(measures: Sequence[Measure]) -> Drawn:
-    """A histogram of each measure on a logarithmic scale, with its median."""
+    """Draw a histogram of each measure on a logarithmic scale, with its median."""
     shown = [measure for measure in measures if measure.values]
 
     def draw(wide: bool) -> Figure:
@@ -135,11 +145,11 @@ def distributions(measures: Sequence[Measure]) -> Drawn:
             axes.set_title(measure.name, loc="left", fontsize=12.5, color=COLOURS["soft"])
         return figure
 
-    return _both(draw, "spread", "How " + ", ".join(measure.name for measure in shown) + " are distributed")
+    return _both(draw, "spread", "The distributions of " + ", ".join(measure.name for measure in shown))
 
 
 def yields(attempts: Sequence[Attempt]) -> Drawn:
-    """What share passes of the environments that each attempt gave, with its interval."""
+    """Draw the pass rate of each attempt's environments with its interval."""
 
     def draw(wide: bool) -> Figure:
         figure, axes = _figure(wide, 2.4, (1, 1))
@@ -150,11 +160,11 @@ def yields(attempts: Sequence[Attempt]) -> Drawn:
         axes.set_xlabel("attempt")
         return figure
 
-    return _both(draw, "yields", "The share that passes after each attempt")
+    return _both(draw, "yields", "The pass rate of each attempt")
 
 
 def players(rows: Sequence[PlayerRow]) -> Drawn:
-    """How long each player's episodes are: the median, and where four of five of them lie."""
+    """Draw the length of each player's episodes in steps: the median, and the 10th and 90th percentiles."""
 
     def draw(wide: bool) -> Figure:
         figure, axes = _rows(len(rows), wide)
@@ -166,7 +176,7 @@ def players(rows: Sequence[PlayerRow]) -> Drawn:
         _names(axes, [row.name for row in rows], high.max() * (1.16 if wide else 1.42))
         return figure
 
-    return _both(draw, "players", "Steps of an episode by player: the median, and from the 10th to the 90th percentile")
+    return _both(draw, "players", "Steps of an episode by player: the median, and the 10th to the 90th percentile")
 
 
 def _bars(axes: Axes, places: Sequence[int], rates: Sequence[Proportion]) -> None:
@@ -195,13 +205,13 @@ def _drawing() -> Iterator[None]:
 def _figure(wide: bool, height: float, shape: tuple[int, int]) -> tuple[Figure, Any]:
     from matplotlib.figure import Figure
 
-    # By itself, not by pyplot, which would look for a screen and keep it.
+    # Not by pyplot, which looks for a display and keeps a reference to the figure.
     figure = Figure(figsize=(_WIDE if wide else _NARROW, height), dpi=72, layout="constrained")
     return figure, figure.subplots(*shape)
 
 
 def _rows(count: int, wide: bool, legend: bool = False) -> tuple[Figure, Axes]:
-    """A figure for horizontal bars, the first one on top."""
+    """Create a figure for horizontal bars, with the first one on top."""
     figure, axes = _figure(wide, _ROW * count + 0.2 + 0.3 * legend, (1, 1))
     axes.set_ylim(count - 0.5, -0.5)
     axes.spines["bottom"].set_visible(False)
@@ -219,7 +229,7 @@ def _beside(axes: Axes, end: float, place: int, words: str, whole: float) -> Non
 
 
 def _log_ticks(axes: Axes, low: float, high: float) -> None:
-    """A few round numbers, written out."""
+    """Set ticks at a few round numbers."""
     from matplotlib.ticker import NullFormatter, NullLocator
 
     powers = range(int(np.floor(np.log10(low))), int(np.ceil(np.log10(high))) + 1)

@@ -1,6 +1,6 @@
-"""What a report says, counted in one pass over the environments in the order of their names.
+"""The figures of a report, counted in one pass over the environments in the order of their names.
 
-Kept are a few numbers for each environment; reports and sources are read one by one and let go of.
+Only a few numbers are kept for each environment. Reports and sources are read one at a time.
 """
 
 from __future__ import annotations
@@ -18,18 +18,28 @@ from envcraft.corpus.store import Environment, Store, decode, verdicts
 from envcraft.judging.statistics import Proportion
 from envcraft.model.verdict import Severity, SubjectReport, Verdict
 
-#: What has no verdict on its present source.
+#: The verdict of an environment without a verdict on its present source.
 NONE = "none"
-#: An outlier's modified z-score on a logarithmic scale (Iglewicz and Hoaglin 1993), and 0.6745 is that of one MAD.
+#: Modified z-scores on a logarithmic scale (Iglewicz and Hoaglin 1993): that of an outlier, and that of one MAD.
 FAR, _MAD = 3.5, 0.6745
-#: Nor is one that is not so many times the median, or its inverse: where most are alike, there is next to no spread.
+#: The minimum ratio of an outlier to the median, or of the median to it. If most values are alike, the spread is small
+#: and the z-score alone would flag small differences.
 TIMES = 1.5
-#: With fewer values, nothing is called an outlier.
+#: The minimum number of values for outliers.
 _FEWEST = 8
 
 
 class Entry(msgspec.Struct, frozen=True):
-    """An environment; `number` counts from 0 in the order of names. `report` is the last one on its present source."""
+    """An environment of a report.
+
+    Attributes:
+        number: counts from 0 in the order of names.
+        environment: its name, source and class.
+        origin: where it comes from.
+        added: when it was added.
+        settings: the number of the settings of its verdict.
+        report: the last report on its present source.
+    """
 
     number: int
     environment: Environment
@@ -48,21 +58,31 @@ class Entry(msgspec.Struct, frozen=True):
 
     @property
     def codes(self) -> list[str]:
-        """Each code once, sorted."""
+        """The distinct codes of its findings, sorted."""
         checks = () if self.report is None else self.report.checks
         return sorted({finding.code for check in checks for finding in check.findings})
 
 
 def entries(store: Store) -> Iterator[Entry]:
-    """Every environment with its report. Raises CorpusDamaged."""
+    """Yield every environment with its report.
+
+    Raises:
+        CorpusDamaged: a stored report cannot be decoded.
+    """
     for number, row in enumerate(verdicts.last(store)):
         report = None if row.report is None else decode(row.report)
         yield Entry(number, row.environment, row.origin, row.added, row.number, report)
 
 
 class Stage(msgspec.Struct, frozen=True):
-    """A check as a filter: of those that had passed all checks before it. Those that it did not judge (`unjudged`) go
-    no further; those that it had nothing to say of (`skipped`) do.
+    """A check as a filter of the environments that passed all checks before it.
+
+    Attributes:
+        name: of the check.
+        entered: the number of environments that passed the earlier checks.
+        failed: the number that this check fails.
+        unjudged: the number that this check could not judge; they do not reach the next check.
+        skipped: the number to which this check does not apply; they reach the next check.
     """
 
     name: str
@@ -77,13 +97,13 @@ class Stage(msgspec.Struct, frozen=True):
 
     @property
     def rate(self) -> Proportion:
-        """Of those that it judged."""
+        """The share that passes of the environments that the check judged."""
         passed = self.left - self.skipped
         return Proportion(passed, passed + self.failed)
 
 
 class CheckRow(msgspec.Struct):
-    """One check over all environments: the counts by verdict, and the seconds in total."""
+    """One check over all environments: the counts by verdict and the total seconds."""
 
     name: str
     verdicts: Counter[str]
@@ -95,12 +115,12 @@ class CheckRow(msgspec.Struct):
 
     @property
     def rate(self) -> Proportion:
-        """Of those that it judged."""
+        """The share that passes of the environments that the check judged."""
         return Proportion(self.verdicts[Verdict.PASS], self.judged)
 
 
 class CodeRow(msgspec.Struct):
-    """One code: in how many environments, how many times."""
+    """One code: the number of environments that have it, and the number of its findings."""
 
     code: str
     check: str
@@ -110,7 +130,7 @@ class CodeRow(msgspec.Struct):
 
 
 class Attempt(msgspec.Struct):
-    """The environments that a repair's n-th attempt gave, by their origin's ``attempt``."""
+    """The environments from the attempt of this number, which is ``attempt`` in their origin."""
 
     number: int
     judged: int = 0
@@ -122,8 +142,14 @@ class Attempt(msgspec.Struct):
 
 
 class Measure(msgspec.Struct):
-    """A number that each judged environment has, where it is above 0. `numbers` are those of the environments; `low` is
-    whether one that is low is anything to look at.
+    """A positive number of each judged environment.
+
+    Attributes:
+        name: of the measure.
+        unit: of the values.
+        low: whether low outliers are of interest.
+        numbers: the numbers of the environments.
+        values: their values, in the same order.
     """
 
     name: str
@@ -138,17 +164,25 @@ class Measure(msgspec.Struct):
             self.values.append(value)
 
     def quantiles(self, *shares: float) -> list[float]:
-        """Values below which these shares of the environments lie; none where there is none."""
+        """Return the quantiles for shares from 0 to 1, or an empty list if there are no values."""
         return [float(value) for value in np.quantile(self.values, shares)] if self.values else []
 
     def highest(self, count: int) -> list[tuple[int, float]]:
-        """Environments with the highest values, by number."""
+        """Return the numbers and values of the `count` environments with the highest values."""
         order = np.argsort(-np.asarray(self.values), kind="stable")[:count]
         return [(self.numbers[place], self.values[place]) for place in order]
 
 
 class Outlier(msgspec.Struct, frozen=True):
-    """An environment whose value lies far from the median; `times` is their ratio, `score` the modified z-score."""
+    """An environment whose value is far from the median.
+
+    Attributes:
+        number: of the environment.
+        measure: the name of the measure.
+        value: of the environment.
+        times: the ratio of the value to the median.
+        score: the modified z-score.
+    """
 
     number: int
     measure: str
@@ -158,12 +192,18 @@ class Outlier(msgspec.Struct, frozen=True):
 
 
 class Survey:
-    """All that the report counts; `order` are the names of the checks as they run.
+    """All counts of a report.
+
+    Args:
+        order: the names of the checks in the order in which they run.
 
     Attributes:
         names: of the environments, by number.
-        verdicts: counts by verdict, and of those without one.
-        settings: how many verdicts were given under which settings.
+        verdicts: the number of environments by verdict; :data:`NONE` counts those without one.
+        settings: the number of verdicts by the number of their settings.
+        steps: the total of all verdicts.
+        seconds: the total of all verdicts.
+        measures: the measures with their values.
     """
 
     def __init__(self, order: Iterable[str]) -> None:
@@ -173,7 +213,7 @@ class Survey:
         self.steps = 0
         self.seconds = 0.0
         self.measures = [
-            # Little time is what an environment takes that cannot even be imported.
+            # A low value is typical of an environment that cannot be imported.
             Measure("seconds", "s", low=False),
             Measure("steps", ""),
             Measure("steps per second", "/s"),
@@ -183,11 +223,11 @@ class Survey:
         self._checks: dict[str, CheckRow] = {}
         self._codes: dict[str, CodeRow] = {}
         self._attempts: dict[int, Attempt] = {}
-        #: The numbers of environments by the verdicts of their checks; the cascade is computed from them.
+        #: The number of environments by the verdicts of their checks, from which the stages are computed.
         self._ways: Counter[tuple[tuple[str, Verdict], ...]] = Counter()
 
     def take(self, entry: Entry, lines: int) -> None:
-        """Count an environment whose source has so many lines."""
+        """Count an environment whose source has this number of lines."""
         self.names.append(entry.name)
         self.verdicts[entry.verdict] += 1
         report = entry.report
@@ -234,44 +274,47 @@ class Survey:
 
     @property
     def rate(self) -> Proportion:
-        """How many pass, of those that pass or fail."""
+        """The share that passes of the environments that pass or fail."""
         passed = self.verdicts[Verdict.PASS]
         return Proportion(passed, passed + self.verdicts[Verdict.FAIL])
 
     def checks(self) -> list[CheckRow]:
-        """In the order in which they run; those that nobody has here at the end."""
+        """Return the rows in the order in which the checks run. Checks that are not installed are last."""
         last = len(self._order)
         place = {name: number for number, name in enumerate(self._order)}
         return sorted(self._checks.values(), key=lambda row: place.get(row.name, last))
 
     def stages(self) -> list[Stage]:
-        """The checks as filters, one after the other. One that did not run is one that did not judge."""
-        found, left, ways = [], self.judged, [(dict(way), count) for way, count in self._ways.items()]
+        """Return the checks as successive filters. A check that did not run counts as one that could not judge."""
+        stages, left, ways = [], self.judged, [(dict(way), count) for way, count in self._ways.items()]
         for row in self.checks():
             met: Counter[Verdict] = Counter()
             for way, count in ways:
                 met[way.get(row.name, Verdict.ERROR)] += count
-            found.append(Stage(row.name, left, met[Verdict.FAIL], met[Verdict.ERROR], met[Verdict.SKIP]))
-            left = found[-1].left
+            stages.append(Stage(row.name, left, met[Verdict.FAIL], met[Verdict.ERROR], met[Verdict.SKIP]))
+            left = stages[-1].left
             ways = [(way, count) for way, count in ways if way.get(row.name) in (Verdict.PASS, Verdict.SKIP)]
-        return found
+        return stages
 
     def codes(self) -> list[CodeRow]:
-        """The one in most environments first."""
+        """Return the rows by falling number of environments."""
         return sorted(self._codes.values(), key=lambda row: (-row.environments, row.code))
 
     def attempts(self) -> list[Attempt]:
         return sorted(self._attempts.values(), key=lambda attempt: attempt.number)
 
     def outliers(self) -> list[Outlier]:
-        """The farthest first."""
-        found = [outlier for measure in self.measures for outlier in outliers(measure)]
-        return sorted(found, key=lambda outlier: (-abs(outlier.score), outlier.number))
+        """Return the outliers of all measures by falling distance."""
+        every = [outlier for measure in self.measures for outlier in outliers(measure)]
+        return sorted(every, key=lambda outlier: (-abs(outlier.score), outlier.number))
 
 
 def outliers(measure: Measure) -> Iterator[Outlier]:
-    """Values more than `FAR` from the median, in modified z-scores of their logarithms, and `TIMES` as high or as low.
-    None where there are few values, or more than half of them are the same, so that there is no spread to measure by.
+    """Yield the outliers of a measure.
+
+    An outlier's modified z-score on a logarithmic scale is above :data:`FAR`, and its ratio to the median is above
+    :data:`TIMES` or below the inverse. There are none if there are few values, or if more than half of them are equal,
+    because the spread is then zero.
     """
     if len(measure.values) < _FEWEST:
         return

@@ -1,6 +1,6 @@
-"""A matplotlib figure as markup that a page can style: colours become classes, nothing in it has a style of its own.
+"""Convert a matplotlib figure to markup without inline styles, in which colours are classes.
 
-The page's policy allows no inline style, and its colours depend on the reader's scheme.
+The page's content security policy forbids inline styles, and its colours depend on the reader's colour scheme.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from xml.etree import ElementTree
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-#: What is drawn in these colours gets the class ``f-NAME`` or ``s-NAME``, for its fill or its stroke.
+#: A fill in one of these colours becomes the class ``f-NAME``, a stroke the class ``s-NAME``.
 COLOURS = {
     name: f"#0{number:x}0{number:x}0{number:x}"
     for number, name in enumerate(("ink", "soft", "line", "pass", "fail", "error", "skip", "accent", "paper"), 1)
@@ -24,10 +24,16 @@ _FONT_SIZE = re.compile(r"([\d.]+)px")
 
 
 def markup(figure: Figure, name: str, words: str) -> str:
-    """The figure as an ``<svg>`` element; `words` say in a sentence what it shows, and `name` begins the ids in it."""
+    """Return the figure as an ``<svg>`` element.
+
+    Args:
+        figure: the figure.
+        name: the prefix of the ids in it.
+        words: a sentence that describes the figure to people who cannot see it.
+    """
     written = io.StringIO()
     figure.savefig(written, format="svg", transparent=True, metadata={"Date": None, "Creator": None})
-    # It is our own writing of a moment ago.
+    # matplotlib wrote this text, so the parser's attacks do not apply.
     root = ElementTree.fromstring(written.getvalue())  # noqa: S314
     for parent in list(root.iter()):
         for child in list(parent):
@@ -43,8 +49,8 @@ def markup(figure: Figure, name: str, words: str) -> str:
 
 
 def _references(element: ElementTree.Element) -> list[str]:
-    told = " ".join(element.attrib.values())
-    return [*re.findall(r"url\(#([^)]+)\)", told), element.attrib.get(_XLINK, "").removeprefix("#")]
+    values = " ".join(element.attrib.values())
+    return [*re.findall(r"url\(#([^)]+)\)", values), element.attrib.get(_XLINK, "").removeprefix("#")]
 
 
 def _plain(element: ElementTree.Element, name: str, used: set[str]) -> None:
@@ -68,12 +74,12 @@ def _plain(element: ElementTree.Element, name: str, used: set[str]) -> None:
 
 
 def _take(key: str, value: str, attributes: dict[str, Any], classes: list[str]) -> None:
-    """One declaration of a style, as an attribute or a class."""
+    """Convert one declaration of a style to an attribute or a class."""
     key, value = key.strip(), value.strip()
     if key in ("fill", "stroke") and value in _NAMES:
         classes.append(f"{key[0]}-{_NAMES[value]}")
     elif key in ("font", "font-size"):
-        # A shorthand or not, as the version of matplotlib has it; the family is the page's.
+        # Some versions of matplotlib write the shorthand. The page sets the font family.
         if size := _FONT_SIZE.search(value):
             attributes["font-size"] = size[1]
     elif key and not key.startswith("font"):

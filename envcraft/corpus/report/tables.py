@@ -1,6 +1,4 @@
-"""The report's numbers for other programs: CSV files, the summary as ``report.json``, each environment in
-``environments.json``.
-"""
+"""The report's numbers as CSV files, and as JSON in ``report.json`` and ``environments.json``."""
 
 from __future__ import annotations
 
@@ -25,12 +23,16 @@ STAGES = ("stage", "input", "failed", "not_judged", "skipped", "output", "pass_r
 ENVIRONMENTS = ("name", "class", "source", "verdict", "codes", "steps", "seconds", "lines", "added", "cluster")
 FINDINGS = ("name", "check", "code", "severity", "line", "message")
 CODES = ("code", "name", "check", "severity", "environments", "findings")
-#: What spreadsheets take for a formula where a cell begins with it.
+#: First characters of a cell that spreadsheets evaluate as a formula.
 _FORMULA = ("=", "+", "-", "@", "\t", "\r")
 
 
 class Tables:
-    """The files about single environments, written one by one. Use as a context manager."""
+    """Writes the files with one row for each environment or finding. Use it as a context manager.
+
+    Args:
+        folder: an existing folder.
+    """
 
     def __init__(self, folder: Path) -> None:
         self._files = ExitStack()
@@ -53,7 +55,13 @@ class Tables:
         return writer
 
     def add(self, entry: Entry, lines: int, cluster: int | None) -> None:
-        """One environment; `cluster` is that of its near-duplicates, if it has any."""
+        """Write one environment.
+
+        Args:
+            entry: the environment.
+            lines: of its source.
+            cluster: the number of its cluster of near-duplicates, if it is in one.
+        """
         name, source, env_class = plain(list(entry.environment))
         report = entry.report
         steps, seconds = (report.steps, report.seconds) if report is not None else (None, None)
@@ -61,27 +69,34 @@ class Tables:
         self._environments.writerow(map(cell, [*cells, cluster]))
         findings = []
         for check in report.checks if report is not None else ():
-            for found in check.findings:
-                row = plain([check.check, found.code, found.severity, found.line, found.message])
+            for finding in check.findings:
+                row = plain([check.check, finding.code, finding.severity, finding.line, finding.message])
                 self._findings.writerow(map(cell, [name, *row]))
                 findings.append(dict(zip(FINDINGS[1:], row, strict=True)))
-        told = {
+        record = {
             **dict(zip(ENVIRONMENTS, [*cells, cluster], strict=True)),
             "codes": entry.codes,
             "origin": entry.origin,
             "findings": findings,
         }
-        self._json.write((b"\n" if self._first else b",\n") + msgspec.json.encode(plain(told)))
+        self._json.write((b"\n" if self._first else b",\n") + msgspec.json.encode(plain(record)))
         self._first = False
 
 
 def cell(value: Any) -> Any:
-    """A cell of a CSV file: text that a spreadsheet would compute gets an apostrophe in front."""
+    """Return a cell of a CSV file. Text that a spreadsheet would evaluate gets an apostrophe as a prefix."""
     return f"'{value}" if isinstance(value, str) and value.startswith(_FORMULA) else value
 
 
 def write_summary(folder: Path, survey: Survey, rules: dict[str, Rule], more: dict[str, Any]) -> None:
-    """The tables that are small, and all of them in ``report.json`` with `more`."""
+    """Write the small tables, and ``report.json`` with all of them.
+
+    Args:
+        folder: an existing folder.
+        survey: the counts.
+        rules: the rules by code.
+        more: further fields of ``report.json``.
+    """
     stages = [
         {
             **dict(zip(STAGES, (s.name, s.entered, s.failed, s.unjudged, s.skipped, s.left), strict=False)),
@@ -98,7 +113,7 @@ def write_summary(folder: Path, survey: Survey, rules: dict[str, Rule], more: di
             writer = csv.DictWriter(stream, columns)
             writer.writeheader()
             writer.writerows({key: cell(value) for key, value in row.items()} for row in rows)
-    told = {
+    summary = {
         "schema": SCHEMA,
         "envcraft": __version__,
         **more,
@@ -117,7 +132,7 @@ def write_summary(folder: Path, survey: Survey, rules: dict[str, Rule], more: di
         ],
         "outliers": [{"name": survey.names[o.number], **msgspec.structs.asdict(o)} for o in survey.outliers()],
     }
-    (folder / "report.json").write_text(json.dumps(plain(told), indent=1) + "\n", "utf-8")
+    (folder / "report.json").write_text(json.dumps(plain(summary), indent=1) + "\n", "utf-8")
 
 
 def _name(rules: dict[str, Rule], code: str) -> str:

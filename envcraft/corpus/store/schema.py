@@ -1,4 +1,4 @@
-"""The tables of a corpus, as numbered migrations: the database's ``user_version`` says how many it has had."""
+"""The tables of a corpus as numbered migrations. The database's ``user_version`` is the number of the last one."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import sqlite3
 
 from envcraft.errors import UsageError
 
-#: Never changed once released; what is to be different goes into a new one at the end.
+#: A released migration never changes. A change of the schema is a new migration at the end.
 MIGRATIONS = (
     """
     CREATE TABLE facts (name TEXT PRIMARY KEY, value TEXT NOT NULL);
@@ -64,7 +64,7 @@ MIGRATIONS = (
     CREATE INDEX environments_by_source ON environments (source, class);
     CREATE INDEX environments_by_verdict ON environments (verdict);
     """,
-    # What may be made again from the sources at any time. A key that is NULL says that the source has none.
+    # Keys can be computed again from the sources at any time. NULL means that the source has no key.
     """
     CREATE TABLE keys (
         source TEXT NOT NULL,
@@ -84,11 +84,11 @@ MIGRATIONS = (
     ) WITHOUT ROWID;
     CREATE INDEX previews_by_media ON previews (media);
     """,
-    # What ran before is not known; the next audit with the same rules says it.
+    # For earlier audits, the checks are unknown ('?') until the next audit with the same rules.
     "ALTER TABLE settings ADD COLUMN checks TEXT NOT NULL DEFAULT '?';",
-    # Whether an audit was about all that had changed; of those before, nobody knows.
+    # Whether an audit covered all that had changed. This is unknown for earlier audits.
     "ALTER TABLE audits ADD COLUMN complete INTEGER NOT NULL DEFAULT 0;",
-    # How environments came about: of each concept what was made of it, and how far it came.
+    # The generation of environments: the results of each stage for each concept.
     """
     CREATE TABLE concepts (
         id TEXT PRIMARY KEY,
@@ -163,24 +163,41 @@ MIGRATIONS = (
         PRIMARY KEY (demonstration, number)
     ) WITHOUT ROWID;
     """,
-    # The rules that some checks were chosen from; of those before, nobody knows.
+    # The rules of all default checks, if only some checks ran. This is unknown for earlier audits.
     "ALTER TABLE settings ADD COLUMN offered TEXT NOT NULL DEFAULT '';",
 )
 
 
 def version(connection: sqlite3.Connection, where: str) -> int:
-    """How many migrations a database has had. Raises UsageError where it has had more than are known."""
-    found: int = connection.execute("PRAGMA user_version").fetchone()[0]
-    if found > len(MIGRATIONS):
+    """Return the number of a database's last migration.
+
+    Args:
+        connection: to the database.
+        where: names the corpus in messages.
+
+    Raises:
+        UsageError: the number is higher than this version of EnvCraft knows.
+    """
+    number: int = connection.execute("PRAGMA user_version").fetchone()[0]
+    if number > len(MIGRATIONS):
         raise UsageError(
-            f"the corpus {where} has schema {found}, and this version of EnvCraft knows up to {len(MIGRATIONS)}: "
-            "use the version that wrote it, or a later one"
+            f"the corpus {where} has schema {number}, and this version of EnvCraft knows schemas up to "
+            f"{len(MIGRATIONS)}: use the version that wrote it, or a later one"
         )
-    return found
+    return number
 
 
 def migrate(connection: sqlite3.Connection, where: str) -> None:
-    """Bring a database up to date, one transaction a migration. Raises UsageError, sqlite3.Error."""
+    """Apply the missing migrations, each in a transaction.
+
+    Args:
+        connection: to the database.
+        where: names the corpus in messages.
+
+    Raises:
+        UsageError: the database is of a later version of EnvCraft.
+        sqlite3.Error: a migration failed.
+    """
     for number in range(version(connection, where) + 1, len(MIGRATIONS) + 1):
         try:
             connection.executescript(

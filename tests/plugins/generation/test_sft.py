@@ -396,7 +396,7 @@ def test_licences_are_stated_or_unknown(corpus: Path, tmp_path: Path) -> None:
         store.db.execute("UPDATE environments SET origin = json_set(origin, '$.licence', 'mit')")
     result = export(tmp_path / "games", tmp_path / "other", "--licence", "cc0-1.0")
     assert result.exit_code == 2
-    assert "the corpus says mit" in result.output
+    assert "the corpus states mit" in result.output
     assert not (tmp_path / "other").exists()
 
 

@@ -1,4 +1,4 @@
-"""Gymnasium environments that EnvCraft has validated. Importing this registers them, and imports none of them."""
+"""Gymnasium environments that EnvCraft validated. Importing this package registers them and imports none of them."""
 
 from __future__ import annotations
 

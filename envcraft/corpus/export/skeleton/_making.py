@@ -1,4 +1,4 @@
-"""From ``environments.json`` to Gymnasium's registry, and from an id to an environment as it was validated."""
+"""Register the environments of ``environments.json`` with Gymnasium, and construct them as they were validated."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from ._runtime.classes import concrete_classes, rendering
 
 _PACKAGE = __name__.rpartition(".")[0]
 
-#: What is known of each environment, by its id.
+#: The record of each environment by its id.
 ENVIRONMENTS: dict[str, dict[str, Any]] = {
-    told["id"]: told
-    for told in json.loads(importlib.resources.files(_PACKAGE).joinpath("environments.json").read_text("utf-8"))[
+    record["id"]: record
+    for record in json.loads(importlib.resources.files(_PACKAGE).joinpath("environments.json").read_text("utf-8"))[
         "environments"
     ]
 }
@@ -26,7 +26,7 @@ ENVIRONMENTS: dict[str, dict[str, Any]] = {
 
 def register() -> None:
     """Register every environment with Gymnasium."""
-    # gymnasium.register() looks through all ids for each new one.
+    # gymnasium.register() compares each new id with all others, which is slow for many.
     gymnasium.registry.update({name: _spec(name) for name in ENVIRONMENTS})
 
 
@@ -35,9 +35,14 @@ def _spec(name: str) -> EnvSpec:
 
 
 def create(environment: str, **kwargs: Any) -> gymnasium.Env[Any, Any]:
-    """Make the environment with this id, adapted to its contract; `kwargs` go to its constructor."""
-    told = ENVIRONMENTS[environment]
-    module = importlib.import_module(f"{_PACKAGE}.sources.{told['module']}")
-    creator = getattr(module, told["class"] or concrete_classes(module)[0])
-    made: gymnasium.Env[Any, Any] = adapters.apply(creator(**kwargs | rendering(creator, kwargs)), told["adapter"])
+    """Construct an environment under its contract's adapter.
+
+    Args:
+        environment: its id.
+        kwargs: the arguments of its constructor.
+    """
+    record = ENVIRONMENTS[environment]
+    module = importlib.import_module(f"{_PACKAGE}.sources.{record['module']}")
+    creator = getattr(module, record["class"] or concrete_classes(module)[0])
+    made: gymnasium.Env[Any, Any] = adapters.apply(creator(**kwargs | rendering(creator, kwargs)), record["adapter"])
     return made
