@@ -33,6 +33,7 @@ DEFAULT_PLUGINS: dict[str, tuple[str, ...]] = {
     "envcraft.corpus.export.site": ("envcraft_exporters",),
     "envcraft_sandbox.plugin": ("envcraft_commands", "envcraft_sandbox_drivers"),
     "envcraft_checks.source": ("envcraft_checks",),
+    "envcraft_checks.speed": ("envcraft_checks",),
     "envcraft_checks.api": ("envcraft_checks",),
     "envcraft_checks.determinism": ("envcraft_checks",),
     "envcraft_checks.reward": ("envcraft_checks",),

@@ -5,13 +5,8 @@ Reports events that the sandbox stopped while the other checks ran: a call that 
 limits, floods of output, network access, a process that died, messages that the worker does not send. The check always
 runs, since other verdicts have no meaning after such an event.
 
-If at least nine in ten steps of an episode take a millisecond or more, the check plays the episode again in a process
-of its own. The steps wait if as many of them also give up the processor and the process uses it for less than half of
-its time, as in a game that `clock.tick(30)` slows down for people. Steps that are slow because they compute are fine.
-
 ## Why is this bad?
-An environment that hangs, exhausts memory or ends its process stops the training run that uses it. One that waits 33 ms
-at each step gives an agent 30 steps a second on any machine.
+An environment that hangs, exhausts memory or ends its process stops the training run that uses it.
 
 ## Example
 ```python
@@ -43,8 +38,6 @@ _NETWORK = ("gaierror", "herror", "URLError", "ConnectionRefusedError", "Connect
 _NO_NETWORK = (errno.ENETUNREACH, errno.ENETDOWN)
 _NO_PROCESS = errno.EAGAIN
 _NO_SPACE = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
-#: Steps that an episode needs to judge waiting, the share of them that must wait, and the microseconds to measure.
-_STEPS, _NEARLY_ALL, _LOOK = 20, 0.9, 1_000_000
 _ENDS = {
     ExitReason.TIMEOUT: "EC901",
     ExitReason.MEMORY: "EC902",
@@ -69,12 +62,6 @@ class SandboxEvents(Check):
         Rule("EC905", "network", "The code used the network.", "Put all data into the file."),
         Rule("EC906", "died", "The process died.", "Never call os._exit or native code that crashes."),
         Rule("EC907", "forged", "Messages violated the protocol.", "Do not use the worker's file descriptors."),
-        Rule(
-            "EC908",
-            "waits",
-            "Steps wait, for the clock or for something else.",
-            "Sleep and tick only in render_mode human.",
-        ),
     )
 
     def judge(self, subject: Subject) -> Iterator[Finding]:
@@ -89,18 +76,8 @@ class SandboxEvents(Check):
             slowest = sorted(subject.traces, key=lambda trace: trace.end.seconds if trace.end else 0.0)[-1:]
             shown = repro(slowest[0].rollout) if slowest else None
             yield self.finding("EC901", words, line=subject.line_of("step"), repro=shown, seconds=subject.seconds)
-            seen.add("EC901")
-        plain = [
-            trace for trace in subject.traces if trace.rollout.conditions == Conditions() and not trace.rollout.live
-        ]
-        longest = max(plain, key=lambda trace: trace.steps, default=None)
-        if "EC901" not in seen and longest is not None and self._slow(longest):
-            steps = _LOOK * longest.steps // longest.micros
-            yield from self._waiting(subject, longest.rollout.cut(max(_STEPS, steps)))
 
     def confirm(self, subject: Subject, finding: Finding) -> Finding | None:
-        if finding.code == "EC908":
-            return next(self._waiting(subject, Rollout(finding.repro.seed, finding.repro.actions)), None)
         if "seconds" in finding.evidence:
             raise Skip("only all episodes together exceed the time limit; validate again to reproduce it")
         conditions = Conditions.from_json(finding.repro.conditions)
@@ -111,29 +88,6 @@ class SandboxEvents(Check):
         """The sandbox event that ended a trace, if one did."""
         if (found := self._event(subject, trace)) is not None:
             yield found
-
-    def _slow(self, trace: Trace) -> bool:
-        return trace.steps >= _STEPS and trace.slow >= _NEARLY_ALL * trace.steps
-
-    def _waiting(self, subject: Subject, rollout: Rollout) -> Iterator[Finding]:
-        """Judge waiting on a rollout in a process of its own, whose waits are counted."""
-        trace = subject.measured(rollout)
-        end, taken = trace.end, trace.micros / 1e6
-        if end is None or not self._slow(trace):
-            return
-        if end.waits < _NEARLY_ALL * trace.steps or end.cpu > end.seconds / 2:
-            return
-        words = f"{end.waits} of {trace.steps} steps wait: they took {taken:.3g} s, and"
-        yield self.finding(
-            "EC908",
-            f"{words} the process used {end.cpu:.2g} s of processor time (under {rollout.player})",
-            line=subject.line_of("step"),
-            repro=repro(rollout.cut(trace.steps)),
-            steps=trace.steps,
-            waits=end.waits,
-            seconds=taken,
-            cpu=end.cpu,
-        )
 
     def _event(self, subject: Subject, trace: Trace) -> Finding | None:
         end, fault = trace.end, trace.fault

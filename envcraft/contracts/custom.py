@@ -55,6 +55,7 @@ class Table(msgspec.Struct, forbid_unknown_fields=True, rename="kebab"):
     success_by_sign: bool | None = None
     without: list[str] | None = None
     consistently: float | None = None
+    min_steps_per_second: float | None = None
     at_once: int | None = None
 
 
@@ -100,7 +101,7 @@ def _contract(name: str, own: Any, bases: dict[str, Contract], rules: Callable[[
     for field in ("observation", "action"):
         if (described := getattr(table, field)) is not None:
             changes[field] = space(described, field)
-    for field in ("limit", "reward_range", "noop", "render", "consistently", "at_once"):
+    for field in ("limit", "reward_range", "noop", "render", "consistently", "min_steps_per_second", "at_once"):
         if (value := getattr(table, field)) is not None:
             changes[field] = value
     for field in ("libraries", "without"):
@@ -169,6 +170,8 @@ def _check(contract: Contract) -> None:
             _positive(value, field)
     if not 0 < contract.consistently < 1:
         raise ValueError(f"consistently is {contract.consistently:g}; it must be between 0 and 1")
+    if not 0 <= contract.min_steps_per_second < math.inf:
+        raise ValueError(f"min-steps-per-second is {contract.min_steps_per_second:g}; it must be a number from 0 on")
     for code in contract.without:
         if not re.fullmatch(r"[A-Z]+[0-9]+", code):
             raise ValueError(f"without: {code!r} is not a code such as EC505; `envcraft checks` lists them")

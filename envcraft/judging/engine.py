@@ -213,7 +213,7 @@ def judge(
             if check.gate and report.verdict in (Verdict.FAIL, Verdict.ERROR):
                 blocked = f"it did not get past the check {check.name}"
             done.append(report)
-            if len(done) == 2 and not blocked:
+            if len(done) == 3 and not blocked:
                 # Workers that start earlier would delay the first episodes.
                 subject.lease.reserve(seed for later in plan.checks for seed in later.hash_seeds)
             yield CheckFinished(target.path, report)

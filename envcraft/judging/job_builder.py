@@ -81,7 +81,7 @@ class JobBuilder:
         series: bool = False,
         new_process: bool = False,
         every_step: bool = False,
-        count_waits: bool = False,
+        measured: float | None = None,
         kind: type[TraceBuilder] = TraceBuilder,
     ) -> PreparedJob:
         """The job of a rollout.
@@ -92,7 +92,7 @@ class JobBuilder:
             series: it may run in a process with others.
             new_process: nothing runs before it in its process.
             every_step: send each step at once.
-            count_waits: count the steps that wait for something.
+            measured: measure the episode for so many seconds, and count the steps that wait for something.
             kind: what receives the messages.
         """
         conditions = rollout.conditions
@@ -105,8 +105,8 @@ class JobBuilder:
             job["policy"] = {"source": self._policy.source, "filename": "<envcraft_policy>"}
         if every_step:
             job["every_step"] = True
-        if count_waits:
-            job["count_waits"] = True
+        if measured is not None:
+            job |= {"count_waits": True, "seconds": measured}
         if rollout.interactive:
             job["interactive"] = True
         if series:

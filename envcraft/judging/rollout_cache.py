@@ -12,7 +12,7 @@ from envcraft.judging.budget import Budget
 from envcraft.judging.driver import Player
 from envcraft.judging.job_builder import JobBuilder
 from envcraft.judging.job_runner import JobRunner, PendingRollout
-from envcraft.judging.trace_builder import TraceBuilder
+from envcraft.judging.trace_builder import MeasuredTraceBuilder, TraceBuilder
 from envcraft.model.job import ExitReason, SearchOutcome
 from envcraft.model.rollout import Rollout, Search
 from envcraft.model.trace import Trace
@@ -118,14 +118,24 @@ class RolloutCache:
         """
         return self._record(rollout, again=True, alone=alone)
 
-    def measured(self, rollout: Rollout) -> Trace:
-        """Run a rollout in a process that ends with it: the end of its trace says what that process has used, and at
-        how many steps it waited.
+    def measured(self, rollout: Rollout, seconds: float) -> Trace:
+        """Run a rollout for some seconds in a process that ends with it, and measure it.
+
+        Args:
+            rollout: the request.
+            seconds: the step that is under way then is the last one.
+
+        Returns:
+            A trace that may be shorter than the rollout. Its costs are processor time, except for calls that waited.
+            Its end says what the process used, and at how many steps it waited.
         """
         if refusal := self._refusal:
             raise Skip(refusal)
-        trace = self._runner.retry(lambda: self._result(self._start(rollout, again=True, count_waits=True)))
+        trace = self._runner.retry(lambda: self._result(self._start(rollout, again=True, measured=seconds)))
         self._count(trace)
+        if trace.end is not None and trace.end.reason is not ExitReason.DONE:
+            self._traces.setdefault(rollout.key(), trace)
+            self._timeouts += trace.end.reason is ExitReason.TIMEOUT
         return trace
 
     def search(self, search: Search) -> SearchOutcome:
@@ -224,14 +234,14 @@ class RolloutCache:
         *,
         alone: bool = False,
         every_step: bool = False,
-        count_waits: bool = False,
+        measured: float | None = None,
         player: Player | None = None,
         kind: type[TraceBuilder] = TraceBuilder,
     ) -> PendingRollout:
         if isinstance(request, Search):
             # An exhaustive search is a proof, so nothing may have run before it.
             return self._runner.submit(*self._jobs.search(request, self._runner.series and request.kind != "exhaust"))
-        series = self._runner.series and not (every_step or count_waits or request.live) and request.conditions.passing
+        series = self._runner.series and not (every_step or measured or request.live) and request.conditions.passing
         new_process = series and (alone or (not again and request.key() in self._compared | self._probed))
         if series and not again and not new_process:
             self._followed.add(request.key())
@@ -241,8 +251,8 @@ class RolloutCache:
             series=series,
             new_process=new_process,
             every_step=every_step,
-            count_waits=count_waits,
-            kind=kind,
+            measured=measured,
+            kind=MeasuredTraceBuilder if measured else kind,
         )
         return self._runner.submit(*prepared, player)
 

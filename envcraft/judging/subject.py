@@ -191,11 +191,11 @@ class Subject:
         """
         return self.cache.rerun(rollout, alone)
 
-    def measured(self, rollout: Rollout) -> Trace:
-        """Run a rollout in a process that ends with it: the end of its trace says what that process has used, and at
-        how many steps it waited.
+    def measured(self, rollout: Rollout, seconds: float) -> Trace:
+        """Run a rollout for some seconds in a process that ends with it, and measure it. The trace may be shorter than
+        the rollout (:meth:`envcraft.judging.rollout_cache.RolloutCache.measured`).
         """
-        return self.cache.measured(rollout)
+        return self.cache.measured(rollout, seconds)
 
     # Results
 

@@ -131,6 +131,7 @@ class TraceBuilder:
         trace.truncated += steps.truncated
         trace.flag_types += zip(steps.terminated_types, steps.truncated_types, strict=True)
         trace.micros += sum(steps.micros)
+        trace.costs.extend(steps.micros)
         trace.slow += sum(micros >= SLOW for micros in steps.micros)
         trace.observations += [self._digest(layout, steps.data)] * count
         self._keep_info(steps.info)
@@ -228,6 +229,7 @@ class TraceBuilder:
             picture = layout.kind == "array" and is_picture(layout.shape, layout.dtype)
             trace.watched.append(frame_hash(value) if picture else value_hash(value))
         trace.micros += step.micros
+        trace.costs.append(step.micros)
         trace.opaque |= layout.opaque
         trace.observations.append(self._digest(layout, step.data))
         self._keep_info(step.info)
@@ -293,6 +295,14 @@ class TraceBuilder:
     def _note_render(self, problem: Problem) -> None:
         if len(self.trace.render_problems) < _MAX_PROBLEMS:
             self.trace.render_problems.append(problem)
+
+
+class MeasuredTraceBuilder(TraceBuilder):
+    """Builds the trace of an episode that may stop when its time is over."""
+
+    def end(self) -> None:
+        if not self.trace.observations:
+            super().end()
 
 
 def _each(steps: Steps) -> Iterator[Step]:

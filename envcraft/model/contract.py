@@ -34,6 +34,7 @@ class Contract(msgspec.Struct, frozen=True, kw_only=True):
         success: how a win is defined.
         without: codes of rules that do not apply.
         consistently: the share of episodes above which a player wins "consistently".
+        min_steps_per_second: fewer steps a second of processor time are too slow to train on.
         at_once: a loss within this many steps counts as a loss at once.
     """
 
@@ -50,6 +51,7 @@ class Contract(msgspec.Struct, frozen=True, kw_only=True):
     success: Success = Success()
     without: tuple[str, ...] = ()
     consistently: float = 0.8
+    min_steps_per_second: float = 20.0
     at_once: int = 30
 
     def for_worker(self) -> jobs.Contract:

@@ -10,6 +10,7 @@ import hashlib
 import itertools
 import json
 import struct
+from array import array
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from enum import StrEnum
@@ -79,6 +80,7 @@ class Trace:
         observations: digests. They mean nothing if `opaque`.
         infos: JSON as the worker sent it. After many bytes all but the last are digests.
         micros: microseconds that all calls of reset() and step() took together.
+        costs: the microseconds of each call: the reset, then the steps.
         slow: steps that took :data:`SLOW` microseconds or more.
         opaque: some observation has a type of another package, whose bytes the worker cannot send.
         watched: perceptual hashes of some observations, for a fingerprint.
@@ -94,6 +96,7 @@ class Trace:
     truncated: list[bool] = field(default_factory=list)
     flag_types: list[tuple[str, str]] = field(default_factory=list)
     micros: int = 0
+    costs: array[int] = field(default_factory=lambda: array("I"))
     slow: int = 0
     opaque: bool = False
     problems: list[Problem] = field(default_factory=list)

@@ -116,13 +116,13 @@ class Job(TypedDict):
         policy: chooses the actions inside the worker.
         interactive: the host chooses each action (ASK).
         every_step: send each step at once.
-        count_waits: count the steps that give up the processor.
+        count_waits: measure the episode: count the steps that give up the processor, and time the others by it.
         series: the process may run further jobs.
         new_process: the job is the first one of its process.
         search: name of the search.
         path: actions that the search follows first.
         limit: length of an episode in steps.
-        seconds: time after which the search stops.
+        seconds: time after which the search stops, or the measured episode.
     """
 
     kind: Literal["describe", "rollout", "search"]

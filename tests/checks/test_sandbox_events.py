@@ -6,7 +6,6 @@ from pathlib import Path
 
 import msgspec
 import pytest
-from envcraft_checks.sandbox import SandboxEvents
 
 from envcraft.contracts.builtin import ARCADE
 from envcraft.judging.budget import BUDGETS
@@ -18,7 +17,7 @@ from envcraft.judging.subject import Subject
 from envcraft.judging.worker_pool import WorkerPool
 from envcraft.model.events import Finished, SubjectFinished
 from envcraft.model.target import MAX_SOURCE, Target, read_target
-from envcraft.model.verdict import Finding, SubjectReport, Verdict
+from envcraft.model.verdict import SubjectReport, Verdict
 from evaluation.judge import failing
 
 GAME = (Path(__file__).resolve().parents[2] / "examples" / "sokoban.py").read_text()
@@ -104,39 +103,3 @@ def test_all_episodes_together_have_a_limit(tmp_path: Path) -> None:
     assert finding.code == "EC901"
     assert finding.message.startswith("all episodes together took")
     assert any("together" in check.reason for check in report.checks if check.verdict is Verdict.SKIP)
-
-
-def paced(tmp_path: Path, statement: str) -> list[Finding]:
-    """The findings of the check `sandbox` in a short game with a statement at the start of step()."""
-    game = GAME.replace("MAX_STEPS = 500", "MAX_STEPS = 60").replace(STEP, f"        {statement}\n{STEP}", 1)
-    library = "import time" if "time" in statement else "import pygame\nclock = pygame.time.Clock()"
-    game = game.replace("import math\n", f"import math\n{library}\n", 1)
-    checks = [check for check in default_checks() if check.name in ("source", "reward", "sandbox")]
-    return judged(tmp_path, game, checks=checks).checks[-1].findings
-
-
-@pytest.mark.parametrize("statement", ["time.sleep(1 / 240)", "clock.tick(120)", "time.sleep(0.002)"])
-def test_steps_that_wait_for_the_clock(tmp_path: Path, statement: str) -> None:
-    (finding,) = paced(tmp_path, statement)
-    assert finding.code == "EC908"
-    assert finding.evidence["waits"] >= 0.9 * finding.evidence["steps"]
-    assert finding.evidence["cpu"] < 1
-    assert len(finding.repro.actions) == finding.evidence["steps"]
-    with subject_of(tmp_path / "game.py") as subject:
-        again = SandboxEvents().confirm(subject, finding)
-    assert again is not None
-    assert again.code == "EC908"
-
-
-@pytest.mark.parametrize(
-    "statement",
-    [
-        "sum(range(100_000))",
-        "self.steps % 2 and time.sleep(1 / 120)",
-        "self.steps or time.sleep(0.5)",
-        "self.render_mode == 'human' and clock.tick(30)",
-    ],
-    ids=["computes", "waits now and then", "waits once", "waits for people"],
-)
-def test_steps_that_are_slow_or_do_not_all_wait(tmp_path: Path, statement: str) -> None:
-    assert not paced(tmp_path, statement)

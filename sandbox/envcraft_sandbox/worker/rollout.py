@@ -20,12 +20,18 @@ from .subject import Fault, Subject
 
 # Bound before any untrusted module can replace them.
 _perf_counter = time.perf_counter
+_process_time = time.process_time
+_monotonic = time.monotonic
 _getrusage = resource.getrusage
 _seed, _seed_numpy = random.seed, np.random.seed
 _getstate, _setstate = random.getstate, random.setstate
 _get_state, _set_state = np.random.get_state, np.random.set_state
 #: An observation is sent again after this many steps: environments may rotate several buffers.
 _LAG = 4
+#: Seconds of an episode whose job has no time of its own.
+_FOR_EVER = 1e9
+#: Steps of a measured episode that do not depend on its time.
+_FEWEST = 3
 _STRINGS = {str}
 _TRUTHS = (bool, np.bool_, int, np.integer)
 
@@ -40,6 +46,26 @@ class Perturb:
         if self._own is not None:
             _seed(self._own.getrandbits(32))
             _seed_numpy(self._own.getrandbits(32))
+
+
+class Meter:
+    """Times one call after another in a job that is measured.
+
+    The time of a call is its processor time, which other programs on the machine do not change. If the call gave up the
+    processor to wait, it is the time on the clock.
+    """
+
+    def __init__(self) -> None:
+        self.start()
+
+    def start(self) -> None:
+        self._waits, self._cpu, self._clock = _waits(), _process_time(), _perf_counter()
+
+    def stop(self) -> tuple[float, bool]:
+        """The time of the call since :meth:`start` in seconds, and whether it waited."""
+        clock, cpu = _perf_counter() - self._clock, _process_time() - self._cpu
+        waited = _waits() > self._waits
+        return (clock if waited else min(clock, cpu)), waited
 
 
 class Companion:
@@ -105,9 +131,10 @@ def _episode(subject: Subject, job: Job, conditions: Conditions) -> None:
     perturb()
     seed = None if conditions.get("unseeded") else job["seed"]
     keywords = {"seed": seed, **({"options": job["options"]} if "options" in job else {})}
+    meter = Meter() if job.get("count_waits") else None
     started = _perf_counter()
     result = subject.call("reset", env.reset, **keywords)
-    seconds = _perf_counter() - started
+    seconds = meter.stop()[0] if meter else _perf_counter() - started
     if not (isinstance(result, tuple) and len(result) == 2):
         raise Fault({"phase": "reset", "malformed": _shape_of(result), "line": None})
     observation, info = result
@@ -119,7 +146,7 @@ def _episode(subject: Subject, job: Job, conditions: Conditions) -> None:
     channel.phase("step")
 
     actions: list[Any] = job["actions"]
-    interactive, count_waits = bool(job.get("interactive")), bool(job.get("count_waits"))
+    interactive, until = bool(job.get("interactive")), _monotonic() + job.get("seconds", _FOR_EVER)
     for number in range(job["max_steps"] if policy or interactive else len(actions)):
         if policy:
             chosen = policy.choose()
@@ -133,12 +160,16 @@ def _episode(subject: Subject, job: Job, conditions: Conditions) -> None:
             companion.step()
         perturb()
         before = jsonable(action) if reread else None
-        waits = _waits() if count_waits else 0
         channel.steps += 1
+        if meter:
+            meter.start()
         started = _perf_counter()
         result = subject.call("step", env.step, action)
-        seconds = _perf_counter() - started
-        channel.waits += count_waits and _waits() > waits
+        if meter:
+            seconds, waited = meter.stop()
+            channel.waits += waited
+        else:
+            seconds = _perf_counter() - started
         if not (isinstance(result, tuple) and len(result) == 5):
             raise Fault({"phase": "step", "malformed": _shape_of(result), "line": None})
         if reread:
@@ -153,6 +184,8 @@ def _episode(subject: Subject, job: Job, conditions: Conditions) -> None:
             _render(subject, env)
         if _true(terminated) or _true(truncated):
             _step_on(subject, env, actions, int(conditions.get("after_end", 0)))
+            break
+        if number + 1 >= _FEWEST and _monotonic() > until:
             break
     if reread:
         _reread(subject, returned, 1)
