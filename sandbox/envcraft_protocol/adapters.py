@@ -7,7 +7,6 @@ from typing import Any
 import gymnasium
 import numpy as np
 from gymnasium import spaces
-from numpy.typing import NDArray
 
 
 def apply(env: Any, adapter: dict[str, Any]) -> Any:
@@ -20,48 +19,29 @@ def apply(env: Any, adapter: dict[str, Any]) -> Any:
 
 
 class AreaResize(gymnasium.Wrapper[Any, Any, Any, Any]):
-    """Resize frames from `(H, W, 3)` uint8 to `(height, width, 3)` uint8; each pixel is the mean of the area it
-    covers.
+    """Resize frames from `(H, W, 3)` uint8 to `(height, width, 3)` uint8. Each pixel is the mean of the pixels whose
+    centres it covers; where it covers none, it is the nearest one.
     """
 
     def __init__(self, env: Any, height: int, width: int) -> None:
         super().__init__(env)
         self._size = (height, width)
-        self._weights: dict[tuple[int, int], NDArray[np.float32]] = {}
         self.observation_space = spaces.Box(0, 255, (height, width, 3), np.uint8)
 
     def reset(self, **kwargs: Any) -> Any:
         result = self.env.reset(**kwargs)
         if isinstance(result, tuple) and len(result) == 2:
-            return self._resized(result[0]), result[1]
+            return resized(result[0], *self._size), result[1]
         return result
 
     def step(self, action: Any) -> Any:
         result: Any = self.env.step(action)
         if isinstance(result, tuple) and len(result) == 5:
-            return self._resized(result[0]), *result[1:]
+            return resized(result[0], *self._size), *result[1:]
         return result
 
     def render(self) -> Any:
-        return self._resized(self.env.render())
-
-    def _resized(self, frame: Any) -> Any:
-        if not (isinstance(frame, np.ndarray) and frame.dtype == np.uint8 and frame.ndim == 3 and frame.shape[2] == 3):
-            return frame
-        height, width, _ = frame.shape
-        rows, columns = self._weigh(height, self._size[0]), self._weigh(width, self._size[1])
-        tall = rows @ frame.reshape(height, width * 3).astype(np.float32)
-        wide = np.einsum("hwc,vw->hvc", tall.reshape(-1, width, 3), columns, optimize=True)
-        return np.clip(np.rint(wide), 0, 255).astype(np.uint8)
-
-    def _weigh(self, source: int, target: int) -> NDArray[np.float32]:
-        """A `(target, source)` matrix of overlaps, each row with sum 1."""
-        if (source, target) not in self._weights:
-            edges = np.arange(target + 1) * source / target
-            pixels = np.arange(source)
-            overlap = np.minimum(edges[1:, None], pixels + 1) - np.maximum(edges[:-1, None], pixels)
-            self._weights[source, target] = (np.clip(overlap, 0, 1) * target / source).astype(np.float32)
-        return self._weights[source, target]
+        return resized(self.env.render(), *self._size)
 
 
 class StepLimit(gymnasium.Wrapper[Any, Any, Any, Any]):
@@ -83,3 +63,15 @@ class StepLimit(gymnasium.Wrapper[Any, Any, Any, Any]):
             observation, reward, terminated, truncated, info = result
             return observation, reward, terminated, truncated or not terminated, info
         return result
+
+
+def resized(frame: Any, height: int, width: int) -> Any:
+    """A frame `(H, W, 3)` uint8 as `(height, width, 3)` uint8; any other value unchanged."""
+    if not (isinstance(frame, np.ndarray) and frame.dtype == np.uint8 and frame.ndim == 3 and frame.shape[2] == 3):
+        return frame
+    if not frame.size:
+        return frame
+    # Only environments with other frames than their contract's need it.
+    from PIL import Image
+
+    return np.array(Image.fromarray(frame).resize((width, height), Image.Resampling.BOX))

@@ -69,12 +69,14 @@ def command(folder: str = JOB_FOLDER, read: Iterable[str] = ()) -> list[str]:
 
 def module_paths(found: Installed = Installed()) -> list[str]:  # noqa: B008 (it is immutable)
     """The folders where the worker finds its modules: this package's, that of the libraries, and others in use."""
-    # Not imported: the worker starts while the host imports NumPy.
-    spec = importlib.util.find_spec("numpy")
-    assert spec is not None
-    assert spec.origin is not None
-    libraries = str(Path(spec.origin).resolve().parent.parent)
-    return list(dict.fromkeys([str(PACKAGE_ROOT), libraries, *found.paths]))
+    libraries = []
+    for name in ("numpy", "xxhash", "PIL"):
+        # Not imported: the worker starts while the host imports NumPy.
+        spec = importlib.util.find_spec(name)
+        assert spec is not None
+        assert spec.origin is not None
+        libraries.append(str(Path(spec.origin).resolve().parent.parent))
+    return list(dict.fromkeys([str(PACKAGE_ROOT), *libraries, *found.paths]))
 
 
 class ChildWorker(ForkServerWorker):

@@ -31,7 +31,7 @@ from .packages import Package
 WORKER_ROOT = "/opt/envcraft"
 LIBRARIES_ROOT = "/opt/libraries"
 
-_NEEDED = ("numpy", "gymnasium")
+_NEEDED = ("numpy", "gymnasium", "pillow", "xxhash")
 _WELCOME = ("pygame-ce", "scipy")
 _OMITTED_FOLDERS = {
     "__pycache__", "dist-packages", "ensurepip", "idlelib", "lib2to3", "pydoc_data", "site-packages", "test", "tests",
@@ -150,7 +150,7 @@ def _check_installed(packages: Iterable[Package]) -> None:
 
 
 def _distributions(more: Iterable[str]) -> Iterator[importlib.metadata.Distribution]:
-    """NumPy, Gymnasium, `more` and their requirements, and other libraries of games where they are installed."""
+    """What the worker needs, `more` and their requirements, and other libraries of games where they are installed."""
     wanted, seen = [*_NEEDED, *_WELCOME, *more], set()
     while wanted:
         name = wanted.pop(0)

@@ -90,7 +90,7 @@ def test_what_a_package_says_of_itself(corpus: Path, tmp_path: Path) -> None:
     assert f"`pip install {folder}`" in written.output
     project = tomllib.loads((folder / "pyproject.toml").read_text())["project"]
     assert project["name"] == "games"
-    assert project["dependencies"] == ["gymnasium>=1.0", "numpy>=1.26", "pygame-ce>=2.5", "scipy>=1.11"]
+    assert project["dependencies"] == ["gymnasium>=1.0", "numpy>=1.26", "pillow>=10", "pygame-ce>=2.5", "scipy>=1.11"]
     told = {
         one["name"]: one for one in json.loads((folder / "games" / "environments.json").read_text())["environments"]
     }

@@ -1,4 +1,4 @@
-"""The adapter of ``arcade-native``: area resize against a plain reference."""
+"""The adapter of ``arcade-native``: area resize against plain references."""
 
 from __future__ import annotations
 
@@ -23,29 +23,58 @@ class Still(gymnasium.Env[Any, Any]):
 
 
 def area_mean(frame: NDArray[np.uint8], height: int, width: int) -> NDArray[np.float64]:
-    """Each target pixel's mean over the source area that it covers, pixel by pixel."""
+    """Each target pixel's mean over the source area that it covers, where the areas are whole pixels."""
+    rows, columns, _ = frame.shape
+    blocks = frame.reshape(height, rows // height, width, columns // width, 3)
+    means: NDArray[np.float64] = blocks.mean(axis=(1, 3))
+    return means
+
+
+def centre_mean(frame: NDArray[np.uint8], height: int, width: int) -> NDArray[np.float64]:
+    """Each target pixel's mean over the source pixels whose centres it covers, pixel by pixel."""
     rows, columns, _ = frame.shape
     result = np.zeros((height, width, 3))
+    centres = [(np.arange(length) + 0.5) * size / length for length, size in ((rows, height), (columns, width))]
     for y in range(height):
         for x in range(width):
-            top, bottom = y * rows / height, (y + 1) * rows / height
-            left, right = x * columns / width, (x + 1) * columns / width
-            weight = 0.0
-            for row in range(int(top), int(np.ceil(bottom))):
-                for column in range(int(left), int(np.ceil(right))):
-                    area = (min(bottom, row + 1) - max(top, row)) * (min(right, column + 1) - max(left, column))
-                    result[y, x] += area * frame[row, column]
-                    weight += area
-            result[y, x] /= weight
+            inside = (centres[0] // 1 == y)[:, None] & (centres[1] // 1 == x)[None, :]
+            result[y, x] = frame[inside].mean(axis=0)
     return result
 
 
-@pytest.mark.parametrize("size", [(30, 20), (17, 41), (9, 9), (6, 5)])
-def test_resize_is_the_area_mean(size: tuple[int, int]) -> None:
+@pytest.mark.parametrize("size", [(9, 9), (18, 45), (400, 640), (84 * 2, 84 * 3)])
+def test_resize_is_the_area_mean_of_whole_pixels(size: tuple[int, int]) -> None:
+    height, width = (20, 32) if size == (400, 640) else (84, 84) if size[0] % 84 == 0 else (9, 9)
+    frame = np.random.default_rng(1).integers(0, 256, (*size, 3), dtype=np.uint8)
+    resized, _ = AreaResize(Still(frame), height, width).reset()
+    assert resized.dtype == np.uint8
+    assert np.abs(resized - area_mean(frame, height, width)).max() <= 1
+
+
+@pytest.mark.parametrize("size", [(30, 20), (17, 41), (100, 64)])
+def test_resize_shares_no_pixel(size: tuple[int, int]) -> None:
     frame = np.random.default_rng(1).integers(0, 256, (*size, 3), dtype=np.uint8)
     resized, _ = AreaResize(Still(frame), 9, 9).reset()
-    assert resized.dtype == np.uint8
-    assert np.abs(resized - area_mean(frame, 9, 9)).max() <= 0.51
+    assert np.abs(resized - centre_mean(frame, 9, 9)).max() <= 1
+
+
+def test_a_smaller_frame_repeats_its_pixels() -> None:
+    frame = np.random.default_rng(1).integers(0, 256, (6, 5, 3), dtype=np.uint8)
+    resized, _ = AreaResize(Still(frame), 12, 15).reset()
+    assert np.array_equal(resized, frame.repeat(2, axis=0).repeat(3, axis=1))
+
+
+@pytest.mark.parametrize("shape", [(0, 5, 3), (5, 5, 4), (5, 5)])
+def test_what_is_no_frame_stays_as_it_is(shape: tuple[int, ...]) -> None:
+    value = np.zeros(shape, np.uint8)
+    resized, _ = AreaResize(Still(value), 9, 9).reset()
+    assert resized.shape == shape
+
+
+def test_a_resized_frame_can_be_written_to() -> None:
+    env = AreaResize(Still(np.zeros((20, 20, 3), np.uint8)), 9, 9)
+    env.reset()[0][0, 0] = 7
+    assert env.step(0)[0].max() == 0
 
 
 def test_the_limit_truncates() -> None:

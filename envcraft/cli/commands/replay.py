@@ -72,8 +72,6 @@ def replay(
         return
     if gif and len(chosen) > 1:
         raise UsageError(f"--gif shows one finding: choose one of {len(chosen)} with --finding K")
-    if gif:
-        _import_pillow()
     statuses: set[ExitCode] = set()
     with contextlib.closing(driver_named(sandbox, runtime=runtime)) as driver:
         checks = {check.name: check for check in [*all_checks(), Played()]}
@@ -213,10 +211,11 @@ def _could_not(items: list[Numbered], reason: str) -> ExitCode:
 
 def write_gif(subject: Subject, finding: Finding, path: str) -> None:
     """Write the frames of a finding's reproduction as an animated GIF, enlarged. Raises UsageError."""
+    from PIL import Image
+
     from envcraft.judging.frame_renderer import frames_of, rgb, with_frames
     from envcraft.model.rollout import Conditions, Rollout
 
-    image = _import_pillow()
     try:
         conditions = with_frames(subject, Conditions.from_json(finding.repro.conditions))
         rollout = Rollout(finding.repro.seed, finding.repro.actions, conditions, player="replay", keep=_GIF_FRAMES)
@@ -229,7 +228,7 @@ def write_gif(subject: Subject, finding: Finding, path: str) -> None:
         raise UsageError("this finding has no picture: its episode gives no frames")
     scale = max(_GIF_SIDE // max(frames[0].shape[:2]), 1)
     pictures = [
-        image.fromarray(frame).resize((frame.shape[1] * scale, frame.shape[0] * scale), image.Resampling.NEAREST)
+        Image.fromarray(frame).resize((frame.shape[1] * scale, frame.shape[0] * scale), Image.Resampling.NEAREST)
         for frame in frames
     ]
     try:
@@ -237,11 +236,3 @@ def write_gif(subject: Subject, finding: Finding, path: str) -> None:
     except OSError as error:
         raise UsageError(f"--gif {path} cannot be written: {error.strerror or error}") from None
     click.echo(f"wrote {path}: {len(pictures)} frames", err=True)
-
-
-def _import_pillow() -> Any:
-    try:
-        from PIL import Image
-    except ImportError:
-        raise UsageError("--gif needs Pillow; install it with `pip install 'envcraft-rl[gif]'`") from None
-    return Image

@@ -19,7 +19,7 @@ from envcraft.text import one_line, plural
 _SKELETON = Path(__file__).parent / "skeleton"
 #: The modules of ``envcraft_protocol`` that construct an environment. Each package has its own copy.
 _RUNTIME = ("__init__.py", "adapters.py", "classes.py")
-_ALWAYS = ("gymnasium>=1.0", "numpy>=1.26")
+_ALWAYS = ("gymnasium>=1.0", "numpy>=1.26", "pillow>=10")
 #: Requirements by the modules that built-in contracts allow; None for those that are always required.
 _DISTRIBUTIONS = {"gymnasium": None, "numpy": None, "pygame": "pygame-ce>=2.5", "scipy": "scipy>=1.11"}
 #: Maximum number of ids in the README.

@@ -66,16 +66,14 @@ class _Preview(Check):
 
 
 def pillow() -> Any:
-    """The module ``PIL.Image``; None if Pillow is not installed or cannot write WebP."""
-    try:
-        from PIL import Image, features
-    except ImportError:
-        return None
+    """The module ``PIL.Image``; None if Pillow cannot write WebP."""
+    from PIL import Image, features
+
     return Image if features.check("webp") else None
 
 
 def encode(frames: Sequence[NDArray[np.uint8]]) -> bytes:
-    """Encode some frames as one WebP file, one square below the other. Needs Pillow.
+    """Encode some frames as one WebP file, one square below the other. Needs a Pillow that can write WebP.
 
     Args:
         frames: RGB frames, each of shape (height, width, 3).

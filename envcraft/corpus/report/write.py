@@ -69,7 +69,7 @@ def write_report(
         notes.append("Near-duplicates are missing: rensa is not installed (`pip install 'envcraft-rl[report]'`).")
     if contract is not None and driver is not None:
         if media.pillow() is None:
-            notes.append("Previews are missing: Pillow is not installed (`pip install 'envcraft-rl[report]'`).")
+            notes.append("Previews are missing: this Pillow cannot write WebP.")
         else:
             made = [
                 media.make(store, one, contract.name, driver, workers, message)
