@@ -20,8 +20,7 @@ def concrete_classes(module: ModuleType) -> list[str]:
 
     Excluded are abstract bases, wrappers, and private classes if there is a public one. A base is abstract if it has
     abstract methods, or if ``step`` or ``reset`` is missing or only raises; if another class inherits from it, any
-    method
-    that only raises makes it abstract.
+    method that only raises makes it abstract.
     """
     found = [
         name

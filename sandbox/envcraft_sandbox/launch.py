@@ -28,8 +28,7 @@ def environment(hash_seed: int, folder: str = JOB_FOLDER) -> dict[str, str]:
     """The only environment variables that a worker sees.
 
     Each numerical library uses one thread, so results and limits do not depend on the number of cores. glibc keeps
-    freed
-    memory from the first step on: by default it adapts during the first episode of a process, and each job is one
+    freed memory from the first step on: by default it adapts during the first episode of a process, and each job is one
     (mallopt(3), M_MMAP_THRESHOLD).
     """
     return {

@@ -2,10 +2,8 @@
 
 ``--fd`` is an inherited, connected stream socket, and ``--connect`` a unix socket to connect to. Jobs write to
 ``--folder``, and read each ``--read`` besides the libraries. ``--zygote SIZE`` forks fork servers instead, in
-namespaces
-of their own with a file system of SIZE bytes; 0 means neither. Only drivers write this command line, and the import of
-a
-parser would take as long as the start of Python.
+namespaces of their own with a file system of SIZE bytes; 0 means neither. Only drivers write this command line, and the
+import of a parser would take as long as the start of Python.
 """
 
 from __future__ import annotations

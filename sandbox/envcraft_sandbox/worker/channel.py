@@ -58,8 +58,7 @@ class Channel:
     """Writes messages for the host.
 
     With `every_step` it sends each step at once, so the host knows exactly how far a job came. Without `phases` it does
-    not
-    even send the name of a call before the call: such a job runs again if anything fails.
+    not even send the name of a call before the call: such a job runs again if anything fails.
     """
 
     def __init__(self, sock: socket.socket, every_step: bool = False, phases: bool = True) -> None:

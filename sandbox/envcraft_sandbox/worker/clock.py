@@ -26,8 +26,7 @@ class Clock:
     """The clocks of the module :mod:`time` under one condition.
 
     Rate 0 is the logical clock: it starts at a fixed moment and advances by one millisecond at each reading, so it is
-    equal
-    in all runs that read it equally often.
+    equal in all runs that read it equally often.
     """
 
     def __init__(self, offset: float, rate: float) -> None:

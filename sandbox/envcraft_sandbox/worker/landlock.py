@@ -1,8 +1,7 @@
 """Landlock: the process then reads only the given paths and writes only below one folder.
 
 It needs no privilege and adds to the driver's isolation. What it can refuse depends on the kernel: files since 5.13,
-TCP
-ports since 6.7, signals and abstract sockets outside the process's own domain since 6.12
+TCP ports since 6.7, signals and abstract sockets outside the process's own domain since 6.12
 (``Documentation/userspace-api/landlock.rst``).
 """
 

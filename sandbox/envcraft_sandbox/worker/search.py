@@ -172,10 +172,8 @@ def explore(tree: Tree) -> None:
     """Return to a promising state and act from there, at random with held actions.
 
     After Go-Explore (Ecoffet et al., 2021, doi:10.1038/s41586-020-03157-9): an archive of states under the key of a
-    coarse
-    picture. It prefers states that were rarely left and that have earned much. The search stops at the budget, or at
-    half of
-    it once it knows a win.
+    coarse picture. It prefers states that were rarely left and that have earned much. The search stops at the budget,
+    or at half of it once it knows a win.
     """
     root = tree.root()
     archive: dict[Any, Node] = {_cell(tree.frame): root}
@@ -224,15 +222,12 @@ def _choose(rng: random.Random, archive: dict[Any, Node]) -> Node:
 
 def horizon(tree: Tree) -> None:
     """Play an episode by rolling horizon: try several plans of held actions from the current state, follow the best for
-    a
-    few steps, and repeat with the rest of that plan among the next ones.
+    a few steps, and repeat with the rest of that plan among the next ones.
 
     After Perez et al., "Rolling horizon evolution versus tree search" (GECCO 2013, doi:10.1145/2463372.2463413), with
-    chance
-    in place of evolution. A plan that wins ranks first, and one that ends the episode otherwise ranks last; the return
-    decides among the rest. The search ends with a win or with the episode. When the budget is spent, it plays the rest
-    at
-    random.
+    chance in place of evolution. A plan that wins ranks first, and one that ends the episode otherwise ranks last; the
+    return decides among the rest. The search ends with a win or with the episode. When the budget is spent, it plays
+    the rest at random.
     """
     node = tree.root()
     kept: list[Any] = []
@@ -274,11 +269,9 @@ def exhaust(tree: Tree) -> None:
     """Search breadth first through all reachable states; `exhausted` if none is left within the budget.
 
     Two states are equal if their frames and attributes are, with everything these refer to, except random generators
-    and
-    counters of steps. Such a counter may be a timer that triggers something later, so the states are not exhausted
-    while
-    whole episodes reach other states. An environment that draws random numbers while it steps is `stochastic` and never
-    exhausted, nor is one with a value that cannot be examined.
+    and counters of steps. Such a counter may be a timer that triggers something later, so the states are not exhausted
+    while whole episodes reach other states. An environment that draws random numbers while it steps is `stochastic` and
+    never exhausted, nor is one with a value that cannot be examined.
     """
     root = tree.root()
     if not tree.out.copies:

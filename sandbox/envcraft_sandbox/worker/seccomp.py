@@ -1,10 +1,8 @@
 """A seccomp filter that allows the system calls that an environment needs; the kernel refuses all others.
 
 Single-process numerical code may use its own files, memory, threads, clocks and open descriptors. The filter refuses
-new
-processes, programs, sockets, other processes' memory, signals to other processes, mounts, keys, io_uring, BPF, and
-every
-call that it does not list. The errors are those that callers know: ``EAGAIN`` for a process, as at the limit of
+new processes, programs, sockets, other processes' memory, signals to other processes, mounts, keys, io_uring, BPF, and
+every call that it does not list. The errors are those that callers know: ``EAGAIN`` for a process, as at the limit of
 processes; ``ENETUNREACH`` for a socket, as without a network; ``ENOSYS`` for calls newer than the list, so that the C
 library uses older ones; and ``EPERM`` for the rest.
 

@@ -5,8 +5,7 @@ socket, one at a time, and reads the replies there (:mod:`envcraft_protocol.jobs
 
 A fork server then runs :mod:`envcraft_sandbox.worker.server`. It shares nothing writable with the zygote or with other
 fork servers: its memory is a copy, the zygote's descriptors are closed, and it has its own namespaces if the driver
-uses
-namespaces.
+uses namespaces.
 """
 
 from __future__ import annotations
