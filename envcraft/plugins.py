@@ -183,7 +183,7 @@ def _entry_points() -> Iterator[Any]:
 
 
 def _names_group(folder: str) -> bool:
-    """Say whether a folder of ``sys.path`` may hold a package with entry points of the group; an archive may."""
+    """Return whether a folder of ``sys.path`` may hold a package with entry points of the group; an archive may."""
     try:
         names = os.listdir(folder or ".")
     except NotADirectoryError:

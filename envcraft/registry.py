@@ -28,7 +28,7 @@ def named(hook: str, name: str) -> Any | None:
 
 
 def lookup(kind: str, name: str, known: Mapping[str, Any]) -> Any:
-    """Give the value of a name.
+    """Return the value of a name.
 
     Args:
         kind: what the names stand for, for the message: ``contract``.

@@ -100,11 +100,11 @@ class Tally:
         return self.verdicts.total()
 
     def seconds(self, row: Row) -> float:
-        """Give the seconds since a subject started."""
+        """Return the seconds since a subject started."""
         return self._clock() - row.since
 
     def speed(self, row: Row | None = None) -> float | None:
-        """Give the steps per second of one subject or of all, or None if it is too early."""
+        """Return the steps per second of one subject or of all, or None if it is too early."""
         since = row.since if row else self._since
         steps = row.steps if row else self._steps + sum(other.steps for other in self.rows.values())
         elapsed = 0.0 if since is None else self._clock() - since
@@ -120,7 +120,7 @@ class Tally:
         return (self._clock() - self._since) / done * max(self.total - done, 0.0)
 
     def words(self) -> Iterator[tuple[str, str]]:
-        """Give all counts as phrases with a style."""
+        """Return all counts as phrases with a style."""
         yield f"{self.done:,} of {self.total:,} judged", "bold"
         for verdict, words in _WORDS.items():
             if self.verdicts[verdict]:
@@ -284,7 +284,7 @@ def _table(tally: Tally, rows: list[Row], width: int, signs: dict[Verdict, str])
 
 
 def line(tally: Tally) -> str:
-    """Give the counts in one plain line, with the check of a single subject."""
+    """Return the counts in one plain line, with the check of a single subject."""
     if tally.total != 1:
         return ", ".join(words for words, _ in tally.words())
     said = []
@@ -322,7 +322,7 @@ def _running(signs: dict[Verdict, str]) -> str:
 
 
 def _terminal() -> Console | None:
-    """Give the terminal of stderr, or None if it cannot move the cursor."""
+    """Return the terminal of stderr, or None if it cannot move the cursor."""
     if not sys.stderr.isatty():
         return None
     from rich.console import Console

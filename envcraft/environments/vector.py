@@ -301,7 +301,7 @@ class _AsyncVectorEnv(AsyncVectorEnv[Any, Any]):
 
     @contextlib.contextmanager
     def _processes_named(self) -> Iterator[None]:
-        """Say whose process has ended. Raises EnvironmentFailed."""
+        """Report whose process ended. Raises EnvironmentFailed."""
         try:
             yield
         except (EOFError, ConnectionError):

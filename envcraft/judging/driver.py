@@ -110,7 +110,7 @@ class Player(Protocol):
         """A descriptor that becomes readable when :meth:`take` has an action."""
 
     def take(self) -> Any:
-        """Give the next action, as JSON.
+        """Return the next action, as JSON.
 
         Raises:
             Stop: the job ends here.

@@ -89,7 +89,7 @@ class JobScheduler:
         return task
 
     def wait(self, task: Task) -> Any:
-        """Give the result of a job, or raise its exception. A job that has not started moves to the front."""
+        """Return the result of a job, or raise its exception. A job that has not started moves to the front."""
         with self._changed:
             if task in self._queue:
                 self._queue.remove(task)

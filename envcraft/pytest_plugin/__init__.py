@@ -202,5 +202,5 @@ def pytest_terminal_summary(terminalreporter: Any) -> None:
 
 
 def _loaded(name: str) -> Any:
-    """Give a module of the plugin if it is already imported."""
+    """Return a module of the plugin if it is already imported."""
     return sys.modules.get(f"{__name__}.{name}")

@@ -71,13 +71,13 @@ class EnvironmentFile(pytest.File):
 
 
 def is_test_module(path: Path, config: pytest.Config) -> bool:
-    """Say whether a file's name makes it a test module."""
+    """Return whether a file's name makes it a test module."""
     added = [pattern for pattern in config.getini("python_files") if pattern not in _EVERYTHING]
     return any(fnmatch(str(path) if "/" in pattern else path.name, pattern) for pattern in (*_TESTS, *added))
 
 
 def environment_line(path: Path) -> int | None:
-    """Give the line of the first environment class of a file that imports gymnasium, or None.
+    """Return the line of the first environment class of a file that imports gymnasium, or None.
 
     A file that does not parse but mentions both counts as an environment: the check ``source`` reports the error.
     """
@@ -94,7 +94,7 @@ def environment_line(path: Path) -> int | None:
 
 
 def defines_tests(path: Path) -> bool:
-    """Say whether a file defines functions or classes that pytest would run."""
+    """Return whether a file defines functions or classes that pytest would run."""
     tree = _parse(_read(path))
     return tree is not None and any(
         isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef) and node.name.lower().startswith("test")

@@ -79,7 +79,7 @@ class EnvCraft:
 
 
 def cases(test: pytest.Item) -> list[Case]:
-    """Give one case for each check of a marked test, or none if the marker names no target."""
+    """Return one case for each check of a marked test, or none if the marker names no target."""
     marker = marked(test)
     target = marker.pop("target", None)
     if target is None:
@@ -97,7 +97,7 @@ def cases(test: pytest.Item) -> list[Case]:
 
 
 def _asks(test: Any) -> bool:
-    """Say whether a test, or a fixture of it, takes the fixture envcraft."""
+    """Return whether a test, or a fixture of it, takes the fixture envcraft."""
     definitions = itertools.chain.from_iterable(test._fixtureinfo.name2fixturedefs.values())
     return any(
         "envcraft" in names

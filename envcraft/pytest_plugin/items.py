@@ -75,7 +75,7 @@ def could_not_judge(message: str) -> BaseException:
 
 
 def amend(item: pytest.Item, call: pytest.CallInfo[None], report: pytest.TestReport) -> None:
-    """Give a report the check's own time and place, and turn a test without a verdict into an error."""
+    """Add the check's time and location to a report, and turn a test without a verdict into an error."""
     if call.excinfo is not None and hasattr(call.excinfo.value, _UNJUDGED):
         # pytest reports a failure as an error in every phase except the call.
         report.when = "setup"

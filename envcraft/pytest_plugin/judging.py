@@ -47,7 +47,7 @@ class Settings(NamedTuple):
     least: str | None = None
 
     def for_one(self) -> Settings:
-        """Give the same settings without a selection of checks."""
+        """Return the same settings without a selection of checks."""
         return self._replace(checks=None, skip=None)
 
 
@@ -108,7 +108,7 @@ class Judge:
         self._shared = _usable(worker.get("envcraft_shared"))
 
     def case(self, session: pytest.Session, case: Case) -> Outcome:
-        """Give one check's outcome. Raises EnvCraftError if nothing could be judged."""
+        """Return one check's outcome. Raises EnvCraftError if nothing could be judged."""
         if self._wanted is None:
             self._wanted = {}
             for found in filter(None, map(case_of, session.items)):
@@ -211,7 +211,7 @@ CASE = pytest.StashKey[Case]()
 
 
 def judge_of(config: pytest.Config) -> Judge:
-    """Give the judge of this session."""
+    """Return the judge of this session."""
     if _JUDGE not in config.stash:
         config.stash[_JUDGE] = Judge(config)
     return config.stash[_JUDGE]
@@ -224,14 +224,14 @@ def close(config: pytest.Config) -> None:
 
 
 def case_of(item: pytest.Item) -> Case | None:
-    """Give the check that a test stands for, or None."""
+    """Return the check that a test stands for, or None."""
     callspec = getattr(item, "callspec", None)
     found = item.stash.get(CASE, None) or (callspec and callspec.params.get("envcraft"))
     return found if isinstance(found, Case) else None
 
 
 def riders(reports: Iterable[CheckReport], wanted: set[str], check: str) -> list[CheckReport]:
-    """Give the reports that the test of `check` shows besides its own.
+    """Return the reports that the test of `check` shows besides its own.
 
     A check that is not selected and does not pass is shown by the next selected check, or by the last one.
     """
@@ -324,7 +324,7 @@ def _plain(name: str, value: Any) -> Any:
 
 
 def _usable(folder: str | None) -> Path | None:
-    """Give the folder that xdist's workers share, or None on another machine."""
+    """Return the folder that xdist's workers share, or None on another machine."""
     if folder is None:
         return None
     with contextlib.suppress(OSError):

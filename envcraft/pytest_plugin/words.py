@@ -28,7 +28,7 @@ def failure(judged: Judged, reports: Iterable[CheckReport]) -> str:
 
 
 def error(judged: Judged, reports: Iterable[CheckReport]) -> str:
-    """Say why checks could not judge, and the next step."""
+    """Return why checks could not judge, and the next step."""
     lines = [
         f"the check {report.check} could not judge {one_line(judged.report.path)}, which is no failure of the "
         f"environment: {one_line(report.reason)}"
@@ -39,7 +39,7 @@ def error(judged: Judged, reports: Iterable[CheckReport]) -> str:
 
 
 def unjudged(reason: Exception) -> str:
-    """Say why nothing could be judged."""
+    """Return why nothing could be judged."""
     return f"nothing was judged: {one_line(reason)}"
 
 
@@ -51,7 +51,7 @@ def warning(judged: Judged, finding: Finding) -> str:
 
 
 def command(judged: Judged) -> str:
-    """Give the command that judges the same again."""
+    """Return the command that judges the same again."""
     settings, path = judged.settings, judged.report.path
     words = ["envcraft", "validate", f"./{path}" if path.startswith("-") else path]
     words += ["--class", judged.spec.env_class] if judged.spec.env_class else []

@@ -173,7 +173,7 @@ class ConsoleReporter(Reporter):
 
 
 def printed(finding: Finding) -> list[str]:
-    """Give the last lines that the code printed before the finding; the JSON report has more."""
+    """Return the last lines that the code printed before the finding; the JSON report has more."""
     lines = [line for line in str(finding.evidence.get("output", "")).splitlines() if line.strip()]
     return [one_line(line)[:_PRINTED_WIDTH] for line in lines[-_PRINTED_LINES:]]
 

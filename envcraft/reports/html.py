@@ -233,7 +233,7 @@ def _data(value: Any) -> str:
 
 
 def _digest(source: str) -> str:
-    """Give the digest by which the content security policy admits a script or a style."""
+    """Return the digest by which the content security policy admits a script or a style."""
     return f"sha256-{base64.b64encode(hashlib.sha256(source.encode()).digest()).decode()}"
 
 

@@ -116,7 +116,7 @@ def _table(report: Report) -> str:
 
 
 def _lost(subject: SubjectReport) -> list[CheckReport]:
-    """Give the checks that could not judge, or a placeholder if the subject was lost before any check."""
+    """Return the checks that could not judge, or a placeholder if the subject was lost before any check."""
     broken = [check for check in subject.checks if check.verdict is Verdict.ERROR]
     if not broken and subject.verdict is Verdict.ERROR:
         return [CheckReport("everything", Verdict.ERROR, reason=subject.reason)]

@@ -46,7 +46,7 @@ class Reporter(ABC):
 
 
 def reporter_named(name: str) -> type[Reporter]:
-    """Give the reporter of a name. Raises UsageError, which suggests the nearest name."""
+    """Return the reporter of a name. Raises UsageError, which suggests the nearest name."""
     found: type[Reporter] = named("envcraft_reporters", name) or lookup(
         "format", name, {reporter.name: reporter for reporter in offered("envcraft_reporters")}
     )

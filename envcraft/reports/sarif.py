@@ -127,7 +127,7 @@ def _invocation(report: Report) -> dict[str, Any]:
 
 
 def _troubles(subject: SubjectReport) -> list[str]:
-    """Say why a subject, or a check of it, could not be judged."""
+    """Return why a subject, or a check of it, could not be judged."""
     broken = [check for check in subject.checks if check.verdict is Verdict.ERROR]
     if not broken and subject.verdict is Verdict.ERROR:
         return [f"could not be judged: {subject.reason or 'no reason was given'}"]
@@ -164,7 +164,7 @@ def _place(subject: SubjectReport) -> dict[str, Any]:
 
 
 def _uri(path: str) -> tuple[str, bool]:
-    """Give a path as a URI, and whether it is relative to the working directory."""
+    """Return a path as a URI, and whether it is relative to the working directory."""
     seen = relative(path)
     encoded = quote(os.fsencode(seen))
     return (f"file://{encoded}", False) if os.path.isabs(seen) else (encoded, True)

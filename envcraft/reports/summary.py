@@ -79,7 +79,7 @@ def _condition(value: Any) -> str:
 
 
 def replay_command(report: Report, item: Numbered) -> str:
-    """Give two commands that show one finding again: validate the subject alone, then replay its report."""
+    """Return two commands that show one finding again: validate the subject alone, then replay its report."""
     options = [] if report.contract == "arcade" else ["--contract", report.contract]
     options += [] if report.budget == "standard" else ["--budget", report.budget]
     options += ["--seed", str(report.seed)] if report.seed else []

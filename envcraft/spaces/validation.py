@@ -44,7 +44,7 @@ def validate_range(space: Box, value: Any, *, exact: bool = True) -> Problem | N
 
 
 def validate_action(space: SpaceSpec, action: Any) -> str:
-    """Say why an action is not in a space.
+    """Return why an action is not in a space.
 
     Args:
         action: JSON, as :func:`envcraft.spaces.sampling.sample` draws it: lists stand for arrays and tuples.

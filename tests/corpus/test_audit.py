@@ -141,7 +141,7 @@ def test_what_cannot_be_judged_again_keeps_its_verdict(corpus: Corpus, monkeypat
     assert corpus.audit(resume=False).kept == []
 
 
-def test_it_is_told_that_the_verdict_of_before_stays(invoke: Invoke, tmp_path: Path) -> None:
+def test_audit_reports_that_the_earlier_verdict_stays(invoke: Invoke, tmp_path: Path) -> None:
     (tmp_path / "a.py").write_text(ENVIRONMENT.replace("CRASH", "-1"))
     options = ("--checks", "source", "--sandbox", "process", "--budget", "quick")
     assert invoke("corpus", "init", "corpus").exit_code == 0
@@ -190,7 +190,7 @@ def test_choices(corpus: Corpus) -> None:
     assert sorted(corpus.judged) == ["e00", "e08", "e12", "e16"]
 
 
-def test_what_a_part_left_out_is_still_new(corpus: Corpus) -> None:
+def test_partial_audit_leaves_the_rest_changed(corpus: Corpus) -> None:
     corpus.write(a="EC101", b="b", c="c")
     corpus.audit()
     corpus.write(a="EC101", b="other", c="another", d="d")
@@ -205,7 +205,7 @@ def test_what_a_part_left_out_is_still_new(corpus: Corpus) -> None:
     assert corpus.audit(changed=True, seed=1).selected == 3
 
 
-def test_what_could_not_be_judged_is_not_judged_yet(corpus: Corpus) -> None:
+def test_error_is_judged_again_with_changed(corpus: Corpus) -> None:
     corpus.write(a="a", b="b")
     corpus.store.place(hashlib.sha256(b"b").hexdigest()).unlink()
     assert corpus.audit().verdicts() == {"pass": 1, "error": 1}

@@ -151,7 +151,7 @@ def test_another_class_is_another_environment(invoke: Invoke, tmp_path: Path) ->
         assert list(records_of(store)) == []
 
 
-def test_names_of_files_are_told_on_one_line(invoke: Invoke, tmp_path: Path) -> None:
+def test_newlines_in_file_names_are_escaped(invoke: Invoke, tmp_path: Path) -> None:
     with Store.create(tmp_path / "corpus") as store:
         store.add("odd\nname.py", source("ant"))
     for text in (source("bee"), b"#" * (MAX_SOURCE + 1)):
@@ -178,7 +178,7 @@ def test_names_of_files_are_told_on_one_line(invoke: Invoke, tmp_path: Path) -> 
         (["corpus", "init", "games"], "is not empty"),
     ],
 )
-def test_wrong_use_is_told_in_a_sentence(games: Path, invoke: Invoke, arguments: list[str], words: str) -> None:
+def test_usage_errors_are_one_line(games: Path, invoke: Invoke, arguments: list[str], words: str) -> None:
     (games.parent / "empty").mkdir()
     invoke("corpus", "init", "corpus")
     invoke("corpus", "init", "kept")
@@ -188,7 +188,7 @@ def test_wrong_use_is_told_in_a_sentence(games: Path, invoke: Invoke, arguments:
     assert len(result.stderr.splitlines()) == 1
 
 
-def test_settings_of_validate_are_none_of_its_own(games: Path, invoke: Invoke) -> None:
+def test_audit_ignores_settings_of_validate(games: Path, invoke: Invoke) -> None:
     settings = '[tool.envcraft]\nformat = "sarif"\nenvironments-only = true\nchecks = ["source"]\n'
     (games.parent / "pyproject.toml").write_text(settings)
     result = invoke("audit", "games", "--sandbox", "process", "--budget", "quick", "--changed")

@@ -185,7 +185,7 @@ def test_diversity(corpus: Store) -> None:
     assert diversities(corpus, ("near",), sample=6, seed=1) != [sampled]
 
 
-def test_the_command_tells_and_removes_only_when_asked(corpus: Store, invoke: Invoke) -> None:
+def test_dedup_removes_only_with_keep_best(corpus: Store, invoke: Invoke) -> None:
     corpus.close()
     chosen = [word for layer in FEW for word in ("--layer", layer)]
     result = invoke("corpus", "dedup", corpus.root, *chosen)

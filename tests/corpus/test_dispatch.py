@@ -155,7 +155,7 @@ def test_only_a_few_tasks_are_out_at_a_time(engine: Engine) -> None:
     assert (engine.opened, set(engine.came.values())) == (1, {1})
 
 
-def test_what_is_lost_goes_out_again_and_counts_once(engine: Engine) -> None:
+def test_lost_tasks_are_resubmitted_and_count_once(engine: Engine) -> None:
     dice = random.Random(1)
     fates = {f"e{number}": dice.choice([verdict, verdict, cancelled]) for number in range(60)}
     engine.fate = lambda path, time: fates[path] if time == 1 else verdict
@@ -172,7 +172,7 @@ def test_what_is_lost_goes_out_again_and_counts_once(engine: Engine) -> None:
     }
 
 
-def test_what_was_out_when_a_pool_broke_is_judged_by_the_next(engine: Engine) -> None:
+def test_tasks_of_a_broken_pool_move_to_the_next(engine: Engine) -> None:
     engine.fate = lambda path, time: never if path in ("e1", "e2") and time == 1 else verdict
     engine.breaks = lambda path, time: path == "e3" and time == 1
     found = reports(engine, 9)
@@ -182,7 +182,7 @@ def test_what_was_out_when_a_pool_broke_is_judged_by_the_next(engine: Engine) ->
 
 
 @pytest.mark.parametrize(("fate", "times"), [(cancelled, 3), (killed, 1)])
-def test_what_never_comes_back_is_an_error_and_the_rest_goes_on(engine: Engine, fate: Fate, times: int) -> None:
+def test_task_without_result_is_an_error_and_others_continue(engine: Engine, fate: Fate, times: int) -> None:
     engine.fate = lambda path, time: fate if path == "e4" else verdict
     found = reports(engine, 12)
     assert found.pop("e4").verdict is Verdict.ERROR
@@ -200,7 +200,7 @@ def test_an_executor_that_gives_nothing_ends_the_audit(engine: Engine) -> None:
         reports(engine, 100)
 
 
-def test_leaving_takes_back_what_is_out(engine: Engine) -> None:
+def test_close_cancels_submitted_tasks(engine: Engine) -> None:
     engine.fate = lambda path, time: verdict if path == "e0" else never
     running = events(engine, 50)
     assert next(event for _, event in running if isinstance(event, SubjectFinished)).report.path == "e0"
@@ -265,7 +265,7 @@ def test_a_worker_that_would_judge_otherwise_refuses(changes: dict[str, str], wo
         (("--executor", "dask"), "pip install 'envcraft-rl[dask]'"),
     ],
 )
-def test_wrong_use_is_told_in_a_sentence(
+def test_usage_errors_are_one_line(
     invoke: Invoke, monkeypatch: pytest.MonkeyPatch, options: tuple[str, ...], words: str
 ) -> None:
     monkeypatch.setitem(sys.modules, "distributed", None)

@@ -209,7 +209,7 @@ def test_only_what_has_passed_unless_all_is_wanted(store: Store, invoke: Invoke,
     assert not (tmp_path / "none").exists()
 
 
-def test_what_is_no_text_is_left_out_and_counted(store: Store, tmp_path: Path) -> None:
+def test_sources_that_are_not_utf8_are_skipped_and_counted(store: Store, tmp_path: Path) -> None:
     store.add("latin", b"# -*- coding: latin-1 -*-\n# \xe4\n")
     store.add("marked", b"\xef\xbb\xbfimport gymnasium\r\n")
     told = DatasetExporter().export(Order(store, tmp_path / "made", everything=True))

@@ -110,7 +110,7 @@ def known(*codes: str, traces: str = "t") -> tuple[Record, SubjectReport]:
     return record("bee", "bee", told.source_sha256, None, SETTINGS, told), told
 
 
-def test_drift_is_told_by_check_evidence_and_traces() -> None:
+def test_drift_by_check_evidence_and_traces() -> None:
     recorded, told = known("EC107")
     assert drift(recorded, told) == ([], [])
     assert drift(recorded, msgspec.structs.replace(told, seconds=9.0, steps=7)) == ([], [])
@@ -201,7 +201,7 @@ def test_a_corpus_is_recorded_and_judged_again(games: Path, invoke: Invoke) -> N
     assert (games / ".envcraft" / "corpus.sqlite").read_bytes() == database
 
 
-def test_wrong_use_is_told_in_a_sentence(games: Path, invoke: Invoke) -> None:
+def test_usage_errors_are_one_line(games: Path, invoke: Invoke) -> None:
     invoke("corpus", "init", "corpus")
     for arguments, words in (
         (["none.jsonl"], "cannot read"),

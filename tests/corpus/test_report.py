@@ -139,7 +139,7 @@ def test_the_stages_are_those_of_the_database(site: Path, reports: dict[str, Sub
     assert float(rows[1]["low"]) == pytest.approx((middle - half) / (1 + z * z / n))
 
 
-def test_what_no_check_saw_and_what_one_skipped_is_in_no_rate() -> None:
+def test_rates_exclude_unjudged_and_skipped() -> None:
     def entry(number: int, *verdicts: Verdict) -> data.Entry:
         checks = [CheckReport(name, verdict) for name, verdict in zip(("source", "api"), verdicts, strict=False)]
         report = SubjectReport("a.py", None, "0" * 64, overall(checks), "process", 1.0, 10, checks)

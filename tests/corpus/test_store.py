@@ -147,7 +147,7 @@ def test_what_a_killed_writer_left_half_written_is_swept(store: Store) -> None:
     assert not list((store.root / "tmp").iterdir())
 
 
-def test_a_second_writer_is_told_who_the_first_is_and_readers_are_let_in(store: Store) -> None:
+def test_second_writer_fails_and_readers_succeed(store: Store) -> None:
     with pytest.raises(CorpusBusy, match=f"process {os.getpid()} is writing"):
         Store(store.root, write=True)
     command = [sys.executable, "-m", "envcraft", "corpus", "rm", str(store.root), "ant"]
@@ -223,7 +223,7 @@ def test_a_newer_schema_is_refused(store: Store) -> None:
         Store(store.root)
 
 
-def test_what_is_no_database_is_told(store: Store) -> None:
+def test_invalid_database_is_damage(store: Store) -> None:
     store.close()
     for file in store.root.glob("corpus.sqlite*"):
         file.unlink()

@@ -149,7 +149,7 @@ def test_command_tells_damage_by_its_status(store: Store, invoke: Invoke) -> Non
     assert invoke("corpus", "verify", store.root).exit_code == 0
 
 
-def test_what_makes_way_outlives_a_repair_that_is_ended(store: Store) -> None:
+def test_moved_files_survive_an_interrupted_repair(store: Store) -> None:
     copy(store)
     place(store, "ant").write_bytes(b"somebody's work")
     assert next(verify(store, repair=True)).done
@@ -171,7 +171,7 @@ def test_where_the_database_is_lost_the_sources_are_what_is_left(store: Store, i
     assert "`envcraft corpus verify" in invoke("corpus", "list", store.root).stderr
 
 
-def test_a_torn_database_is_told_and_leaves_the_files_alone(store: Store, invoke: Invoke) -> None:
+def test_torn_database_is_reported_and_files_stay(store: Store, invoke: Invoke) -> None:
     for number in range(200):
         judged(store, f"a{number}", "EC107")
     store.db.execute("PRAGMA wal_checkpoint(TRUNCATE)")
@@ -198,7 +198,7 @@ def other(tmp_path: Path) -> Path:
     return tmp_path / "other"
 
 
-def test_merging_takes_what_lacks_and_merging_again_changes_nothing(store: Store, other: Path) -> None:
+def test_merge_adds_missing_and_is_idempotent(store: Store, other: Path) -> None:
     with Store(other) as source_store:
         merged = merge(store, source_store)
         assert (merged.added, merged.verdicts) == (2, 2)

@@ -212,7 +212,7 @@ def test_an_interrupt_leaves_the_report_of_before(
     assert [path.name for path in kept.parent.iterdir()] == ["report.json"]
 
 
-def test_a_report_may_go_to_what_is_no_file(invoke: Any, good: Path) -> None:
+def test_output_may_be_a_device(invoke: Any, good: Path) -> None:
     result = invoke("validate", good, "--sandbox", "process", "--checks", "source", "--output", os.devnull)
     assert result.exit_code == 0, result.output
     assert not Path(os.devnull).is_file()
@@ -358,9 +358,7 @@ def test_several_reports_may_be_settings(invoke: Any, good: Path, tmp_path: Path
     assert (tmp_path / "b.xml").read_text().startswith("<?xml")
 
 
-def test_files_without_an_environment_are_left_out_where_that_is_asked_for(
-    invoke: Any, good: Path, bad: Path, tmp_path: Path
-) -> None:
+def test_environments_only_skips_other_files(invoke: Any, good: Path, bad: Path, tmp_path: Path) -> None:
     helper = tmp_path / "helper.py"
     helper.write_text("class Tiles:\n    size = 8\n")
     assert invoke("validate", helper, *QUICK).exit_code == 1

@@ -166,9 +166,7 @@ def test_events_of_one_subject_stay_in_order_and_every_subject_gets_its_own() ->
 
 @pytest.mark.parametrize("every", [0.0, 60.0])
 @pytest.mark.parametrize("workers", [1, 2])
-def test_steps_are_told_within_a_check_but_not_too_often(
-    monkeypatch: pytest.MonkeyPatch, workers: int, every: float
-) -> None:
+def test_step_events_within_a_check_are_throttled(monkeypatch: pytest.MonkeyPatch, workers: int, every: float) -> None:
     class Stepping(StubCheck):
         def judge(self, subject: Subject) -> Iterator[Finding]:
             assert subject.cache.on_steps is not None

@@ -99,7 +99,7 @@ def test_one_lane_runs_one_at_a_time_in_order() -> None:
     assert ran == list(range(20))
 
 
-def test_no_other_lane_is_begun_for_jobs_that_are_asked_for_one_by_one() -> None:
+def test_sequential_jobs_use_one_worker() -> None:
     launched = Launched()
     with scheduler_of(4, launched) as scheduler:
         for _ in range(200):
@@ -107,7 +107,7 @@ def test_no_other_lane_is_begun_for_jobs_that_are_asked_for_one_by_one() -> None
     assert len(launched) == 1
 
 
-def test_what_is_waited_for_is_next() -> None:
+def test_awaited_job_runs_next() -> None:
     ran: list[int] = []
     with scheduler_of(1, Launched()) as scheduler:
         go, _ = held(scheduler, 1)

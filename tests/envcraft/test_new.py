@@ -105,7 +105,7 @@ def test_names(name: str, expected: tuple[str, str]) -> None:
         ("../lantern", "lantern"),
     ],
 )
-def test_a_name_that_cannot_be_comes_with_one_that_can(name: str, near: str) -> None:
+def test_invalid_name_is_reported_with_a_valid_one(name: str, near: str) -> None:
     with pytest.raises(UsageError, match=f"try `envcraft new {near}`"):
         names(name)
     names(near)
@@ -118,7 +118,7 @@ def test_a_name_that_the_template_needs(invoke: Any, tmp_path: Path) -> None:
     assert not list(tmp_path.iterdir())
 
 
-def test_an_own_contract_is_told_where_to_start(invoke: Any, tmp_path: Path) -> None:
+def test_new_with_custom_contract_names_a_template(invoke: Any, tmp_path: Path) -> None:
     (tmp_path / "pyproject.toml").write_text(
         '[tool.envcraft]\ncontract = "maze"\nbudget = "quick"\n\n'
         '[tool.envcraft.contracts.maze]\nsummary = "mazes"\naction = { type = "Discrete", n = 5 }\n'

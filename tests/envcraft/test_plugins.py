@@ -104,7 +104,7 @@ def test_a_misspelt_hook_is_reported(empty: Plugins) -> None:
     assert empty.list() == []
 
 
-def test_a_hook_with_an_argument_that_there_is_not_leaves_nothing_of_its_plugin(empty: Plugins) -> None:
+def test_hook_with_unknown_argument_unloads_the_plugin(empty: Plugins) -> None:
     module = plugin("half", "envcraft_checks", gives)()
 
     def envcraft_reporters(config: Any) -> Any: ...
@@ -151,7 +151,7 @@ def test_a_second_plugin_of_a_name_changes_nothing_of_the_first(empty: Plugins) 
     assert empty.collect("envcraft_checks") == [RULE]
 
 
-def test_what_gives_no_named_things_is_named(empty: Plugins) -> None:
+def test_hook_that_returns_unnamed_values_is_reported(empty: Plugins) -> None:
     empty.register("odd", "odd-dist", plugin("odd", "envcraft_checks", lambda: ["a check"]))
     assert empty.collect("envcraft_checks") == []
     assert "name" in empty.broken[0].error

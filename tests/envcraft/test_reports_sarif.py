@@ -35,7 +35,7 @@ def sarif(report: Report) -> Any:
     return log["runs"][0]
 
 
-def test_the_schema_refuses_what_is_none() -> None:
+def test_schema_rejects_an_invalid_report() -> None:
     assert list(validator().iter_errors({"version": "2.1.0", "runs": [{"tool": {"driver": {}}}]}))
 
 

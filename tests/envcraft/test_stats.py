@@ -55,7 +55,7 @@ def test_interval_holds_the_estimate_and_mirrors(kind: type[Proportion], pair: t
     assert rate.low == pytest.approx(1 - mirrored.high)
 
 
-def test_no_trial_says_nothing() -> None:
+def test_interval_without_trials_is_everything() -> None:
     assert (Proportion(0, 0).low, Proportion(0, 0).high) == (0.0, 1.0)
     assert (Exact(0, 0).low, Exact(0, 0).high) == (0.0, 1.0)
 
@@ -158,7 +158,7 @@ def test_what_is_not_finite_or_very_large_is_no_exception() -> None:
     assert Mean.of([1e300, -1e300]).high == inf
 
 
-def test_lead_is_of_what_goes_together() -> None:
+def test_lead_is_paired() -> None:
     others = [float(number % 7) for number in range(30)]
     ours = [value + 0.1 * (1 + number % 2) for number, value in enumerate(others)]
     found = lead(ours, others)

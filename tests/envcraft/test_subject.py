@@ -128,7 +128,7 @@ def test_parallel_jobs_share_the_work() -> None:
     assert all(game.ended.is_set() for game in driver.games)
 
 
-def test_what_goes_wrong_after_others_runs_again_alone() -> None:
+def test_failure_after_other_jobs_reruns_alone() -> None:
     driver = Arcade()
     with subject_of(driver, 1) as subject:
         traces = subject.rollouts([play(0), play(401), play(1), play(250)])
@@ -154,7 +154,7 @@ def test_a_deadline_that_is_kept_the_second_time_counts_as_kept() -> None:
             subject.rerun(play(103))
 
 
-def test_what_is_compared_or_outlasts_its_episode_follows_nothing() -> None:
+def test_compared_or_lasting_rollouts_run_in_a_new_process() -> None:
     driver = Arcade()
     passing = [Conditions(render=True), Conditions(before=[Episode(1, [ACTION])]), Conditions(after_end=2)]
     lasting = [
@@ -180,13 +180,13 @@ def test_what_is_compared_or_outlasts_its_episode_follows_nothing() -> None:
     assert [job["seed"] for job in shared if job.get("new_process")] == [2, 4, 7]
 
 
-def test_a_foreseen_trace_has_the_name_that_it_is_asked_for_under() -> None:
+def test_prefetched_trace_has_the_requested_player() -> None:
     with subject_of(Arcade(), 2) as subject:
         subject.prefetch([Rollout(1, [ACTION], player="somebody")])
         assert subject.rollout(Rollout(1, [ACTION], player="me")).rollout.player == "me"
 
 
-def test_what_is_forgotten_does_not_run_but_can_be_asked_for() -> None:
+def test_cancelled_rollouts_do_not_run_until_requested() -> None:
     driver = Arcade()
     with subject_of(driver, 1) as subject:
         subject.prefetch([play(seed) for seed in range(100)])
@@ -220,7 +220,7 @@ def test_hung_searches_use_up_patience_too() -> None:
 
 
 @pytest.mark.parametrize(("seed", "times"), [(0, 1), (100, 2), (200, 2)])
-def test_what_hangs_first_or_dies_runs_again_step_by_step(seed: int, times: int) -> None:
+def test_hang_or_death_reruns_with_every_step(seed: int, times: int) -> None:
     driver = Arcade()
     with subject_of(driver, 2) as subject:
         subject.prefetch([play(seed)])
@@ -240,7 +240,7 @@ def test_only_requested_rollouts_use_up_the_time(parallel_jobs: int) -> None:
             subject.rollout(play(4))
 
 
-def test_a_lost_worker_is_an_error_for_who_asked_and_a_rollout_can_be_asked_for_again() -> None:
+def test_lost_worker_fails_only_its_rollout() -> None:
     driver = Arcade()
     with subject_of(driver, 2) as subject:
         subject.prefetch([play(seed) for seed in (1, 300, 2)])

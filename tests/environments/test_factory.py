@@ -100,7 +100,7 @@ class TestTrust:
             envcraft.make(corpus, "ant")
         envcraft.make(corpus, "bee")
 
-    def test_a_pass_of_some_checks_is_none(self, corpus: Path, tmp_path: Path) -> None:
+    def test_pass_of_some_checks_is_not_trusted(self, corpus: Path, tmp_path: Path) -> None:
         new, failed, ant = _texts(corpus, "new.py", "failed.py", "ant.py")
         with Store(corpus, write=True) as store:
             judged(store, "new.py", new, "New", ARCADE, Verdict.PASS, "fewer rules", checks="source")
@@ -132,7 +132,7 @@ class TestTrust:
             envcraft.make(corpus, "ant")
 
     @pytest.mark.parametrize("same", [True, False])
-    def test_nor_does_a_pass_of_all_take_back_what_some_found(self, corpus: Path, tmp_path: Path, same: bool) -> None:
+    def test_pass_of_all_checks_does_not_revoke_failure_of_some(self, corpus: Path, tmp_path: Path, same: bool) -> None:
         (text,) = _texts(corpus, "ant.py")
         with Store(corpus, write=True) as store:
             offered = "rules" if same else "older rules"
@@ -145,7 +145,7 @@ class TestTrust:
         else:
             envcraft.make(corpus, "ant")
 
-    def test_what_ran_before_that_was_kept_is_known_once_it_runs_again(self, corpus: Path) -> None:
+    def test_unknown_checks_become_known_with_the_next_run(self, corpus: Path) -> None:
         with Store(corpus, write=True) as store:
             store.db.execute("UPDATE settings SET checks = '?'")
         with pytest.raises(Untrusted, match="has passed unknown checks"):

@@ -92,7 +92,7 @@ class TestEpisodes:
         assert series[0] == series[1]
         assert len(set(series[0])) == 3
 
-    def test_what_has_no_way_in_is_refused(self, opened: Opened) -> None:
+    def test_unsupported_arguments_are_usage_errors(self, opened: Opened) -> None:
         env = opened(game(), start=7)
         with pytest.raises(UsageError, match="no options"):
             env.reset(options={"level": 2})

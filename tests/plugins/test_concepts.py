@@ -205,7 +205,7 @@ def test_capacities_are_what_can_be_counted(monkeypatch: pytest.MonkeyPatch) -> 
         (["--output", "/nowhere/at/all.jsonl"], "--output /nowhere/at/all.jsonl cannot be written"),
     ],
 )
-def test_wrong_use_is_told(arguments: list[str], words: str) -> None:
+def test_usage_errors(arguments: list[str], words: str) -> None:
     result = CliRunner().invoke(cli, ["concepts", *arguments])
     assert result.exit_code == 2
     assert words in result.stderr

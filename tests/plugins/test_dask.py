@@ -137,7 +137,7 @@ def test_ctrl_c_ends_it_at_once(audit: subprocess.Popen[str], corpus: Path) -> N
     assert not left
 
 
-def test_nobody_else_is_let_into_a_cluster_of_this_machine() -> None:
+def test_local_cluster_requires_its_certificate() -> None:
     from envcraft_dask.plugin import DaskExecutor
 
     # As somebody has it who has no certificate.
@@ -157,7 +157,7 @@ def test_nobody_else_is_let_into_a_cluster_of_this_machine() -> None:
             context.wrap_socket(raw)
 
 
-def test_without_dask_nothing_is_begun(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_executor_dask_without_the_library_is_a_usage_error(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     found = importlib.util.find_spec
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None if name == "distributed" else found(name))
     result = CliRunner().invoke(cli, ["audit", str(tmp_path), "--executor", "dask", "--sandbox", "process"])
@@ -165,7 +165,7 @@ def test_without_dask_nothing_is_begun(monkeypatch: pytest.MonkeyPatch, tmp_path
     assert result.stderr == "Error: --executor dask needs Dask; install it with `pip install 'envcraft-rl[dask]'`\n"
 
 
-def test_a_scheduler_that_there_is_not_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_unreachable_scheduler_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
     from envcraft_dask import plugin
 
     monkeypatch.setattr(plugin, "_CONNECT_SECONDS", 0.2)

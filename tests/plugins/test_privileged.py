@@ -175,7 +175,7 @@ def test_it_finds_out_what_the_controls_do() -> None:
 # Recording
 
 
-def test_what_is_recorded_is_small_comes_out_again_and_stays(demos: Demos, corpus: Path) -> None:
+def test_recordings_are_small_and_reproducible(demos: Demos, corpus: Path) -> None:
     for player in ("random", "noop", "tetris"):
         done = demos("--steps", "150", "--player", player)
         assert (done.exit_code, done.stdout.split(":")[0]) == (0, player), done.output
@@ -214,7 +214,7 @@ def test_without_a_name_the_family_has_its_player(demos: Demos, corpus: Path) ->
         ("def policy(env):\n    return 1 / 0", "EC805 the policy raises ZeroDivisionError"),
     ],
 )
-def test_a_policy_that_writes_or_breaks_is_told_of_and_not_recorded(
+def test_policy_that_writes_or_raises_is_not_recorded(
     policy: str, words: str, demos: Demos, corpus: Path, tmp_path: Path
 ) -> None:
     (tmp_path / "policy.py").write_text(policy)
@@ -242,7 +242,7 @@ def test_a_file_that_changed_is_found_and_can_be_taken_out(demos: Demos, corpus:
     assert recordings(corpus) == []
 
 
-def test_a_recording_that_does_not_come_out_again_is_a_finding(demos: Demos, corpus: Path) -> None:
+def test_irreproducible_recording_is_a_finding(demos: Demos, corpus: Path) -> None:
     demos("--steps", "30", "--player", "noop")
     (before,) = recordings(corpus)
     # Whoever wrote another reward had the digests right.
@@ -343,7 +343,7 @@ def test_the_cache_can_be_made_again_and_damage_shows(demos: Demos, corpus: Path
     assert file.read_bytes() == data
 
 
-def test_each_is_played_under_the_contract_that_it_has_passed_and_who_has_no_frames_is_told(tmp_path: Path) -> None:
+def test_recording_uses_the_passed_contract_and_reports_missing_frames(tmp_path: Path) -> None:
     pytest.importorskip("zstandard")
     (tetris,) = TetrisFamily().generate(1, 0)
     with Store.create(tmp_path / "corpus") as store:

@@ -131,7 +131,7 @@ class TestGenerated:
             assert 150 <= one.source.count("\n") <= 400
             json.dumps(one.metadata)
 
-    def test_no_name_is_written_that_is_not_used(self, hundred: list[Generated]) -> None:
+    def test_generated_code_has_no_unused_names(self, hundred: list[Generated]) -> None:
         """Rules that are off leave no code behind."""
         for one in hundred[:40]:
             tree = ast.parse(one.source)

@@ -344,7 +344,7 @@ def ends(process: int) -> bool:
     return not Path(f"/proc/{process}").exists()
 
 
-def test_a_worker_that_is_late_is_not_told_as_one_that_broke(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_slow_worker_is_reported_as_silent(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(client, "_SERVER_SECONDS", 0.2)
     late = "import socket, sys; socket.socket(fileno=int(sys.argv[2])).recv(1); sys.exit('Broken pipe')"
     begun = launch.start([sys.executable, "-c", late], dict(os.environ), Limits(), "process")

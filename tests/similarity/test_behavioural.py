@@ -108,7 +108,7 @@ def test_the_same_game_however_it_is_written(played: dict[str, str]) -> None:
     assert found[0].steps > behavioural.FEWEST
 
 
-def test_what_tells_nothing_has_no_key(played: dict[str, str]) -> None:
+def test_uninformative_episode_has_no_key(played: dict[str, str]) -> None:
     assert played["black"]
     assert behavioural.read(played["black"]) is None
     assert behavioural.read(played["black, other"]) is None

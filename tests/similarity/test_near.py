@@ -29,7 +29,7 @@ def groups(found: list[near.Shingles], threshold: float = near.THRESHOLD) -> lis
     return [[left[place][0] for place in group] for group in joined.all() if len(group) > 1]
 
 
-def test_the_index_is_of_what_either_has() -> None:
+def test_jaccard_index() -> None:
     one, two = np.arange(0, 10, dtype=np.uint32), np.arange(5, 20, dtype=np.uint32)
     assert near.jaccard(one, two) == 5 / 20
     assert near.jaccard(one, one) == 1
@@ -67,7 +67,7 @@ def test_nothing_is_scaffold_of_few() -> None:
     assert all(rest is not None and len(rest) > 200 for rest in left)
 
 
-def test_one_with_too_little_of_its_own_has_no_key() -> None:
+def test_source_with_few_shingles_has_no_key() -> None:
     bare = game(0)[: game(0).index(b"    def rule")]
     found = near.own(sets(*(game(number) for number in range(len(RULES))), bare))
     assert found[-1] is None

@@ -28,7 +28,7 @@ HOSTILE = {
 }
 
 
-def test_what_says_nothing_to_python_makes_no_difference() -> None:
+def test_keys_ignore_formatting() -> None:
     source = game(0)
     assert reformatted(source) != source
     for layer in (exact, structural, near):
@@ -112,7 +112,7 @@ def test_hostile_sources(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", ["no text", "unfinished", "no words", "huge"])
-def test_what_cannot_be_read_has_no_key_but_its_bytes(name: str) -> None:
+def test_unreadable_source_has_only_an_exact_key(name: str) -> None:
     source = HOSTILE[name]
     assert structural.key(source) is None
     assert near.key(source) is None

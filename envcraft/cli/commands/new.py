@@ -51,7 +51,7 @@ def new(name: str, contract: str, folder: str) -> None:
 
 
 def names(name: str) -> tuple[str, str]:
-    """Give the module and class names of an environment. Raises UsageError with a name that would work."""
+    """Return the module and class names of an environment. Raises UsageError with a name that would work."""
     module = _WORDS.sub("_", name).lower()
     env_class = "".join(part[:1].upper() + part[1:] for part in name.split("_"))
     if not name.isidentifier() or name.startswith("_") or any(map(keyword.iskeyword, (name, module, env_class))):

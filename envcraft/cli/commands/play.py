@@ -186,7 +186,7 @@ class _Session:
         click.echo("\n".join(self._lines), nl=bool(self._lines))
 
     def report(self) -> Report:
-        """Give the episodes and their findings as a report."""
+        """Return the episodes and their findings as a report."""
         from envcraft.judging.engine import report_on
 
         checks = []

@@ -108,7 +108,7 @@ def read_report(path: str) -> Report:
 
 
 def choose_findings(report: Report, number: int | None) -> list[Numbered]:
-    """Give all findings, or the one with this number. Raises UsageError if it does not exist."""
+    """Return all findings, or the one with this number. Raises UsageError if it does not exist."""
     found = list(numbered(report))
     if number is None:
         return found

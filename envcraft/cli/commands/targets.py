@@ -80,7 +80,7 @@ def environments_below(folder: str, env_class: str | None = None) -> Iterator[Ta
 
 
 def _is_environment(target: Target) -> bool:
-    """Say whether a file looks like an environment, without running it."""
+    """Return whether a file looks like an environment, without running it."""
     source = target.source
     return len(source) <= MAX_SOURCE and bool(_CLASS.search(source) and _GYMNASIUM.search(source))
 

@@ -146,7 +146,7 @@ def validate(
 
 
 def exit_code(report: Report, exit_zero: bool = False) -> ExitCode:
-    """Give the exit status of a report; a failure counts more than an error."""
+    """Return the exit status of a report; a failure counts more than an error."""
     verdicts = {subject.verdict for subject in report.reports}
     if Verdict.FAIL in verdicts and not exit_zero:
         return ExitCode.FAIL

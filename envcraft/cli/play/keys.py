@@ -44,11 +44,11 @@ class Keys(ABC):
 
     @abstractmethod
     def held(self, keys: Sequence[str]) -> Any:
-        """Give the action of the held keys, the last pressed at the end; needs an action that does nothing."""
+        """Return the action of the held keys, the last pressed at the end; needs an action that does nothing."""
 
     @abstractmethod
     def turn(self, key: str) -> Any:
-        """Give the action of one key in turn-based play, or None if it needs another key."""
+        """Return the action of one key in turn-based play, or None if it needs another key."""
 
 
 class Pad(Keys):
@@ -98,7 +98,7 @@ class Choices(Keys):
 
 
 def keys_for(contract: Contract, space: SpaceSpec) -> Keys:
-    """Give the keys of an action space. Raises UsageError if the keyboard has too few."""
+    """Return the keys of an action space. Raises UsageError if the keyboard has too few."""
     if space == read_space(ARCADE.action) and contract.noop == ARCADE.noop:
         return Pad()
     words = f"the action space {space} cannot be played by keyboard"
@@ -122,7 +122,7 @@ def keys_for(contract: Contract, space: SpaceSpec) -> Keys:
 
 
 def _corners(space: Box, words: str) -> list[tuple[str, Any]]:
-    """Give the middle of a Box, and each of its numbers at its lowest and highest."""
+    """Return the middle of a Box, and each of its numbers at its lowest and highest."""
     size = math.prod(space.shape)
     if not 0 < size <= _DIMENSIONS:
         raise UsageError(f"{words}: it has {size:,} numbers, and up to {_DIMENSIONS} can be set to low and high")

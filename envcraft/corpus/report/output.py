@@ -37,7 +37,7 @@ def check_usable(folder: Path) -> None:
 
 @contextlib.contextmanager
 def replaced(folder: Path) -> Iterator[Path]:
-    """Give an empty folder that replaces `folder` when the block ends without an exception.
+    """Create an empty folder that replaces `folder` when the block ends without an exception.
 
     What killed processes left behind is removed.
 

@@ -53,7 +53,7 @@ def test_thousand_in_ten_folds_are_nine_hundred_and_a_hundred() -> None:
     assert found != splits(names_of(1000), 10, 1)
 
 
-def test_what_cannot_be_parted_is_refused() -> None:
+def test_impossible_splits_are_usage_errors() -> None:
     with pytest.raises(UsageError, match="3 environments cannot be split into 4 folds"):
         splits(names_of(3), 4, 0)
     with pytest.raises(UsageError, match="1 folds"):

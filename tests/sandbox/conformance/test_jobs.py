@@ -138,7 +138,7 @@ class TestConditions:
             "datetime.date.today().isoformat()",
         ],
     )  # fmt: skip
-    def test_the_clock_is_read_as_asked(
+    def test_clock_condition_replaces_readings(
         self, worker: Worker, environment: Environment, play: Any, reading: str
     ) -> None:
         source = environment(top=f"import datetime, json, time; print(json.dumps({reading}))")

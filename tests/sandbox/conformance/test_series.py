@@ -86,7 +86,7 @@ def test_the_next_one_does_not_see(follow: Any, environment: Environment, top: s
     ],
     ids=["thread", "exception", "exit", "module", "class", "metadata", "function", "process", "hang"],
 )
-def test_what_stays_or_breaks_ends_it(follow: Any, environment: Environment, top: str, step: str) -> None:
+def test_leftovers_and_failures_end_the_process(follow: Any, environment: Environment, top: str, step: str) -> None:
     tidy = environment(top=_PROCESS)
     first = follow(tidy)
     untidy = follow(environment(top=_TOLD + top, step=step))
@@ -97,7 +97,7 @@ def test_what_stays_or_breaks_ends_it(follow: Any, environment: Environment, top
     assert after.facts != first.facts
 
 
-def test_what_is_printed_is_told_of_its_own_job(follow: Any, environment: Environment) -> None:
+def test_output_belongs_to_the_job_that_printed_it(follow: Any, environment: Environment) -> None:
     ran = [follow(environment(top=f"print({number})", step="print('.', end='')")) for number in range(5)]
     assert [one.end.output for one in ran] == [f"{number}\n{'.' * 8}" for number in range(5)]
 
