@@ -7,7 +7,7 @@ Measures a short episode of random play before the other checks play: 100 steps 
 - Steps wait (EC908) if nine in ten of them take a millisecond or more and give up the processor, and the process uses
   it for less than half of its time. A game that `clock.tick(30)` slows down for people does that. A `reset()` that
   waits a quarter of a second each time is reported, too.
-- Steps are slow (EC909) if the environment takes fewer of them a second than the contract asks for
+- Steps are slow (EC909) if the environment takes fewer of them a second than the contract requires
   (`min-steps-per-second`, 20 by default). The most expensive twentieth of the steps does not count, so an asset that
   is loaded at the first step or a level that is generated now and then is fine. Time is processor time, which other
   programs on the machine do not change.
@@ -160,7 +160,7 @@ class Speed(Check):
             )
         return self.finding(
             "EC909",
-            f"{words}; the contract {subject.contract.name} asks for {minimum:g} (under {trace.rollout.player})",
+            f"{words}; the contract {subject.contract.name} requires {minimum:g} (under {trace.rollout.player})",
             line=subject.line_of("step"),
             repro=repro(trace.rollout.cut(trace.steps)),
             **evidence,
@@ -194,7 +194,7 @@ class Speed(Check):
         return self.finding(
             "EC909",
             f"each reset() takes {seconds:.3g} s of processor time, which with {steps} steps of an episode allows "
-            f"{rate:.2g} steps a second; the contract {subject.contract.name} asks for {minimum:g} "
+            f"{rate:.2g} steps a second; the contract {subject.contract.name} requires {minimum:g} "
             f"(under {rollout.player})",
             line=line,
             repro=shown,

@@ -314,7 +314,7 @@ def choose(drivers: list[Driver], name: str) -> Driver:
         for driver in ranked:
             if driver.availability.works:
                 return driver
-        raise SandboxUnavailable("no sandbox works on this machine; `envcraft doctor` tells what each one needs")
+        raise SandboxUnavailable("no sandbox works on this machine; `envcraft doctor` lists what each one needs")
     for driver in ranked:
         if driver.name == name:
             return driver

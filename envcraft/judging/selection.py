@@ -83,14 +83,14 @@ def driver_named(name: str, least: str | None = None, runtime: str | None = None
     if least is not None and levels.index(driver.isolation) > levels.index(Isolation(least)):
         raise SandboxUnavailable(
             f"the strongest sandbox here is {driver.name}, whose isolation is only {driver.isolation}, and "
-            f"--require-isolation asks for {least}; `envcraft doctor` tells what is missing"
+            f"--require-isolation requires {least}; `envcraft doctor` lists what is missing"
             if name == "auto"
-            else f"the {name} sandbox isolates by {driver.isolation} only, and --require-isolation asks for {least}"
+            else f"the {name} sandbox isolates by {driver.isolation} only, and --require-isolation requires {least}"
         )
     if name == "auto" and driver.isolation is Isolation.PROCESS:
         click.echo(
-            "Note: neither a container nor a namespace can be had here, so the process sandbox is used, which holds "
-            "against accidents, not against malice; `envcraft doctor` tells what is missing.",
+            "Note: neither containers nor namespaces are available here, so the process sandbox is used, which "
+            "protects against accidents, not against malice; `envcraft doctor` lists what is missing.",
             err=True,
         )
     return driver

@@ -78,7 +78,7 @@ def test_steps_that_compute_for_too_long() -> None:
     (finding,) = found(game("busy(0.2)"))
     assert finding.code == "EC909"
     assert finding.evidence["steps_per_second"] == pytest.approx(5, rel=0.4)
-    assert "asks for 20" in finding.message
+    assert "requires 20" in finding.message
     assert finding.line is not None
 
 

@@ -159,9 +159,9 @@ def audit(
             write_report(opened, Path(report), folder, contract_of_new, driver, workers, partial(click.echo, err=True))
         difference = compare(run, known) if known is not None else None
         verdicts = run.verdicts()
-        told = {"schema": SCHEMA, "envcraft": __version__, "contract": contract, "seed": seed, "budget": budget}
+        header = {"schema": SCHEMA, "envcraft": __version__, "contract": contract, "seed": seed, "budget": budget}
         if form == "json":
-            _write_json(run, told, verdicts, difference)
+            _write_json(run, header, verdicts, difference)
         else:
             _write_summary(run, verdicts, difference)
     if verdicts.get("fail") and not exit_zero:
@@ -235,7 +235,7 @@ def _judge(run: Audit, judging: Judging, resume: bool) -> None:
             raise
 
 
-def _write_json(run: Audit, told: dict[str, Any], verdicts: dict[str, int], difference: Difference | None) -> None:
+def _write_json(run: Audit, header: dict[str, Any], verdicts: dict[str, int], difference: Difference | None) -> None:
     """Write an object like that of ``validate --format json`` with the member ``audit``, one report a line."""
     import msgspec
 
@@ -254,7 +254,7 @@ def _write_json(run: Audit, told: dict[str, Any], verdicts: dict[str, int], diff
         "seconds": seconds,
         "baseline": difference,
     }
-    sys.stdout.write(encoded({**told, "audit": summary})[:-1] + ',"reports":[')
+    sys.stdout.write(encoded({**header, "audit": summary})[:-1] + ',"reports":[')
     for number, report in enumerate(run.reports()):
         sys.stdout.write(f"{',' if number else ''}\n{encoded(report)}")
     sys.stdout.write("]}\n")

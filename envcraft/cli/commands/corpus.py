@@ -126,8 +126,10 @@ def list_(corpus: Path, verdict: str | None, code: str | None, name: str | None,
             _write_array(_row(row) for row in rows)
             return
         for row in rows:
-            told = _row(row)
-            click.echo(f"{told['verdict'] or 'none':5}  {one_line(told['name'])}  {' '.join(told['codes'])}".rstrip())
+            summary = _row(row)
+            click.echo(
+                f"{summary['verdict'] or 'none':5}  {one_line(summary['name'])}  {' '.join(summary['codes'])}".rstrip()
+            )
 
 
 def _known(store: Store, code: str) -> None:
@@ -159,16 +161,18 @@ def show(corpus: Path, name: str, source: bool, form: str) -> None:
             for settings, text in verdicts.of_source(store, row.environment.source, row.environment.env_class)
         ]
     keys = ("contract", "budget", "seed", "driver", "rules", "image")
-    told = {**_row(row), "origin": row.origin}
+    summary = {**_row(row), "origin": row.origin}
     if form == "json":
-        told["verdicts"] = [{**{key: getattr(settings, key) for key in keys}, "report": one} for settings, one in found]
+        summary["verdicts"] = [
+            {**{key: getattr(settings, key) for key in keys}, "report": one} for settings, one in found
+        ]
         if history:
-            told["history"] = history
-        click.echo(msgspec.json.format(msgspec.json.encode(plain(told)), indent=2))
+            summary["history"] = history
+        click.echo(msgspec.json.format(msgspec.json.encode(plain(summary)), indent=2))
         return
     judged = next((one.env_class for _, one in reversed(found)), None) or "-"
     for key in ("name", "source", "class", "added", "origin"):
-        value = json.dumps(told[key]) if key == "origin" else told[key] or judged
+        value = json.dumps(summary[key]) if key == "origin" else summary[key] or judged
         click.echo(f"{key:7}  {one_line(value)}".rstrip())
     for settings, judged_report in found:
         words = ", ".join(f"{key} {getattr(settings, key)}" for key in keys[:5])

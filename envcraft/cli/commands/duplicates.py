@@ -63,8 +63,8 @@ def dedup(corpus: Path, layers: tuple[str, ...], threshold: float, keep_best: bo
         for name in removed:
             store.remove(name)
     if form == "json":
-        told = {"environments": found.environments, "threshold": threshold, "layers": found.layers}
-        _write({**told, "clusters": [_told(cluster) for cluster in found.clusters], "removed": removed})
+        fields = {"environments": found.environments, "threshold": threshold, "layers": found.layers}
+        _write({**fields, "clusters": [_cluster_fields(cluster) for cluster in found.clusters], "removed": removed})
     else:
         _write_clusters(found, keep_best)
 
@@ -100,11 +100,11 @@ def diversity(corpus: Path, layers: tuple[str, ...], sample: int, seed: int, for
                 f"{measured.layer:11}  no environment has a key; `envcraft corpus dedup {corpus}` shows the layers"
             )
             continue
-        told = f"{measured.layer:11}  {measured.score:,.1f} of {plural(measured.sample, 'environment')}"
+        line = f"{measured.layer:11}  {measured.score:,.1f} of {plural(measured.sample, 'environment')}"
         if measured.sample < measured.environments:
             spread = f"{measured.least:,.1f} to {measured.most:,.1f} in five samples"
-            told += f", {spread} of {measured.environments:,} environments"
-        click.echo(told)
+            line += f", {spread} of {measured.environments:,} environments"
+        click.echo(line)
 
 
 @click.command(short_help="Split without separating duplicates.")
@@ -128,8 +128,8 @@ def split(
     shares = _shares(fractions, folds)
     with open_store(corpus) as store:
         found = corpus_splits(store, shares, seed, _chosen(layers), threshold)
-    told = [{"fraction": share, "environments": names} for share, names in zip(shares, found, strict=True)]
-    _write({"seed": seed, "layers": _chosen(layers), "threshold": threshold, "splits": told})
+    splits = [{"fraction": share, "environments": names} for share, names in zip(shares, found, strict=True)]
+    _write({"seed": seed, "layers": _chosen(layers), "threshold": threshold, "splits": splits})
 
 
 def _chosen(layers: tuple[str, ...]) -> tuple[str, ...]:
@@ -147,12 +147,12 @@ def _shares(fractions: str | None, folds: int | None) -> list[float]:
         raise UsageError(f"--fractions {fractions} are not numbers; write them like 0.8,0.1,0.1") from None
 
 
-def _told(cluster: Cluster) -> dict[str, Any]:
+def _cluster_fields(cluster: Cluster) -> dict[str, Any]:
     return {"best": cluster.members[0], "others": cluster.members[1:], "layers": cluster.layers}
 
 
-def _write(told: dict[str, Any]) -> None:
-    whole = {"schema": SCHEMA, "envcraft": __version__, **told}
+def _write(fields: dict[str, Any]) -> None:
+    whole = {"schema": SCHEMA, "envcraft": __version__, **fields}
     click.echo(msgspec.json.format(msgspec.json.encode(plain(whole)), indent=2))
 
 

@@ -134,14 +134,14 @@ def _replay_subject(
     """Replay the findings of one subject, which share its workers and rollouts."""
     from envcraft.judging.engine import open_subject
 
-    told = chosen[0].subject
+    recorded = chosen[0].subject
     try:
-        target = _target(told, report)
+        target = _target(recorded, report)
     except UsageError as error:
         yield _could_not(chosen, str(error))
         return
-    changed = f"{one_line(told.file)} has changed since the report; replay it with --anyway"
-    if target.kind is Kind.SOURCE and target.sha256 != told.source_sha256 and not anyway:
+    changed = f"{one_line(recorded.file)} has changed since the report; replay it with --anyway"
+    if target.kind is Kind.SOURCE and target.sha256 != recorded.source_sha256 and not anyway:
         yield _could_not(chosen, changed)
         return
     plan = msgspec.structs.replace(plan, driver=driver_for(plan.driver, [target]))
@@ -149,12 +149,12 @@ def _replay_subject(
         # A finding about several classes shows only if none of them is selected.
         findings = [item for item in chosen if (item.finding.code == "EC006") is several]
         if findings:
-            picked = msgspec.structs.replace(target, env_class=None if several else told.env_class)
+            picked = msgspec.structs.replace(target, env_class=None if several else recorded.env_class)
             with open_subject(plan, picked) as subject:
                 if target.kind is not Kind.SOURCE and not anyway:
                     # Only loading shows which file an installed class comes from.
                     subject.load()
-                    if subject.source_sha256 != told.source_sha256:
+                    if subject.source_sha256 != recorded.source_sha256:
                         yield _could_not(findings, changed)
                         continue
                 for item in findings:
@@ -163,15 +163,15 @@ def _replay_subject(
                         write_gif(subject, item.finding, gif)
 
 
-def _target(told: SubjectReport, report: str) -> Target:
+def _target(recorded: SubjectReport, report: str) -> Target:
     """Restore a report's target. Raises UsageError if its file cannot be read or its kind is wrong."""
-    if told.kind is Kind.SOURCE:
-        source = read_target(_find(told.path, report)).source
-    elif kind_of(told.path) is told.kind:
+    if recorded.kind is Kind.SOURCE:
+        source = read_target(_find(recorded.path, report)).source
+    elif kind_of(recorded.path) is recorded.kind:
         source = b""
     else:
-        raise UsageError(f"{one_line(told.path)} is not a {told.kind}")
-    return Target(told.path, source, None, told.kind, told.kwargs, read_wrappers(tuple(told.wrappers)))
+        raise UsageError(f"{one_line(recorded.path)} is not a {recorded.kind}")
+    return Target(recorded.path, source, None, recorded.kind, recorded.kwargs, read_wrappers(tuple(recorded.wrappers)))
 
 
 def _find(path: str, report: str) -> str:

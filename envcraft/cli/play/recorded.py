@@ -30,13 +30,13 @@ class Played(Check):
         from envcraft.model.trace import digest
 
         words = f"a person played seed {trace.rollout.seed}: {result(trace)}"
-        told: dict[str, Any] = {
+        evidence: dict[str, Any] = {
             "return": trace.total,
             "steps": trace.steps,
             "success": trace.success,
             "trace": digest(trace),
         }
-        yield self.finding("EC000", words, repro=repro(trace.rollout), **told)
+        yield self.finding("EC000", words, repro=repro(trace.rollout), **evidence)
 
     def confirm(self, subject: Subject, finding: Finding) -> Finding | None:
         conditions = Conditions.from_json(finding.repro.conditions)

@@ -109,7 +109,7 @@ def read(text: str) -> Critique:
         try:
             critique = msgspec.convert(value, Critique)
         except msgspec.ValidationError as error:
-            raise ValueError(f"the JSON object is not of the form that is asked for: {error}") from None
+            raise ValueError(f"the JSON object does not have the requested form: {error}") from None
         if not critique.viable and not critique.objections:
             raise ValueError("the verdict contradicts itself: it is not viable, and has no objections")
         return critique
