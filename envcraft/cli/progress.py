@@ -134,8 +134,11 @@ class Tally:
 class Progress:
     """Show the events of one validation. Leaving the context clears the view and shows the cursor.
 
-    `output` is where the reporter writes, by default standard output: where that is a terminal, too, the view gives way
-    while a subject is reported. `console` is the terminal of the view, by default stderr if it is one.
+    Args:
+        output: the reporter's stream, by default standard output. If it is a terminal, the view is hidden while the
+            reporter writes.
+        console: the terminal of the view, by default stderr if it is one.
+        clock: returns seconds.
     """
 
     def __init__(

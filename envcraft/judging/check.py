@@ -24,9 +24,9 @@ class Rule(msgspec.Struct, frozen=True):
     """One code that a check can report.
 
     Attributes:
-        code: stable identifier, capitals and digits: ``EC`` and three digits for those of EnvCraft itself.
+        code: a stable identifier of capitals and digits. EnvCraft's own codes are ``EC`` and three digits.
         name: a few words in kebab-case.
-        summary: what the rule says, in one sentence.
+        summary: the defect, in one sentence.
         fix: the usual fix, in one sentence.
         severity: ``error`` fails the check, ``warning`` does not.
     """
@@ -42,13 +42,14 @@ class Check(ABC):
     """A rule family.
 
     Attributes:
-        name: how ``--checks`` names it.
+        name: the value for ``--checks``.
         rules: the codes that it can report.
-        gate: the other checks are skipped when it fails, since there is nothing that they could run. A gate runs before
-            them, even when it is not selected.
-        always: it runs even when it is not selected, since no verdict can be trusted without it, and after all others.
-        opt_in: it runs only when ``--checks`` names it, since it costs far more than the others.
-        hash_seeds: the PYTHONHASHSEED of each worker that it is sure to need besides the ordinary ones.
+        gate: whether its failure skips the other checks, because they could not run. A gate runs before them, even if
+            it is not selected.
+        always: whether it runs even if it is not selected, because no verdict can be trusted without it. It runs after
+            all other checks.
+        opt_in: whether it runs only if ``--checks`` names it, because it costs far more than the others.
+        hash_seeds: the PYTHONHASHSEED of each additional worker that it needs in nearly every run.
     """
 
     name: str
@@ -63,7 +64,7 @@ class Check(ABC):
         """Yield a finding for each defect of the subject.
 
         Raises:
-            Skip: the check has nothing to judge here, with the reason.
+            Skip: the check does not apply; the message is the reason.
         """
 
     def find(self, subject: Subject, trace: Trace) -> Iterable[Finding]:
@@ -71,16 +72,25 @@ class Check(ABC):
         return ()
 
     def confirm(self, subject: Subject, finding: Finding) -> Finding | None:
-        """Run a finding's reproduction again. By default this judges the whole check again, which requests the same
-        rollouts under the same seed.
+        """Run a finding's reproduction again.
+
+        By default, this runs the whole check again, which requests the same rollouts under the same seed.
+
+        Args:
+            subject: the environment.
+            finding: the finding to reproduce.
 
         Returns:
             The finding if the defect shows again, else None.
         """
-        return next((found for found in self.judge(subject) if found.code == finding.code), None)
+        return next((again for again in self.judge(subject) if again.code == finding.code), None)
 
     def rule(self, code: str) -> Rule:
-        """The rule with this code. Raises KeyError."""
+        """Return the rule with this code.
+
+        Raises:
+            KeyError: the check has no such rule.
+        """
         for rule in self.rules:
             if rule.code == code:
                 return rule
@@ -95,7 +105,15 @@ class Check(ABC):
         repro: Repro | None = None,
         **evidence: Any,
     ) -> Finding:
-        """Make a finding of one of this check's rules."""
+        """Create a finding of one of this check's rules.
+
+        Args:
+            code: of the rule.
+            message: one sentence for the user.
+            line: of the file, if the defect has one.
+            repro: the rollout that shows the defect.
+            evidence: further data for the report, as JSON values.
+        """
         severity = self.rule(code).severity
         return Finding(code, severity, message, line, evidence, repro if repro is not None else Repro())
 

@@ -80,8 +80,9 @@ class Stop(Exception):
 
 
 class Recorder(Protocol):
-    """Receives a job's messages in order. :mod:`envcraft.spaces.codec` reads `layout` and `data`. A long value that
-    repeats may arrive as the same object.
+    """Receives a job's messages in order.
+
+    :mod:`envcraft.spaces.codec` decodes `layout` and `data`. A long value that repeats may arrive as the same object.
     """
 
     def phase(self, name: str) -> None: ...
@@ -101,19 +102,19 @@ class Recorder(Protocol):
 
 
 class Player(Protocol):
-    """Chooses the actions of an interactive job, in a thread of its own. Its time does not count as the job's."""
+    """Chooses the actions of an interactive job in a separate thread. Its time does not count as the job's."""
 
     def action_requested(self) -> None:
-        """The job waits for its next action."""
+        """Note that the job waits for its next action."""
 
     def fileno(self) -> int:
-        """A descriptor that becomes readable when :meth:`take` has an action."""
+        """Return a file descriptor that becomes readable when :meth:`take` has an action."""
 
     def take(self) -> Any:
         """Return the next action, as JSON.
 
         Raises:
-            Stop: the job ends here.
+            Stop: the job must end here.
         """
 
 
@@ -183,7 +184,7 @@ class Worker(ABC):
         """Look modules up without importing them.
 
         Returns:
-            Those of `modules` that are not installed, and if there are any, the names of all installed ones.
+            The names in `modules` that are not installed, and if there are any, the names of all installed modules.
 
         Raises:
             WorkerLost: the worker is gone.
@@ -191,14 +192,15 @@ class Worker(ABC):
 
     @abstractmethod
     def run(self, job: Job, recorder: Recorder, limits: Limits, player: Player | None = None) -> JobResult:
-        """Run a job until it ends, for whichever reason.
+        """Run a job until it ends.
 
         Args:
-            job: with ``series`` its process may be that of the job before, if that job was of a series and left nothing
-                behind; with ``new_process`` it is a new one, in which others may follow.
+            job: the job. With ``series``, it may run in the process of the previous job, if that job also had
+                ``series`` and left nothing behind. With ``new_process``, it runs in a new process, which later jobs may
+                share.
             recorder: receives the job's messages, in the calling thread.
             limits: what the job may use.
-            player: chooses the actions of an interactive job; the recorder receives them, too.
+            player: chooses the actions of an interactive job, which the recorder also receives.
 
         Returns:
             Why the job ended, and what it used.
@@ -209,17 +211,17 @@ class Worker(ABC):
 
     @abstractmethod
     def close(self) -> None:
-        """End the worker and everything in it. May be called twice."""
+        """End the worker and everything in it. A second call does nothing."""
 
 
 class Driver(ABC):
     """A way to isolate workers. A driver implements :meth:`probe` and :meth:`launch`; the other methods have defaults.
 
     Attributes:
-        name: how ``--sandbox`` names it.
-        isolation: what reports state.
-        rank: ``auto`` takes the driver with the highest rank that works.
-        packages: names of packages that the driver starts by name, such as its worker: a change in them makes verdicts
+        name: the value for ``--sandbox``.
+        isolation: the level that reports state.
+        rank: ``auto`` selects the working driver with the highest rank.
+        packages: names of packages that the driver starts by name, such as its worker. A change in them makes verdicts
             stale.
     """
 
@@ -230,11 +232,11 @@ class Driver(ABC):
 
     @abstractmethod
     def probe(self) -> Availability:
-        """Find out whether workers can be launched here. Nothing that it starts outlasts the call."""
+        """Test whether workers can be launched here. Everything that it starts ends before it returns."""
 
     @cached_property
     def availability(self) -> Availability:
-        """The result of the first :meth:`probe`. A driver whose probe raises does not work; others may."""
+        """The result of the first :meth:`probe`. If the probe raises, the driver does not work."""
         try:
             return self.probe()
         except Exception as error:
@@ -253,11 +255,14 @@ class Driver(ABC):
         """
 
     def start(self, *, hash_seed: int, limits: Limits) -> Callable[[], Worker]:
-        """Launch a worker without waiting for it, where the driver can do that. The arguments are those of
-        :meth:`launch`.
+        """Launch a worker without waiting for it, if the driver supports that. The default launches it in the call.
+
+        Args:
+            hash_seed: as for :meth:`launch`.
+            limits: as for :meth:`launch`.
 
         Returns:
-            A function that waits until the worker is ready and gives it. It may raise SandboxUnavailable, too.
+            A function that waits until the worker is ready and returns it. It may raise SandboxUnavailable, too.
 
         Raises:
             SandboxUnavailable: the driver cannot launch it.
@@ -265,28 +270,39 @@ class Driver(ABC):
         return lambda: self.launch(hash_seed=hash_seed, limits=limits)
 
     def shared_layout(self) -> Driver:
-        """A driver that launches many workers faster. Its workers with the same hash seed may share their memory
-        layout, and nothing else. Close it after the last of them. By default this driver itself.
+        """Return a driver that launches many workers faster; by default this driver itself.
+
+        Workers with the same hash seed may share their memory layout, and nothing else. Close the driver after the last
+        worker.
         """
         return self
 
     def with_runtime(self, runtime: str) -> Driver:
-        """This driver with another container runtime.
+        """Return this driver with another container runtime.
+
+        Args:
+            runtime: the name of the runtime, such as ``runsc``.
 
         Raises:
-            UsageError: the driver runs no containers.
+            UsageError: the driver does not run containers.
         """
-        raise UsageError(f"--runtime {runtime} goes with the docker sandbox, and this one is {self.name}")
+        raise UsageError(f"--runtime {runtime} requires the docker sandbox, not {self.name}")
 
     def with_installed(self, packages: Installed) -> Driver:
-        """This driver with workers that can import what is installed on the host. By default this driver itself, for
-        workers that have a file system of their own.
+        """Return this driver with workers that can import the packages of the host.
+
+        By default it is this driver itself, for workers that have their own file system.
+
+        Args:
+            packages: the folders of the packages.
         """
         return self
 
     def image(self) -> str | None:
-        """The digest of the image that workers run in, which the key of a verdict includes; None where they run on the
-        host's interpreter.
+        """Return the digest of the workers' image, which is part of a verdict's settings.
+
+        Returns:
+            The digest, or None if workers run on the host's interpreter.
 
         Raises:
             SandboxUnavailable: there is no image.
@@ -294,17 +310,16 @@ class Driver(ABC):
         return None
 
     def sweep(self) -> None:  # noqa: B027 (most drivers leave nothing)
-        """Remove what earlier processes left behind when they were killed. It is fast where there is nothing, and never
-        fails.
-        """
+        """Remove what killed processes left behind. It is fast if there is nothing to remove, and never raises."""
 
     def close(self) -> None:  # noqa: B027 (most drivers hold nothing)
-        """End what the driver itself still holds."""
+        """Release the driver's own resources."""
 
 
 def choose(drivers: list[Driver], name: str) -> Driver:
-    """Pick a driver by its name, or for ``auto`` the strongest that works here. A driver that is picked by its name may
-    not work (:func:`ensure`).
+    """Select a driver by its name, or for ``auto`` the working driver with the highest rank.
+
+    A driver that is selected by its name may not work here (:func:`ensure`).
 
     Raises:
         SandboxUnavailable: no driver has this name, or none works.
@@ -333,7 +348,8 @@ def ensure(driver: Driver) -> None:
 
 
 def driver_for(driver: Driver, targets: Iterable[Target]) -> Driver:
-    """The driver whose workers can import what these targets need: what is installed on the host only where one of
-    them is installed, too.
+    """Return a driver whose workers can import what these targets need.
+
+    Workers can import the packages of the host only if one of the targets is installed there.
     """
     return driver.with_installed(installed()) if any(target.installed for target in targets) else driver

@@ -22,11 +22,10 @@ from envcraft.model.trace import Trace
 if TYPE_CHECKING:
     from envcraft_protocol.jobs import Job
 
-#: How often a subject's jobs run again on another worker after theirs was lost. What ended it may have been meant for
-#: another process.
+#: Retries of a subject's jobs on another worker after theirs was lost. The cause may have been outside of the job.
 _RETRIES = 2
-#: Modules that change nothing in a process except what a worker restores. Episodes of a file that imports no others may
-#: share a process.
+#: Modules whose changes to a process a worker can restore. Episodes of a file may share a process if it imports no
+#: other modules.
 _RESTORABLE = {
     "__future__", "abc", "bisect", "collections", "colorsys", "copy", "dataclasses", "enum", "fractions", "functools",
     "gymnasium", "heapq", "itertools", "math", "numpy", "operator", "queue", "random", "re", "statistics", "string",
@@ -55,8 +54,8 @@ class JobRunner:
 
     Attributes:
         about: what the first worker reports about itself (:attr:`envcraft.judging.driver.Worker.about`), {} before.
-        seconds: what the jobs took that were waited for, all together.
-        series: whether jobs may follow one another in a process. False after one that went wrong in such a process.
+        seconds: the total wall time of the jobs whose results were requested.
+        series: whether jobs may share a process. False after a job failed in a shared process.
     """
 
     def __init__(self, lease: Lease, target: Target, contract: Contract, parallel_jobs: int) -> None:
@@ -125,10 +124,10 @@ class JobRunner:
         return self.retry(attempt)
 
     def retry(self, attempt: Callable[[], _T]) -> _T:
-        """Call `attempt`, and once more where its worker was lost.
+        """Call `attempt`, and once more if its worker was lost.
 
         Raises:
-            WorkerLost: the sandbox fails again and again.
+            WorkerLost: too many workers of this subject were lost.
         """
         try:
             return attempt()

@@ -99,8 +99,14 @@ class Probes:
         return rollouts
 
     def earlier(self, rollout: Rollout, found: Rollout | None) -> list[Episode]:
-        """Episodes to play before one on the same instance: two at random, before the first episode seed's twice what a
-        search has `found`, one of doing nothing to the end and many resets, and last that very episode.
+        """Return episodes to play before a rollout on the same instance.
+
+        They are two random episodes and, last, the rollout's own episode. On the first episode seed, they also include
+        the search's episode twice, an episode of doing nothing to the end, and many resets.
+
+        Args:
+            rollout: the request.
+            found: the best episode of a search, if there is one.
         """
         seed = rollout.seed + 7_919
         draws: tuple[_Draw, ...] = (actions.random_actions, actions.sticky_actions)
@@ -114,11 +120,11 @@ class Probes:
         return [*episodes, Episode(rollout.seed, rollout.actions)]
 
     def _drawn(self, draw: _Draw, number: int, length: int, player: str) -> Rollout:
-        """An episode of drawn actions. Each call gives the same object, so that its key is computed once."""
+        """Return an episode of drawn actions. Each call returns the same object, so that its key is computed once."""
         wanted = (draw, number, length)
         if wanted not in self._known:
             seed = self.episode_seed(number)
-            # Other actions may be of any size, so they are not shared.
+            # Actions of other spaces may be large, so they are not cached.
             few = isinstance(self.space, Discrete | MultiDiscrete)
             drawn = _draw(draw, self.space, seed, length) if few else draw(self.space, seed, length)
             self._known[wanted] = Rollout(seed, drawn, player=player)
@@ -127,5 +133,5 @@ class Probes:
 
 @lru_cache(maxsize=256)
 def _draw(draw: _Draw, space: SpaceSpec, seed: int, length: int) -> list[Action]:
-    """Environments of one contract play the same episodes. Nobody changes the list."""
+    """Cache the actions, because environments of one contract play the same episodes. Do not change the list."""
     return draw(space, seed, length)

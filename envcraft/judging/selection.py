@@ -59,22 +59,30 @@ def split(names: str | None) -> list[str]:
 
 
 def driver_named(name: str, least: str | None = None, runtime: str | None = None, probe: bool = True) -> Driver:
-    """The sandbox that ``--sandbox`` names, at least as strong as `least` and under `runtime`; a word on stderr where
-    it is the weakest. What runs that were killed have left behind is removed first.
+    """Return the driver that ``--sandbox`` selects, after a cleanup of what killed runs left behind.
 
-    Without `probe`, one that is named is not tried: that is left to the caller, to do while a worker starts.
-    Raises UsageError on an unknown name, or one that knows no runtimes; SandboxUnavailable where there is none.
+    If ``auto`` selects the weakest driver, a note goes to stderr.
+
+    Args:
+        name: the name of a driver, or ``auto``.
+        least: the minimum isolation level.
+        runtime: the container runtime.
+        probe: whether to check that the driver works. A caller that passes False checks while the first worker starts.
+
+    Raises:
+        UsageError: the name is unknown, or the driver does not run containers.
+        SandboxUnavailable: no driver meets the request.
     """
     drivers = offered("envcraft_sandbox_drivers")
     if name != "auto":
         lookup("sandbox", name, {"auto": None, **{driver.name: driver for driver in drivers}})
     for driver in drivers:
-        # Nothing depends on it, and `envcraft doctor` names one that breaks.
+        # A failed cleanup must not stop the run, and `envcraft doctor` reports a broken driver.
         with contextlib.suppress(Exception):
             driver.sweep()
     if runtime is not None:
         drivers = under(runtime, drivers, name)
-        # With one left, its own words say more than those of "auto".
+        # If one driver is left, its own error is more specific than that of "auto".
         name = drivers[0].name if len(drivers) == 1 else name
     driver = choose(drivers, name)
     if probe:
@@ -97,7 +105,7 @@ def driver_named(name: str, least: str | None = None, runtime: str | None = None
 
 
 def under(runtime: str, drivers: Iterable[Driver], name: str = "auto") -> list[Driver]:
-    """Those drivers that know container runtimes, under this one. Raises UsageError where `name` is not among them."""
+    """Return the drivers that run containers, with this runtime. Raises UsageError if `name` is not among them."""
     found, refusals = [], {}
     for driver in drivers:
         try:
@@ -107,5 +115,5 @@ def under(runtime: str, drivers: Iterable[Driver], name: str = "auto") -> list[D
     if name in refusals:
         raise refusals[name]
     if not found:
-        raise UsageError(f"--runtime {runtime} goes with the docker sandbox, and no plugin here has one")
+        raise UsageError(f"--runtime {runtime} requires the docker sandbox, and no installed plugin has one")
     return found

@@ -12,10 +12,20 @@ from envcraft.model.verdict import Repro
 
 
 def shrink(rollout: Rollout, step: int, shows: Callable[[Rollout], bool], noop: Any, tries: int = 16) -> Rollout:
-    """Cut the actions after `step`, then replace runs of those before it by doing nothing.
+    """Cut the actions after a step, then replace parts of the others by doing nothing.
 
-    Halves, quarters, eighths … are tried in turn, as in delta debugging (Zeller & Hildebrandt 2002,
-    doi:10.1109/32.988498), `tries` rollouts at the most. Gives `rollout` itself when nothing smaller shows the defect.
+    The parts are halves, quarters, eighths … in turn, as in delta debugging (Zeller & Hildebrandt 2002,
+    doi:10.1109/32.988498).
+
+    Args:
+        rollout: shows the defect.
+        step: the step of the defect.
+        shows: whether a rollout still shows the defect.
+        noop: the action that does nothing; None if there is none.
+        tries: the maximum number of rollouts with replaced actions.
+
+    Returns:
+        The smallest rollout that shows the defect, which may be `rollout` itself.
     """
     best = rollout
     for length in dict.fromkeys((step, step + 1)):
@@ -41,5 +51,5 @@ def shrink(rollout: Rollout, step: int, shows: Callable[[Rollout], bool], noop: 
 
 
 def repro(rollout: Rollout) -> Repro:
-    """A rollout as a finding states it."""
+    """Convert a rollout to the reproduction of a finding."""
     return Repro(rollout.seed, rollout.actions, dict(rollout.conditions.to_json()))

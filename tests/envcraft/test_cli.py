@@ -285,7 +285,7 @@ def test_a_runtime_needs_the_docker_sandbox(invoke: Any, good: Path, bad: Path, 
         invoke("validate", bad, *QUICK, "--format", "json", "--output", target)
     result = invoke(command, target, "--sandbox", name, "--runtime", "runsc")
     assert result.exit_code == 2
-    assert result.stderr == f"Error: --runtime runsc goes with the docker sandbox, and this one is {name}\n"
+    assert result.stderr == f"Error: --runtime runsc requires the docker sandbox, not {name}\n"
 
 
 def test_a_runtime_that_cannot_be_had_is_exit_3(invoke: Any, good: Path) -> None:

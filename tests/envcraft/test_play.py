@@ -199,7 +199,7 @@ class TestWindow:
         (("nowhere.py",), "nowhere.py does not exist"),
         ((".",), "holds 2 environments; play one, such as"),
         (("walk.py", "--contract", "arkade"), "did you mean arcade?"),
-        (("walk.py",), "standard input and output have to be a terminal"),
+        (("walk.py",), "standard input and output must be a terminal"),
     ],
 )
 def test_wrong_use_is_one_sentence(

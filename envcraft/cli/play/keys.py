@@ -35,8 +35,8 @@ class Keys(ABC):
     """The keys of one action space.
 
     Attributes:
-        help: lines that say so.
-        idle: whether there is an action for no key at all, so that the game can go on by itself.
+        help: lines that describe the keys.
+        idle: whether an action does nothing, so that the game can continue without a key.
     """
 
     help: list[str]
@@ -44,7 +44,7 @@ class Keys(ABC):
 
     @abstractmethod
     def held(self, keys: Sequence[str]) -> Any:
-        """Return the action of the held keys, the last pressed at the end; needs an action that does nothing."""
+        """Return the action of the held keys, the last pressed at the end. Requires `idle`."""
 
     @abstractmethod
     def turn(self, key: str) -> Any:

@@ -1,4 +1,4 @@
-"""Pictures at the size of a screen, and as the half-block characters of a terminal."""
+"""Scale pictures to a screen, and draw them with the half-block characters of a terminal."""
 
 from __future__ import annotations
 
@@ -9,8 +9,14 @@ Picture = NDArray[np.uint8]
 
 
 def fit(picture: Picture, width: int, height: int) -> Picture:
-    """RGB pixels, as large as `width` and `height` allow: each pixel repeated a whole number of times, or the mean of
-    the area that it covers.
+    """Scale RGB pixels to fit into `width` and `height` pixels.
+
+    To enlarge, each pixel is repeated an integer number of times. To shrink, each pixel is the mean of its area.
+
+    Args:
+        picture: pixels of shape (H, W, 3).
+        width: the maximum width in pixels.
+        height: the maximum height in pixels.
     """
     tall, wide = picture.shape[:2]
     scale = min(width / wide, height / tall)
@@ -24,7 +30,7 @@ def fit(picture: Picture, width: int, height: int) -> Picture:
 
 
 def half_blocks(picture: Picture) -> list[str]:
-    """One line for two rows of pixels: the upper half block in the colour of the upper one, on that of the lower."""
+    """Return one line for two rows of pixels: upper half blocks in the upper colours on the lower colours."""
     if len(picture) % 2:
         picture = np.vstack([picture, np.zeros_like(picture[:1])])
     lines = []

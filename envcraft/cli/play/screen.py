@@ -1,4 +1,4 @@
-"""What a person plays on: a terminal or a window."""
+"""The interface of the screens on which a person plays: a terminal or a window."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ class Screen(contextlib.AbstractContextManager["Screen"]):
 
     @abstractmethod
     def pressed(self, seconds: float) -> list[str]:
-        """Wait up to `seconds` for keys; those that were pressed, by name, in order."""
+        """Wait up to `seconds` for keys and return the names of the pressed keys in order."""
 
     @abstractmethod
     def held(self) -> list[str]:
-        """The keys that are down, or were since the last call, the last pressed at the end."""
+        """Return the names of the keys that are or were down since the last call, the last pressed at the end."""

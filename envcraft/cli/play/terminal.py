@@ -1,4 +1,4 @@
-"""Play in the terminal, also over ssh: 24-bit colours, and no key but those that the terminal sends."""
+"""Play in the terminal, also over ssh, with 24-bit colours and the keys that the terminal sends."""
 
 from __future__ import annotations
 
@@ -22,17 +22,17 @@ _LEAVE = "\x1b[0m\x1b[?25h\x1b[?1049l"
 _ARROWS = {"A": "up", "B": "down", "C": "right", "D": "left"}
 _SEQUENCE = re.compile(r"\x1b[\[O][0-9;]*(?P<final>[ -/]*[@-~])|(?P<key>.)", re.DOTALL)
 _NAMES = {" ": "space", "\r": "enter", "\n": "enter", "\x1b": "escape"}
-#: A terminal tells of no key that is let go. One that repeats comes again sooner than this, in seconds.
+#: Seconds after which a key counts as released. A terminal reports no releases, and a held key repeats sooner.
 _HOLD = 0.08
 _ESCAPE_SECONDS = 0.03
 
 
 class Terminal(Screen):
-    """The terminal of standard input and output. Raises UsageError where there is none."""
+    """The terminal of standard input and output. Raises UsageError if there is none."""
 
     def __init__(self) -> None:
         if not (sys.stdin.isatty() and sys.stdout.isatty()):
-            raise UsageError("to play, standard input and output have to be a terminal; or play in a --window")
+            raise UsageError("standard input and output must be a terminal; or play in a --window")
         self._input, self._output = sys.stdin.fileno(), sys.stdout.fileno()
         self._before: list[Any] = []
         self._lines: list[str] = []
@@ -45,7 +45,7 @@ class Terminal(Screen):
         self._before = termios.tcgetattr(self._input)
         tty.setcbreak(self._input)
         mode = termios.tcgetattr(self._input)
-        # A stopped program would leave the terminal as it is now.
+        # No Ctrl-Z, because a stopped program could not restore the terminal.
         mode[6][termios.VSUSP] = b"\0"
         termios.tcsetattr(self._input, termios.TCSANOW, mode)
         self._write(_ENTER)

@@ -20,13 +20,13 @@ _NAMES = {"return": "enter", "enter": "enter"}
 
 
 def available() -> bool:
-    """Whether there is a display, and pygame to draw on it."""
+    """Whether there is a display, and pygame is installed."""
     there = any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY", "SDL_VIDEODRIVER"))
     return there and importlib.util.find_spec("pygame") is not None
 
 
 class Window(Screen):
-    """A window of fixed size. Raises UsageError where there is no pygame or no display."""
+    """A window of fixed size. Raises UsageError without pygame or a display."""
 
     def __init__(self, title: str) -> None:
         os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")
