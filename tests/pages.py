@@ -18,7 +18,7 @@ _MILLISECONDS = 120_000
 
 @contextmanager
 def chromium() -> Iterator[Browser]:
-    """The browser. Skips the test if there is none."""
+    """The browser. Skips the test if there is no browser."""
     if _CHROMIUM is None:
         pytest.skip("no chromium on this machine: apt-get install chromium")
     from playwright.sync_api import sync_playwright

@@ -48,7 +48,7 @@ Invoke = Callable[..., Result]
 
 @pytest.fixture
 def invoke(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Invoke:
-    """Run the command line in an empty folder, where no configuration reaches it."""
+    """Run the command line in an empty folder without a configuration."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("envcraft.registry._warned", set())
 

@@ -117,7 +117,7 @@ def many(number: int, findings: int = 2) -> Report:
 
 
 def events(report: Report) -> Iterable[Event]:
-    """What ``validate`` would have told a reporter."""
+    """The events that ``validate`` would send to a reporter."""
     for number, subject in enumerate(report.reports, 1):
         yield SubjectStarted(subject.path, number, len(report.reports))
         for check in subject.checks:

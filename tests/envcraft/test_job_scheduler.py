@@ -1,4 +1,4 @@
-"""Jobs side by side: which worker serves which, and what is left when it ends."""
+"""Parallel jobs: which worker serves which job, and what remains at the end."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``envcraft new``: what it writes passes, whatever it is called, and nothing is ever overwritten."""
+"""``envcraft new``: its files pass under any valid name, and no file is overwritten."""
 
 from __future__ import annotations
 

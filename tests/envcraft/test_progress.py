@@ -1,4 +1,4 @@
-"""The progress on stderr: what a frame shows, how it gives way, and the lines where there is no terminal."""
+"""The progress on stderr: the content of the view, when it is hidden, and the lines without a terminal."""
 
 from __future__ import annotations
 
@@ -162,7 +162,7 @@ def test_words(words: str, said: str) -> None:
 
 
 def canned(subjects: int, workers: int) -> Iterable[Event]:
-    """Subjects that are judged by so many workers, in step."""
+    """Events of subjects that a number of workers judge in lockstep."""
     for first in range(1, subjects + 1, workers):
         paths = [f"games/game_{number:04}.py" for number in range(first, min(first + workers, subjects + 1))]
         yield from several(paths, subjects)

@@ -1,4 +1,4 @@
-"""``envcraft replay``: a report's findings show again, and a report that is none is a sentence."""
+"""``envcraft replay``: findings are reproduced, and an invalid report is a usage error of one line."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The HTML page: whole by itself, safe whatever the report holds, and looked at in a real browser."""
+"""The HTML page: self-contained, safe with any report, and rendered in a real browser."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""JUnit XML: well formed whatever the strings are, and junitparser reads back what the report says."""
+"""JUnit XML: well formed with any strings, and junitparser reads the content of the report."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Markdown: what a renderer makes of the comment, which hostile words neither break nor turn into links or mentions."""
+"""Markdown: the rendered comment. Hostile text neither breaks it nor becomes links or mentions."""
 
 from __future__ import annotations
 

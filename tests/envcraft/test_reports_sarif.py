@@ -1,4 +1,4 @@
-"""SARIF: valid against the OASIS schema whatever the report holds, and each finding where a viewer looks for it."""
+"""SARIF: valid against the OASIS schema with any report, with each finding at its place."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Games that are short and different, and a corpus in which they have verdicts that nobody had to wait for."""
+"""Short, different games, and a corpus with verdicts on them that no run had to compute."""
 
 from __future__ import annotations
 

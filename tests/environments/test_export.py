@@ -1,4 +1,4 @@
-"""``envcraft export --to package``: built, installed where there is no EnvCraft, and played."""
+"""``envcraft export --to package``: built, installed without EnvCraft, and played."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """``python -m tests.plugins.tiny_model FILE PORT``: llama.cpp's server with a model of random weights.
 
-Its vocabulary is the 256 bytes, so a grammar can be held to, and whatever it writes freely is garbage.
+Its vocabulary is the 256 bytes, so a grammar can be held to, and its free text is garbage.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What a killed process leaves behind, and who clears it up: nobody else's things, and all of its own."""
+"""The cleanup after a killed process: it removes everything of that process and nothing of others."""
 
 from __future__ import annotations
 

@@ -67,7 +67,7 @@ PUT = """
 
 
 class Nobody(Channel):
-    """A channel that nobody listens to."""
+    """A channel without a receiver."""
 
     def __init__(self) -> None:
         with socket.socket(socket.AF_UNIX) as closed:

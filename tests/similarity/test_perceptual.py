@@ -1,4 +1,4 @@
-"""Hashes of frames: alike where frames look alike, far apart where they do not, of any size."""
+"""Hashes of frames: similar for similar frames and different for others, at any size."""
 
 from __future__ import annotations
 

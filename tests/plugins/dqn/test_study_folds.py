@@ -1,4 +1,4 @@
-"""The partition of a study: nobody is tested on what they were trained on, and every environment is tested once."""
+"""The folds of a study: no agent is tested on its training environments, and every environment is tested once."""
 
 from __future__ import annotations
 

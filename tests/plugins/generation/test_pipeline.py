@@ -242,7 +242,7 @@ def test_an_interrupted_run_ends_cleanly_and_resumes(finished: Finished, tmp_pat
     program = [sys.executable, "-m", "envcraft", *command(content, tmp_path / "corpus")]
     with subprocess.Popen(program, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as run:
         deadline = time.monotonic() + 240
-        while time.monotonic() < deadline and not _begun(tmp_path / "corpus"):
+        while time.monotonic() < deadline and not _has_verdicts(tmp_path / "corpus"):
             time.sleep(0.05)
         run.send_signal(signal.SIGINT)
         _, said = run.communicate(timeout=480)
@@ -253,8 +253,8 @@ def test_an_interrupted_run_ends_cleanly_and_resumes(finished: Finished, tmp_pat
     assert contents(tmp_path / "corpus") == contents(whole)
 
 
-def _begun(corpus: Path) -> bool:
-    """Whether judging has begun."""
+def _has_verdicts(corpus: Path) -> bool:
+    """Whether the corpus has a first verdict."""
     if not (corpus / "corpus.sqlite").exists():
         # Or looking would make one.
         return False

@@ -1,4 +1,4 @@
-"""One suite for every driver: whatever a job does costs that job its end, and nothing else."""
+"""One suite for every driver: a job can end itself, and affects nothing else."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def driver(request: pytest.FixtureRequest) -> Iterator[Driver]:
 
 @pytest.fixture(scope="module")
 def isolating(driver: Driver) -> Driver:
-    """The driver where it has namespaces."""
+    """The driver, if it has namespaces."""
     if driver.isolation is Isolation.PROCESS:
         pytest.skip("isolation by process shares the machine's files, network and processes")
     return driver

@@ -1,4 +1,4 @@
-"""What a job cannot reach. The kernel's own layers hold in every driver, where it has them."""
+"""What a job cannot reach. The kernel's own layers protect in every driver, if the kernel has them."""
 
 from __future__ import annotations
 

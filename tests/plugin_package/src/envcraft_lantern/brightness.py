@@ -90,7 +90,7 @@ def _watched(subject: Subject, number: int) -> Rollout:
 
 
 def brightest(trace: Trace) -> int:
-    """The highest value of any pixel in the frames that a trace kept. Raises Skip where it kept no picture."""
+    """The highest value of any pixel in the frames that a trace kept. Raises Skip if it kept no picture."""
     # The shape and the type come from the environment, whatever its space says.
     pictures = [frame for frame in trace.frames if frame.dtype == "uint8" and frame.ndim in (2, 3) and frame.size]
     if not pictures:

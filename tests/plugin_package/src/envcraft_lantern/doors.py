@@ -1,4 +1,4 @@
-"""The family `doors`: corridors with a door at one end, of which the lit one is right."""
+"""The family `doors`: corridors with a door at each end; the lit door is the right one."""
 
 from __future__ import annotations
 
