@@ -1,13 +1,14 @@
-"""A player of the family `tetris`: tries the places at which a piece can land, and rates the resulting boards.
+"""A player of the family `tetris`: tries where each piece can come to lie, and rates the board that is left.
 
-The text of this file is the policy that runs beside the environment (``act(state)``), so it imports only the standard
-library. It reads the whole state and does not change it. It tries moves on a stand-in of the game's own class, which
-has the rules of the variant: turning and kicks, gravity and lock delay, sides that wrap around, walls, and clearing.
+The text of this file is the policy that runs beside the environment (``act(state)``), so it needs nothing but the
+standard library. It reads the whole state and changes none of it: moves are tried on a stand-in of the game's own
+class, whose rules are therefore those of the variant: turning and kicks, gravity and lock delay, sides that are one,
+walls, and whatever is cleared.
 
 A board is rated by the features of Dellacherie and the two that Thiery and Scherrer added, with the weights of their
 controller BCTS (C. Thiery and B. Scherrer, "Building Controllers for Tetris", ICGA Journal 32(1), 3-11, 2009). The
-depth of a hole is the number of successive blocks right above it, as in their program. If the variant clears groups of
-a colour, neighbours of one colour also count.
+depth of a hole is the number of successive blocks right above it, as in their program. Where groups of a colour are
+cleared, neighbours of one colour count besides.
 """
 
 from __future__ import annotations
@@ -17,21 +18,21 @@ from typing import Any
 Move = tuple[int, int, int]
 _WAIT: Move = (0, 0, 0)
 _LEFT, _RIGHT = 3, 4
-#: Maximum number of steps to move a piece above its place.
+#: So many steps are tried to get a piece where it is to fall.
 _STEPS = 16
 #: Landing height, eroded cells (lines cleared times the piece's cells in them), row transitions, column transitions,
 #: holes, cumulative wells, depth of holes, rows with holes.
 _BCTS = (-12.63, 6.60, -9.22, -19.77, -13.08, -10.49, -1.61, -24.04)
 _LOST, _WON, _PUT_OFF = -1e6, 1e5, -3e3
-#: The goal is delayed, to continue playing, while at least this many rows are free and this many steps are left.
+#: The goal is put off, so as to play on, while so many rows are free and so many steps are left.
 _ROOM, _REST = 5, 20
-#: For each row in which a block is in the column that is kept free while the goal is delayed.
+#: For each row in which the column is blocked that is kept free while the goal is put off.
 _BLOCKED = -100.0
 #: Per pair of neighbours of one colour, and per block that is cleared, under the rule that clears groups.
 _PAIR, _CLEARED = 25.0, 40.0
-#: Number of best placements that are compared by the best placement of the next piece.
+#: So many of the best placements are told apart by what the next piece would find.
 _AHEAD = 5
-#: Ratio of the pieces that a goal takes to the pieces that its blocks need.
+#: A goal takes more pieces than its blocks by this factor.
 _WASTE = 1.4
 
 
@@ -56,7 +57,7 @@ class Placement:
         landed = game.advance(move)
         if landed and game.room > _ROOM:
             game.follow(env)
-            # Holding a piece at the last moment delays its fall.
+            # A piece that is put aside at the last moment falls once more later.
             move = game.aside() or move
         self._expected = None if landed else game.place()
         return move
@@ -102,7 +103,7 @@ class Game:
     # -- the stand-in ----------------------------------------------------------------------------------------------
 
     def _stand_in(self, env: Any) -> Any:
-        """Return an object of the same class whose pieces can move, without drawing and without events of a landing."""
+        """An object of the same class that can be moved: what comes after a landing, and what is drawn, is left out."""
         ghost = object.__new__(self._class)
         ghost.__dict__.update(env.__dict__)
 
@@ -118,26 +119,26 @@ class Game:
         return ghost
 
     def follow(self, env: Any) -> None:
-        """Copy the state of the environment."""
+        """Take over the state of the environment."""
         state = self._ghost.__dict__
         state.update(env.__dict__)
         state.update(self._own)
         state["landed"] = False
 
     def place(self) -> tuple[int, ...]:
-        """Return the numbers that identify the position of the piece."""
+        """What tells whether the game is where it was expected to be."""
         ghost = self._ghost
         return ghost.kind, ghost.turn, ghost.row, ghost.column, ghost.steps
 
     def advance(self, move: Move) -> bool:
-        """Move the stand-in and return whether the piece landed."""
+        """Move the stand-in; give whether the piece has landed."""
         ghost = self._ghost
         ghost.steps += 1
         ghost._advance(*move)
         return bool(ghost.landed)
 
     def _probe(self) -> dict[str, Move]:
-        """Find the effect of each control by trying it in the middle of an empty board."""
+        """Which control does what, by trying each in the middle of an empty board."""
         ghost, found = self._ghost, {}
         state = dict(ghost.__dict__)
         wall = self._wall
@@ -184,7 +185,7 @@ class Game:
     # -- where the piece can go ------------------------------------------------------------------------------------
 
     def plan(self) -> list[Move]:
-        """Return the moves to above the best place of the piece."""
+        """The moves that bring the piece above the best place for it."""
         ghost = self._ghost
         self._back = 0
         start = dict(ghost.__dict__)
@@ -214,7 +215,7 @@ class Game:
         dash: Move | None,
         found: dict[tuple[int, int, int], list[Move]],
     ) -> None:
-        """Move in one direction and turn on the way, and collect the places at which the piece could land."""
+        """Go one way and turn on the way; every place that the piece could fall from is one to land at."""
         ghost = self._ghost
         state = ghost.__dict__
         state.update(start)
@@ -242,7 +243,7 @@ class Game:
             before = here
 
     def _toward(self, turn: int, direction: int, dash: Move | None) -> Move | None:
-        """Return the next move of a piece that must turn and move in one direction, or None if it cannot turn so."""
+        """The next move of a piece that is to be turned and to go one way; None where its controls cannot turn it."""
         left = (turn - self._ghost.turn) % 4
         if not left:
             return (direction, *(dash[1:] if dash else (0, 0)))
@@ -255,7 +256,7 @@ class Game:
         return button if button[0] else (direction, button[1], button[2])
 
     def rest(self) -> Move:
-        """Return the move above the place: wait, or drop if time is short."""
+        """What to do above the place: wait, or go down where there is something to be done in time."""
         controls = self._controls
         if not self._hurry:
             return self._stay()
@@ -264,7 +265,7 @@ class Game:
         return controls.get("soft", _WAIT)
 
     def _stay(self) -> Move:
-        """Wait. On the ground, move to the side and back at the last moment if a move restarts the lock delay."""
+        """Wait. On the ground, where the delay is counted anew after a move, go to the side at last, and come back."""
         ghost = self._ghost
         if "LOCK_RESETS" not in self._names or ghost.grounded < self._names["LOCK_DELAY"]:
             return _WAIT
@@ -279,19 +280,19 @@ class Game:
         return _WAIT
 
     def aside(self) -> Move | None:
-        """Return the move that holds the piece, if the variant allows it and there is time."""
+        """How to put the piece aside, where that can be done and there is time."""
         move = self._controls.get("hold")
         if move is None or self._hurry or self._rising or self._ghost.swapped or self._pressed(move):
             return None
         return move
 
     def _pressed(self, move: Move) -> bool:
-        """Whether a button of a move is still down, so that pressing it would have no effect."""
+        """Whether a button of a move is still down, so that it would not act."""
         state = self._ghost.__dict__
         return bool((move[1] and state.get("first_down")) or (move[2] and state.get("second_down")))
 
     def _note(self, ghost: Any) -> None:
-        """Update how far the goal is, whether time is short, and whether to delay the goal."""
+        """See how far the goal is, whether there is a reason to be quick, and whether one to put the goal off."""
         self._missing = self._goal - ghost.cleared if self._goal else None
         if self._missing is not None:
             needed = _WASTE * self._missing * self._each / self._cells
@@ -302,7 +303,7 @@ class Game:
         self.room = next(filled, self.rows) - self._top
         late = ghost.steps > self._limit - 1.3 * self._fall - _REST
         if self._missing is None:
-            # Pieces clear the rows that rise with time.
+            # Rows that rise by the clock are dug away by pieces.
             self._hurry = self._rising or (self._digs and late)
         else:
             self._hurry = self._hurry or late
@@ -311,7 +312,7 @@ class Game:
         self._kept = self._spare(ghost.board) if put_off and self._missing == 1 and not self._colours else 0
 
     def _spare(self, board: list[list[int]]) -> int:
-        """Return the bit of the column to keep free, so that no row is full: the lowest one, preferably at a side."""
+        """The bit of a column to be kept free, so that no row is full: the lowest one, if possible at a side."""
         tops = [next((y for y, row in enumerate(board) if row[x]), self.rows) for x in range(self.columns)]
         return 1 << max(range(self.columns), key=lambda x: (tops[x], abs(2 * x - self.columns + 1)))
 
@@ -321,7 +322,7 @@ class Game:
         return [sum(1 << x for x, block in enumerate(row) if block) for row in board]
 
     def _mask(self, kind: int, turn: int, column: int) -> tuple[tuple[int, int], ...] | None:
-        """Return the rows of a piece as (row, bits), or None if it exceeds a side."""
+        """The rows of a piece as (row, bits); None where it sticks out at a side."""
         key = (kind, turn, column)
         if key not in self._masks:
             rows: dict[int, int] = {}
@@ -335,7 +336,7 @@ class Game:
         return self._masks[key]
 
     def _landing(self, board: list[int], kind: int, turn: int, row: int, column: int) -> int:
-        """Return the row in which a piece lands that falls from `row`."""
+        """The row in which a piece comes to lie that falls from `row`."""
         mask, rows = self._mask(kind, turn, column), self.rows
         if mask is None:
             return row
@@ -351,7 +352,7 @@ class Game:
         return gain + self._features(after)
 
     def _followed(self, board: list[int], kind: int, place: tuple[int, int, int], follower: int) -> float:
-        """Return the best rating after this piece and the next one."""
+        """The best rating after this piece and the next one were laid."""
         gain, after = self._laid(board, kind, *place)
         if self._colours:
             return gain + self._features(after)
@@ -370,7 +371,7 @@ class Game:
         return gain + best
 
     def _laid(self, board: list[int], kind: int, turn: int, row: int, column: int) -> tuple[float, list[int]]:
-        """Return the value of a landing and the resulting board."""
+        """What a landing is worth by itself, and the board that it leaves."""
         mask = self._mask(kind, turn, column)
         assert mask is not None
         after, lost, blocked = list(board), False, 0
@@ -400,7 +401,7 @@ class Game:
         return bonus + _BCTS[0] * height + _BCTS[1] * eroded, after
 
     def _settled(self, board: list[int]) -> tuple[int, list[int]]:
-        """Apply the game's own rules of clearing to a board; return how much they clear and the resulting board."""
+        """How much the game's own rules clear of a board, and what they leave of it."""
         ghost, walls, wall = self._ghost, self._walls, self._wall
         real = ghost.board
         columns = range(self.columns)
@@ -414,7 +415,7 @@ class Game:
         return cleared, after
 
     def _coloured(self, kind: int, turn: int, row: int, column: int, after: list[int]) -> tuple[float, list[int]]:
-        """Return the value of a landing by its colour, and the resulting board."""
+        """What a landing is worth for its colour, and the board that it leaves."""
         ghost = self._ghost
         colour = kind % self._colours + 1
         board = [list(line) for line in ghost.board]
@@ -445,7 +446,7 @@ class Game:
         return _PAIR * len(group) + _CLEARED * self._group + end, after
 
     def _features(self, board: list[int]) -> float:
-        """Return the rating of a board; a column that is kept free does not count as a well."""
+        """The rating of a board; a column that is kept free is no well."""
         full, columns = self.full, self.columns
         above = covered = 0
         across = down = holes = wells = depth = holed = 0
