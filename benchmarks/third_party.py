@@ -31,7 +31,8 @@ ROOT = Path(__file__).resolve().parent.parent
 _NOTES = ROOT / "benchmarks" / "third_party.toml"
 _KEPT = ROOT / "build" / "third-party.json"
 _PAGE = ROOT / "docs" / "third-party.md"
-_LIMITS = Limits(loading=30.0, job=120.0, total=600.0)
+_LIMITS = Limits(loading=30.0, job=120.0)
+_SECONDS = 600.0
 _HEAD = """# Third-party environments
 
 The verdicts of EnvCraft on published environments, under the contract `gymnasium` with the budget `quick` and seed 0.
@@ -74,7 +75,15 @@ def judge(name: str, kwargs: dict[str, Any]) -> SubjectReport:
     """The report of one environment."""
     target = Target(name, kind=kind_of(name) or Kind.ID, kwargs=kwargs)
     with contextlib.closing(driver_named("bubblewrap")) as driver:
-        plan = Plan([target], contract_named("gymnasium"), driver, default_checks(), BUDGETS["quick"], limits=_LIMITS)
+        plan = Plan(
+            [target],
+            contract_named("gymnasium"),
+            driver,
+            default_checks(),
+            BUDGETS["quick"],
+            limits=_LIMITS,
+            time_limit=_SECONDS,
+        )
         last = list(validate(plan, 1))[-1]
     assert isinstance(last, Finished)
     return last.report.reports[0]

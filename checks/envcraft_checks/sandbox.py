@@ -21,7 +21,6 @@ import errno
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-from envcraft.errors import Skip
 from envcraft.judging.check import Check, Rule
 from envcraft.judging.shrink import repro
 from envcraft.model.job import ExitReason
@@ -36,8 +35,6 @@ if TYPE_CHECKING:
 #: Exceptions of code that uses the network, and the error numbers of refused sockets.
 _NETWORK = ("gaierror", "herror", "URLError", "ConnectionRefusedError", "ConnectionError")
 _NO_NETWORK = (errno.ENETUNREACH, errno.ENETDOWN)
-_NO_PROCESS = errno.EAGAIN
-_NO_SPACE = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 _ENDS = {
     ExitReason.TIMEOUT: "EC901",
     ExitReason.MEMORY: "EC902",
@@ -71,15 +68,8 @@ class SandboxEvents(Check):
                 if finding.code not in seen:
                     seen.add(finding.code)
                     yield finding
-        if subject.out_of_time and "EC901" not in seen:
-            words = f"all episodes together took {subject.seconds:.0f} s, so the remaining ones were not played"
-            slowest = sorted(subject.traces, key=lambda trace: trace.end.seconds if trace.end else 0.0)[-1:]
-            shown = repro(slowest[0].rollout) if slowest else None
-            yield self.finding("EC901", words, line=subject.line_of("step"), repro=shown, seconds=subject.seconds)
 
     def confirm(self, subject: Subject, finding: Finding) -> Finding | None:
-        if "seconds" in finding.evidence:
-            raise Skip("only all episodes together exceed the time limit; validate again to reproduce it")
         conditions = Conditions.from_json(finding.repro.conditions)
         found = self.find(subject, subject.rollout(Rollout(finding.repro.seed, finding.repro.actions, conditions)))
         return next((again for again in found if again.code == finding.code), None)
@@ -91,13 +81,14 @@ class SandboxEvents(Check):
 
     def _event(self, subject: Subject, trace: Trace) -> Finding | None:
         end, fault = trace.end, trace.fault
-        if fault is not None and fault.memory:
+        limit = fault.limit if fault is not None else None
+        if fault is not None and limit is ExitReason.MEMORY:
             return self._found(subject, trace, "EC902", f"{fault.phase} ran out of memory: {fault.message}")
-        if fault is not None and (fault.errno == _NO_PROCESS or "can't start new thread" in fault.message):
+        if fault is not None and limit is ExitReason.PROCESSES:
             return self._found(
                 subject, trace, "EC903", f"{fault.phase} started a process, or too many threads: {fault}"
             )
-        if fault is not None and fault.errno in _NO_SPACE:
+        if fault is not None and limit is ExitReason.DISK:
             return self._found(subject, trace, "EC904", f"{fault.phase} wrote more than the limit: {fault}")
         if fault is not None and (fault.errno in _NO_NETWORK or fault.type.rpartition(".")[2] in _NETWORK):
             return self._found(subject, trace, "EC905", f"{fault.phase} used the network: {fault}")

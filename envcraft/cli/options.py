@@ -9,6 +9,7 @@ import click
 
 from envcraft.judging.budget import BUDGETS
 from envcraft.judging.driver import Isolation
+from envcraft.judging.selection import split
 
 _F = TypeVar("_F", bound=Callable[..., Any])
 
@@ -49,8 +50,29 @@ def sandbox_options(sandbox: str | None = "auto") -> Callable[[_F], _F]:
     )
 
 
-def check_options(command: _F) -> _F:
-    """Add ``--contract``, ``--checks``, ``--skip``, ``--budget`` and ``--seed`` to a command that judges."""
+class _Stages(click.ParamType[Any]):
+    """Names of budgets, each once."""
+
+    name = "A,B"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[str, ...]:
+        if isinstance(value, tuple):
+            return value
+        names = tuple(split(str(value)))
+        for name in names:
+            if name not in BUDGETS or names.count(name) > 1:
+                self.fail(f"{value!r} is not a budget, or a list of different budgets, of {', '.join(BUDGETS)}")
+        return names or self.fail("there is no budget")
+
+
+def check_options(stages: bool = False) -> Callable[[_F], _F]:
+    """Add the options of a command that judges: ``--contract``, ``--checks``, ``--skip``, ``--budget``, ``--seed``,
+    ``--time-limit`` and ``--fail-fast``.
+
+    Args:
+        stages: ``--budget`` may name several budgets.
+    """
+    more = ". Of several, such as quick,standard, a later one judges only what passes the earlier ones"
     return _together(
         click.option(
             "--contract",
@@ -67,10 +89,10 @@ def check_options(command: _F) -> _F:
         click.option("--skip", metavar="A,B", help="Do not run these checks."),
         click.option(
             "--budget",
-            type=click.Choice(list(BUDGETS)),
+            type=_Stages() if stages else click.Choice(list(BUDGETS)),
             default="standard",
             show_default=True,
-            help="How much to play: a larger budget finds rarer defects and takes longer.",
+            help=f"How much to play: a larger budget finds rarer defects and takes longer{more if stages else ''}.",
         ),
         click.option(
             "--seed",
@@ -79,7 +101,15 @@ def check_options(command: _F) -> _F:
             show_default=True,
             help="Seed of all episodes. The same seed gives the same verdict.",
         ),
-    )(command)
+        click.option(
+            "--time-limit",
+            type=click.FloatRange(0, min_open=True),
+            metavar="SECONDS",
+            help="Time for each environment. What is not settled by then is skipped.  "
+            f"[default: {', '.join(f'{budget.seconds:g} for {name}' for name, budget in BUDGETS.items())}]",
+        ),
+        click.option("--fail-fast", is_flag=True, help="End each environment at its first error."),
+    )
 
 
 def _together(*options: Callable[[Any], Any]) -> Callable[[_F], _F]:

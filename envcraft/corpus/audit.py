@@ -51,28 +51,58 @@ class Audit:
         settings: the row number of the settings.
         selection: which environments.
         folder: the folder that paths in reports start with.
-        resume: whether to keep the verdicts that exist; otherwise all selected environments are judged.
+        resume: whether to keep the settled verdicts that exist; otherwise all selected environments are judged.
+        complete: whether verdicts that ended at the first error are not settled.
 
     Attributes:
         number: the row number of the audit.
         selected: how many environments are selected.
         pending: the environments to judge: one for each source and class.
+        judged: how many environments were to be judged, in all stages.
         kept: the reports on environments that could not be judged again; their earlier verdicts stay.
     """
 
     def __init__(
-        self, store: Store, settings: int, selection: Selection, folder: str = "", resume: bool = True
+        self,
+        store: Store,
+        settings: int,
+        selection: Selection,
+        folder: str = "",
+        resume: bool = True,
+        complete: bool = False,
     ) -> None:
         self.store, self.settings, self.folder = store, settings, folder
         self.kept: list[SubjectReport] = []
-        self.selected, complete = audits.select(store, selection, settings)
-        self.pending = audits.pending(store, settings, everything=not resume)
-        self.number = audits.start(store, settings, self.selected, self.known, complete)
+        self.selected, self._whole = audits.select(store, selection, settings)
+        self._resume, self._complete = resume, complete
+        self.judged = 0
+        self._start(self.selected)
+
+    def _start(self, selected: int) -> None:
+        self.pending = audits.pending(self.store, self.settings, not self._resume, self._complete)
+        self.judged += len(self.pending)
+        known = selected - len(self.pending)
+        self.number = audits.start(self.store, self.settings, selected, known, self._whole)
+
+    def advance(self, settings: int) -> int:
+        """Go on with the environments that pass, under other settings: their verdicts count from now on.
+
+        Args:
+            settings: the row number of the other settings.
+
+        Returns:
+            The number of these environments.
+        """
+        self.end()
+        selected = audits.advance(self.store, self.settings, settings)
+        self.settings = settings
+        self._start(selected)
+        return selected
 
     @property
     def known(self) -> int:
-        """How many environments have a verdict already, or share one that is pending."""
-        return self.selected - len(self.pending)
+        """How many environments had a verdict already, or share one that was pending."""
+        return max(self.selected - self.judged, 0)
 
     @property
     def targets(self) -> LazyTargets[Environment]:
@@ -103,31 +133,35 @@ class Audit:
 
     def reports(self) -> Iterator[SubjectReport]:
         """The verdicts on all selected environments, sorted by name, each with the path of its environment."""
-        for name, text in audits.reports(self.store, self.settings):
+        for name, text in audits.reports(self.store):
             yield msgspec.structs.replace(decode(text), path=self.path(name))
 
     def report(self, name: str) -> SubjectReport | None:
         """The verdict on one environment; None if there is none."""
-        text = audits.report(self.store, self.settings, name)
+        text = audits.report(self.store, name)
         return None if text is None else decode(text)
 
     def findings(self) -> Iterator[FindingRow]:
         """The findings of all selected environments, sorted by name; names are paths."""
-        for row in audits.findings(self.store, self.settings):
+        for row in audits.findings(self.store):
             yield row._replace(name=self.path(row.name))
 
     def verdicts(self) -> dict[str, int]:
         """The number of environments with each verdict that occurs."""
-        counts = audits.verdict_counts(self.store, self.settings)
+        counts = audits.verdict_counts(self.store)
         return {verdict.value: counts[verdict] for verdict in Verdict if verdict in counts}
 
     def codes(self) -> dict[str, int]:
         """The number of environments with each code, the most frequent code first."""
-        return audits.code_counts(self.store, self.settings)
+        return audits.code_counts(self.store)
 
     def totals(self) -> tuple[int, float]:
         """The environment steps and the seconds of all verdicts, including those of earlier audits."""
-        return audits.totals(self.store, self.settings)
+        return audits.totals(self.store)
+
+    def out_of_time(self) -> int:
+        """The number of environments whose verdict the clock decided. The next audit judges them again."""
+        return audits.out_of_time(self.store)
 
     def path(self, name: str) -> str:
         """The path of an environment in reports."""

@@ -44,6 +44,7 @@ class Record(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", tag="r
         steps: environment steps.
         traces: a digest of all rollouts; empty if it is unknown.
         checks: the verdict of each check.
+        fail_fast: whether the judging ended at the first error.
         command: the command that judges it again, in the folder of the corpus or in the folder that it follows.
     """
 
@@ -59,6 +60,7 @@ class Record(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", tag="r
     traces: str
     checks: list[CheckRecord]
     command: str
+    fail_fast: bool = False
 
     @property
     def deterministic(self) -> bool:
@@ -68,14 +70,17 @@ class Record(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", tag="r
 
 
 def records_of(store: Store) -> Iterator[Record]:
-    """The records of the last verdicts on present sources, sorted by name; errors are left out."""
+    """The records of the last verdicts on present sources, sorted by name, without errors and those out of time."""
     for row in verdicts.last(store):
         if row.report is None or row.settings is None or row.verdict == Verdict.ERROR:
+            continue
+        report = decode(row.report)
+        if report.out_of_time:
             continue
         name, source, env_class = row.environment
         # Only a folder has its files by their names; a corpus has them by their digests.
         file = name if store.follows_folder else str(store.place(source).relative_to(store.root))
-        yield record(name, file, source, env_class or None, row.settings, decode(row.report))
+        yield record(name, file, source, env_class or None, row.settings, report)
 
 
 def record(
@@ -98,6 +103,7 @@ def record(
     words = ["envcraft", "validate", file, "--contract", settings.contract, "--budget", settings.budget]
     words += ["--seed", str(settings.seed), "--sandbox", settings.driver]
     words += ["--checks", ",".join(check.check for check in checks)]
+    words += ["--fail-fast"] if report.fail_fast else []
     words += ["--class", env_class] if env_class else []
     return Record(
         path=name,
@@ -111,6 +117,7 @@ def record(
         traces=report.traces,
         checks=checks,
         command=shlex.join(words),
+        fail_fast=report.fail_fast,
     )
 
 

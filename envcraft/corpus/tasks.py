@@ -37,6 +37,8 @@ class Order(msgspec.Struct, frozen=True):
         runtime: the container runtime, if the user requested one.
         isolation: the minimum isolation, if the user requested one.
         limits: of each job.
+        time_limit: of each environment in seconds; None takes the budget's.
+        fail_fast: an environment ends at its first error.
     """
 
     settings: Settings
@@ -45,6 +47,8 @@ class Order(msgspec.Struct, frozen=True):
     runtime: str | None = None
     isolation: str | None = None
     limits: Limits = Limits()
+    time_limit: float | None = None
+    fail_fast: bool = False
 
     def to_bytes(self) -> bytes:
         return msgspec.msgpack.encode(self)
@@ -108,4 +112,15 @@ def _plan(order: bytes) -> Plan:
         raise EnvCraftError(f"the worker on {platform.node()} cannot judge as this process does: {error}") from None
     budget, limits = BUDGETS[wanted.budget], decoded.limits
     # The executor runs tasks in parallel, so a task runs one job at a time.
-    return Plan([], decoded.contract, driver, checks, budget, wanted.seed, limits=limits, parallel_jobs=1)
+    return Plan(
+        [],
+        decoded.contract,
+        driver,
+        checks,
+        budget,
+        wanted.seed,
+        limits=limits,
+        parallel_jobs=1,
+        time_limit=decoded.time_limit,
+        fail_fast=decoded.fail_fast,
+    )

@@ -1,7 +1,8 @@
 """Whether an environment has passed, which ``envcraft.make`` and ``envcraft export`` require.
 
-A pass counts if all offered checks ran, and if the same source and class did not fail the same checks in the same
-version, or some of them alone, under the same contract: another budget or seed does not revoke a finding.
+A pass counts if all offered checks ran and none ran out of time, and if the same source and class did not fail the same
+checks in the same version, or some of them alone, under the same contract: another budget or seed does not revoke a
+finding.
 """
 
 from __future__ import annotations
@@ -50,6 +51,8 @@ def contract_of(last: dict[str, LastVerdict]) -> str | None:
 def _doubt(given: Given) -> str:
     if given.verdict is not Verdict.PASS:
         return f"has the verdict {given.verdict.value}"
+    if not given.settled:
+        return "has passed as far as its time allowed, and some checks are not settled"
     if given.settings.checks:
         unknown = given.settings.checks == "?"
         return "has passed unknown checks" if unknown else "has passed only some of the checks"

@@ -340,9 +340,9 @@ def _run(
     """Judge environments by one check; yield the index and the report of each when it is done."""
     if not targets:
         return
-    limits = Limits(total=3600.0 * max(1.0, steps / _STEPS_PER_HOUR))
+    limits, seconds = Limits(), 3600.0 * max(1.0, steps / _STEPS_PER_HOUR)
     policy = player.policy if player is not None else None
-    plan = Plan(targets, contract, driver, [check], _BUDGET, seed, policy, limits)
+    plan = Plan(targets, contract, driver, [check], _BUDGET, seed, policy, limits, time_limit=seconds)
     with (
         WorkerPool(driver, limits, len(targets)) as pool,
         contextlib.closing(stream(plan, workers, pool)) as events,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import math
 import queue
 from typing import Any
 
@@ -238,7 +239,7 @@ class SandboxedEnv(SubjectEnv):
             EnvironmentFailed: the class cannot be constructed.
         """
         self._driver = driver
-        subject = Subject(target, contract, WorkerPool(driver).lease(), BUDGETS["quick"])
+        subject = Subject(target, contract, WorkerPool(driver).lease(), BUDGETS["quick"], seconds=math.inf)
         with contextlib.ExitStack() as stack:
             stack.callback(driver.close)
             stack.callback(subject.close)

@@ -19,7 +19,7 @@ class Budget(msgspec.Struct, frozen=True):
         sweep: steps spent on trying rare actions along the longest episode and the best one.
         looks: numbers of episodes after which a statistical verdict is looked at.
         steps: the length of an episode under a contract without a limit.
-        time_factor: how many times the limits' total time all jobs of one subject may take together.
+        seconds: the longest time of one subject on the clock, unless ``--time-limit`` names another.
     """
 
     name: str
@@ -33,14 +33,16 @@ class Budget(msgspec.Struct, frozen=True):
     sweep: int
     looks: tuple[int, ...]
     steps: int
-    time_factor: int = 1
+    seconds: float = 600.0
 
 
 BUDGETS = {
     budget.name: budget
     for budget in (
-        Budget("quick", 3, 1, 8, 0, (1, 200), (2_000, 1), 2_000, 0, (6, 12, 24), 300),
+        Budget("quick", 3, 1, 8, 0, (1, 200), (2_000, 1), 2_000, 0, (6, 12, 24), 300, 120.0),
         Budget("standard", 6, 3, 20, 20, (3, 500), (6_000, 2), 20_000, 4_000, (6, 12, 24), 1_000),
-        Budget("thorough", 24, 12, 20, 60, (8, 1_000), (40_000, 6), 100_000, 40_000, (6, 12, 24, 48, 96), 2_000, 4),
+        Budget(
+            "thorough", 24, 12, 20, 60, (8, 1_000), (40_000, 6), 100_000, 40_000, (6, 12, 24, 48, 96), 2_000, 3600.0
+        ),
     )
 }

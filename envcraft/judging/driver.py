@@ -40,13 +40,11 @@ class Limits(msgspec.Struct, frozen=True):
         call: the longest time between two messages of a job, so the longest call of the environment.
         loading: the same while the file is imported.
         job: the longest time of one job, which is an episode or a search.
-        total: the longest time of all jobs of one subject together.
     """
 
     call: float = 5.0
     loading: float = 10.0
     job: float = 300.0
-    total: float = 3600.0
     memory: int = 2 * 1024**3
     cpu: int = 600
     file: int = 16 * 1024**2

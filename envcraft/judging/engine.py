@@ -41,6 +41,8 @@ from envcraft.model.verdict import (
     overall,
 )
 
+#: The time of a subject whose checks include one that runs only if it is named, in seconds.
+_OPT_IN_SECONDS = 3600.0
 #: Seconds between two events about one subject's steps.
 _STEPS_EVERY = 0.25
 
@@ -59,6 +61,9 @@ class Plan(msgspec.Struct, frozen=True):
         limits: of each job's memory and time.
         parallel_jobs: the number of jobs of one subject that run at a time. None divides the workers of the run by
             the number of subjects that are judged at a time. No verdict depends on it.
+        time_limit: seconds on the clock for each subject; None takes the budget's, or an hour where a check runs that
+            has to be named.
+        fail_fast: a subject ends at its first finding that is an error.
     """
 
     targets: Sequence[Target]
@@ -70,6 +75,8 @@ class Plan(msgspec.Struct, frozen=True):
     policy: PolicyFile | None = None
     limits: Limits = Limits()
     parallel_jobs: int | None = None
+    time_limit: float | None = None
+    fail_fast: bool = False
 
 
 def cores() -> int:
@@ -188,7 +195,8 @@ def judge(
 ) -> Generator[Event, None, None]:
     """Judge one target by all checks and yield the events.
 
-    After a failed gate, only the checks that always run are run; the others are skipped.
+    After a failed gate, and with `fail_fast` after any failure, only the checks that always run are run; the others
+    are skipped.
 
     Args:
         plan: the settings.
@@ -209,7 +217,9 @@ def judge(
                 report = CheckReport(check.name, Verdict.SKIP, reason=blocked)
             else:
                 yield CheckStarted(target.path, check.name)
-                report = run_check(check, subject)
+                report = run_check(check, subject, fail_fast=plan.fail_fast)
+            if plan.fail_fast and report.verdict is Verdict.FAIL:
+                blocked = blocked or f"--fail-fast ends at the first error, and {check.name} has one"
             if check.gate and report.verdict in (Verdict.FAIL, Verdict.ERROR):
                 blocked = f"it did not get past the check {check.name}"
             done.append(report)
@@ -251,6 +261,8 @@ def report_on(plan: Plan, subject: Subject, checks: list[CheckReport], started: 
         wrappers=list(target.wrappers),
         traces=digest_all(subject.traces),
         fingerprint=subject.fingerprint,
+        out_of_time=subject.time_limit.decided,
+        fail_fast=plan.fail_fast and overall(checks) is Verdict.FAIL,
     )
 
 
@@ -279,10 +291,16 @@ def _throttled(path: str, emit: Callable[[Event], None]) -> Callable[[int], None
 def open_subject(plan: Plan, target: Target, pool: WorkerPool | None = None) -> Subject:
     """Open the subject of a target, with workers from `pool`; None launches each worker when it is needed."""
     lease = (pool or WorkerPool(plan.driver, plan.limits)).lease()
-    return Subject(target, plan.contract, lease, plan.budget, plan.seed, plan.policy, plan.parallel_jobs or cores())
+    seconds = plan.time_limit
+    subject = Subject(
+        target, plan.contract, lease, plan.budget, plan.seed, plan.policy, plan.parallel_jobs or cores(), seconds
+    )
+    if seconds is None and any(check.opt_in for check in plan.checks):
+        subject.time_limit.seconds = max(subject.time_limit.seconds, _OPT_IN_SECONDS)
+    return subject
 
 
-def run_check(check: Check, subject: Subject, trace: Trace | None = None) -> CheckReport:
+def run_check(check: Check, subject: Subject, trace: Trace | None = None, fail_fast: bool = False) -> CheckReport:
     """Run one check and return its report.
 
     An exception of the check is this check's ``error``, not a failure of the subject.
@@ -291,12 +309,17 @@ def run_check(check: Check, subject: Subject, trace: Trace | None = None) -> Che
         check: the check.
         subject: the environment.
         trace: judge only this trace, instead of the rollouts that the check requests.
+        fail_fast: stop at the first finding that is an error.
     """
     started = time.monotonic()
     findings: list[Finding] = []
     try:
         judged = check.judge(subject) if trace is None else check.find(subject, trace)
-        findings.extend(finding for finding in judged if finding.code not in subject.contract.without)
+        for finding in judged:
+            if finding.code not in subject.contract.without:
+                findings.append(finding)
+                if fail_fast and finding.severity is Severity.ERROR:
+                    break
         failed = any(finding.severity is Severity.ERROR for finding in findings)
         verdict, reason = Verdict.FAIL if failed else Verdict.PASS, ""
     except Skip as skip:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from functools import cached_property
 
@@ -17,8 +18,18 @@ from envcraft.model.job import ExitReason, SearchOutcome
 from envcraft.model.rollout import Rollout, Search
 from envcraft.model.trace import Trace
 
-#: After this many jobs that hung, no more are started.
-_MOST_TIMEOUTS = 3
+#: After this many jobs that went wrong in the same way, no more are started.
+_ENOUGH = 3
+#: The ways to go wrong that settle the finding, in words.
+_TROUBLES = {
+    ExitReason.TIMEOUT: "hung",
+    ExitReason.DIED: "died",
+    ExitReason.FORGED: "broke the protocol",
+    ExitReason.FLOOD: "printed more than the limit",
+    ExitReason.MEMORY: "used more memory than the limit",
+    ExitReason.PROCESSES: "started more processes or threads than the limit",
+    ExitReason.DISK: "wrote more than the limit",
+}
 
 
 class RolloutCache:
@@ -26,13 +37,12 @@ class RolloutCache:
 
     A rollout counts when a check requests it, whenever it ran. So nothing that a check sees depends on which job ends
     first, or on how many run at a time. Methods that run something raise WorkerLost when the sandbox itself fails, and
-    Skip when the subject has used up its time or hung too often.
+    Skip when the subject has used up its time or has gone wrong in the same way too often.
 
     Args:
         jobs: makes the jobs.
         runner: runs them.
         budget: how much the validation spends.
-        total_seconds: the longest time of all jobs together.
 
     Attributes:
         steps: environment steps of every kind in what was requested: of episodes, of those before and beside them,
@@ -40,14 +50,13 @@ class RolloutCache:
         on_steps: called with `steps` when they have grown, once for each episode or search.
     """
 
-    def __init__(self, jobs: JobBuilder, runner: JobRunner, budget: Budget, total_seconds: float) -> None:
+    def __init__(self, jobs: JobBuilder, runner: JobRunner, budget: Budget) -> None:
         self.steps = 0
         self.on_steps: Callable[[int], None] | None = None
         self._jobs = jobs
         self._runner = runner
         self._budget = budget
-        self._total_seconds = total_seconds
-        self._timeouts = 0
+        self._troubles: Counter[ExitReason] = Counter()
         self._traces: dict[bytes, Trace] = {}
         self._searches: dict[bytes, SearchOutcome] = {}
         self._pending: dict[tuple[bytes, bool], PendingRollout] = {}
@@ -60,11 +69,6 @@ class RolloutCache:
         """Every trace so far, in the order of the requests."""
         return list(self._traces.values())
 
-    @property
-    def out_of_time(self) -> bool:
-        """Whether the jobs have used up the time that they may take together."""
-        return self._runner.seconds > self._total_seconds
-
     def prefetch(self, requests: Iterable[Rollout | Search], again: bool = False, alone: bool = False) -> None:
         """Start requests that are nearly sure to come, in this order, and return at once. A request that never comes
         counts nowhere.
@@ -74,7 +78,7 @@ class RolloutCache:
             again: :meth:`rerun` will request them.
             alone: nothing runs before the rollout in its process, because it is compared with others bit by bit.
         """
-        if self._refusal:
+        if self._settled or self._runner.time_limit.over:
             return
         for request in requests:
             key = (request.key(), again)
@@ -126,16 +130,15 @@ class RolloutCache:
             seconds: the step that is under way then is the last one.
 
         Returns:
-            A trace that may be shorter than the rollout. Its costs are processor time, except for calls that waited.
-            Its end says what the process used, and at how many steps it waited.
+            A trace that may be shorter than the rollout. Its end says how much processor time the steps used, and how
+            many calls waited.
         """
-        if refusal := self._refusal:
-            raise Skip(refusal)
+        self._refuse()
         trace = self._runner.retry(lambda: self._result(self._start(rollout, again=True, measured=seconds)))
-        self._count(trace)
-        if trace.end is not None and trace.end.reason is not ExitReason.DONE:
+        if self._note(trace):
+            trace = self._look_closer(rollout, trace, again=True)
             self._traces.setdefault(rollout.key(), trace)
-            self._timeouts += trace.end.reason is ExitReason.TIMEOUT
+        self._count(trace)
         return trace
 
     def search(self, search: Search) -> SearchOutcome:
@@ -168,20 +171,28 @@ class RolloutCache:
         self._count(pending.builder.trace)
 
     def _record(self, rollout: Rollout, again: bool = False, alone: bool = False) -> Trace:
-        trace = self._request(rollout, again, alone)
-        if trace.end is not None and (
-            trace.end.reason is ExitReason.DIED or (trace.end.reason is ExitReason.TIMEOUT and self._timeouts == 1)
-        ):
-            # Steps are sent in batches. Sending each at once shows how far the episode came.
+        trace = self._look_closer(rollout, self._request(rollout, again, alone), again)
+        self._count(trace)
+        return trace
+
+    def _look_closer(self, rollout: Rollout, trace: Trace, again: bool) -> Trace:
+        """Run a rollout that died or hung again, and send each step at once instead of in batches: that shows how far
+        the episode came. Of hangs only the first call that misses its deadline runs again.
+        """
+        end = trace.end
+        hung = end is not None and end.reason is ExitReason.TIMEOUT
+        if end is None or not (end.reason is ExitReason.DIED or (hung and self._troubles[end.reason] == 1)):
+            return trace
+        if not end.whole:
             slow = self._runner.retry(lambda: self._result(self._start(rollout, again, every_step=True)))
-            hung = trace.end.reason is ExitReason.TIMEOUT
-            if slow.end is not None and slow.end.reason is trace.end.reason:
+            if slow.end is not None and slow.end.reason is end.reason:
                 trace = slow
             elif slow.end is not None and hung and slow.end.reason is ExitReason.DONE:
                 # The machine missed the first deadline, not the program.
-                trace = slow
-                self._timeouts -= 1
-        self._count(trace)
+                self._troubles[end.reason] -= 1
+                return slow
+        if hung:
+            self._runner.hurry()
         return trace
 
     def _count(self, trace: Trace) -> None:
@@ -192,18 +203,35 @@ class RolloutCache:
             self.on_steps(self.steps)
 
     @property
-    def _refusal(self) -> str:
-        """Why no more jobs are started; empty if they are."""
-        if self._timeouts >= _MOST_TIMEOUTS:
-            return f"{self._timeouts} episodes or searches hung: see sandbox, or difficulty for a policy"
-        if self.out_of_time:
-            return f"its episodes took {self._runner.seconds:.0f} s together; see the check sandbox"
+    def _settled(self) -> str:
+        """Why no more jobs are started although there is time; empty if they are."""
+        for reason, times in self._troubles.items():
+            if times >= _ENOUGH:
+                words = f"{times} episodes or searches {_TROUBLES[reason]}"
+                return f"{words}: see sandbox, or difficulty for a policy"
         return ""
+
+    def _refuse(self) -> None:
+        """Raise Skip if no more jobs are started."""
+        if settled := self._settled:
+            raise Skip(settled)
+        if self._runner.time_limit.over:
+            raise self._runner.time_limit.skip()
+
+    def _note(self, trace: Trace) -> bool:
+        """Count how a job went wrong, if it did."""
+        reason = trace.end.reason if trace.end is not None else ExitReason.DONE
+        if reason not in _TROUBLES and trace.fault is not None and trace.fault.limit is not None:
+            reason = trace.fault.limit
+        wrong = reason in _TROUBLES
+        self._troubles[reason] += wrong
+        if self._settled:
+            self.cancel_pending()
+        return wrong
 
     def _request(self, request: Rollout | Search, again: bool = False, alone: bool = False) -> Trace:
         """Wait for what a check requests. All that depends on the order of requests happens here."""
-        if refusal := self._refusal:
-            raise Skip(refusal)
+        self._refuse()
         key = (request.key(), again)
 
         def attempt() -> Trace:
@@ -214,9 +242,7 @@ class RolloutCache:
         if isinstance(request, Rollout):
             # The prefetched rollout may have had another player's name.
             trace.rollout = request
-        self._timeouts += trace.end is not None and trace.end.reason is ExitReason.TIMEOUT
-        if self._refusal:
-            self.cancel_pending()
+        self._note(trace)
         return trace
 
     def _result(self, pending: PendingRollout) -> Trace:

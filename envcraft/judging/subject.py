@@ -16,6 +16,7 @@ from envcraft.judging.job_runner import JobRunner
 from envcraft.judging.probes import Probes
 from envcraft.judging.rollout_cache import RolloutCache
 from envcraft.judging.search import Searches
+from envcraft.judging.time_limit import TimeLimit
 from envcraft.judging.worker_pool import Lease
 from envcraft.model.contract import Contract
 from envcraft.model.rollout import Action, Rollout, Search
@@ -39,9 +40,11 @@ class Subject:
         seed: the seed of the validation.
         policy: the privileged policy, if there is one.
         parallel_jobs: the most jobs that run at a time. No verdict depends on it.
+        seconds: the longest time from now on, on the clock; None for that of the budget.
 
     Attributes:
         cache: the traces and search outcomes so far.
+        time_limit: when the last job ends.
     """
 
     def __init__(
@@ -53,6 +56,7 @@ class Subject:
         seed: int = 0,
         policy: PolicyFile | None = None,
         parallel_jobs: int = 1,
+        seconds: float | None = None,
     ) -> None:
         self.target = target
         self.contract = contract
@@ -60,11 +64,11 @@ class Subject:
         self.budget = budget
         self.seed = seed
         self.policy = policy
-        limits = lease.pool.limits
-        self._runner = JobRunner(lease, target, contract, parallel_jobs)
+        self.time_limit = TimeLimit(budget.seconds if seconds is None else seconds, fixed=seconds is not None)
+        self._runner = JobRunner(lease, target, contract, parallel_jobs, self.time_limit)
         self._facts = Facts(target, contract, self._runner)
-        self._jobs = JobBuilder(self._facts, contract, budget, seed, policy, limits.job)
-        self.cache = RolloutCache(self._jobs, self._runner, budget, limits.total * budget.time_factor)
+        self._jobs = JobBuilder(self._facts, contract, budget, seed, policy, lease.pool.limits.job)
+        self.cache = RolloutCache(self._jobs, self._runner, budget)
 
     def __enter__(self) -> Subject:
         return self
@@ -97,8 +101,8 @@ class Subject:
 
     @property
     def out_of_time(self) -> bool:
-        """Whether the jobs have used up the time that they may take together."""
-        return self.cache.out_of_time
+        """Whether the time limit is over."""
+        return self.time_limit.over
 
     def find_modules(self, names: list[str]) -> tuple[list[str], list[str]]:
         """Look modules up in a worker without importing them.

@@ -37,7 +37,9 @@ class JobResult(msgspec.Struct, frozen=True):
         cpu: processor time of its processes, in seconds; of a series it is known at the end of the last job.
         before: jobs of the same series that ran in the process before.
         steps: calls of step() of every kind, as the job reports them at its end; 0 if it does not come to report.
-        waits: steps that gave up the processor to wait, if the job measures this.
+        whole: the time of the whole job was over, not that of one call.
+        waits: calls of reset and step that gave up the processor to wait, if the job is measured.
+        busy: the processor time of the steps in seconds, if the job is measured. Of a step that waits, all time counts.
     """
 
     reason: ExitReason
@@ -50,8 +52,10 @@ class JobResult(msgspec.Struct, frozen=True):
     output_bytes: int = 0
     cpu: float = 0.0
     before: int = 0
+    whole: bool = False
     steps: int = 0
     waits: int = 0
+    busy: float = 0.0
 
 
 class SearchOutcome(TypedDict, total=False):

@@ -6,6 +6,7 @@ cryptographic: code that returns two values with one digest could as well return
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import itertools
 import json
@@ -54,6 +55,15 @@ class Fault:
     memory: bool = False
     errno: int | None = None
     traceback: str = ""
+
+    @property
+    def limit(self) -> ExitReason | None:
+        """The limit of the sandbox that the call ran into, if one made it raise."""
+        if self.memory:
+            return ExitReason.MEMORY
+        if self.errno == errno.EAGAIN or "can't start new thread" in self.message:
+            return ExitReason.PROCESSES
+        return ExitReason.DISK if self.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG) else None
 
     def __str__(self) -> str:
         return f"{self.type}: {self.message}" if self.message else self.type or f"returned {self.malformed}"

@@ -101,7 +101,8 @@ class SubjectReport(msgspec.Struct):
     `path`, `kind`, `kwargs` and `wrappers` are those of the target. `module` is the module of an installed class:
     `source_sha256` and the lines of findings refer to its file. `traces` is a digest of all episodes, empty if none
     was played. `fingerprint` identifies the behaviour (:func:`envcraft.similarity.behavioural.fingerprint`), empty if
-    it is not known.
+    it is not known. With `out_of_time` the time limit was over before every question was settled, and with `fail_fast`
+    the validation ended at the first error.
     """
 
     path: str
@@ -122,6 +123,8 @@ class SubjectReport(msgspec.Struct):
     wrappers: list[str] = []
     traces: str = ""
     fingerprint: str = ""
+    out_of_time: bool = False
+    fail_fast: bool = False
 
     @property
     def file(self) -> str:

@@ -38,9 +38,9 @@ def test_snake(): ...
 ```
 
 gives `test_snake[source]`, `test_snake[api]`, and so on. `target` is a class, whose file is judged, or a TARGET of
-`envcraft validate`; a path is relative to pytest's root folder. `checks`, `skip`, `contract`, `budget`, `seed` and
-`sandbox` are optional. On a test class, or as `pytestmark`, the marker applies to the tests that take the fixture
-`envcraft`.
+`envcraft validate`; a path is relative to pytest's root folder. `checks`, `skip`, `contract`, `budget`, `seed`,
+`sandbox` and `time_limit` are optional. On a test class, or as `pytestmark`, the marker applies to the tests that take
+the fixture `envcraft`.
 
 ## The fixture
 The fixture `envcraft` judges from within a test:
@@ -98,7 +98,7 @@ if TYPE_CHECKING:
 __all__ = ["EnvCraftWarning"]
 
 _MARKER = (
-    "envcraft(target, checks=None, skip=None, contract=None, budget=None, seed=None, sandbox=None): "
+    "envcraft(target, checks=None, skip=None, contract=None, budget=None, seed=None, sandbox=None, time_limit=None): "
     "validate the environment target, with one test for each check"
 )
 _SHARED = pytest.StashKey[str]()
@@ -112,7 +112,8 @@ def pytest_addoption(parser: pytest.Parser) -> None:
             group.addoption(f"--envcraft-{name}", metavar="A,B", help=text)
             parser.addini(f"envcraft_{name}", text, "args", default=None)
         else:
-            group.addoption(f"--envcraft-{name}", metavar=name.upper(), help=text)
+            metavar = "SECONDS" if name == "time_limit" else name.upper()
+            group.addoption(f"--envcraft-{name.replace('_', '-')}", metavar=metavar, help=text)
             parser.addini(f"envcraft_{name}", text, "string", default=None)
 
 

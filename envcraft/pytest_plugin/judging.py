@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import inspect
+import math
 import os
 import sys
 import warnings
@@ -45,6 +46,7 @@ class Settings(NamedTuple):
     skip: str | None = None
     runtime: str | None = None
     least: str | None = None
+    time_limit: float | None = None
 
     def for_one(self) -> Settings:
         """Return the same settings without a selection of checks."""
@@ -166,6 +168,7 @@ class Judge:
             BUDGETS[settings.budget],
             settings.seed,
             parallel_jobs=max(cores() // self._lanes_of, 1),
+            time_limit=settings.time_limit,
         )
         with warnings.catch_warnings():
             # pytest's filters are for the tests' own code and must not change a verdict.
@@ -315,6 +318,14 @@ def _plain(name: str, value: Any) -> Any:
         if not str(value).isdecimal() or int(value) > _MAX_SEED:
             raise UsageError(f"the seed {value!r} is not a whole number from 0 to {_MAX_SEED}")
         return int(value)
+    if name == "time_limit":
+        try:
+            seconds = float(value)
+        except (TypeError, ValueError):
+            seconds = math.nan
+        if not 0 < seconds < math.inf:
+            raise UsageError(f"the time limit {value!r} is not a number of seconds above 0")
+        return seconds
     names = [value] if isinstance(value, str) else value
     if name in ("checks", "skip"):
         return ",".join(split(",".join(map(str, names)))) or None

@@ -8,6 +8,7 @@ SETTINGS = {
     "budget": "how much to play: quick, standard or thorough",
     "sandbox": "the sandbox that runs the environments",
     "seed": "the seed of all episodes",
+    "time_limit": "the longest time of each environment in seconds",
     "checks": "run only these checks, separated by commas; source always runs",
     "skip": "do not run these checks, separated by commas",
 }

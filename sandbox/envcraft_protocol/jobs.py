@@ -116,7 +116,7 @@ class Job(TypedDict):
         policy: chooses the actions inside the worker.
         interactive: the host chooses each action (ASK).
         every_step: send each step at once.
-        count_waits: measure the episode: count the steps that give up the processor, and time the others by it.
+        count_waits: measure the episode: count the calls that give up the processor, and the processor time of steps.
         series: the process may run further jobs.
         new_process: the job is the first one of its process.
         search: name of the search.
@@ -151,12 +151,14 @@ class End(TypedDict, total=False):
     Attributes:
         steps: calls of step() of every kind: of the episode, of earlier ones, of a companion, of searches.
         reusable: the process offers to run another job.
-        waits: the answer to ``count_waits``.
+        waits: the number of calls that gave up the processor, an answer to ``count_waits``.
+        busy: the processor time of the steps in microseconds, another one. Of a step that waits all time counts.
     """
 
     steps: int
     reusable: bool
     waits: int
+    busy: int
 
 
 class JobLimits(TypedDict):

@@ -304,6 +304,7 @@ class _Watch:
             before=self._before,
             steps=self._reader.steps,
             waits=self._reader.waits,
+            busy=self._reader.busy / 1e6,
         )
 
     def _limit(self, how: ExitReason) -> str:

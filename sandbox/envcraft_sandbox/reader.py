@@ -29,7 +29,8 @@ class Reader:
         ended: the END message has arrived.
         reusable: the process offers to run another job.
         steps: the number of calls of step() that the job reported at its end.
-        waits: the number of steps that gave up the processor, of a job that counts them.
+        waits: the number of calls that gave up the processor, of a job that is measured.
+        busy: the processor time of the steps in microseconds, of such a job.
         awaits_action: the job waits for its next action. Only an interactive job may ask, and it chooses no action
             itself. The sender of the action resets it.
         phase: the call that the job last reported.
@@ -40,6 +41,7 @@ class Reader:
         self.reusable = False
         self.steps = 0
         self.waits = 0
+        self.busy = 0
         self.awaits_action = False
         self._played = played
         self.phase = "start"
@@ -107,7 +109,7 @@ class Reader:
             end = _json(payload)
             if not isinstance(end, dict):
                 raise Forged("END is not a JSON object")
-            self.steps, self.waits = _count(end, "steps"), _count(end, "waits")
+            self.steps, self.waits, self.busy = _count(end, "steps"), _count(end, "waits"), _count(end, "busy")
             self.reusable = end.get("reusable") is True
         elif kind is Kind.ASK:
             self.awaits_action = True

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +14,8 @@ import pytest
 
 from envcraft.contracts.builtin import ARCADE
 from envcraft.corpus.audit import Audit, follow
-from envcraft.corpus.store import Store
+from envcraft.corpus.records import records_of
+from envcraft.corpus.store import Store, verdicts
 from envcraft.corpus.store.audits import Selection
 from envcraft.judging.budget import BUDGETS
 from envcraft.judging.check import Check, Rule
@@ -36,11 +37,13 @@ class Words(Check):
     """Gives the findings that the source names, without running it."""
 
     name = "words"
-    rules = tuple(Rule(code, code.lower(), "A.", "Mend.") for code in ("EC101", "EC107"))
+    rules = tuple(Rule(code, code.lower(), "A.", "Mend.") for code in ("EC101", "EC102", "EC107"))
 
     def judge(self, subject: Subject) -> Iterator[Finding]:
         if "break" in subject.text:
             raise ValueError("oops")
+        if "late" in subject.text:
+            raise subject.time_limit.skip()
         for code in re.findall(r"EC\d+", subject.text):
             yield self.finding(code, f"{code} in {subject.target.path}")
 
@@ -57,11 +60,20 @@ class Corpus:
         targets = [(name, Target(name, text.encode())) for name, text in sorted(sources.items())]
         follow(self.store, targets)
 
-    def audit(self, resume: bool = True, seed: int = 0, stop: int | None = None, **choice: Any) -> Audit:
+    def audit(
+        self,
+        resume: bool = True,
+        seed: int = 0,
+        stop: int | None = None,
+        budgets: Sequence[str] = ("quick",),
+        fail_fast: bool = False,
+        **choice: Any,
+    ) -> Audit:
         """Audit the selection and set `judged` to the judged paths. `stop` interrupts after this many."""
         driver, checks, self.judged = IdleDriver(), [Words()], []
-        settings = self.store.settings(settings_of(ARCADE, checks, driver, BUDGETS["quick"], seed))
-        audit = Audit(self.store, settings, Selection(**choice, seed=seed), "games", resume)
+        stages = [self.store.settings(settings_of(ARCADE, checks, driver, BUDGETS[name], seed)) for name in budgets]
+        choice_made = Selection(**choice, seed=seed)
+        audit = Audit(self.store, stages[0], choice_made, "games", resume, complete=not fail_fast)
 
         def tell(event: Any) -> None:
             if isinstance(event, SubjectFinished):
@@ -69,10 +81,14 @@ class Corpus:
                 if stop is not None and len(self.judged) >= stop:
                     raise KeyboardInterrupt
 
-        if audit.pending:
-            plan = Plan(audit.targets, ARCADE, driver, checks, BUDGETS["quick"], seed)
-            with WorkerPool(driver, Limits(), len(audit.pending)) as pool:
-                audit.run(stream(plan, 2, pool), tell)
+        for number, settings in enumerate(stages):
+            if number:
+                audit.advance(settings)
+            if audit.pending:
+                budget = BUDGETS[budgets[number]]
+                plan = Plan(audit.targets, ARCADE, driver, checks, budget, seed, fail_fast=fail_fast)
+                with WorkerPool(driver, Limits(), len(audit.pending)) as pool:
+                    audit.run(stream(plan, 2, pool), tell)
         audit.end()
         return audit
 
@@ -103,6 +119,75 @@ def test_only_what_changed_is_judged_again(corpus: Corpus) -> None:
     assert len(corpus.judged) == 9
     corpus.audit(resume=False)
     assert len(corpus.judged) == 9
+
+
+def test_a_verdict_that_the_clock_decided_is_not_settled(corpus: Corpus) -> None:
+    corpus.write(a="late", b="1", c="late EC101")
+    audit = corpus.audit()
+    assert (audit.verdicts(), audit.out_of_time()) == ({"pass": 3}, 2)
+    assert sorted(corpus.judged) == ["a", "b", "c"]
+    shown = [row.environment for row in verdicts.last(corpus.store)]
+    given = {row.name: next(verdicts.given(corpus.store, row.source, row.env_class)).settled for row in shown}
+    assert given == {"a": False, "b": True, "c": False}
+    assert {record.path for record in records_of(corpus.store)} == {"b"}
+    corpus.audit(changed=True)
+    assert sorted(corpus.judged) == ["a", "c"]
+    corpus.audit()
+    assert sorted(corpus.judged) == ["a", "c"]
+
+
+def test_what_is_not_settled_replaces_no_settled_verdict(corpus: Corpus, monkeypatch: pytest.MonkeyPatch) -> None:
+    corpus.write(a="1 EC101")
+    corpus.audit()
+    judge = Words.judge
+
+    def late(self: Words, subject: Subject) -> Iterator[Finding]:
+        yield from judge(self, subject)
+        raise subject.time_limit.skip()
+
+    monkeypatch.setattr(Words, "judge", late)
+    audit = corpus.audit(resume=False)
+    assert corpus.judged == ["a"]
+    assert [report.out_of_time for report in audit.kept] == [True]
+    assert (audit.out_of_time(), audit.codes()) == (0, {"EC101": 1})
+
+
+def test_a_second_budget_judges_what_passes_the_first_one(corpus: Corpus) -> None:
+    corpus.write(a="1", b="2 EC101", c="3", d="4 break")
+    staged = ("quick", "standard")
+    audit = corpus.audit(budgets=staged)
+    assert sorted(corpus.judged) == ["a", "a", "b", "c", "c", "d"]
+    assert audit.verdicts() == {"pass": 2, "fail": 1, "error": 1}
+    assert [report.path for report in audit.reports()] == ["games/a", "games/b", "games/c", "games/d"]
+    budgets = {row.environment.name: row.settings.budget for row in verdicts.last(corpus.store) if row.settings}
+    assert budgets == {"a": "standard", "b": "quick", "c": "standard", "d": "quick"}
+    corpus.write(a="1", b="2", c="3 EC102")
+    audit = corpus.audit(budgets=staged)
+    assert sorted(corpus.judged) == ["b", "b", "c"]
+    assert audit.verdicts() == {"pass": 2, "fail": 1}
+    assert (audit.selected, audit.judged, audit.known) == (3, 3, 0)
+    assert corpus.audit(budgets=staged).judged == 0
+
+
+@pytest.mark.parametrize("stop", [1, 2, 4, 5])
+def test_an_interrupted_audit_of_two_budgets_goes_on_in_its_stage(corpus: Corpus, stop: int) -> None:
+    corpus.write(a="1", b="2 EC101", c="3", d="4")
+    with pytest.raises(KeyboardInterrupt):
+        corpus.audit(budgets=("quick", "standard"), stop=stop)
+    first = len(corpus.judged)
+    audit = corpus.audit(budgets=("quick", "standard"))
+    assert first + len(corpus.judged) == 7
+    assert audit.verdicts() == {"pass": 3, "fail": 1}
+
+
+def test_what_ended_at_the_first_error_is_judged_again_in_full(corpus: Corpus) -> None:
+    corpus.write(a="1 EC101 EC107", b="2")
+    assert corpus.audit(fail_fast=True).codes() == {"EC101": 1}
+    corpus.audit(fail_fast=True)
+    assert corpus.judged == []
+    assert [record.fail_fast for record in records_of(corpus.store)] == [True, False]
+    assert corpus.audit().codes() == {"EC101": 1, "EC107": 1}
+    assert corpus.judged == ["a"]
 
 
 def test_one_source_is_judged_once_for_all_that_have_it(corpus: Corpus) -> None:

@@ -6,6 +6,7 @@ import threading
 from collections.abc import Iterator
 from typing import Any
 
+import msgspec
 import pytest
 from envcraft_protocol.jobs import Job
 
@@ -20,6 +21,7 @@ from envcraft.judging.subject import Subject
 from envcraft.judging.worker_pool import WorkerPool
 from envcraft.model.events import CheckStarted, Event, Finished, StepsTaken, SubjectFinished
 from envcraft.model.job import JobResult
+from envcraft.model.rollout import Rollout
 from envcraft.model.target import Target
 from envcraft.model.verdict import Finding, Report, Severity, Verdict
 
@@ -110,6 +112,47 @@ def test_after_a_failed_gate_only_checks_that_always_run_are_run() -> None:
     (subject,) = judged(*checks, StubCheck("last", always=True)).reports
     assert [check.verdict for check in subject.checks] == ["fail", "fail", "skip", "pass"]
     assert subject.checks[2].reason == "it did not get past the check two"
+
+
+def test_fail_fast_ends_a_subject_at_its_first_error() -> None:
+    checks = [StubCheck("one", "EC902"), StubCheck("two", "EC901", "EC901"), StubCheck("three", "EC901")]
+    targets = [Target("a.py", b"")]
+    plan = Plan(targets, ARCADE, StubDriver(), [*checks, StubCheck("last", always=True)], BUDGETS["quick"])
+    for fail_fast, verdicts in ((False, ["pass", "fail", "fail", "pass"]), (True, ["pass", "fail", "skip", "pass"])):
+        *_, last = validate(msgspec.structs.replace(plan, fail_fast=fail_fast))
+        assert isinstance(last, Finished)
+        (subject,) = last.report.reports
+        assert [check.verdict for check in subject.checks] == verdicts
+        assert len(subject.checks[1].findings) == 2 - fail_fast
+        assert subject.fail_fast == fail_fast
+        assert subject.verdict is Verdict.FAIL
+    assert subject.checks[2].reason == "--fail-fast ends at the first error, and two has one"
+
+
+def test_what_the_clock_leaves_open_is_skipped_and_the_report_says_so() -> None:
+    class Slow(StubCheck):
+        def judge(self, subject: Subject) -> Iterator[Finding]:
+            yield from super().judge(subject)
+            subject.time_limit.seconds = 0
+            subject.rollout(Rollout(0, []))
+
+    (subject,) = judged(Slow("slow", "EC902"), StubCheck("quick", "EC902")).reports
+    assert [check.verdict for check in subject.checks] == ["skip", "pass"]
+    assert subject.checks[0].reason.startswith("out of time: the limit of ")
+    assert (subject.out_of_time, subject.verdict) == (True, "pass")
+    assert [len(check.findings) for check in subject.checks] == [1, 1]
+    (subject,) = judged(StubCheck("quick")).reports
+    assert not subject.out_of_time
+
+
+@pytest.mark.parametrize(("named", "opt_in", "seconds"), [(None, False, 120), (7.5, False, 7.5), (None, True, 3600)])
+def test_the_time_limit_of_a_subject(named: float | None, opt_in: bool, seconds: float) -> None:
+    check = StubCheck("one")
+    check.opt_in = opt_in
+    plan = Plan([Target("a.py", b"")], ARCADE, StubDriver(), [check], BUDGETS["quick"], time_limit=named)
+    with engine.open_subject(plan, plan.targets[0]) as subject:
+        assert subject.time_limit.seconds == seconds
+        assert seconds - 5 < subject.time_limit.left <= seconds
 
 
 @pytest.mark.parametrize("workers", [1, 3])

@@ -63,6 +63,9 @@ class Game(Worker):
                 step = Step(False, False, "bool", "bool", "float", 1.0, 1, 0, data, b"")
                 (recorder.step if number else recorder.reset)(step)
         died = 200 <= job.get("seed", 0) < 300 or (400 <= job.get("seed", 0) < 500 and before > 0)
+        if limits.job < 1.0:
+            time.sleep(max(limits.job, 0.0))
+            return JobResult(ExitReason.TIMEOUT, "step", limits.job)
         reason = ExitReason.TIMEOUT if hangs else ExitReason.DIED if died else ExitReason.DONE
         steps = (
             0 if reason is not ExitReason.DONE else 5 if job["kind"] == "search" else len(job.get("actions", ())) + 2
@@ -96,9 +99,10 @@ class Arcade(Driver):
         return [job for game in self.games for job in game.served]
 
 
-def subject_of(driver: Driver, parallel_jobs: int, limits: Limits | None = None) -> Subject:
-    lease = WorkerPool(driver, limits).lease()
-    return Subject(Target("game.py", b""), ARCADE, lease, BUDGETS["quick"], parallel_jobs=parallel_jobs)
+def subject_of(driver: Driver, parallel_jobs: int, seconds: float | None = None) -> Subject:
+    lease = WorkerPool(driver).lease()
+    budget = BUDGETS["quick"]
+    return Subject(Target("game.py", b""), ARCADE, lease, budget, parallel_jobs=parallel_jobs, seconds=seconds)
 
 
 def play(seed: int, steps: int = 3, conditions: Conditions | None = None) -> Rollout:
@@ -229,15 +233,75 @@ def test_hang_or_death_reruns_with_every_step(seed: int, times: int) -> None:
 
 
 @pytest.mark.parametrize("parallel_jobs", [1, 3])
-def test_only_requested_rollouts_use_up_the_time(parallel_jobs: int) -> None:
-    with subject_of(Arcade(), parallel_jobs, Limits(total=3.5)) as subject:
+def test_no_job_starts_or_runs_after_the_time_limit(parallel_jobs: int) -> None:
+    driver = Arcade()
+    with subject_of(driver, parallel_jobs, 60) as subject:
+        subject.rollout(play(0))
+        assert not subject.out_of_time
+        # Less is left than a job takes.
+        subject.time_limit.seconds -= subject.time_limit.left - 0.2
+        with pytest.raises(Skip, match=r"out of time: the limit of [0-9.]+ s is over"):
+            subject.rollout(play(1))
+        served = len(driver.served)
         subject.prefetch([play(seed) for seed in range(50)])
-        for seed in range(4):
-            assert not subject.out_of_time
+        with pytest.raises(Skip, match="out of time"):
+            subject.rollout(play(2))
+        assert subject.time_limit.decided
+        assert len(driver.served) == served
+        # What is known stays known, and a hang that the clock ended is no finding.
+        assert subject.rollout(play(0)).steps == 3
+        assert [trace.rollout.seed for trace in subject.traces] == [0]
+
+
+def test_only_a_limit_that_nobody_named_can_be_shortened() -> None:
+    for seconds, wanted in ((None, 50), (90, 90)):
+        with subject_of(Arcade(), 1, seconds) as subject:
+            subject.time_limit.shorten(50)
+            subject.time_limit.shorten(70)
+            assert subject.time_limit.seconds == wanted
+
+
+@pytest.mark.parametrize("seeds", [(200, 201, 202), (100, 101, 102)])
+def test_the_third_job_that_goes_wrong_in_the_same_way_is_the_last(seeds: tuple[int, ...]) -> None:
+    driver = Arcade()
+    with subject_of(driver, 1) as subject:
+        for seed in seeds:
             subject.rollout(play(seed))
-        assert subject.out_of_time
-        with pytest.raises(Skip, match="4 s"):
-            subject.rollout(play(4))
+        served = len(driver.served)
+        with pytest.raises(Skip, match=r"3 episodes or searches (died|hung): see sandbox"):
+            subject.rollout(play(1))
+        with pytest.raises(Skip):
+            subject.measured(play(2), 1.0)
+        assert len(driver.served) == served
+        assert not subject.time_limit.decided
+
+
+def test_different_troubles_are_counted_apart() -> None:
+    with subject_of(Arcade(), 1) as subject:
+        for seed in (100, 200, 101, 201):
+            subject.rollout(play(seed))
+        assert subject.rollout(play(0)).steps == 3
+
+
+def test_deadlines_are_short_after_a_hang() -> None:
+    driver = Arcade()
+    given: list[Limits] = []
+    with subject_of(driver, 1) as subject:
+        subject.rollout(play(0))
+        serve = Game.run
+
+        def run(self: Game, job: Job, recorder: Recorder, limits: Limits, player: Player | None = None) -> JobResult:
+            given.append(limits)
+            return serve(self, job, recorder, limits, player)
+
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(Game, "run", run)
+            for seed in (1, 100, 2):
+                subject.rollout(play(seed))
+    # The hang is confirmed under the full deadline.
+    assert [limits.call for limits in given] == [5.0] * (len(given) - 1) + [2.0]
+    assert given[0].job > 60
+    assert given[-1].job == pytest.approx(20.0)
 
 
 def test_lost_worker_fails_only_its_rollout() -> None:

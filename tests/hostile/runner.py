@@ -32,7 +32,7 @@ from envcraft.plugins import plugins
 from envcraft.reports.console import ConsoleReporter
 
 #: Short limits, so that a hang or a bomb costs seconds.
-LIMITS = Limits(call=1.5, loading=3.0, job=5.0, total=30.0, memory=256 * 1024**2, output_total=1024**2)
+LIMITS = Limits(call=1.5, loading=3.0, job=5.0, memory=256 * 1024**2, output_total=1024**2)
 INNOCENT = Path(__file__).resolve().parents[2] / "examples" / "lander.py"
 #: The innocent program needs only a few traces.
 _GLANCE = Budget("glance", 1, 0, 2, 0, (1, 100), (200, 1), 0, 0, (6,), 100)

@@ -45,7 +45,7 @@ class _Command(Configured):
 @click.command(cls=_Command, short_help="Judge a corpus or a folder.")
 @click.argument("place", metavar="CORPUS|FOLDER")
 @click.option("--store", metavar="DIR", help="The corpus of a folder.  [default: FOLDER/.envcraft]")
-@check_options
+@check_options(stages=True)
 @sandbox_options()
 @click.option(
     "--executor",
@@ -87,8 +87,10 @@ def audit(
     require_isolation: str | None,
     checks: str | None,
     skip: str | None,
-    budget: str,
+    budget: tuple[str, ...],
     seed: int,
+    time_limit: float | None,
+    fail_fast: bool,
     workers: int | None,
     executor: str,
     scheduler: str | None,
@@ -136,30 +138,60 @@ def audit(
 
         known = read_baseline(baseline) if baseline else None
         ensure(driver)
-        settings = settings_of(promised, selected, driver, BUDGETS[budget], seed)
+        stages = [settings_of(promised, selected, driver, BUDGETS[name], seed) for name in budget]
         opened, folder = _open(place, store)
         stack.enter_context(opened)
         selection = Selection(only_failed, changed, sample, seed)
-        run = Audit(opened, opened.settings(settings), selection, folder, resume)
-        click.echo(f"{plural(run.selected, 'environment')}, {len(run.pending):,} of them to be judged", err=True)
-        if run.pending:
-            plan = Plan(run.targets, promised, driver, selected, BUDGETS[budget], seed)
+        run = Audit(opened, opened.settings(stages[0]), selection, folder, resume, complete=not fail_fast)
+        for stage, settings in enumerate(stages):
+            count = run.advance(opened.settings(settings)) if stage else run.selected
+            if stage and not count:
+                break
+            name = f"budget {settings.budget}: " if len(stages) > 1 else ""
+            click.echo(f"{name}{plural(count, 'environment')}, {len(run.pending):,} of them to be judged", err=True)
+            if not run.pending:
+                continue
+            budget_of_stage = BUDGETS[settings.budget]
+            plan = Plan(
+                run.targets,
+                promised,
+                driver,
+                selected,
+                budget_of_stage,
+                seed,
+                time_limit=time_limit,
+                fail_fast=fail_fast,
+            )
             if engine is None:
                 judging = stream(plan, workers, stack.enter_context(WorkerPool(driver, plan.limits, len(run.pending))))
             else:
-                order = Order(settings, promised, [check.name for check in selected], runtime, require_isolation)
+                order = Order(
+                    settings,
+                    promised,
+                    [check.name for check in selected],
+                    runtime,
+                    require_isolation,
+                    time_limit=time_limit,
+                    fail_fast=fail_fast,
+                )
                 judging = dispatch(engine, workers, scheduler, order, plan)
             _judge(run, judging, resume)
-            for lost in run.kept:
-                words = f"{lost.path}: could not be judged again ({lost.reason}); the earlier verdict stays"
-                click.echo(one_line(words), err=True)
+        for lost in run.kept:
+            words = f"could not be judged again ({lost.reason or 'out of time'}); the earlier verdict stays"
+            click.echo(one_line(f"{lost.path}: {words}"), err=True)
         run.end()
         if report:
             contract_of_new = promised if previews else None
             write_report(opened, Path(report), folder, contract_of_new, driver, workers, partial(click.echo, err=True))
         difference = compare(run, known) if known is not None else None
         verdicts = run.verdicts()
-        header = {"schema": SCHEMA, "envcraft": __version__, "contract": contract, "seed": seed, "budget": budget}
+        header = {
+            "schema": SCHEMA,
+            "envcraft": __version__,
+            "contract": contract,
+            "seed": seed,
+            "budget": ",".join(budget),
+        }
         if form == "json":
             _write_json(run, header, verdicts, difference)
         else:
@@ -246,9 +278,10 @@ def _write_json(run: Audit, header: dict[str, Any], verdicts: dict[str, int], di
     summary = {
         "number": run.number,
         "selected": run.selected,
-        "judged": len(run.pending),
+        "judged": run.judged,
         "known": run.known,
         "verdicts": verdicts,
+        "out_of_time": run.out_of_time(),
         "codes": run.codes(),
         "steps": steps,
         "seconds": seconds,
@@ -266,8 +299,10 @@ def _write_summary(run: Audit, verdicts: dict[str, int], difference: Difference 
     steps, seconds = run.totals()
     click.echo(f"{plural(run.selected, 'environment')}: {counts or 'no verdict'}")
     click.echo(
-        f"{len(run.pending):,} judged now, {run.known:,} known; {plural(steps, 'step')} in {seconds:,.0f} s of judging"
+        f"{run.judged:,} judged now, {run.known:,} known; {plural(steps, 'step')} in {seconds:,.0f} s of judging"
     )
+    if late := run.out_of_time():
+        click.echo(f"{late:,} ran out of time: the next audit judges {'it' if late == 1 else 'them'} again")
     codes = run.codes()
     for code, times in list(codes.items())[:_SHOWN]:
         click.echo(f"  {code}  in {plural(times, 'environment')}")

@@ -111,10 +111,11 @@ def choose(known: list[Record], sample: str | None, seed: int) -> list[Record]:
 
 
 def _groups(records: Iterable[Record]) -> Iterable[list[Record]]:
-    """The records by settings and checks, which one plan can judge."""
-    found: dict[tuple[Settings, tuple[str, ...]], list[Record]] = {}
+    """The records by all that a plan needs."""
+    found: dict[tuple[Settings, tuple[str, ...], bool], list[Record]] = {}
     for record in records:
-        found.setdefault((record.settings, tuple(check.check for check in record.checks)), []).append(record)
+        key = record.settings, tuple(check.check for check in record.checks), record.fail_fast
+        found.setdefault(key, []).append(record)
     return found.values()
 
 
@@ -158,7 +159,9 @@ def _again(
     budget = BUDGETS[settings.budget]
     differing = settings_of(contract, checks, driver, budget, settings.seed).differing(settings)
     because = f" (judged now by {one_line('; '.join(differing))})" if differing else ""
-    plan = Plan(LazyTargets(records, find), contract, driver, checks, budget, settings.seed)
+    plan = Plan(
+        LazyTargets(records, find), contract, driver, checks, budget, settings.seed, fail_fast=records[0].fail_fast
+    )
     with (
         WorkerPool(driver, plan.limits, len(records)) as pool,
         Progress() as progress,
@@ -183,6 +186,8 @@ def _compare(record: Record, report: SubjectReport) -> tuple[ExitCode, str]:
 
     if report.verdict is Verdict.ERROR:
         return ExitCode.ERROR, f"could not be judged: {one_line(report.reason)}"
+    if report.out_of_time:
+        return ExitCode.ERROR, "could not be judged: it ran out of time"
     verdicts, details = drift(record, report)
     if details and not verdicts and not record.deterministic:
         return ExitCode.PASS, f"{', '.join(details)}; allowed, because it was recorded as not deterministic"

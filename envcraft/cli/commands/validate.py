@@ -42,7 +42,7 @@ class _ValidateCommand(Configured):
 
 @click.command(cls=_ValidateCommand)
 @click.argument("targets", nargs=-1, required=True, metavar="TARGET...")
-@check_options
+@check_options()
 @click.option("--class", "env_class", metavar="NAME", help="The environment class, if a file defines several.")
 @click.option("--kwargs", metavar="JSON", help="Arguments of the constructor, as a JSON object.")
 @click.option(
@@ -88,6 +88,8 @@ def validate(
     skip: str | None,
     budget: str,
     seed: int,
+    time_limit: float | None,
+    fail_fast: bool,
     policy: str | None,
     workers: int | None,
     form: str,
@@ -124,7 +126,17 @@ def validate(
             from envcraft.judging.engine import Plan
             from envcraft.judging.engine import validate as judge
         pool.ensure()
-        plan = Plan(files, promised, driver, selected, BUDGETS[budget], seed, privileged)
+        plan = Plan(
+            files,
+            promised,
+            driver,
+            selected,
+            BUDGETS[budget],
+            seed,
+            privileged,
+            time_limit=time_limit,
+            fail_fast=fail_fast,
+        )
         progress = stack.enter_context(Progress(streams[0]))
         rules = rules_of(all_checks())
         reporters = [kind(stream, rules) for (kind, _), stream in zip(wanted, streams, strict=True)]

@@ -41,7 +41,9 @@ MAX_BYTES = 10 * 1024
 _CODINGS: tuple[tuple[int, int | None], ...] = ((FRAMES, None), (FRAMES, 60), (FRAMES, 25), (6, 25), (3, 10), (1, 0))
 #: Part of the recipe; another version makes all previews again.
 _VERSION = 1
-_LIMITS = Limits(job=20.0, total=40.0)
+_LIMITS = Limits(job=20.0)
+#: Seconds for the preview of one environment.
+_SECONDS = 40.0
 _MESSAGE_EVERY = 15.0
 
 
@@ -153,7 +155,9 @@ def make(
         return 0
     made: dict[str, bytes] = {}
     targets = stored_targets(store, pending)
-    plan = Plan(targets, contract, driver, [_Preview(made.__setitem__)], BUDGETS["quick"], limits=_LIMITS)
+    plan = Plan(
+        targets, contract, driver, [_Preview(made.__setitem__)], BUDGETS["quick"], limits=_LIMITS, time_limit=_SECONDS
+    )
     last = time.monotonic()
     with WorkerPool(driver, _LIMITS, len(pending)) as pool, contextlib.closing(stream(plan, workers, pool)) as events:
         done = 0

@@ -9,13 +9,14 @@ from typing import Any, NamedTuple
 import msgspec
 
 from envcraft.corpus.store.rows import Environment
-from envcraft.corpus.store.store import MAY_BE_LAST, Store, now
+from envcraft.corpus.store.store import MAY_BE_LAST, UNSETTLED, Store, now
 
-#: The environments that an audit selects, in the temporary database of the connection.
-_SELECTED = "CREATE TEMP TABLE chosen (name TEXT PRIMARY KEY) WITHOUT ROWID"
+#: The environments that an audit selects, each with the settings whose verdict counts, in the temporary database of the
+#: connection.
+_SELECTED = "CREATE TEMP TABLE chosen (name TEXT PRIMARY KEY, settings INTEGER) WITHOUT ROWID"
 _VERDICTS = (
     "chosen JOIN environments USING (name) LEFT JOIN verdicts ON verdicts.source = environments.source "
-    "AND verdicts.class = environments.class AND verdicts.settings = ?"
+    "AND verdicts.class = environments.class AND verdicts.settings = chosen.settings"
 )
 
 
@@ -63,36 +64,53 @@ def select(store: Store, selection: Selection, settings: int) -> tuple[int, bool
         conditions.append(
             "(changed > (SELECT coalesce(max(id), 0) FROM audits WHERE ended IS NOT NULL AND complete) "
             "OR NOT EXISTS (SELECT 1 FROM verdicts AS v WHERE v.source = environments.source "
-            f"AND v.class = environments.class AND v.settings = {settings:d} AND v.verdict != 'error'))"
+            f"AND v.class = environments.class AND v.settings = {settings:d} AND NOT {UNSETTLED.format('v')}))"
         )
-    names = f"SELECT name FROM environments WHERE {' AND '.join(conditions)}"
+    names = f"SELECT name, {settings:d} FROM environments WHERE {' AND '.join(conditions)}"
     store.db.execute("DROP TABLE IF EXISTS chosen")
     store.db.execute(_SELECTED)
     if selection.sample is None:
         store.db.execute(f"INSERT INTO chosen {names}")
     else:
-        found = [name for (name,) in store.db.execute(f"{names} ORDER BY name")]
+        found = store.db.execute(f"{names} ORDER BY name").fetchall()
         complete = complete and len(found) <= selection.sample
         sample = random.Random(selection.seed).sample(found, min(selection.sample, len(found)))
-        store.db.executemany("INSERT INTO chosen VALUES (?)", [(name,) for name in sample])
+        store.db.executemany("INSERT INTO chosen VALUES (?, ?)", sample)
     count: int = store.db.execute("SELECT count(*) FROM chosen").fetchone()[0]
     return count, complete
 
 
-def pending(store: Store, settings: int, everything: bool) -> list[Environment]:
-    """The selected environments without a verdict under settings, one for each source and class.
+def advance(store: Store, earlier: int, settings: int) -> int:
+    """Let other settings count for the selected environments that pass under earlier ones.
+
+    Args:
+        store: the corpus.
+        earlier: the row number of the earlier settings.
+        settings: the row number of the others.
+
+    Returns:
+        The number of these environments.
+    """
+    passed = f"SELECT name FROM {_VERDICTS} WHERE chosen.settings = ? AND verdicts.verdict = 'pass'"
+    return store.db.execute(f"UPDATE chosen SET settings = ? WHERE name IN ({passed})", (settings, earlier)).rowcount
+
+
+def pending(store: Store, settings: int, everything: bool, complete: bool = False) -> list[Environment]:
+    """The environments for which settings count and that have no settled verdict, one for each source and class.
 
     Args:
         store: the corpus.
         settings: the row number of the settings.
         everything: whether to include those that have a verdict.
+        complete: whether to include those whose judging ended at the first error.
     """
+    ended_early = "coalesce(json_extract(verdicts.report, '$.fail_fast'), 0)"
     cursor = store.db.execute(
         # The first name of each source, so that the result does not depend on where an earlier run was interrupted.
         f"SELECT min(name), environments.source, environments.class FROM {_VERDICTS} "
-        "WHERE verdicts.id IS NULL OR verdicts.verdict = 'error' OR ? "
-        "GROUP BY environments.source, environments.class ORDER BY 1",
-        (settings, everything),
+        f"WHERE chosen.settings = ? AND (verdicts.id IS NULL OR {UNSETTLED.format('verdicts')} "
+        f"OR ? OR (? AND {ended_early})) GROUP BY environments.source, environments.class ORDER BY 1",
+        (settings, everything, complete),
     )
     return [Environment(*row) for row in cursor]
 
@@ -114,8 +132,8 @@ def start(store: Store, settings: int, selected: int, known: int, complete: bool
         store.db.execute(
             "UPDATE environments SET verdict = v.id FROM verdicts AS v WHERE v.source = environments.source "
             "AND v.class = environments.class AND v.settings = ? "
-            f"AND environments.name IN (SELECT name FROM chosen) AND {MAY_BE_LAST}",
-            (settings, settings),
+            f"AND environments.name IN (SELECT name FROM chosen WHERE settings = ?) AND {MAY_BE_LAST}",
+            (settings, settings, settings),
         )
         cursor = store.db.execute(
             "INSERT INTO audits (settings, started, selected, known, complete) VALUES (?, ?, ?, ?, ?)",
@@ -135,47 +153,43 @@ def is_selected(store: Store, name: str) -> bool:
     return store.db.execute("SELECT 1 FROM chosen WHERE name = ?", (name,)).fetchone() is not None
 
 
-def reports(store: Store, settings: int) -> Iterator[tuple[str, str]]:
+def reports(store: Store) -> Iterator[tuple[str, str]]:
     """The name and the report as JSON of each selected environment with a verdict, sorted by name."""
-    yield from _rows(store, settings, "name, report", "report IS NOT NULL ORDER BY name")
+    yield from _rows(store, "name, report", "report IS NOT NULL ORDER BY name")
 
 
-def report(store: Store, settings: int, name: str) -> str | None:
+def report(store: Store, name: str) -> str | None:
     """The report on a selected environment as JSON; None if there is none."""
-    row = next(_rows(store, settings, "report", "name = ? AND report IS NOT NULL", name), None)
+    row = next(_rows(store, "report", "name = ? AND report IS NOT NULL", name), None)
     return None if row is None else row[0]
 
 
-def findings(store: Store, settings: int) -> Iterator[FindingRow]:
+def findings(store: Store) -> Iterator[FindingRow]:
     """The findings of all selected environments, sorted by name and in the order of the reports."""
     cursor = store.db.execute(
         f"SELECT name, rule_check, code, message FROM {_VERDICTS} JOIN findings ON findings.verdict = verdicts.id "
-        "ORDER BY name, number",
-        (settings,),
+        "ORDER BY name, number"
     )
     return map(FindingRow._make, cursor)
 
 
-def verdict_counts(store: Store, settings: int) -> dict[str, int]:
+def verdict_counts(store: Store) -> dict[str, int]:
     """The number of selected environments with each verdict."""
-    return dict(
-        _rows(store, settings, "verdicts.verdict, count(*)", "verdicts.id IS NOT NULL GROUP BY verdicts.verdict")
-    )
+    return dict(_rows(store, "verdicts.verdict, count(*)", "verdicts.id IS NOT NULL GROUP BY verdicts.verdict"))
 
 
-def code_counts(store: Store, settings: int) -> dict[str, int]:
+def code_counts(store: Store) -> dict[str, int]:
     """The number of selected environments with each code, the most frequent code first."""
     cursor = store.db.execute(
         f"SELECT code, count(DISTINCT name) AS times FROM {_VERDICTS} JOIN findings "
-        "ON findings.verdict = verdicts.id GROUP BY code ORDER BY times DESC, code",
-        (settings,),
+        "ON findings.verdict = verdicts.id GROUP BY code ORDER BY times DESC, code"
     )
     return dict(cursor)
 
 
-def totals(store: Store, settings: int) -> tuple[int, float]:
+def totals(store: Store) -> tuple[int, float]:
     """The environment steps and the seconds of the verdicts on all selected environments."""
-    row: tuple[int, float] = next(_rows(store, settings, "coalesce(sum(steps), 0), coalesce(sum(seconds), 0.0)", "1"))
+    row: tuple[int, float] = next(_rows(store, "coalesce(sum(steps), 0), coalesce(sum(seconds), 0.0)", "1"))
     return row
 
 
@@ -194,5 +208,11 @@ def replace_environments(store: Store, names: Iterable[str]) -> None:
     store.db.execute(f"DELETE FROM environments WHERE {gone}")
 
 
-def _rows(store: Store, settings: int, columns: str, condition: str, *values: Any) -> Iterator[Any]:
-    yield from store.db.execute(f"SELECT {columns} FROM {_VERDICTS} WHERE {condition}", (settings, *values))
+def out_of_time(store: Store) -> int:
+    """The number of selected environments whose verdict the clock decided."""
+    count: int = next(_rows(store, "count(*)", "json_extract(report, '$.out_of_time')"))[0]
+    return count
+
+
+def _rows(store: Store, columns: str, condition: str, *values: Any) -> Iterator[Any]:
+    yield from store.db.execute(f"SELECT {columns} FROM {_VERDICTS} WHERE {condition}", values)

@@ -38,6 +38,9 @@ MAY_BE_LAST = """(
         WHERE whole.id = environments.verdict
         AND whole.source = environments.source AND whole.class = environments.class))"""
 
+#: The condition that a verdict is not settled: EnvCraft could not judge, or the clock decided.
+UNSETTLED = "({0}.verdict = 'error' OR coalesce(json_extract({0}.report, '$.out_of_time'), 0))"
+
 
 class Store:
     """An open corpus; a context manager. Methods that write need ``write=True``.
@@ -306,7 +309,7 @@ class Store:
         """Write a verdict, which counts for every environment with this source and class.
 
         It becomes the last verdict on these environments, unless it is of some checks only and there is one of all
-        checks. An error never replaces a verdict.
+        checks. A verdict that is not settled never replaces one that is.
 
         Args:
             environment: the environment that was judged.
@@ -319,15 +322,15 @@ class Store:
         report = msgspec.structs.replace(report, path=environment.name)
         with self.transaction():
             verdict = self.insert(environment.source, environment.env_class, settings, report)
-            kept: str = self.db.execute("SELECT verdict FROM verdicts WHERE id = ?", (verdict,)).fetchone()[0]
+            kept: str = self.db.execute("SELECT report FROM verdicts WHERE id = ?", (verdict,)).fetchone()[0]
             self.db.execute(
                 f"UPDATE environments SET verdict = ? WHERE source = ? AND class = ? AND {MAY_BE_LAST}",
                 (verdict, environment.source, environment.env_class, settings),
             )
-        return bool(kept == report.verdict.value)
+        return kept == encode(report)
 
     def insert(self, source: str, env_class: str, settings: int, report: SubjectReport) -> int:
-        """Write the rows of a verdict inside a transaction, unless an error would replace a verdict.
+        """Write the rows of a verdict inside a transaction, unless one that is not settled would replace one that is.
 
         Returns:
             The row number of the verdict under these settings.
@@ -337,7 +340,7 @@ class Store:
             "INSERT INTO verdicts (source, class, settings, verdict, steps, seconds, report) "
             "VALUES (?, ?, ?, ?, ?, ?, ?) ON CONFLICT (source, class, settings) DO UPDATE SET "
             "verdict = excluded.verdict, steps = excluded.steps, seconds = excluded.seconds, report = excluded.report "
-            "WHERE excluded.verdict != 'error' OR verdicts.verdict = 'error'",
+            f"WHERE NOT {UNSETTLED.format('excluded')} OR {UNSETTLED.format('verdicts')}",
             (*key, report.verdict.value, report.steps, report.seconds, encode(report)),
         )
         verdict: int = self.db.execute(

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 from envcraft.corpus.store.rows import Environment
-from envcraft.corpus.store.store import Store
+from envcraft.corpus.store.store import UNSETTLED, Store
 from envcraft.judging.settings import Settings
 from envcraft.model.verdict import Verdict
 
@@ -20,7 +20,9 @@ _FAILED = (
     "AND settings.rules IN (s.rules, s.offered))"
 )
 #: The condition that a verdict is a pass of all checks that no other budget or seed contradicts.
-_PASSED = f"(verdicts.verdict = 'pass' AND settings.checks = '' AND NOT {_FAILED})"
+_PASSED = (
+    f"(verdicts.verdict = 'pass' AND settings.checks = '' AND NOT {UNSETTLED.format('verdicts')} AND NOT {_FAILED})"
+)
 
 
 class Last(NamedTuple):
@@ -52,12 +54,14 @@ class Given(NamedTuple):
         settings: how it was judged.
         verdict: the verdict.
         failed: whether the source failed the same checks, or some of them alone, with another budget or seed.
+        settled: whether neither an error nor the clock decided.
         report: the verdict as JSON.
     """
 
     settings: Settings
     verdict: Verdict
     failed: bool
+    settled: bool
     report: str
 
 
@@ -102,15 +106,15 @@ def last(store: Store, passed: bool = False) -> Iterator[Last]:
 def given(store: Store, source: str, env_class: str) -> Iterator[Given]:
     """The verdicts on a source and class, the last one first, then the newest first; errors included."""
     cursor = store.db.execute(
-        f"SELECT {_SETTINGS}, verdict, {_FAILED}, report FROM verdicts JOIN settings "
-        "ON settings.id = verdicts.settings WHERE source = ?1 AND class = ?2 "
+        f"SELECT {_SETTINGS}, verdict, {_FAILED}, NOT {UNSETTLED.format('verdicts')}, report "
+        "FROM verdicts JOIN settings ON settings.id = verdicts.settings WHERE source = ?1 AND class = ?2 "
         # The environment's own is the last one, even if an older row was written again.
         "ORDER BY verdicts.id IN (SELECT verdict FROM environments WHERE source = ?1 AND class = ?2) DESC, "
         "verdicts.id DESC",
         (source, env_class),
     )
-    for *settings, verdict, failed, report in cursor:
-        yield Given(Settings(*settings), Verdict(verdict), bool(failed), report)
+    for *settings, verdict, failed, settled, report in cursor:
+        yield Given(Settings(*settings), Verdict(verdict), bool(failed), bool(settled), report)
 
 
 def of_source(store: Store, source: str, env_class: str) -> list[tuple[Settings, str]]:

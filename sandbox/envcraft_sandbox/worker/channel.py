@@ -83,6 +83,8 @@ class Channel:
         #: counts them.
         self.steps = 0
         self.waits = 0
+        #: Processor time of the steps of such a job in seconds.
+        self.busy = 0.0
 
     def send(self, kind: Kind, payload: bytes = b"", flush: bool = False) -> None:
         self._put(HEADER.pack(kind, len(payload)), payload, flush=flush)

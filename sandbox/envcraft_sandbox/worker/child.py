@@ -144,6 +144,6 @@ def _run(job: Job, channel: Channel, traces: Traces | None) -> bool:
     if reusable:
         end["reusable"] = True
     elif job.get("count_waits"):
-        end["waits"] = channel.waits
+        end["waits"], end["busy"] = channel.waits, int(channel.busy * 1e6)
     channel.send_json(Kind.END, end, flush=True)
     return reusable

@@ -48,26 +48,6 @@ class Perturb:
             _seed_numpy(self._own.getrandbits(32))
 
 
-class Meter:
-    """Times one call after another in a job that is measured.
-
-    The time of a call is its processor time, which other programs on the machine do not change. If the call gave up the
-    processor to wait, it is the time on the clock.
-    """
-
-    def __init__(self) -> None:
-        self.start()
-
-    def start(self) -> None:
-        self._waits, self._cpu, self._clock = _waits(), _process_time(), _perf_counter()
-
-    def stop(self) -> tuple[float, bool]:
-        """The time of the call since :meth:`start` in seconds, and whether it waited."""
-        clock, cpu = _perf_counter() - self._clock, _process_time() - self._cpu
-        waited = _waits() > self._waits
-        return (clock if waited else min(clock, cpu)), waited
-
-
 class Companion:
     """A second instance of the class, which takes turns with the first."""
 
@@ -131,10 +111,12 @@ def _episode(subject: Subject, job: Job, conditions: Conditions) -> None:
     perturb()
     seed = None if conditions.get("unseeded") else job["seed"]
     keywords = {"seed": seed, **({"options": job["options"]} if "options" in job else {})}
-    meter = Meter() if job.get("count_waits") else None
+    measured = bool(job.get("count_waits"))
+    waits = _waits() if measured else 0
     started = _perf_counter()
     result = subject.call("reset", env.reset, **keywords)
-    seconds = meter.stop()[0] if meter else _perf_counter() - started
+    seconds = _perf_counter() - started
+    channel.waits += measured and _waits() > waits
     if not (isinstance(result, tuple) and len(result) == 2):
         raise Fault({"phase": "reset", "malformed": _shape_of(result), "line": None})
     observation, info = result
@@ -161,15 +143,14 @@ def _episode(subject: Subject, job: Job, conditions: Conditions) -> None:
         perturb()
         before = jsonable(action) if reread else None
         channel.steps += 1
-        if meter:
-            meter.start()
+        waits, cpu = (_waits(), _process_time()) if measured else (0, 0.0)
         started = _perf_counter()
         result = subject.call("step", env.step, action)
-        if meter:
-            seconds, waited = meter.stop()
+        seconds = _perf_counter() - started
+        if measured:
+            waited = _waits() > waits
             channel.waits += waited
-        else:
-            seconds = _perf_counter() - started
+            channel.busy += seconds if waited else _process_time() - cpu
         if not (isinstance(result, tuple) and len(result) == 5):
             raise Fault({"phase": "step", "malformed": _shape_of(result), "line": None})
         if reread:

@@ -86,9 +86,9 @@ def test_findings_do_not_depend_on_parallel_subjects(reports: dict[Path, Subject
 def subject_of() -> Iterator[Opened]:
     with contextlib.ExitStack() as stack:
 
-        def opened(game: Path, limits: Limits = LIMITS) -> Subject:
+        def opened(game: Path, seconds: float | None = None) -> Subject:
             driver = stack.enter_context(contextlib.closing(driver_named("process")))
-            plan = Plan([read_target(str(game))], CONTRACT, driver, [], BUDGETS["quick"], limits=limits)
+            plan = Plan([read_target(str(game))], CONTRACT, driver, [], BUDGETS["quick"], time_limit=seconds)
             return stack.enter_context(open_subject(plan, plan.targets[0]))
 
         yield opened
@@ -160,7 +160,7 @@ def test_endless_episodes_are_truncated(tmp_path: Path, subject_of: Opened, monk
 
 
 def test_time_limit_skips_the_check(tmp_path: Path, subject_of: Opened) -> None:
-    subject = subject_of(BROKEN, Limits(total=0.0))
+    subject = subject_of(BROKEN, 0.0)
     report = run_check(LEARNABILITY, subject)
     assert report.verdict is Verdict.SKIP
     assert "before the end of the training" in report.reason
