@@ -29,4 +29,4 @@ def test_near_misses_pass_every_check(envcraft: EnvCraft, path: Path) -> None:
 def test_what_shows_no_picture_is_not_judged(envcraft: EnvCraft) -> None:
     report = envcraft.judge("CartPole-v1", checks="brightness", contract="gymnasium")
     (judged,) = [check for check in report.checks if check.check == "brightness"]
-    assert (judged.verdict, judged.reason) == (Verdict.SKIP, "its observations are no pictures")
+    assert (judged.verdict, judged.reason) == (Verdict.SKIP, "its observations are not pictures")

@@ -79,20 +79,20 @@ class Brightness(Check):
             )
 
     def confirm(self, subject: Subject, finding: Finding) -> Finding | None:
-        told = finding.repro
-        rollout = Rollout(told.seed, told.actions, Conditions.from_json(told.conditions), keep=_FRAMES)
+        recorded = finding.repro
+        rollout = Rollout(recorded.seed, recorded.actions, Conditions.from_json(recorded.conditions), keep=_FRAMES)
         return finding if brightest(subject.rollout(rollout)) <= _DARK else None
 
 
 def _watched(subject: Subject, number: int) -> Rollout:
-    """Random play whose frames are kept: a trace usually has no more than a digest of each."""
+    """Random play whose frames are kept; a trace usually has only a digest of each."""
     return msgspec.structs.replace(subject.probes.random(number, _FRAMES - 1), keep=_FRAMES)
 
 
 def brightest(trace: Trace) -> int:
     """The highest value of any pixel in the frames that a trace kept. Raises Skip if it kept no picture."""
-    # The shape and the type come from the environment, whatever its space says.
+    # The shape and the type come from the environment, regardless of its space.
     pictures = [frame for frame in trace.frames if frame.dtype == "uint8" and frame.ndim in (2, 3) and frame.size]
     if not pictures:
-        raise Skip("its observations are no pictures")
+        raise Skip("its observations are not pictures")
     return max(int(picture.max()) for picture in pictures)

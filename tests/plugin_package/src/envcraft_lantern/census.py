@@ -23,7 +23,7 @@ def census(report: BinaryIO) -> None:
         try:
             subject = msgspec.json.decode(line, type=SubjectReport)
         except (msgspec.DecodeError, UnicodeDecodeError) as error:
-            raise UsageError(f"line {number} of {report.name} is no report of an environment: {error}") from None
+            raise UsageError(f"line {number} of {report.name} is not a report on an environment: {error}") from None
         verdicts[subject.verdict.value] += 1
         # A code counts once for each environment.
         codes.update({finding.code for check in subject.checks for finding in check.findings})
