@@ -51,7 +51,7 @@ if TYPE_CHECKING:
 #: The steps and the seconds of a measurement, and the seconds of the one that confirms growth.
 _STEPS, _SECONDS, _LONGER = 100, 5.0, 12.0
 #: The seconds that the validation of a slow environment takes, unless the user names a limit.
-_SLOW = 50.0
+_SLOW = 40.0
 #: The steps that a judgement needs; fewer are enough if the seconds are over.
 _ENOUGH, _FEWEST = 20, 3
 #: The share of steps that must wait, and the share of the most expensive steps that does not count.

@@ -14,7 +14,7 @@ from envcraft.judging.budget import BUDGETS
 from envcraft.judging.engine import Plan, validate
 from envcraft.judging.selection import default_checks, driver_named
 from envcraft.judging.subject import Subject
-from envcraft.judging.trace_builder import MeasuredTraceBuilder, TraceBuilder
+from envcraft.judging.trace_builder import MeasuredTraceBuilder
 from envcraft.judging.worker_pool import WorkerPool
 from envcraft.model.contract import Contract
 from envcraft.model.events import SubjectFinished
@@ -141,7 +141,7 @@ def test_the_machines_load_does_not_count(monkeypatch: pytest.MonkeyPatch) -> No
     # The clock says 60 ms for each step, and the processor 10 ms.
     finish = MeasuredTraceBuilder.end
 
-    def late(self: TraceBuilder) -> None:
+    def late(self: MeasuredTraceBuilder) -> None:
         for step in range(1, len(self.trace.costs)):
             self.trace.costs[step] = 60_000
         finish(self)

@@ -7,6 +7,7 @@ import math
 import os
 import socket
 import time
+from itertools import islice
 from json import encoder
 from typing import Any
 
@@ -287,6 +288,8 @@ def encode_info(info: Any) -> bytes:
     try:
         if _chunks is not None and _is_json(info):
             text = "".join(_chunks(info, 0)).encode()
+        elif (length := _least(info)) > MAX_INFO:
+            text = _dumps({"envcraft: too large": length}).encode()
         else:
             text = _dumps(jsonable(info)).encode()
     except (ValueError, TypeError, RecursionError) as error:
@@ -294,6 +297,21 @@ def encode_info(info: Any) -> bytes:
     if len(text) > MAX_INFO:
         text = _dumps({"envcraft: too large": len(text)}).encode()
     return text
+
+
+def _least(info: Any) -> int:
+    """A lower bound of the length of an info as JSON, found without encoding it. It counts no further than needed."""
+    length, waiting = 0, [(info, 0)]
+    while waiting and length <= MAX_INFO:
+        value, depth = waiting.pop()
+        kind = type(value)
+        if kind is str:
+            length += len(value)
+        elif depth < MAX_DEPTH and kind in (dict, list, tuple):
+            length += min(len(value), _MOST_ENTRIES)
+            items = value.values() if kind is dict else value
+            waiting += [(item, depth + 1) for item in islice(items, _MOST_ENTRIES)]
+    return length
 
 
 def _is_json(info: dict[Any, Any]) -> bool:
@@ -310,7 +328,7 @@ def _is_json(info: dict[Any, Any]) -> bool:
         elif kind is int:
             if not -(2**63) <= value < 2**63:
                 return False
-        elif kind not in _SIMPLE:
+        elif kind not in _SIMPLE or (kind is str and len(value) > MAX_INFO):
             return False
     return True
 

@@ -1,7 +1,7 @@
 # does: returns an info of a few lists that unfold to a trillion numbers
-# verdict: fail
+# verdict: fail|pass
 # codes: EC901|EC902
-# seconds: 30
+# seconds: 45
 # process: yes
 """Catch the fruit: three catches win."""
 
