@@ -50,13 +50,13 @@ class _Shown(TraceBuilder):
         super().step(step)
         self._take(step)
 
-    def render(self, layout: int, data: memoryview) -> None:
-        super().render(layout, data)
-        self.frame = self._layout(layout).decode(bytes(data))
+    def render(self, layout: int, data: memoryview, digest: bytes = b"") -> None:
+        super().render(layout, data, digest)
+        self.frame = self._decode(layout, data, digest)
 
     def _take(self, step: Step) -> None:
-        # The buffer is valid only during the call.
-        self.observation = self._layout(step.layout).decode(memoryview(bytearray(step.data)))
+        # Whoever receives it may write to it.
+        self.observation = self._decode(step.layout, memoryview(bytearray(step.data)), step.digest)
         self.info = step.info
 
 

@@ -7,8 +7,9 @@ the protocol and go to a :class:`Recorder` as they arrive.
 
 from __future__ import annotations
 
+import itertools
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from enum import StrEnum
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Protocol
@@ -80,7 +81,8 @@ class Stop(Exception):
 class Recorder(Protocol):
     """Receives a job's messages in order.
 
-    :mod:`envcraft.spaces.codec` decodes `layout` and `data`. A long value that repeats may arrive as the same object.
+    :mod:`envcraft.spaces.codec` decodes `layout` and `data`. A long value that repeats may arrive as the same object. A
+    frame has a `digest` that identifies it, and its `data` is its picture or empty. Any other value has no digest.
     """
 
     def phase(self, name: str) -> None: ...
@@ -91,8 +93,8 @@ class Recorder(Protocol):
     def step(self, step: Step) -> None: ...
     def steps(self, steps: Steps) -> None: ...
     def after(self, step: Step) -> None: ...
-    def render(self, layout: int, data: memoryview) -> None: ...
-    def reread(self, layout: int, data: memoryview) -> None: ...
+    def render(self, layout: int, data: memoryview, digest: bytes = b"") -> None: ...
+    def reread(self, layout: int, data: memoryview, digest: bytes = b"") -> None: ...
     def acted(self, action: Any) -> None: ...
     def fault(self, report: dict[str, Any]) -> None: ...
     def result(self, outcome: dict[str, Any]) -> None: ...
@@ -123,8 +125,9 @@ class Step(msgspec.Struct, frozen=True):
         terminated_type: the type's name as the worker gives it (``bool``, ``numpy bool``, …); so are the others.
         micros: how long the call took, in microseconds.
         layout: the number of the layout of `data`.
-        data: the observation's bytes.
+        data: the observation's bytes; of a frame its picture, or nothing.
         info: JSON, empty for ``{}``.
+        digest: of a frame; else empty.
     """
 
     terminated: bool
@@ -137,23 +140,44 @@ class Step(msgspec.Struct, frozen=True):
     layout: int
     data: memoryview
     info: bytes
+    digest: bytes = b""
 
 
 class Steps(msgspec.Struct, frozen=True):
-    """Consecutive steps with the same observation and info. The fields are those of :class:`Step`; lists have one item
-    for each step. An interactive job sends none.
+    """Consecutive steps. The fields are those of :class:`Step`, with one item for each step. An interactive job sends
+    one step at a time.
+
+    Attributes:
+        rendered: render() then returned the observation again.
+        unchanged: of the observations that are read again, the next one is as it was.
+        actions: what a policy in the worker chose, for these steps and perhaps for the one that is under way.
     """
 
-    terminated: list[bool]
-    truncated: list[bool]
-    terminated_types: list[str]
-    truncated_types: list[str]
-    reward_types: list[str]
-    rewards: list[float]
-    micros: list[int]
-    layout: int
-    data: memoryview
-    info: bytes
+    terminated: list[bool] = []
+    truncated: list[bool] = []
+    terminated_types: list[str] = []
+    truncated_types: list[str] = []
+    reward_types: list[str] = []
+    rewards: list[float] = []
+    micros: list[int] = []
+    layouts: list[int] = []
+    data: list[memoryview] = []
+    infos: list[bytes] = []
+    digests: list[bytes] = []
+    rendered: list[bool] = []
+    unchanged: list[bool] = []
+    actions: list[Any] = []
+
+    def __len__(self) -> int:
+        return len(self.rewards)
+
+    def each(self) -> Iterator[Step]:
+        """The steps, one by one."""
+        columns = (
+            *(self.terminated, self.truncated, self.terminated_types, self.truncated_types, self.reward_types),
+            *(self.rewards, self.micros, self.layouts, self.data, self.infos, self.digests),
+        )
+        return itertools.starmap(Step, zip(*columns, strict=True))
 
 
 class Worker(ABC):

@@ -82,6 +82,7 @@ class JobBuilder:
         new_process: bool = False,
         every_step: bool = False,
         measured: float | None = None,
+        columns: bool | None = None,
         kind: type[TraceBuilder] = TraceBuilder,
     ) -> PreparedJob:
         """The job of a rollout.
@@ -93,6 +94,7 @@ class JobBuilder:
             new_process: nothing runs before it in its process.
             every_step: send each step at once.
             measured: measure the episode for so many seconds, and count the steps that wait for something.
+            columns: how long frames are read for their digests; None: as the job's first one lies in memory.
             kind: what receives the messages.
         """
         conditions = rollout.conditions
@@ -125,8 +127,19 @@ class JobBuilder:
             exact=self._contract.observation is not None,
             success=self._contract.success,
             watch=self._watches(rollout),
+            resize=self._resize,
         )
+        job["pictures"] = builder.pictures
+        if builder.frame is not None:
+            job["frame"] = list(builder.frame)
+            if columns is not None:
+                job["columns"] = columns
         return PreparedJob(placement, job, builder)
+
+    @property
+    def _resize(self) -> tuple[int, int] | None:
+        size = self._contract.adapter.get("resize")
+        return (size[0], size[1]) if size else None
 
     @cached_property
     def _watched(self) -> list[Action]:

@@ -57,6 +57,8 @@ class RolloutCache:
         self._runner = runner
         self._budget = budget
         self._troubles: Counter[ExitReason] = Counter()
+        #: How the first trace reads long frames. All others must do the same, or their digests differ.
+        self._columns: bool | None = None
         self._traces: dict[bytes, Trace] = {}
         self._searches: dict[bytes, SearchOutcome] = {}
         self._pending: dict[tuple[bytes, bool], PendingRollout] = {}
@@ -161,7 +163,8 @@ class RolloutCache:
         trace = self._result(pending)
         trace.rollout = msgspec.structs.replace(trace.rollout, actions=trace.actions, interactive=False, max_steps=0)
         self._count(trace)
-        self._traces[trace.rollout.key()] = trace
+        if trace.columns in (None, self._columns):
+            self._traces[trace.rollout.key()] = trace
         return trace
 
     def discard(self, pending: PendingRollout) -> None:
@@ -171,7 +174,12 @@ class RolloutCache:
         self._count(pending.builder.trace)
 
     def _record(self, rollout: Rollout, again: bool = False, alone: bool = False) -> Trace:
-        trace = self._look_closer(rollout, self._request(rollout, again, alone), again)
+        trace = self._request(rollout, again, alone)
+        if self._columns is None:
+            self._columns = trace.columns
+        elif trace.columns is (not self._columns):
+            trace = self._runner.retry(lambda: self._result(self._start(rollout, again, alone=alone)))
+        trace = self._look_closer(rollout, trace, again)
         self._count(trace)
         return trace
 
@@ -278,6 +286,7 @@ class RolloutCache:
             new_process=new_process,
             every_step=every_step,
             measured=measured,
+            columns=self._columns,
             kind=MeasuredTraceBuilder if measured else kind,
         )
         return self._runner.submit(*prepared, player)

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import Any
+import itertools
+import math
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xxhash
+from envcraft_protocol.wire import LONG, is_shown
 from numpy.typing import NDArray
 
 from envcraft.errors import MalformedValue
@@ -21,6 +23,9 @@ from envcraft.similarity.perceptual import frame_hash, value_hash
 from envcraft.spaces.codec import ValueCodec, is_picture
 from envcraft.spaces.spec import Box, SpaceSpec
 from envcraft.spaces.validation import validate, validate_action, validate_range
+
+if TYPE_CHECKING:
+    from envcraft_protocol.jobs import Pictures
 
 _MAX_PROBLEMS = 3
 _MAX_LAYOUTS = 4096
@@ -44,8 +49,13 @@ class TraceBuilder:
         exact: whether the contract prescribes `observation_space`. False if the environment declared it.
         success: the contract's definition of a win.
         watch: whether to keep the hashes that a fingerprint consists of (:mod:`envcraft.similarity.behavioural`).
+        resize: height and width that the contract resizes frames to, if it does.
 
     Each method that receives bytes raises MalformedValue if no layout allows them.
+
+    Attributes:
+        frame: the shape of observations of uint8 that need no validation and travel as digests; None without any.
+        pictures: the frames that must come as pictures, too.
     """
 
     def __init__(
@@ -57,8 +67,13 @@ class TraceBuilder:
         exact: bool = True,
         success: Success | None = None,
         watch: bool = False,
+        resize: tuple[int, int] | None = None,
     ) -> None:
         self._watch = STEPS if watch else -1
+        self._resize = resize
+        first = rollout.max_steps + 1 if rollout.interactive else rollout.keep
+        self.pictures: Pictures = {"first": first, "every": EVERY, "until": self._watch}
+        self.frame = self._frame_shape(observation_space, resize)
         self._success = success or Success()
         self._exact_space = exact
         self._rollout = rollout
@@ -71,7 +86,10 @@ class TraceBuilder:
         self.trace = Trace(self._rollout, rule=self._success)
         self.description: Description = {}
         self._layouts: list[ValueCodec] = []
+        #: Which layouts are those of frames, and of which no value needs validation.
+        self._framed: list[bool] = []
         self._exact: list[bool] = []
+        self._columns: bool | None = None
         self._parts = 0
         self._infos = 0
         self._frames = 0
@@ -90,18 +108,27 @@ class TraceBuilder:
     def layout(self, description: dict[str, Any]) -> None:
         if len(self._layouts) >= _MAX_LAYOUTS:
             raise MalformedValue(f"more than {_MAX_LAYOUTS} layouts")
-        layout = ValueCodec(description)
+        framed = description.get("k") == "frame"
+        layout = ValueCodec({**description, "k": "array"} if framed else description)
+        if framed and (layout.dtype != np.uint8 or layout.size < LONG):
+            raise MalformedValue(f"{layout} as a frame")
+        columns = description.get("columns") if framed else None
+        if columns is not None:
+            if not isinstance(columns, bool) or self._columns is (not columns):
+                raise MalformedValue("frames in two orders")
+            self._columns = self.trace.columns = columns
         self._parts += layout.parts
         if self._parts > _MAX_PARTS:
             raise MalformedValue(f"layouts of more than {_MAX_PARTS} parts")
         self._layouts.append(layout)
-        self._exact.append(self._is_any_frame(layout))
+        self._framed.append(framed)
+        self._exact.append(self._is_any_frame(layout, framed))
 
     def reset(self, step: Step) -> None:
         if self.trace.observations:
             if self.trace.earlier is not None or not self.trace.rollout.conditions.again:
                 raise MalformedValue("a second reset")
-            self.trace = Trace(self.trace.rollout, earlier=self.trace, rule=self._success)
+            self.trace = Trace(self.trace.rollout, earlier=self.trace, rule=self._success, columns=self._columns)
         self._observe(step)
 
     def step(self, step: Step) -> None:
@@ -117,13 +144,11 @@ class TraceBuilder:
         self._observe(step)
 
     def steps(self, steps: Steps) -> None:
-        trace, layout, count = self.trace, self._layout(steps.layout), len(steps.rewards)
-        looked_at = trace.steps <= self._watch or len(trace.frames) < trace.rollout.keep
-        judged = self._exact[steps.layout] or len(trace.problems) >= _MAX_PROBLEMS
+        trace, count = self.trace, len(steps)
         requested = trace.observations and trace.steps + count <= len(trace.given)
-        if looked_at or not judged or not requested or len(steps.data) != layout.size:
-            for step in _each(steps):
-                self.step(step)
+        shown = trace.steps <= self.pictures["until"] or trace.steps < self.pictures["first"]
+        if not requested or shown or steps.actions or any(steps.data) or not self._are_frames(steps):
+            self._one_by_one(steps)
             return
         trace.rewards += steps.rewards
         trace.reward_types += steps.reward_types
@@ -133,9 +158,36 @@ class TraceBuilder:
         trace.micros += sum(steps.micros)
         trace.costs.extend(steps.micros)
         trace.slow += sum(micros >= SLOW for micros in steps.micros)
-        trace.observations += [self._digest(layout, steps.data)] * count
-        self._keep_info(steps.info)
-        trace.infos += [trace.infos[-1]] * (count - 1)
+        trace.observations += steps.digests
+        trace.renders += sum(steps.rendered)
+        for info in steps.infos:
+            self._keep_info(info)
+        self._count_unchanged(sum(steps.unchanged))
+
+    def _are_frames(self, steps: Steps) -> bool:
+        """Whether all observations are frames of one layout that need no validation."""
+        number = steps.layouts[0]
+        self._layout(number)
+        alike = steps.layouts.count(number) == len(steps) and all(steps.digests)
+        return alike and self._framed[number] and self._exact[number]
+
+    def _one_by_one(self, steps: Steps) -> None:
+        trace = self.trace
+        actions = iter(steps.actions)
+        for number, step in enumerate(steps.each()):
+            for action in itertools.islice(actions, max(trace.steps + 1 - len(trace.chosen), 0)):
+                self.action(action)
+            self.step(step)
+            if steps.rendered[number]:
+                self.render(step.layout, step.data, step.digest)
+            self._count_unchanged(steps.unchanged[number])
+        for action in actions:
+            self.action(action)
+
+    def _count_unchanged(self, count: int) -> None:
+        self._reread += count
+        if self._reread > len(self.trace.observations):
+            raise MalformedValue("a second reading of an observation that was never sent")
 
     def after(self, step: Step) -> None:
         if len(self.trace.after) >= self.trace.rollout.conditions.after_end:
@@ -150,25 +202,28 @@ class TraceBuilder:
             self.trace.refused = wrong
             raise Stop
 
-    def render(self, layout: int, data: memoryview) -> None:
+    def render(self, layout: int, data: memoryview, digest: bytes = b"") -> None:
         trace, step = self.trace, self.trace.steps
         if not trace.observations:
             raise MalformedValue("a frame before the reset")
         trace.renders += 1
         shape = self._layout(layout)
-        self._keep_frame(trace.rendered, shape, _thin(shape.decode(data)))
-        if self._digest(shape, data) == trace.observations[-1]:
+        value = self._decode(layout, data, digest)
+        if value is not None:
+            self._keep_frame(trace.rendered, shape, _thin(value))
+        if (digest or self._digest(shape, data)) == trace.observations[-1]:
             return
         if shape.kind != "array" or len(shape.shape) != 3:
             self._note_render(Problem(step, "type", f"render() returned {shape}, not a frame"))
         else:
             self._note_render(Problem(step, "differs", f"render() returned {shape} that differs from the observation"))
 
-    def reread(self, layout: int, data: memoryview) -> None:
-        at, self._reread = self._reread, self._reread + 1
-        if at >= len(self.trace.observations):
-            raise MalformedValue("a second reading of an observation that was never sent")
-        if self._digest(self._layout(layout), data) != self.trace.observations[at]:
+    def reread(self, layout: int, data: memoryview, digest: bytes = b"") -> None:
+        at = self._reread
+        self._count_unchanged(1)
+        shape = self._layout(layout)
+        self._check_framed(layout, digest)
+        if (digest or self._digest(shape, data)) != self.trace.observations[at]:
             self.trace.overwritten.append((at, None if self._phase == "plain reset" else self.trace.steps))
 
     def acted(self, action: Any) -> None:
@@ -218,25 +273,52 @@ class TraceBuilder:
     def _observe(self, step: Step) -> None:
         trace = self.trace
         layout = self._layout(step.layout)
-        value = None
-        if not self._exact[step.layout] and len(trace.problems) < _MAX_PROBLEMS:
+        framed = bool(step.digest)
+        self._check_framed(step.layout, step.digest)
+        if framed and not self._exact[step.layout]:
+            raise MalformedValue(f"{layout} as a frame, which needs validation")
+        value: Any = self._decode(step.layout, step.data, step.digest) if framed else None
+        if not framed and not self._exact[step.layout] and len(trace.problems) < _MAX_PROBLEMS:
             value = layout.decode(step.data)
             trace.problems += [Problem(trace.steps, *problem) for problem in self._problems(layout, value)]
-        elif len(step.data) != layout.size:
+        elif not framed and len(step.data) != layout.size:
             raise MalformedValue(f"{len(step.data)} bytes for {layout}")
-        if trace.steps <= self._watch and trace.steps % EVERY == 0:
-            value = layout.decode(step.data) if value is None else value
+        # Where render() is part of the request, it may show what observations that are no pictures do not.
+        seen = not trace.rollout.conditions.render or is_picture(layout.shape, layout.dtype)
+        watched = trace.steps <= self._watch and trace.steps % EVERY == 0
+        kept = trace.steps < trace.rollout.keep and seen
+        if value is None and not framed and (watched or kept):
+            value = layout.decode(step.data)
+        if watched:
             picture = layout.kind == "array" and is_picture(layout.shape, layout.dtype)
             trace.watched.append(frame_hash(value) if picture else value_hash(value))
         trace.micros += step.micros
         trace.costs.append(step.micros)
         trace.opaque |= layout.opaque
-        trace.observations.append(self._digest(layout, step.data))
+        trace.observations.append(step.digest or self._digest(layout, step.data))
         self._keep_info(step.info)
-        # If the request includes render(), its frames replace observations that are not pictures.
-        seen = not trace.rollout.conditions.render or is_picture(layout.shape, layout.dtype)
-        if len(trace.frames) < trace.rollout.keep and seen:
-            self._keep_frame(trace.frames, layout, layout.decode(step.data))
+        if kept and value is not None:
+            self._keep_frame(trace.frames, layout, value)
+
+    def _decode(self, number: int, data: memoryview, digest: bytes) -> Any:
+        """The value of some bytes: of a frame its picture; None where none was to be sent."""
+        layout = self._layout(number)
+        self._check_framed(number, digest)
+        if not digest:
+            return layout.decode(data)
+        if is_shown(self.pictures, self.trace.steps) != bool(len(data)):
+            raise MalformedValue("a picture that was not requested, or none that was")
+        if not len(data):
+            return None
+        colours = len(layout.shape) == 3 and layout.shape[2] == 3
+        shape = (*self._resize, 3) if self._resize is not None and colours else layout.shape
+        if len(data) != math.prod(shape):
+            raise MalformedValue(f"{len(data)} bytes for a picture of shape {shape}")
+        return np.frombuffer(data, np.uint8).reshape(shape)
+
+    def _check_framed(self, number: int, digest: bytes) -> None:
+        if self._framed[number] != bool(digest):
+            raise MalformedValue(f"{self._layout(number)} in the form of another one")
 
     def _digest(self, layout: ValueCodec, data: memoryview) -> bytes:
         last = self._digested
@@ -246,7 +328,7 @@ class TraceBuilder:
 
     def _keep_frame(self, frames: list[NDArray[Any]], layout: ValueCodec, value: Any) -> None:
         numbers = layout.kind == "array" and value.dtype.kind in "biuf"
-        wanted = numbers and len(frames) < self.trace.rollout.keep
+        wanted = numbers and self.trace.steps < self.trace.rollout.keep
         if wanted and self._frames + value.nbytes <= _MAX_FRAMES:
             self._frames += value.nbytes
             frames.append(np.array(value))
@@ -275,8 +357,10 @@ class TraceBuilder:
             problems.append(validate_range(space, value, exact=self._exact_space))
         return list(dict.fromkeys(problem for problem in problems if problem))
 
-    def _is_any_frame(self, layout: ValueCodec) -> bool:
-        """Whether every value of this layout is in the space, as for uint8 frames with the bounds 0 and 255."""
+    def _is_any_frame(self, layout: ValueCodec, framed: bool) -> bool:
+        """Whether every value of this layout is in the space: the usual case of uint8 frames with bounds 0 and 255."""
+        if framed and self._resize is not None:
+            return self.frame is not None and len(layout.shape) == 3 and layout.shape[2] == 3
         space = self._observation_space
         return (
             isinstance(space, Box)
@@ -285,6 +369,11 @@ class TraceBuilder:
             and layout.shape == space.shape
             and space.spans_dtype
         )
+
+    def _frame_shape(self, space: SpaceSpec | None, resize: tuple[int, int] | None) -> tuple[int, ...] | None:
+        if not isinstance(space, Box) or np.dtype(space.dtype) != np.uint8 or not space.spans_dtype:
+            return None
+        return space.shape if resize is None or space.shape == (*resize, 3) else None
 
     def _layout(self, number: int) -> ValueCodec:
         try:
@@ -303,13 +392,6 @@ class MeasuredTraceBuilder(TraceBuilder):
     def end(self) -> None:
         if not self.trace.observations:
             super().end()
-
-
-def _each(steps: Steps) -> Iterator[Step]:
-    flags = zip(steps.terminated, steps.truncated, strict=True)
-    types = zip(steps.terminated_types, steps.truncated_types, steps.reward_types, strict=True)
-    for ended, named, reward, micros in zip(flags, types, steps.rewards, steps.micros, strict=True):
-        yield Step(*ended, *named, reward, micros, steps.layout, steps.data, steps.info)
 
 
 def _thin(value: Any) -> Any:

@@ -94,6 +94,7 @@ class Trace:
         slow: steps that took :data:`SLOW` microseconds or more.
         opaque: some observation has a type of another package, whose bytes the worker cannot send.
         watched: perceptual hashes of some observations, for a fingerprint.
+        columns: whether the digests of long frames read columns of pixels; None without long frames.
         earlier: the first of two traces under the condition `again`.
     """
 
@@ -124,6 +125,7 @@ class Trace:
     refused: str = ""
     end: JobResult | None = None
     result: SearchOutcome | None = None
+    columns: bool | None = None
     earlier: Trace | None = None
     rule: Success = field(default_factory=Success)
 

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import xxhash
+from envcraft_protocol.wire import array_identity
 from numpy.typing import NDArray
 
 from envcraft.errors import MalformedValue
@@ -80,8 +81,12 @@ class ValueCodec:
         self.opaque = unknown or any(item.opaque for _, item in self.items)
         if self.size > MAX_BYTES:
             raise MalformedValue(f"a value of {self.size} bytes")
-        identity = (self.kind, str(self.dtype), self.shape, self.name, [(name, item.tag) for name, item in self.items])
-        self.tag = xxhash.xxh3_64_intdigest(repr(identity).encode())
+        if self.kind == "array":
+            identity = array_identity(str(self.dtype), self.shape)
+        else:
+            parts = (self.kind, str(self.dtype), self.shape, self.name, [(name, item.tag) for name, item in self.items])
+            identity = repr(parts).encode()
+        self.tag = xxhash.xxh3_64_intdigest(identity)
 
     def decode(self, data: bytes | memoryview) -> Any:
         """Build the value. Raises MalformedValue if the number of bytes is not :attr:`size`."""

@@ -105,6 +105,16 @@ class Conditions(TypedDict, total=False):
     unseeded: bool
 
 
+class Pictures(TypedDict):
+    """The observations of each episode whose pictures are sent: the `first` ones, and up to number `until` `every` so
+    many. Number 0 is that of the reset.
+    """
+
+    first: int
+    every: int
+    until: int
+
+
 class Job(TypedDict):
     """One job of a worker.
 
@@ -117,6 +127,11 @@ class Job(TypedDict):
         interactive: the host chooses each action (ASK).
         every_step: send each step at once.
         count_waits: measure the episode: count the calls that give up the processor, and the processor time of steps.
+        frame: the shape of observations of uint8 that travel as digests, because no rule looks at them. If the
+            contract resizes frames to this shape, they do whatever theirs is.
+        pictures: the frames that are sent as pictures, too; by default none.
+        columns: the order in which long frames are read for their digests: columns of pixels, not rows. By default
+            the one in which the job's first long frame lies in memory.
         series: the process may run further jobs.
         new_process: the job is the first one of its process.
         search: name of the search.
@@ -137,6 +152,9 @@ class Job(TypedDict):
     interactive: NotRequired[bool]
     every_step: NotRequired[bool]
     count_waits: NotRequired[bool]
+    frame: NotRequired[list[int]]
+    pictures: NotRequired[Pictures]
+    columns: NotRequired[bool]
     series: NotRequired[bool]
     new_process: NotRequired[bool]
     search: NotRequired[str]

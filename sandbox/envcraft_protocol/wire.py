@@ -6,9 +6,14 @@ JSON job and receives a stream of messages; if the child offers to continue, ano
 interactive job requests each action with ASK and sends nothing until it has received the action: JSON of at most
 MAX_JSON bytes, in a message of kind ACTION.
 
+Steps cross in blocks of at most MAX_STEPS: one fixed record for each step, then the bytes of all observations, those of
+all infos, and the actions that a policy inside the worker chose.
+
 Observations travel as raw bytes with a *layout*: a JSON description of the value (dtype, shape, keys) that is sent once
-and then named by its number, so a step of a picture game is one fixed header and the frame. A long value with the same
-bytes as the last long one is only marked as repeated, and so is an info. Steps that repeat both share one message.
+and then named by its number. A long value with the same bytes as the last long one is only marked as repeated, and so
+is an info. A *frame* is an array of uint8 whose values need no look, because every value is in the space; its layout
+has the kind ``frame``. Only its digest is sent, 128-bit XXH3 seeded by its layout, and the picture itself where the
+host says so.
 
 This module imports only the standard library, which keeps the start of the command line and of the worker short.
 """
@@ -17,22 +22,37 @@ from __future__ import annotations
 
 import struct
 from enum import IntEnum
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from .jobs import Pictures
 
 HEADER = struct.Struct("<BI")
 
-#: Fixed part of a RESET, STEP or AFTER message: flags (bit 0 terminated, bit 1 truncated, SAME, SAME_INFO), the three
-#: value types, the reward, microseconds spent in the call, layout number, observation bytes, info bytes.
+#: Head of a RESET, STEPS or AFTER message: number of records, bytes of the JSON list of actions at the end.
+BLOCK = struct.Struct("<HI")
+#: A record: flags, the three value types, the reward, microseconds spent in the call, layout number, bytes of the
+#: observation, bytes of the info.
 STEP = struct.Struct("<BBBBdIHII")
 
-#: Fixed part of a RENDER or REREAD message: flags (SAME), layout number. The value follows.
+#: Fixed part of a RENDER or REREAD message: flags (SAME, FRAME), layout number. The value follows.
 VALUE = struct.Struct("<BH")
 
-#: Flag of a value without bytes: it repeats layout and bytes of the last value of at least LONG bytes.
-SAME = 4
-LONG = 256
-#: Flag of a step without info bytes: it repeats the info of the previous step or reset.
-SAME_INFO = 8
+#: The flags of a record and of a value. SAME: no bytes, the value repeats layout and bytes of the last value of at
+#: least LONG bytes. SAME_INFO: no info bytes, the info repeats that of the previous step or reset. FRAME: the value is
+#: a digest and perhaps a picture. RENDERED: render() then returned the same frame. UNCHANGED: of the observations that
+#: are read again, the next one is as it was.
+TERMINATED, TRUNCATED, SAME, SAME_INFO, FRAME, RENDERED, UNCHANGED = 1, 2, 4, 8, 16, 32, 64
+FLAGS = 127
 
+#: Bytes of a digest.
+DIGEST = 16
+#: The shortest value that is marked as repeated, and the shortest frame.
+LONG = 256
+
+#: Steps in one message, and bytes of its values unless it has one step only.
+MAX_STEPS = 64
+MAX_BLOCK = 256 * 1024
 MAX_OBSERVATION = 8 * 1024 * 1024
 MAX_INFO = 64 * 1024
 #: Bytes of a JSON message, and of the kinds with spaces or the result of a search.
@@ -56,30 +76,29 @@ class Kind(IntEnum):
     PHASE = 1  #: JSON string: the call that is about to run (import, construct, reset, step, render, close, search)
     LOADED = 2  #: JSON object: what the file defines
     LAYOUT = 3  #: JSON object: the next observation layout
-    RESET = 4  #: STEP struct, observation, info
-    ACTION = 5  #: JSON: the action that a policy inside the worker chose
-    STEP = 6  #: STEP struct, observation, info
-    AFTER = 7  #: like STEP, for a step taken after the episode's end
+    RESET = 4  #: a block of one record
+    ACTION = 5  #: JSON, to an interactive job: the next action
+    STEPS = 6  #: a block
+    AFTER = 7  #: a block of one record, for a step taken after the episode's end
     RENDER = 8  #: VALUE struct, frame
     REREAD = 9  #: VALUE struct, the previous observation's bytes as they are now
-    ACTED = 10  #: JSON object: the action before and after step()
+    ACTED = 10  #: JSON object: an action that step() changed, before and after
     FAULT = 11  #: JSON object: an exception, or a return value of the wrong form
     TICK = 12  #: empty: the job is alive
     RESULT = 13  #: JSON object: the result of a search
     #: JSON object: the job is complete; see :class:`envcraft_protocol.jobs.End`
     END = 14
     ASK = 15  #: empty: the job waits for its next action
-    STEPS = 16  #: STEP structs, each with SAME and SAME_INFO
 
 
-#: The kinds whose payload is a fixed part and a value's bytes.
-VALUED = frozenset((Kind.RESET, Kind.STEP, Kind.AFTER, Kind.RENDER, Kind.REREAD))
+#: The kinds whose payload is a fixed part and the bytes of values.
+VALUED = frozenset((Kind.RESET, Kind.STEPS, Kind.AFTER, Kind.RENDER, Kind.REREAD))
 
 
 def longest(kind: int) -> int:
     """The maximum length in bytes of the payload of a message of this kind."""
     if kind in VALUED:
-        return STEP.size + MAX_OBSERVATION + MAX_INFO
+        return BLOCK.size + MAX_STEPS * STEP.size + DIGEST + MAX_OBSERVATION + MAX_INFO + MAX_JSON
     return MAX_LONG_JSON if kind in (Kind.LOADED, Kind.RESULT) else MAX_JSON
 
 
@@ -103,3 +122,13 @@ class Type(IntEnum):
             0: "bool", 1: "numpy.bool", 2: "int", 3: "numpy integer", 4: "float",
             5: "numpy floating", 6: "None", 7: "str", 8: "numpy.ndarray", 9: "another type",
         }[int(self)]  # fmt: skip
+
+
+def array_identity(dtype: str, shape: tuple[int, ...]) -> bytes:
+    """What identifies the layout of an array in digests, on both sides: XXH3 of it, 64 bits, is their seed."""
+    return repr(("array", dtype, shape, "", [])).encode()
+
+
+def is_shown(pictures: Pictures, number: int) -> bool:
+    """Whether the picture of an observation is sent with its digest; 0 is the reset's."""
+    return number < pictures["first"] or (number <= pictures["until"] and number % pictures["every"] == 0)

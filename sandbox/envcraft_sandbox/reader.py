@@ -6,15 +6,34 @@ import json
 import struct
 from typing import Any
 
-from envcraft_protocol.wire import HEADER, LONG, MAX_INFO, SAME, SAME_INFO, STEP, VALUE, Kind, Type, longest
+from envcraft_protocol.wire import (
+    BLOCK,
+    DIGEST,
+    FLAGS,
+    FRAME,
+    HEADER,
+    LONG,
+    MAX_BLOCK,
+    MAX_INFO,
+    MAX_JSON,
+    MAX_STEPS,
+    RENDERED,
+    SAME,
+    SAME_INFO,
+    STEP,
+    UNCHANGED,
+    VALUE,
+    Kind,
+    Type,
+    longest,
+)
 
 from envcraft.errors import MalformedValue
-from envcraft.judging.driver import Recorder, Step, Steps
+from envcraft.judging.driver import Recorder, Steps
 
 _TYPES = [kind.words for kind in Type]
-#: The flags of a step without a new value or info, and all known flags.
-_NEITHER = SAME | SAME_INFO
-_FLAGS = 1 | 2 | _NEITHER
+_BOOLS = [False, True]
+_NOTHING = memoryview(b"")
 _KINDS = {int(kind): kind for kind in Kind}
 
 
@@ -81,26 +100,28 @@ class Reader:
             raise Forged("a message after the end")
         if self.awaits_action:
             raise Forged("a message while it waits for an action")
-        if (kind is Kind.ASK and not self._played) or (kind in (Kind.ACTION, Kind.STEPS) and self._played):
+        if kind is Kind.ACTION or (kind is Kind.ASK and not self._played):
             raise Forged(f"{kind.name} in a job whose actions have another source")
         recorder = self._recorder
-        if kind is Kind.STEP:
-            recorder.step(self._step(payload))
-        elif kind is Kind.STEPS:
-            recorder.steps(self._steps(payload))
+        if kind is Kind.STEPS:
+            recorder.steps(self._block(payload))
         elif kind is Kind.RESET:
-            recorder.reset(self._step(payload))
+            block = self._only(kind, payload)
+            step = next(block.each())
+            recorder.reset(step)
+            if block.rendered[0]:
+                recorder.render(step.layout, step.data, step.digest)
         elif kind is Kind.AFTER:
-            recorder.after(self._step(payload))
+            recorder.after(next(self._only(kind, payload).each()))
         elif kind in (Kind.RENDER, Kind.REREAD):
             flags, layout = VALUE.unpack_from(payload)
-            value = self._value(flags, layout, payload[VALUE.size :])
-            (recorder.render if kind is Kind.RENDER else recorder.reread)(layout, value)
+            if flags & ~(SAME | FRAME):
+                raise Forged("a value with unknown flags")
+            digest, value = self._value(flags, layout, payload[VALUE.size :])
+            (recorder.render if kind is Kind.RENDER else recorder.reread)(layout, value, digest)
         elif kind is Kind.PHASE:
             self.phase = str(_json(payload))[:40]
             recorder.phase(self.phase)
-        elif kind is Kind.ACTION:
-            recorder.action(_json(payload))
         elif kind is Kind.ACTED:
             recorder.acted(_json(payload))
         elif kind is Kind.END:
@@ -124,61 +145,97 @@ class Reader:
                 Kind.RESULT: recorder.result,
             }[kind](value)
 
-    def _value(self, flags: int, layout: int, data: memoryview) -> memoryview:
-        """The bytes of a value; the same object as the last time if the value is the last long one again."""
-        if flags:
-            if flags != SAME or len(data) or self._last is None or self._last[0] != layout:
+    def _value(self, flags: int, layout: int, data: memoryview) -> tuple[bytes, memoryview]:
+        """The digest of a frame and its picture, if there is one; of any other value no digest, and its bytes. They are
+        the same object as the last time if the value is the last long one again.
+        """
+        if flags & FRAME:
+            if flags & SAME or len(data) < DIGEST:
+                raise Forged("a frame without a digest")
+            return bytes(data[:DIGEST]), memoryview(bytes(data[DIGEST:]))
+        if flags & SAME:
+            if len(data) or self._last is None or self._last[0] != layout:
                 raise Forged("a value that claims to repeat the last one")
-            return self._last[1]
+            return b"", self._last[1]
         value = memoryview(bytes(data))
         if len(data) >= LONG:
             self._last = layout, value
-        return value
+        return b"", value
 
-    def _step(self, payload: memoryview) -> Step:
-        flags, ended_type, cut_type, reward_type, reward, micros, layout, size, info_size = STEP.unpack_from(payload)
-        start = STEP.size
-        if len(payload) != start + size + info_size or info_size > MAX_INFO or flags > _FLAGS:
-            raise Forged("a step whose lengths do not add up")
-        if max(ended_type, cut_type, reward_type) >= len(_TYPES):
-            raise Forged("a step with an unknown type")
-        if not flags & SAME_INFO:
-            self._info = bytes(payload[start + size :])
-        elif info_size or self._info is None:
-            raise Forged("an info that claims to repeat the last one")
-        return Step(
-            terminated=bool(flags & 1),
-            truncated=bool(flags & 2),
-            terminated_type=_TYPES[ended_type],
-            truncated_type=_TYPES[cut_type],
-            reward_type=_TYPES[reward_type],
-            reward=reward,
-            micros=micros,
-            layout=layout,
-            data=self._value(flags & SAME, layout, payload[start : start + size]),
-            info=self._info,
+    def _only(self, kind: Kind, payload: memoryview) -> Steps:
+        """The block of a message with one record. Raises Forged."""
+        block = self._block(payload)
+        if len(block) != 1 or block.actions or block.unchanged[0] or (kind is Kind.AFTER and block.rendered[0]):
+            raise Forged(f"{kind.name} with more than it has")
+        return block
+
+    def _block(self, payload: memoryview) -> Steps:
+        count, length = BLOCK.unpack_from(payload)
+        start = BLOCK.size + count * STEP.size
+        if count > MAX_STEPS or length > MAX_JSON or start + length > len(payload):
+            raise Forged("a block whose lengths do not add up")
+        actions = _json(payload[len(payload) - length :]) if length else []
+        if not isinstance(actions, list) or not (count or actions):
+            raise Forged("a block without steps and actions")
+        if self._played and (actions or count > 1):
+            raise Forged("a block in a job whose actions have another source")
+        if not count:
+            if start + length != len(payload):
+                raise Forged("a block whose lengths do not add up")
+            return Steps(actions=actions)
+        flags, ended, cut, kinds, rewards, micros, layouts, sizes, texts = zip(
+            *STEP.iter_unpack(payload[BLOCK.size : start]), strict=True
         )
-
-    def _steps(self, payload: memoryview) -> Steps:
-        if not payload or self._last is None or self._info is None:
-            raise Forged("repeated steps without an earlier step")
-        flags, ended, cut, kinds, rewards, micros, layouts, sizes, infos = zip(*STEP.iter_unpack(payload), strict=True)
-        if any(sizes) or any(infos) or set(layouts) != {self._last[0]} or min(flags) < _NEITHER or max(flags) > _FLAGS:
-            raise Forged("repeated steps with new values")
-        if max(*ended, *cut, *kinds) >= len(_TYPES):
-            raise Forged("a step with an unknown type")
+        values = sum(sizes) + sum(texts)
+        if start + values + length != len(payload) or max(texts) > MAX_INFO or (count > 1 and values > MAX_BLOCK):
+            raise Forged("a block whose lengths do not add up")
+        if max(flags) > FLAGS or max(*ended, *cut, *kinds) >= len(_TYPES):
+            raise Forged("a step with unknown flags or types")
+        digests, data = self._values(flags, layouts, sizes, payload[start : start + sum(sizes)])
         return Steps(
-            terminated=[bool(flag & 1) for flag in flags],
-            truncated=[bool(flag & 2) for flag in flags],
+            terminated=[_BOOLS[flag & 1] for flag in flags],
+            truncated=[_BOOLS[flag >> 1 & 1] for flag in flags],
             terminated_types=[_TYPES[kind] for kind in ended],
             truncated_types=[_TYPES[kind] for kind in cut],
             reward_types=[_TYPES[kind] for kind in kinds],
             rewards=list(rewards),
             micros=list(micros),
-            layout=self._last[0],
-            data=self._last[1],
-            info=self._info,
+            layouts=list(layouts),
+            digests=digests,
+            data=data,
+            infos=self._infos(flags, texts, payload[start + sum(sizes) : len(payload) - length]),
+            rendered=[_BOOLS[flag & RENDERED != 0] for flag in flags],
+            unchanged=[_BOOLS[flag & UNCHANGED != 0] for flag in flags],
+            actions=actions,
         )
+
+    def _values(
+        self, flags: tuple[int, ...], layouts: tuple[int, ...], sizes: tuple[int, ...], data: memoryview
+    ) -> tuple[list[bytes], list[memoryview]]:
+        """The digests and the bytes of a block's observations."""
+        if min(flags) & FRAME and all(flag & FRAME and not flag & SAME for flag in flags) and set(sizes) == {DIGEST}:
+            joined = bytes(data)
+            return [joined[at : at + DIGEST] for at in range(0, len(joined), DIGEST)], [_NOTHING] * len(flags)
+        digests, values = [], []
+        at = 0
+        for flag, layout, size in zip(flags, layouts, sizes, strict=True):
+            digest, value = self._value(flag, layout, data[at : at + size])
+            digests.append(digest)
+            values.append(value)
+            at += size
+        return digests, values
+
+    def _infos(self, flags: tuple[int, ...], sizes: tuple[int, ...], data: memoryview) -> list[bytes]:
+        infos = []
+        at = 0
+        for flag, size in zip(flags, sizes, strict=True):
+            if not flag & SAME_INFO:
+                self._info = bytes(data[at : at + size])
+                at += size
+            elif size or self._info is None:
+                raise Forged("an info that claims to repeat the last one")
+            infos.append(self._info)
+        return infos
 
 
 def _count(end: dict[str, Any], name: str) -> int:

@@ -95,6 +95,7 @@ def play(
     listed = [] if player else [[number % 5, 0, 1] for number in range(10)]
     rollout = Rollout(seed=seed, actions=listed, interactive=player is not None, max_steps=10 if player else 0)
     rollout = rollout.under(conditions or Conditions())
+    recording = TraceBuilder(rollout, read_space(ARCADE.observation), read_space(ARCADE.action))
     job: Any = {
         "kind": kind,
         "target": {"kind": "source", "source": source, "filename": "tiny.py"},
@@ -104,10 +105,11 @@ def play(
         "conditions": rollout.conditions.to_json(),
         "interactive": rollout.interactive,
         "max_steps": rollout.max_steps,
+        "frame": recording.frame,
+        "pictures": recording.pictures,
         "series": series,
         "new_process": new_process,
     }
-    recording = TraceBuilder(rollout, read_space(ARCADE.observation), read_space(ARCADE.action))
     end = worker.run(job, recording, limits, player)
     recording.trace.end = end
     return Ran(end, recording.trace, recording.description)

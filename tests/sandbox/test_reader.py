@@ -10,20 +10,37 @@ from typing import Any
 
 import numpy as np
 import pytest
-from envcraft_protocol.wire import HEADER, LONG, SAME, SAME_INFO, STEP, VALUE, Kind
+from envcraft_protocol.jobs import Job
+from envcraft_protocol.wire import (
+    BLOCK,
+    DIGEST,
+    FRAME,
+    HEADER,
+    LONG,
+    MAX_STEPS,
+    RENDERED,
+    SAME,
+    SAME_INFO,
+    STEP,
+    UNCHANGED,
+    VALUE,
+    Kind,
+)
 from envcraft_sandbox.reader import Forged, Reader
 from envcraft_sandbox.worker.channel import Channel
+from envcraft_sandbox.worker.frames import Frames
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from envcraft.contracts.builtin import ARCADE
 from envcraft.judging.trace_builder import TraceBuilder
-from envcraft.model.rollout import Rollout
+from envcraft.model.rollout import Conditions, Rollout
 from envcraft.model.trace import diverge
 from envcraft.spaces.spec import read_space
 
 FLOAT = {"k": "float"}
-FRAME = {"k": "array", "dtype": "|u1", "shape": [84, 84, 3]}
+PICTURE = {"k": "array", "dtype": "|u1", "shape": [84, 84, 3]}
+FRAMES = PICTURE | {"k": "frame"}
 
 
 def message(kind: int, payload: bytes | Any = b"") -> bytes:
@@ -40,8 +57,25 @@ def step(
     reward: float = 1.0,
     flags: int = 0,
 ) -> bytes:
-    head = STEP.pack(flags, 0, 0, 4, reward, 7, layout, len(observation), len(info))
-    return message(kind, head + observation + info)
+    return block([record(flags, reward, layout, len(observation), len(info))], observation + info, kind=kind)
+
+
+def record(
+    flags: int = 0, reward: float = 1.0, layout: int = 0, size: int = 8, info: int = 0, *, kind: int = 4
+) -> bytes:
+    return STEP.pack(flags, 0, 0, kind, reward, 7, layout, size, info)
+
+
+def block(
+    records: list[bytes],
+    values: bytes = b"",
+    actions: bytes = b"",
+    *,
+    kind: Kind = Kind.STEPS,
+    count: int | None = None,
+) -> bytes:
+    head = BLOCK.pack(len(records) if count is None else count, len(actions))
+    return message(kind, head + b"".join(records) + values + actions)
 
 
 def recording(steps: int = 8) -> TraceBuilder:
@@ -53,17 +87,19 @@ GOOD = [
     message(Kind.LAYOUT, FLOAT),
     message(Kind.LAYOUT, {"k": "dict", "items": [["a", {"k": "array", "dtype": "<U3", "shape": [2]}], ["b", FLOAT]]}),
     step(Kind.RESET, info=b'{"a": [1, 2]}'),
-    step(Kind.STEP),
+    step(Kind.STEPS),
     message(Kind.RENDER, VALUE.pack(0, 0) + bytes(8)),
-    step(Kind.STEP, layout=1, observation=bytes(32)),
+    step(Kind.STEPS, layout=1, observation=bytes(32)),
     message(Kind.ACTED, {"before": [0, 0, 0], "now": [0, 0, 0]}),
     message(Kind.FAULT, {"phase": "step", "type": "ValueError", "message": "no", "line": 3}),
     message(Kind.RESULT, {"steps": 3}),
     message(Kind.TICK),
     message(Kind.LAYOUT, {"k": "array", "dtype": "|u1", "shape": [LONG]}),
-    step(Kind.STEP, layout=2, observation=bytes(LONG)),
-    step(Kind.STEP, layout=2, observation=b"", flags=SAME),
-    message(Kind.STEPS, 3 * STEP.pack(SAME | SAME_INFO, 0, 0, 4, 0.0, 7, 2, 0, 0)),
+    step(Kind.STEPS, layout=2, observation=bytes(LONG)),
+    step(Kind.STEPS, layout=2, observation=b"", flags=SAME),
+    block([record(SAME | SAME_INFO, layout=2, size=0)] * 2),
+    message(Kind.LAYOUT, {"k": "frame", "dtype": "|u1", "shape": [84, 84, 3]}),
+    block([record(FRAME | SAME_INFO, layout=3, size=DIGEST)], bytes(DIGEST)),
     message(Kind.END, {}),
 ]
 
@@ -134,7 +170,7 @@ def test_layouts_are_bounded_in_all() -> None:
 
 
 def test_an_end_before_the_episodes_is_forged() -> None:
-    prefix = b"".join([GOOD[1], step(Kind.RESET), step(Kind.STEP)])
+    prefix = b"".join([GOOD[1], step(Kind.RESET), step(Kind.STEPS)])
     for stream in (b"", prefix):
         with pytest.raises(Forged, match="an end after"):
             Reader(recording()).feed(stream + message(Kind.END, {}))
@@ -145,21 +181,21 @@ def test_an_end_before_the_episodes_is_forged() -> None:
 
 def frames(*messages: bytes) -> TraceBuilder:
     made = recording()
-    Reader(made).feed(message(Kind.LAYOUT, FRAME) + message(Kind.LAYOUT, FLOAT) + b"".join(messages))
+    Reader(made).feed(message(Kind.LAYOUT, PICTURE) + message(Kind.LAYOUT, FLOAT) + b"".join(messages))
     return made
 
 
-def again(kind: Kind = Kind.STEP, layout: int = 0) -> bytes:
+def again(kind: Kind = Kind.STEPS, layout: int = 0) -> bytes:
     return step(kind, layout=layout, observation=b"", flags=SAME)
 
 
 def test_a_value_that_comes_again_is_as_if_it_had_been_sent() -> None:
     one, two = (bytes([number]) * 84 * 84 * 3 for number in range(2))
-    short = step(Kind.STEP, layout=1)
+    short = step(Kind.STEPS, layout=1)
     whole = frames(
-        *(step(Kind.RESET if not n else Kind.STEP, observation=f) for n, f in enumerate((one, one, two, two)))
+        *(step(Kind.RESET if not n else Kind.STEPS, observation=f) for n, f in enumerate((one, one, two, two)))
     )
-    repeated = frames(step(Kind.RESET, observation=one), again(), step(Kind.STEP, observation=two), again())
+    repeated = frames(step(Kind.RESET, observation=one), again(), step(Kind.STEPS, observation=two), again())
     assert repeated.trace.observations == whole.trace.observations
     between = frames(step(Kind.RESET, observation=one), short, again())
     assert between.trace.observations[2] == between.trace.observations[0]
@@ -168,7 +204,7 @@ def test_a_value_that_comes_again_is_as_if_it_had_been_sent() -> None:
 
 
 def run(steps: int = 3, *, flags: int = SAME | SAME_INFO, layout: int = 0, size: int = 0, kind: int = 4) -> bytes:
-    return message(Kind.STEPS, steps * STEP.pack(flags, 0, 0, kind, 0.5, 7, layout, size, 0))
+    return block([record(flags, 0.5, layout, size, kind=kind)] * steps)
 
 
 BLACK = bytes(84 * 84 * 3)
@@ -180,7 +216,7 @@ BLACK = bytes(84 * 84 * 3)
         [again(Kind.RESET)],
         [step(Kind.RESET, layout=1), again(layout=1)],
         [step(Kind.RESET, observation=BLACK), again(layout=1)],
-        [step(Kind.RESET, observation=BLACK), step(Kind.STEP, observation=bytes(LONG), flags=SAME)],
+        [step(Kind.RESET, observation=BLACK), step(Kind.STEPS, observation=bytes(LONG), flags=SAME)],
         [step(Kind.RESET, observation=BLACK), message(Kind.RENDER, VALUE.pack(1, 0))],
     ],
     ids=["nothing", "short", "layout", "bytes", "flags"],
@@ -196,8 +232,18 @@ def test_a_value_that_cannot_come_again_is_forged(messages: list[bytes]) -> None
         [run()],
         [step(Kind.RESET, layout=1), run()],
         *([step(Kind.RESET, observation=BLACK), made] for made in (run(9), run(0), run(layout=1), run(size=1))),
-        *([step(Kind.RESET, observation=BLACK), made] for made in (run(flags=SAME), run(flags=31), run(kind=99))),
+        *([step(Kind.RESET, observation=BLACK), made] for made in (run(flags=255), run(kind=99))),
         [step(Kind.RESET, observation=BLACK), message(Kind.STEPS, bytes(5))],
+        [step(Kind.RESET, observation=BLACK), block([record(SAME, size=0)], count=2)],
+        [step(Kind.RESET, observation=BLACK), block([record(SAME, size=0)], count=0)],
+        [step(Kind.RESET, observation=BLACK), block([record(SAME, size=0)], b"x")],
+        [step(Kind.RESET, observation=BLACK), block([record(SAME, size=0)], actions=b"{}")],
+        [step(Kind.RESET, observation=BLACK), block([record(SAME, size=0)], actions=b"[1]")],
+        [step(Kind.RESET, observation=BLACK), block([record(SAME, size=0)], actions=b"[")],
+        [step(Kind.RESET, observation=BLACK), block([record(size=len(BLACK))] * 13, BLACK * 13)],
+        [block([record()] * 2, bytes(16), kind=Kind.RESET)],
+        [block([record(UNCHANGED, layout=1)], bytes(8), kind=Kind.RESET)],
+        [step(Kind.RESET, observation=BLACK), *[message(Kind.REREAD, VALUE.pack(SAME, 0))] * 2],
     ],
 )
 def test_steps_that_cannot_be_are_forged(messages: list[bytes]) -> None:
@@ -205,28 +251,113 @@ def test_steps_that_cannot_be_are_forged(messages: list[bytes]) -> None:
         frames(*messages)
 
 
+def test_a_block_has_only_so_many_steps() -> None:
+    for count in (MAX_STEPS, MAX_STEPS + 1):
+        made = recording(100)
+        reader = Reader(made)
+        reader.feed(message(Kind.LAYOUT, PICTURE) + step(Kind.RESET, observation=BLACK))
+        if count > MAX_STEPS:
+            with pytest.raises(Forged):
+                reader.feed(run(count))
+        else:
+            reader.feed(run(count))
+            assert made.trace.steps == count
+
+
 def test_each_step_requests_an_action() -> None:
     reader = Reader(recording(), played=True)
-    reader.feed(message(Kind.LAYOUT, FRAME) + step(Kind.RESET, observation=BLACK))
-    with pytest.raises(Forged, match="STEPS"):
+    reader.feed(message(Kind.LAYOUT, PICTURE) + step(Kind.RESET, observation=BLACK))
+    with pytest.raises(Forged, match="block"):
         reader.feed(run())
 
 
-class Kept(Channel):
-    """A channel that keeps what it would send; without `leaving_out`, each step in full."""
+def framed(*messages: bytes, keep: int = 0) -> TraceBuilder:
+    """What is read of these messages, where layout 0 is that of frames, 1 of others, and 2 one that is not allowed."""
+    made = TraceBuilder(
+        Rollout(0, [[0, 0, 0]] * 8, Conditions(render=True, reread=True), keep=keep),
+        read_space(ARCADE.observation),
+        read_space(ARCADE.action),
+    )
+    layouts = (FRAMES, FLOAT, FRAMES | {"shape": [84, 63, 4]})
+    Reader(made).feed(b"".join(message(Kind.LAYOUT, layout) for layout in layouts) + b"".join(messages))
+    return made
 
-    def __init__(self, leaving_out: bool) -> None:
+
+def digests(count: int, *, flags: int = 0, kind: Kind = Kind.STEPS, layout: int = 0, picture: bytes = b"") -> bytes:
+    size = DIGEST + len(picture)
+    values = b"".join(bytes([number]) * DIGEST + picture for number in range(count))
+    return block([record(FRAME | flags, layout=layout, size=size)] * count, values, kind=kind)
+
+
+def test_frames_are_known_by_their_digests() -> None:
+    made = framed(digests(1, kind=Kind.RESET, flags=RENDERED), digests(3, flags=RENDERED | UNCHANGED)).trace
+    assert made.observations == [bytes(DIGEST), *(bytes([number]) * DIGEST for number in range(3))]
+    assert (made.rewards, made.renders, made.render_problems, made.overwritten) == ([1.0] * 3, 4, [], [])
+
+
+def test_render_and_a_second_reading_may_differ() -> None:
+    head = VALUE.pack(FRAME, 0)
+    other, wrong = b"x" * DIGEST, message(Kind.RENDER, VALUE.pack(FRAME, 2) + bytes(DIGEST))
+    made = framed(
+        digests(1, kind=Kind.RESET),
+        digests(1),
+        message(Kind.REREAD, head + other),
+        message(Kind.REREAD, head + bytes(DIGEST)),
+        message(Kind.RENDER, head + other),
+        wrong,
+    ).trace
+    assert [at for at, _ in made.overwritten] == [0]
+    assert [problem.kind for problem in made.render_problems] == ["differs"]
+
+
+def test_pictures_come_as_requested() -> None:
+    made = framed(digests(1, kind=Kind.RESET, picture=BLACK), digests(1, picture=BLACK), digests(2), keep=2).trace
+    assert [frame.shape for frame in made.frames] == [(84, 84, 3)] * 2
+    assert len(made.observations) == 4
+
+
+@pytest.mark.parametrize(
+    ("keep", "messages"),
+    [
+        (0, [digests(1, kind=Kind.RESET, layout=1)]),
+        (0, [digests(1, kind=Kind.RESET, layout=2)]),
+        (0, [step(Kind.RESET, observation=BLACK)]),
+        (0, [step(Kind.RESET, observation=bytes(DIGEST))]),
+        (0, [step(Kind.RESET, observation=bytes(DIGEST - 1), flags=FRAME)]),
+        (0, [step(Kind.RESET, observation=b"", flags=FRAME | SAME)]),
+        (0, [digests(1, kind=Kind.RESET, picture=BLACK)]),
+        (1, [digests(1, kind=Kind.RESET)]),
+        (1, [digests(1, kind=Kind.RESET, picture=BLACK[1:])]),
+        (2, [digests(1, kind=Kind.RESET, picture=BLACK), digests(1)]),
+        (0, [digests(1, kind=Kind.RESET), digests(9)]),
+        (0, [digests(1, kind=Kind.RESET), digests(3, layout=1)]),
+        (0, [digests(1, kind=Kind.RESET), digests(3, layout=9)]),
+        (0, [digests(1, kind=Kind.RESET), message(Kind.RENDER, VALUE.pack(FRAME, 0))]),
+        (0, [digests(1, kind=Kind.RESET), message(Kind.RENDER, VALUE.pack(0, 0) + BLACK)]),
+        (0, [digests(1, kind=Kind.RESET), message(Kind.REREAD, VALUE.pack(FRAME | SAME, 0))]),
+        (0, [message(Kind.LAYOUT, FRAMES | {"dtype": "<f4"})]),
+        (0, [message(Kind.LAYOUT, FRAMES | {"shape": [3]})]),
+        (0, [message(Kind.LAYOUT, FRAMES | {"shape": [-1, 84, 84]})]),
+        (0, [message(Kind.LAYOUT, FRAMES | {"columns": 1})]),
+        (0, [message(Kind.LAYOUT, FRAMES | {"columns": True}), message(Kind.LAYOUT, FRAMES | {"columns": False})]),
+    ],
+)
+def test_frames_that_cannot_be_are_forged(keep: int, messages: list[bytes]) -> None:
+    with pytest.raises(Forged):
+        framed(*messages, keep=keep)
+
+
+class Kept(Channel):
+    """A channel that keeps what it would send; without `leaving_out`, each step in full and by itself."""
+
+    def __init__(self, leaving_out: bool, job: Job | None = None) -> None:
         with socket.socket(socket.AF_UNIX) as nobody:
-            super().__init__(nobody)
-        self.sent = b""
+            super().__init__(nobody, every_step=not leaving_out, shown=Frames(job))
+        self.kept = b""
         self._leaving_out = leaving_out
 
-    def flush(self) -> None:
-        if self._run:
-            self._end_run()
-        self.sent += b"".join(self._waiting)
-        self._waiting.clear()
-        self._size = 0
+    def _write(self, parts: list[bytes], size: int) -> None:
+        self.kept += b"".join(parts)
 
     def step(self, *values: Any, **named: Any) -> None:
         if not self._leaving_out:
@@ -266,24 +397,32 @@ EPISODE = st.lists(
 def test_what_the_worker_leaves_out_comes_back(episode: list[Any], keep: int, watch: bool) -> None:
     made = []
     for leaving_out in (True, False):
-        channel = Kept(leaving_out)
-        channel.step(Kind.RESET, VALUES[0], 0.0, False, False, {}, 0.0)
-        for value, info, reward, flag in episode:
-            channel.step(Kind.STEP, VALUES[value], reward, flag, False, {"a": 1} if info else {}, 0.001)
-        channel.send_json(Kind.END, {}, flush=True)
-        rollout = Rollout(0, [[0, 0, 0]] * len(episode), keep=keep)
-        made.append(
-            (
-                TraceBuilder(rollout, read_space(ARCADE.observation), read_space(ARCADE.action), watch=watch),
-                channel.sent,
-            )
+        builder = TraceBuilder(
+            Rollout(0, [[0, 0, 0]] * len(episode), Conditions(render=True, reread=True), keep=keep),
+            read_space(ARCADE.observation),
+            read_space(ARCADE.action),
+            watch=watch,
         )
-        Reader(made[-1][0]).feed(channel.sent)
+        job: Any = {"pictures": builder.pictures} | ({"frame": builder.frame} if leaving_out else {})
+        channel = Kept(leaving_out, job)
+        channel.step(Kind.RESET, VALUES[0], 0.0, False, False, {}, 0.0)
+        returned = [(VALUES[0], channel.sent)]
+        for value, info, reward, flag in episode:
+            channel.step(Kind.STEPS, VALUES[value], reward, flag, False, {"a": 1} if info else {}, 0.001)
+            returned.append((VALUES[value], channel.sent))
+            channel.reread(*returned[-2])
+            channel.render(VALUES[0])
+        channel.send_json(Kind.END, {}, flush=True)
+        made.append((builder, channel.kept))
+        Reader(builder).feed(channel.kept)
     (one, short), (other, long) = made
-    assert len(short) <= len(long)
-    frames = [[frame.tobytes() for frame in recording.trace.frames] for recording in (one, other)]
-    assert frames[0] == frames[1]
-    assert vars(one.trace) | {"frames": []} == vars(other.trace) | {"frames": []}
+    assert len(short) <= len(long) + 100
+    for name in ("frames", "rendered"):
+        pictures = [[picture.tobytes() for picture in getattr(builder.trace, name)] for builder in (one, other)]
+        assert pictures[0] == pictures[1]
+        assert all(len(getattr(builder.trace, name)) <= keep for builder in (one, other))
+    compared = [vars(builder.trace) | {"frames": [], "rendered": []} for builder in (one, other)]
+    assert compared[0] == compared[1]
 
 
 @pytest.mark.parametrize(
@@ -294,7 +433,7 @@ def test_other_frames_keep_only_their_type(value: Any) -> None:
     channel.step(Kind.RESET, value, 0.0, False, False, {}, 0.0)
     channel.flush()
     made = TraceBuilder(Rollout(0, [], keep=1), read_space(ARCADE.observation), read_space(ARCADE.action))
-    Reader(made).feed(channel.sent)
+    Reader(made).feed(channel.kept)
     assert [problem.kind for problem in made.trace.problems] == ["type"]
     assert not made.trace.frames
 
@@ -305,7 +444,7 @@ def long_infos(steps: int, odd: int = -1) -> TraceBuilder:
     reader.feed(message(Kind.LAYOUT, FLOAT) + step(Kind.RESET))
     for number in range(steps):
         info = {"number": number + (number == odd), "text": "x" * 60_000}
-        reader.feed(step(Kind.STEP, info=json.dumps(info).encode()))
+        reader.feed(step(Kind.STEPS, info=json.dumps(info).encode()))
     return made
 
 

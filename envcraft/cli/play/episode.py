@@ -28,22 +28,21 @@ class Watched(TraceBuilder):
 
     def reset(self, step: Step) -> None:
         super().reset(step)
-        self._look(step.layout, step.data)
+        self._look(step.layout, step.data, step.digest)
 
     def step(self, step: Step) -> None:
         super().step(step)
-        self._look(step.layout, step.data)
+        self._look(step.layout, step.data, step.digest)
 
-    def render(self, layout: int, data: memoryview) -> None:
-        super().render(layout, data)
-        self._look(layout, data)
+    def render(self, layout: int, data: memoryview, digest: bytes = b"") -> None:
+        super().render(layout, data, digest)
+        self._look(layout, data, digest)
 
-    def _look(self, number: int, data: memoryview) -> None:
-        value = self._layout(number).decode(data)
+    def _look(self, number: int, data: memoryview, digest: bytes) -> None:
+        value = self._decode(number, data, digest)
         frame = rgb(value) if isinstance(value, np.ndarray) else None
         if frame is not None:
-            # The bytes are valid only during the call.
-            self.picture = frame.copy()
+            self.picture = frame
         else:
             self.text = one_line(value)[:_MOST_TEXT]
 

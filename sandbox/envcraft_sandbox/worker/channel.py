@@ -14,8 +14,11 @@ from typing import Any
 import numpy as np
 from envcraft_protocol.classes import type_name
 from envcraft_protocol.wire import (
+    BLOCK,
+    FRAME,
     HEADER,
     LONG,
+    MAX_BLOCK,
     MAX_DEPTH,
     MAX_DIMENSIONS,
     MAX_INFO,
@@ -24,18 +27,25 @@ from envcraft_protocol.wire import (
     MAX_LAYOUTS,
     MAX_OBSERVATION,
     MAX_PARTS,
+    MAX_STEPS,
+    RENDERED,
     SAME,
     SAME_INFO,
     STEP,
+    UNCHANGED,
     VALUE,
     Kind,
     Type,
 )
 
+from . import frames
+from .frames import Frames
+
+#: A value as it was sent: the number of its layout, its bytes or its digest, and FRAME or 0.
+Sent = tuple[int, bytes, int]
+
 _BATCH = 256 * 1024
 _FLUSH_SECONDS = 0.05
-#: Maximum number of steps in one message.
-_RUN = 2_000
 #: Maximum number of parts in one call, without those of one more message: the kernel accepts 1,024 (IOV_MAX).
 _MOST = 1_000
 _ONE_TOO_MANY = {"k": "other", "type": "a value of yet another shape, of too many"}
@@ -49,7 +59,8 @@ _dumps = json.dumps
 _loads = json.loads
 _writev = os.writev
 _Array = np.ndarray
-_STEP, _FLOAT, _BOOL = Kind.STEP, Type.FLOAT, Type.BOOL
+_RESET, _STEPS, _FLOAT, _BOOL = Kind.RESET, Kind.STEPS, Type.FLOAT, Type.BOOL
+_digest = frames.digest
 #: The encoder that ``json.dumps`` creates for each value, where Python has it; for dictionaries of plain values.
 _make: Any = getattr(encoder, "c_make_encoder", None)
 _chunks: Any = _make and _make(None, repr, encoder.encode_basestring_ascii, None, ": ", ", ", False, False, True)
@@ -62,7 +73,9 @@ class Channel:
     not even send the name of a call before the call: such a job runs again if anything fails.
     """
 
-    def __init__(self, sock: socket.socket, every_step: bool = False, phases: bool = True) -> None:
+    def __init__(
+        self, sock: socket.socket, every_step: bool = False, phases: bool = True, shown: Frames | None = None
+    ) -> None:
         self._sock = sock
         self._descriptor = sock.fileno()
         self._phases = phases
@@ -75,11 +88,25 @@ class Channel:
         self._parts = 0
         #: The type and shape of the last array, and its layout's number.
         self._array: tuple[Any, Any, int] = (None, None, -1)
+        self._frames = shown or Frames()
+        #: The type and shape of the last frame, its layout's number, its seed, and whether its columns are read.
+        self._frame: tuple[Any, Any, int, int, bool] = (None, None, -1, 0, False)
         #: The number of the last long value's layout, and the value.
         self._last: tuple[int, bytes] = (-1, b"")
         self._info: bytes | None = None
-        #: Steps that repeat observation and info, for one message.
-        self._run: list[bytes] = []
+        #: The open block: its kind, records, bytes of observations and of infos, and the size of these two.
+        self._kind = _STEPS
+        self._records: list[bytes] = []
+        self._values: list[bytes] = []
+        self._infos: list[bytes] = []
+        self._length = 0
+        #: JSON of the actions that a policy chose and that are not sent, and its size.
+        self._actions: list[str] = []
+        self._chosen = 0
+        #: The number of the last observation; that of the reset is 0.
+        self._number = 0
+        #: The last observation.
+        self.sent: Sent = (-1, b"", 0)
         #: Number of calls of step() so far, on any instance, and of those that gave up the processor in a job that
         #: counts them.
         self.steps = 0
@@ -91,8 +118,7 @@ class Channel:
         self._put(HEADER.pack(kind, len(payload)), payload, flush=flush)
 
     def _put(self, *parts: bytes, flush: bool = False) -> None:
-        if self._run:
-            self._end_run()
+        self._close()
         self._waiting += parts
         for part in parts:
             self._size += len(part)
@@ -100,12 +126,19 @@ class Channel:
         if flush or full or self._every_step or _monotonic() - self._flushed > _FLUSH_SECONDS:
             self.flush()
 
-    def _end_run(self) -> None:
-        steps, self._run = b"".join(self._run), []
-        # An interactive job sends each step by itself, because its host shows each.
-        kind = Kind.STEPS if len(steps) > STEP.size else Kind.STEP
-        self._waiting += HEADER.pack(kind, len(steps)), steps
-        self._size += HEADER.size + len(steps)
+    def _close(self) -> None:
+        """Close the open block."""
+        if not self._records and not self._actions:
+            return
+        actions = f"[{', '.join(self._actions)}]".encode() if self._actions else b""
+        head = BLOCK.pack(len(self._records), len(actions))
+        length = len(head) + len(self._records) * STEP.size + self._length + len(actions)
+        header = HEADER.pack(self._kind, length)
+        self._waiting.append(b"".join((header, head, *self._records, *self._values, *self._infos, actions)))
+        self._size += len(header) + length
+        self._kind = _STEPS
+        self._records, self._values, self._infos, self._actions = [], [], [], []
+        self._length = self._chosen = 0
 
     def send_json(self, kind: Kind, value: Any, flush: bool = False) -> None:
         self.send(kind, _dumps(value).encode(), flush)
@@ -119,15 +152,19 @@ class Channel:
             self.send(Kind.TICK, flush=True)
 
     def flush(self) -> None:
-        if self._run:
-            self._end_run()
+        self._close()
         waiting, self._waiting = self._waiting, []
-        while self._size:
-            sent = _writev(self._descriptor, waiting)
-            self._size -= sent
-            if self._size:
-                waiting = [b"".join(waiting)[sent:]]
+        if waiting:
+            self._write(waiting, self._size)
+            self._size = 0
         self._flushed = _monotonic()
+
+    def _write(self, parts: list[bytes], size: int) -> None:
+        while size:
+            sent = _writev(self._descriptor, parts)
+            size -= sent
+            if size:
+                parts = [b"".join(parts)[sent:]]
 
     def ask(self) -> Any:
         """Request the next action from the host, and wait for it."""
@@ -146,37 +183,99 @@ class Channel:
             data += part
         return data
 
-    def value(self, kind: Kind, value: Any) -> None:
-        number, data = self.encode(value)
-        same = self._said(number, data)
-        if same:
-            self.send(kind, VALUE.pack(SAME, number))
-        else:
-            self._put(HEADER.pack(kind, VALUE.size + len(data)), VALUE.pack(0, number), data)
+    def action(self, action: Any) -> None:
+        """Report the action that a policy chose."""
+        if self._kind is not _STEPS or self._chosen > MAX_JSON // 2:
+            self._close()
+        text = _dumps(action)
+        self._actions.append(text)
+        self._chosen += len(text)
+        if self._every_step:
+            self.flush()
 
     def step(
         self, kind: Kind, observation: Any, reward: Any, terminated: Any, truncated: Any, info: Any, seconds: float
     ) -> None:
-        layout, data = self.encode(observation)
-        reward_type, number = (_FLOAT, reward) if type(reward) is float else _number(reward)
-        ended_type, ended = (_BOOL, terminated) if type(terminated) is bool else _flag(terminated)
-        cut_type, cut = (_BOOL, truncated) if type(truncated) is bool else _flag(truncated)
+        """Report what reset() or step() returned."""
+        self._number = 0 if kind is _RESET else self._number + 1
+        layout, data, flags = self.sent = self._value(observation)
+        if flags:
+            data += self._frames.picture(observation, self._number)
+        elif self._said(layout, data):
+            flags, data = SAME, b""
         text = encode_info(info)
-        micros = min(int(seconds * 1e6), 0xFFFFFFFF)
-        flags = ended | cut << 1
-        if self._said(layout, data):
-            flags, data = flags | SAME, b""
         if text == self._info:
             flags, text = flags | SAME_INFO, b""
         else:
             self._info = text
-        head = STEP.pack(flags, ended_type, cut_type, reward_type, number, micros, layout, len(data), len(text))
-        if kind is not _STEP or flags < SAME | SAME_INFO:
-            self._put(HEADER.pack(kind, len(head) + len(data) + len(text)), head, data, text)
-            return
-        self._run.append(head)
-        if self._every_step or len(self._run) >= _RUN or _monotonic() - self._flushed > _FLUSH_SECONDS:
+        self._add(kind, flags, reward, terminated, truncated, seconds, layout, data, text)
+
+    def after(self, reward: Any, terminated: Any, truncated: Any) -> None:
+        """Report what a step after the episode's end returned, without its observation and info."""
+        self._add(Kind.AFTER, 0, reward, terminated, truncated, 0.0, 0, b"", b"")
+
+    def _add(
+        self,
+        kind: Kind,
+        flags: int,
+        reward: Any,
+        terminated: Any,
+        truncated: Any,
+        seconds: float,
+        layout: int,
+        data: bytes,
+        text: bytes,
+    ) -> None:
+        reward_type, number = (_FLOAT, reward) if type(reward) is float else _number(reward)
+        ended_type, ended = (_BOOL, terminated) if type(terminated) is bool else _flag(terminated)
+        cut_type, cut = (_BOOL, truncated) if type(truncated) is bool else _flag(truncated)
+        micros = min(int(seconds * 1e6), 0xFFFFFFFF)
+        flags |= ended | cut << 1
+        length = len(data) + len(text)
+        if self._records and (kind is not _STEPS or self._kind is not _STEPS or self._length + length > MAX_BLOCK):
+            self._close()
+        self._kind = kind
+        self._records.append(
+            STEP.pack(flags, ended_type, cut_type, reward_type, number, micros, layout, len(data), len(text))
+        )
+        if length:
+            self._values.append(data)
+            self._infos.append(text)
+            self._length += length
+        full = len(self._records) >= MAX_STEPS or self._length >= MAX_BLOCK
+        if full or self._every_step or _monotonic() - self._flushed > _FLUSH_SECONDS:
             self.flush()
+
+    def _mark(self, flag: int) -> bool:
+        """Set a flag of the last record; False if it is sent already, or has the flag."""
+        if not self._records or self._records[-1][0] & flag:
+            return False
+        record = self._records[-1]
+        self._records[-1] = bytes((record[0] | flag,)) + record[1:]
+        return True
+
+    def render(self, frame: Any) -> None:
+        """Report what render() returned after the last reset or step."""
+        value = self._value(frame, rendered=True)
+        if value[2]:
+            if value == self.sent and self._mark(RENDERED):
+                return
+            self._send_value(Kind.RENDER, value, self._frames.picture(frame, self._number))
+        else:
+            self._send_value(Kind.RENDER, value)
+
+    def reread(self, observation: Any, sent: Sent) -> None:
+        """Report what an observation is now that was `sent` earlier."""
+        # An agent holds a copy of its own.
+        value = sent if self._frames.is_resized(observation) else self._value(observation)
+        if not (value == sent and self._kind is _STEPS and self._mark(UNCHANGED)):
+            self._send_value(Kind.REREAD, value)
+
+    def _send_value(self, kind: Kind, value: Sent, picture: bytes = b"") -> None:
+        number, data, flags = value
+        if not flags and self._said(number, data):
+            flags, data = SAME, b""
+        self._put(HEADER.pack(kind, VALUE.size + len(data) + len(picture)), VALUE.pack(flags, number), data, picture)
 
     def _said(self, layout: int, data: bytes) -> bool:
         """Whether a value repeats the last long one. If it is long itself, it becomes the last one."""
@@ -185,6 +284,32 @@ class Channel:
         same = self._last == (layout, data)
         self._last = layout, data
         return same
+
+    def _value(self, value: Any, rendered: bool = False) -> Sent:
+        """A value to be sent: of a frame the digest."""
+        if type(value) is _Array:
+            dtype, shape, number, seed, columns = self._frame
+            if value.dtype is dtype and value.shape == shape:
+                return number, _digest(value, seed, columns), FRAME
+        described = self._frames.layout(value)
+        known = described is not None
+        if rendered and not known and frames.is_long_frame(value) and value.ndim == 3:
+            # It is only compared with the observation, whatever that is.
+            described = frames.describe(value)
+        if described is None:
+            return *self.encode(self._frames.adapted(value)), 0
+        layout, seed, columns = described
+        value = np.asarray(value)
+        digest = _digest(value, seed, columns)
+        key = _dumps(layout)
+        number = self._layouts.get(key, -1)
+        if number < 0:
+            number, digest = self._announce(layout, key, digest)
+        if not digest:
+            return number, digest, 0
+        if known:
+            self._frame = value.dtype, value.shape, number, seed, columns
+        return number, digest, FRAME
 
     def encode(self, value: Any) -> tuple[int, bytes]:
         """The number of the value's layout, after sending a new layout, and the value's bytes."""

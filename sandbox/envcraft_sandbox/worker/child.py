@@ -24,6 +24,7 @@ from envcraft_protocol.wire import HEADER, MAX_MESSAGE, Kind
 from . import confine, rollout, search
 from .channel import Channel
 from .clock import Clock
+from .frames import Frames
 from .series import Traces
 from .subject import Fault, Subject
 
@@ -45,10 +46,11 @@ def main(data_fd: int, output_fd: int, limits: JobLimits, folder: str, shown: in
         job = _receive(sock)
         confine.enter(limits, shown)
         traces = Traces(folder) if job.get("series") else None
-        channel = Channel(sock, every_step=bool(job.get("every_step")))
+        channel = Channel(sock, every_step=bool(job.get("every_step")), shown=Frames(job))
         while _run(job, channel, traces) and sock.recv(1, socket.MSG_PEEK):
             # A job that fails after other jobs runs again alone, and then reports each phase.
-            job, channel = _receive(sock), Channel(sock, phases=False)
+            job = _receive(sock)
+            channel = Channel(sock, phases=False, shown=Frames(job))
     except BaseException:
         # Not the job's own exception: the host sees a dead process, and the traceback in the captured output.
         traceback.print_exc()

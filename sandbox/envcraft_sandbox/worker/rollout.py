@@ -14,7 +14,7 @@ from envcraft_protocol.jobs import Conditions, Job
 from envcraft_protocol.jobs import Episode as EpisodePlan
 from envcraft_protocol.wire import Kind
 
-from .channel import jsonable
+from .channel import Sent, jsonable
 from .policy import Policy
 from .subject import Fault, Subject
 
@@ -26,7 +26,9 @@ _getrusage = resource.getrusage
 _seed, _seed_numpy = random.seed, np.random.seed
 _getstate, _setstate = random.getstate, random.setstate
 _get_state, _set_state = np.random.get_state, np.random.set_state
-#: An observation is sent again after this many steps: environments may rotate several buffers.
+#: Observations, and how they were sent.
+Returned = deque[tuple[Any, Sent]]
+#: An observation is read again after this many steps: environments may rotate several buffers.
 _LAG = 4
 #: Seconds of an episode whose job has no time of its own.
 _FOR_EVER = 1e9
@@ -124,7 +126,7 @@ def _episode(subject: Subject, job: Job, conditions: Conditions) -> None:
     _note_info(channel, info)
     if renders:
         _render(subject, env)
-    returned = deque([observation])
+    returned: Returned = deque([(observation, channel.sent)])
     channel.phase("step")
 
     actions: list[Any] = job["actions"]
@@ -132,7 +134,7 @@ def _episode(subject: Subject, job: Job, conditions: Conditions) -> None:
     for number in range(job["max_steps"] if policy or interactive else len(actions)):
         if policy:
             chosen = policy.choose()
-            channel.send_json(Kind.ACTION, chosen)
+            channel.action(chosen)
         elif interactive:
             chosen = channel.ask()
         else:
@@ -154,12 +156,14 @@ def _episode(subject: Subject, job: Job, conditions: Conditions) -> None:
         if not (isinstance(result, tuple) and len(result) == 5):
             raise Fault({"phase": "step", "malformed": _shape_of(result), "line": None})
         if reread:
-            channel.send_json(Kind.ACTED, {"before": before, "now": jsonable(action)})
+            now = jsonable(action)
+            if now != before:
+                channel.send_json(Kind.ACTED, {"before": before, "now": now})
         observation, reward, terminated, truncated, info = result
-        subject.call("step", channel.step, Kind.STEP, observation, reward, terminated, truncated, _info(info), seconds)
+        subject.call("step", channel.step, Kind.STEPS, observation, reward, terminated, truncated, _info(info), seconds)
         _note_info(channel, info)
         if reread:
-            returned.append(observation)
+            returned.append((observation, channel.sent))
             _reread(subject, returned, _LAG)
         if renders:
             _render(subject, env)
@@ -217,21 +221,19 @@ def _step_on(subject: Subject, env: Any, actions: list[Any], count: int) -> None
             return
         if not (isinstance(result, tuple) and len(result) == 5):
             return
-        observation, reward, terminated, truncated, info = result
-        subject.call(
-            "after", subject.channel.step, Kind.AFTER, observation, reward, terminated, truncated, _info(info), 0.0
-        )
+        _, reward, terminated, truncated, _ = result
+        subject.call("after", subject.channel.after, reward, terminated, truncated)
 
 
 def _render(subject: Subject, env: Any) -> None:
     frame = subject.call("render", env.render)
-    subject.call("render", subject.channel.value, Kind.RENDER, frame)
+    subject.call("render", subject.channel.render, frame)
 
 
-def _reread(subject: Subject, returned: deque[Any], kept: int) -> None:
+def _reread(subject: Subject, returned: Returned, kept: int) -> None:
     """Send observations again, the earliest first, until `kept` are left."""
     while len(returned) > kept:
-        subject.call("step", subject.channel.value, Kind.REREAD, returned.popleft())
+        subject.call("step", subject.channel.reread, *returned.popleft())
 
 
 def _info(info: Any) -> dict[Any, Any]:

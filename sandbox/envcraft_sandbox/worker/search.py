@@ -15,6 +15,7 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
+import xxhash
 from envcraft_protocol.jobs import Job
 from envcraft_protocol.wire import Kind
 
@@ -25,11 +26,14 @@ from .subject import Fault, Subject, attributes
 
 _Random = random.Random
 _monotonic = time.monotonic
+_hash: Any = xxhash.xxh3_64_intdigest
 
 #: Number of readings that show whether a number counts steps.
 _READINGS = 6
 #: Number of whole episodes that check the states of an exhausted search.
 _EPISODES = 3
+#: Pixels of the longer side of a frame that a coarse picture is made of.
+_SIDE = 96
 #: Number of plans per round, their steps, and how many steps of the best plan are followed.
 _PLANS, _AHEAD, _FOLLOW = 8, 24, 6
 
@@ -393,7 +397,10 @@ def _try_along(tree: Tree, share: int, first: int = 0) -> None:
 
 def _cell(frame: Any) -> Any:
     """A coarse picture: the brightness of 14 by 14 blocks in eight levels; other observations as they are."""
-    if isinstance(frame, np.ndarray) and frame.ndim == 3 and frame.dtype == np.uint8:
+    if isinstance(frame, np.ndarray) and frame.ndim == 3 and frame.dtype == np.uint8 and frame.size:
+        # Larger frames are thinned: their blocks have pixels enough.
+        thin = -(-max(frame.shape[:2]) // _SIDE)
+        frame = frame[::thin, ::thin]
         rows, columns = max(frame.shape[0] // 14, 1), max(frame.shape[1] // 14, 1)
         height, width = frame.shape[0] // rows * rows, frame.shape[1] // columns * columns
         bands = frame[:height, :width].reshape(height // rows, rows, -1).sum(axis=1, dtype=np.uint32)
@@ -405,7 +412,17 @@ def _cell(frame: Any) -> Any:
 
 def _digest(frame: Any) -> int:
     """Tells observations apart within a search; 64 bits, of some ten thousand."""
-    return hash(np.ndarray.tobytes(frame) if isinstance(frame, np.ndarray) else encode_value(frame)[1])
+    if not isinstance(frame, np.ndarray):
+        return hash(encode_value(frame)[1])
+    if frame.dtype.kind not in "biuf":
+        return hash(np.ndarray.tobytes(frame))
+    frame = np.asarray(frame)
+    # Rows or columns of pixels, as they lie in memory.
+    if not frame.flags.c_contiguous and frame.ndim == 3 and frame.transpose(1, 0, 2).flags.c_contiguous:
+        number: int = _hash(frame.transpose(1, 0, 2), 1)
+    else:
+        number = _hash(np.ascontiguousarray(frame))
+    return number
 
 
 def _counts(values: list[Any]) -> bool:

@@ -79,9 +79,9 @@ class Subject:
             self._name_file(self._creator)
         return self._creator
 
-    def construct(self, announce: bool = True) -> Any:
+    def construct(self, announce: bool = True, resize: bool = False) -> Any:
         """Create an instance, adapted to the contract, with ``render_mode="rgb_array"`` if the constructor accepts
-        it.
+        it. Without `resize`, the channel resizes the frames that are looked at.
         """
         creator = self.creator()
         if announce:
@@ -89,7 +89,8 @@ class Subject:
         env = self.call("construct", self.target.make, creator)
         if isinstance(env, gymnasium.Env):
             self.call("construct", lambda: self._name_file(type(env.unwrapped)))
-        return adapters.apply(env, self.contract.get("adapter") or {})
+        adapter = self.contract.get("adapter") or {}
+        return adapters.apply(env, {name: adapter[name] for name in adapter if resize or name != "resize"})
 
     def _name_file(self, kind: Any) -> None:
         """Let findings about an installed class name lines of the file that defines it."""
@@ -157,7 +158,7 @@ class Subject:
         self.channel.send_json(Kind.LOADED, loaded, flush=True)
         if loaded.get("required"):
             return
-        env = self.construct()
+        env = self.construct(resize=True)
         if not isinstance(self.target, targets.Source):
             loaded["made"], loaded["environment"] = type_name(env), isinstance(env, gymnasium.Env)
             if not loaded["environment"]:

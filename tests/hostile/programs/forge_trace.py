@@ -28,7 +28,7 @@ def episode():
     for number in range(49):
         frame = np.zeros((84, 84, 3), np.uint8)
         frame[number : number + 20] = 200
-        head = struct.pack("<BBBBdIHII", 2 * (number == 48), 0, 0, 4, 0.0, 50, 0, frame.nbytes, 0)
+        head = struct.pack("<HIBBBBdIHII", 1, 0, 2 * (number == 48), 0, 0, 4, 0.0, 50, 0, frame.nbytes, 0)
         send(STEP if number else RESET, head + frame.tobytes())
     send(PHASE, b'"close"')
     send(END, b"{}")

@@ -10,7 +10,7 @@ from typing import Any
 
 import msgspec
 import pytest
-from envcraft_protocol.wire import HEADER, Kind
+from envcraft_protocol.wire import BLOCK, HEADER, STEP, VALUE, Kind
 
 from envcraft.judging.driver import Limits, Stop, Worker
 from envcraft.model.job import ExitReason
@@ -109,7 +109,7 @@ class TestPlayedJobs:
         ran = play(worker, environment(reset=later(flood)), player=chooser(5.0))
         assert (ran.end.reason, ran.trace.steps) == (ExitReason.FLOOD, 0)
 
-    @pytest.mark.parametrize("kind", [Kind.STEP, Kind.ASK, Kind.ACTION, Kind.TICK, Kind.END])
+    @pytest.mark.parametrize("kind", [Kind.STEPS, Kind.ASK, Kind.ACTION, Kind.TICK, Kind.END])
     def test_messages_while_it_waits_are_forged(
         self, worker: Worker, environment: Environment, play: Any, chooser: Any, kind: Kind
     ) -> None:
@@ -153,9 +153,9 @@ class TestForgery:
         [
             b"\xff" * 64,
             _message(99, b""),
-            HEADER.pack(Kind.STEP, 2**31),
-            _message(Kind.STEP, b"short"),
-            _message(Kind.STEP, struct.pack("<BBBBdIHII", 0, 0, 0, 0, 0.0, 0, 999, 0, 0)),
+            HEADER.pack(Kind.STEPS, 2**31),
+            _message(Kind.STEPS, b"short"),
+            _message(Kind.STEPS, BLOCK.pack(1, 0) + STEP.pack(0, 0, 0, 0, 0.0, 0, 999, 0, 0)),
             _message(Kind.LAYOUT, b"{}"),
             _message(Kind.LAYOUT, b'{"k": "array", "dtype": "O", "shape": [1]}'),
             _message(Kind.LAYOUT, b'{"k": "array", "dtype": "u1", "shape": [-1]}'),
@@ -180,7 +180,7 @@ class TestForgery:
         self, worker: Worker, environment: Environment, play: Any, kind: Kind
     ) -> None:
         layout = _message(Kind.LAYOUT, b'{"k": "float"}')
-        forged = layout + _message(kind, struct.pack("<Hd", 0, 1.0))
+        forged = layout + _message(kind, VALUE.pack(0, 0) + struct.pack("<d", 1.0))
         ran = play(worker, environment(top=f"import os; os.write(3, {forged!r})"))
         assert ran.end.reason is ExitReason.FORGED
 
@@ -188,7 +188,7 @@ class TestForgery:
         self, worker: Worker, environment: Environment, play: Any
     ) -> None:
         layout = _message(Kind.LAYOUT, b'{"k": "float"}')
-        step = _message(Kind.STEP, struct.pack("<BBBBdIHII", 0, 0, 0, 4, 1.0, 0, 1, 8, 0) + bytes(8))
+        step = _message(Kind.STEPS, BLOCK.pack(1, 0) + STEP.pack(0, 0, 0, 4, 1.0, 0, 1, 8, 0) + bytes(8))
         ran = play(worker, environment(step=f"import os; os.write(3, {layout!r} + {step!r} * 1000)"))
         assert ran.end.reason is ExitReason.FORGED
 

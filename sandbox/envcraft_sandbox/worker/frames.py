@@ -1,0 +1,97 @@
+"""Observations that travel as digests, because no rule looks at their pixels: which ones, and how they are read."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import xxhash
+from envcraft_protocol.adapters import resized
+from envcraft_protocol.jobs import Job, Pictures
+from envcraft_protocol.wire import LONG, MAX_OBSERVATION, array_identity, is_shown
+from numpy.typing import NDArray
+
+_UINT8 = np.dtype(np.uint8)
+_NO_PICTURES: Pictures = {"first": 0, "every": 1, "until": -1}
+#: Frames of at least so many bytes are read in the order in which they lie in memory: a copy in the other order takes
+#: as long as a step of a game.
+_LONG_FRAME = 64 * 1024
+# Bound before any untrusted module can replace them.
+_digest, _seed = xxhash.xxh3_128_digest, xxhash.xxh3_64_intdigest
+_is_shown, _resized, _as_array = is_shown, resized, np.asarray
+_Array = np.ndarray
+
+
+class Frames:
+    """What a job says of its frames, see :class:`envcraft_protocol.jobs.Job`."""
+
+    def __init__(self, job: Job | None = None) -> None:
+        contract = job["contract"] if job is not None and "contract" in job else {}
+        size = (contract.get("adapter") or {}).get("resize")
+        self._size: tuple[int, int] | None = (size[0], size[1]) if size else None
+        self._shape = tuple(job["frame"]) if job is not None and "frame" in job else None
+        self._resizes = self._size is not None and self._shape == (*self._size, 3)
+        self._pictures = job.get("pictures", _NO_PICTURES) if job is not None else _NO_PICTURES
+        self._columns = job.get("columns") if job is not None else None
+
+    def layout(self, value: Any) -> tuple[dict[str, Any], int, bool] | None:
+        """The layout of an observation that travels as a digest, its seed, and whether its columns are read; None for
+        any other.
+        """
+        if not is_long_frame(value):
+            return None
+        if self._shape is None or not (self._is_resized(value) if self._resizes else value.shape == self._shape):
+            return None
+        columns = None
+        if value.nbytes >= _LONG_FRAME and value.ndim == 3:
+            if self._columns is None:
+                self._columns = not value.flags.c_contiguous and value.transpose(1, 0, 2).flags.c_contiguous
+            columns = self._columns
+        return describe(value, columns)
+
+    def is_resized(self, value: Any) -> bool:
+        """Whether an agent sees a resized copy of a value."""
+        return self._size is not None and isinstance(value, _Array) and self._is_resized(value)
+
+    def adapted(self, value: Any) -> Any:
+        """What an agent sees of a value."""
+        return value if self._size is None else _resized(value, *self._size)
+
+    def picture(self, frame: Any, number: int) -> bytes:
+        """What an agent sees of observation `number`, where the host wants its picture; else empty."""
+        if not _is_shown(self._pictures, number):
+            return b""
+        return _as_array(self.adapted(frame)).tobytes()
+
+    def _is_resized(self, value: NDArray[Any]) -> bool:
+        return value.dtype == _UINT8 and value.ndim == 3 and value.shape[2] == 3
+
+
+def is_long_frame(value: Any) -> bool:
+    """Whether a value is an array of uint8 of a length that is worth a digest."""
+    return isinstance(value, _Array) and value.dtype == _UINT8 and LONG <= value.nbytes <= MAX_OBSERVATION
+
+
+def describe(value: NDArray[Any], columns: bool | None = None) -> tuple[dict[str, Any], int, bool]:
+    """The layout of a frame, its seed, and whether its columns are read. The layout of a short frame has no order."""
+    shape = tuple(map(int, value.shape))
+    layout: dict[str, Any] = {"k": "frame", "dtype": "|u1", "shape": list(shape)}
+    if columns is not None:
+        layout["columns"] = columns
+    return layout, _seed(array_identity("uint8", shape)), bool(columns)
+
+
+def digest(frame: NDArray[Any], seed: int, columns: bool) -> bytes:
+    """The digest of a frame, without a copy if its rows or `columns` lie one after the other."""
+    if columns:
+        frame = frame.transpose(1, 0, 2)
+    lying: Any = frame if frame.flags.c_contiguous else _copied(frame)
+    digest: bytes = _digest(lying, seed)
+    return digest
+
+
+def _copied(frame: NDArray[Any]) -> NDArray[Any]:
+    if frame.ndim == 3 and frame.shape[2] == 3 and frame.transpose(1, 0, 2).flags.c_contiguous:
+        # NumPy copies items of three bytes faster than rows of three items.
+        return frame.transpose(1, 0, 2).view("V3")[..., 0].T.copy()
+    return frame.copy()
