@@ -35,9 +35,10 @@ class Effects(TypedDict, total=False):
     threads: int
 
 
-#: The functional syntax, because ``class`` is a keyword. The last five keys are sent only for installed environments:
-#: the module and digest of the file that defines the class, the type of the object that was ``made``, whether that is
-#: an ``environment``, and the ``modules`` that it imports.
+#: The functional syntax, because ``class`` is a keyword. The keys between ``nondeterministic`` and ``modules`` are sent
+#: only for installed environments: the module and digest of the file that defines the class, the type of the
+#: object that was ``made``, and whether that is an ``environment``. ``modules`` are those that the target imports, of a
+#: file without the standard library.
 Description = TypedDict(
     "Description",
     {

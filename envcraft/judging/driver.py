@@ -195,7 +195,8 @@ class Worker(ABC):
         """Import installed modules once, before jobs are forked.
 
         Returns:
-            The modules that could be imported.
+            The modules that could be imported; none if one has started a thread, after which the worker must not run a
+            job.
 
         Raises:
             WorkerLost: the worker is gone.

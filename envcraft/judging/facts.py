@@ -8,18 +8,26 @@ import msgspec
 
 from envcraft.errors import Skip
 from envcraft.judging.description import Description
+from envcraft.judging.driver import Isolation
 from envcraft.judging.job_runner import JobRunner
 from envcraft.judging.job_scheduler import Placement
 from envcraft.judging.trace_builder import TraceBuilder
 from envcraft.model.contract import Contract
 from envcraft.model.job import JobResult
 from envcraft.model.rollout import Rollout
-from envcraft.model.target import Kind, Target
+from envcraft.model.target import Kind, Target, imported
 from envcraft.model.trace import Trace
 from envcraft.spaces.spec import SpaceSpec, read_space
 
 if TYPE_CHECKING:
     from envcraft_protocol.jobs import Job
+
+
+#: Libraries that do nothing at import except to take time.
+_WELL_KNOWN = frozenset({
+    "PIL", "cv2", "imageio", "jax", "matplotlib", "networkx", "numba", "pandas", "pygame", "pymunk", "scipy", "shapely",
+    "skimage", "sklearn", "sympy", "torch", "torchvision",
+})  # fmt: skip
 
 
 class Loaded(msgspec.Struct, frozen=True):
@@ -61,11 +69,25 @@ class Facts:
         if self._loaded is None:
             self._loaded = self._runner.retry(self._load)
             description = self._loaded.description
-            # A process with threads must not be forked.
-            forkable = description.get("effects", {}).get("threads") == 0
-            self._runner.preload(description.get("modules", []) if forkable else [])
+            self._runner.preload(self._shareable(description))
             self.env_class = description.get("class", self.env_class)
         return self._loaded
+
+    def _shareable(self, description: Description) -> list[str]:
+        """The modules that the fork server may import once for all jobs, instead of each job.
+
+        They are those that the target has imported: of a file the installed libraries that it names. A fork server that
+        is not isolated imports only well-known ones, since a file may name a library because of what it does at import.
+        """
+        if description.get("effects", {}).get("threads") != 0:
+            # A process with threads must not be forked.
+            return []
+        loaded, isolated = description.get("modules", []), self._runner.isolation is not Isolation.PROCESS
+        if self._target.installed:
+            return loaded if isolated else []
+        named = set(imported(self._target.source))
+        used = [name for name in loaded if name.partition(".")[0] in named]
+        return used if isolated else [name for name in used if name in _WELL_KNOWN]
 
     def _load(self) -> Loaded:
         builder = TraceBuilder(Rollout(0, []), None, None)

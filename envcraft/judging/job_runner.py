@@ -42,6 +42,10 @@ _RESTORABLE = {
 _T = TypeVar("_T")
 
 
+class _NotForkable(Exception):
+    """A worker has threads, so it must not fork jobs."""
+
+
 @dataclass(frozen=True)
 class PendingRollout:
     """A rollout or a search that was submitted. It does not count before a check requests it."""
@@ -96,9 +100,27 @@ class JobRunner:
         self._lease.release()
 
     def preload(self, modules: list[str]) -> None:
-        """Have workers import these modules before they fork further jobs. A job must have imported them before."""
+        """Have workers import modules once, before they fork further jobs, unless one of them starts a thread.
+
+        Args:
+            modules: installed modules that a job has imported.
+        """
+        self._modules = []
+        if not modules:
+            return
+
+        def attempt(worker: Worker) -> None:
+            self._prepared.add(worker)
+            if not worker.preload(modules):
+                # The exception ends the worker.
+                raise _NotForkable
+
+        try:
+            self._scheduler.wait(self._scheduler.submit(Placement(), attempt))
+        except (_NotForkable, WorkerLost):
+            # Each job imports them then.
+            return
         self._modules = modules
-        self._prepared.clear()
 
     def submit(
         self, placement: Placement, job: Job, builder: TraceBuilder, player: Player | None = None
@@ -163,8 +185,7 @@ class JobRunner:
     def _run(self, worker: Worker, job: Job, builder: TraceBuilder, player: Player | None) -> JobResult:
         if worker not in self._prepared:
             self._prepared.add(worker)
-            # A fork server that is not isolated itself must not import them; each job does.
-            if self._modules and self.isolation is not Isolation.PROCESS:
+            if self._modules:
                 worker.preload(self._modules)
         end = self._watch(worker, job, builder, player)
         wrong = end.reason is not ExitReason.DONE or builder.trace.fault is not None

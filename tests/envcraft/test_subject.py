@@ -34,11 +34,13 @@ class Game(Worker):
         self.driver = driver
         self.hash_seed = hash_seed
         self.served: list[Job] = []
+        self.preloaded: list[list[str]] = []
         self.series = 0
         self.ended = threading.Event()
 
     def preload(self, modules: list[str]) -> list[str]:
-        return modules
+        self.preloaded.append(modules)
+        return [] if self.driver.threads else modules
 
     def find(self, modules: list[str]) -> tuple[list[str], list[str]]:
         return [], []
@@ -55,7 +57,8 @@ class Game(Worker):
         if job["kind"] == "search":
             recorder.result({"steps": 5, "seed": job["seed"]})
         elif job["kind"] == "describe":
-            recorder.loaded({"class": "Game"})
+            effects = {"threads": self.driver.effect}
+            recorder.loaded({"class": "Game", "effects": effects, "modules": ["torch", "torch.nn", "evil", "numba"]})
         else:
             recorder.layout({"k": "array", "dtype": "|u1", "shape": [2]})
             for number in range(len(job["actions"]) + 1):
@@ -78,11 +81,13 @@ class Game(Worker):
 
 class Arcade(Driver):
     name = "arcade"
-    isolation = Isolation.PROCESS
     rank = 1
 
-    def __init__(self) -> None:
+    def __init__(self, isolation: Isolation = Isolation.CONTAINER, effect: int = 0, threads: bool = False) -> None:
         self.games: list[Game] = []
+        self.isolation = isolation
+        #: Threads that a job leaves after the import, and whether the fork server has some.
+        self.effect, self.threads = effect, threads
 
     def probe(self) -> Availability:
         return Availability(True)
@@ -103,6 +108,38 @@ def subject_of(driver: Driver, parallel_jobs: int, seconds: float | None = None)
     lease = WorkerPool(driver).lease()
     budget = BUDGETS["quick"]
     return Subject(Target("game.py", b""), ARCADE, lease, budget, parallel_jobs=parallel_jobs, seconds=seconds)
+
+
+@pytest.mark.parametrize(
+    ("isolation", "effect", "expected"),
+    [
+        (Isolation.CONTAINER, 0, ["torch", "torch.nn", "evil"]),
+        (Isolation.CONTAINER, 1, []),
+        (Isolation.PROCESS, 0, ["torch"]),
+    ],
+)
+def test_fork_servers_import_once_what_the_file_imports(isolation: Isolation, effect: int, expected: list[str]) -> None:
+    driver = Arcade(isolation, effect)
+    source = b"import torch.nn\nimport evil\nimport json"
+    with Subject(Target("game.py", source), ARCADE, WorkerPool(driver).lease(), BUDGETS["quick"]) as subject:
+        subject.load()
+        subject.rollout(play(0))
+        subject.rollout(play(1, conditions=Conditions(fresh=True)))
+    assert len(driver.games) == 2
+    # A new worker starts without them, and imports them again.
+    assert [game.preloaded for game in driver.games] == ([[expected]] * 2 if expected else [[], []])
+
+
+def test_a_fork_server_in_which_a_library_starts_threads_forks_no_job() -> None:
+    driver = Arcade(threads=True)
+    with Subject(Target("game.py", b"import torch"), ARCADE, WorkerPool(driver).lease(), BUDGETS["quick"]) as subject:
+        subject.load()
+        subject.rollout(play(0))
+    first, second = driver.games
+    assert first.preloaded == [["torch", "torch.nn"]]
+    assert [job["kind"] for job in first.served] == ["describe"]
+    assert first.ended.is_set()
+    assert second.preloaded == []
 
 
 def play(seed: int, steps: int = 3, conditions: Conditions | None = None) -> Rollout:

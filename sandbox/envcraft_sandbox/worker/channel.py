@@ -413,7 +413,7 @@ def encode_info(info: Any) -> bytes:
     try:
         if _chunks is not None and _is_json(info):
             text = "".join(_chunks(info, 0)).encode()
-        elif (length := _least(info)) > MAX_INFO:
+        elif type(info) is dict and (length := _least(info)) > MAX_INFO:
             text = _dumps({"envcraft: too large": length}).encode()
         else:
             text = _dumps(jsonable(info)).encode()
@@ -424,18 +424,23 @@ def encode_info(info: Any) -> bytes:
     return text
 
 
-def _least(info: Any) -> int:
+def _least(info: dict[Any, Any]) -> int:
     """A lower bound of the length of an info as JSON, found without encoding it. It counts no further than needed."""
-    length, waiting = 0, [(info, 0)]
-    while waiting and length <= MAX_INFO:
-        value, depth = waiting.pop()
-        kind = type(value)
-        if kind is str:
-            length += len(value)
-        elif depth < MAX_DEPTH and kind in (dict, list, tuple):
-            length += min(len(value), _MOST_ENTRIES)
-            items = value.values() if kind is dict else value
-            waiting += [(item, depth + 1) for item in islice(items, _MOST_ENTRIES)]
+    length, level = 0, [info]
+    for _ in range(MAX_DEPTH):
+        deeper: list[Any] = []
+        for container in level:
+            items = container.values() if type(container) is dict else container
+            for item in islice(items, _MOST_ENTRIES):
+                kind = type(item)
+                if kind is str:
+                    length += len(item)
+                elif kind is dict or kind is list or kind is tuple:
+                    length += min(len(item), _MOST_ENTRIES)
+                    deeper.append(item)
+                if length > MAX_INFO:
+                    return length
+        level = deeper
     return length
 
 

@@ -30,6 +30,9 @@ from envcraft_protocol.jobs import Exceeded, Found, JobLimits, Reply, Request
 from . import child, confine, watchdog
 from .folder import JobFolder
 
+#: Names of threads whose library handles forks: that of jemalloc, which pandas starts with PyArrow.
+_FORKABLE_THREADS = ("jemalloc",)
+
 
 def serve(control: socket.socket, folder: str, read: list[str]) -> None:
     """Serve jobs on `control` until the host closes it. Jobs write below `folder` and may read the paths in `read`."""
@@ -195,6 +198,9 @@ def _kill(kill: Callable[[int, int], None], target: int) -> None:
 
 
 def _preload(modules: list[str]) -> list[str]:
+    """Import modules, and return those that could be imported; none if one has started a thread: a process with threads
+    must not be forked.
+    """
     loaded = []
     # Random numbers that a library draws at import must not differ between workers.
     random.seed(0)
@@ -205,7 +211,19 @@ def _preload(modules: list[str]) -> list[str]:
             importlib.import_module(name)
             loaded.append(name)
     gc.freeze()
-    return loaded
+    return [] if _threads() > 1 else loaded
+
+
+def _threads() -> int:
+    """The number of threads of this process, without those that are known to expect a fork; 1 if it is unknown."""
+    folder, count = "/proc/self/task", 0
+    try:
+        for number in os.listdir(folder):
+            with open(f"{folder}/{number}/comm") as name:
+                count += not name.read().startswith(_FORKABLE_THREADS)
+    except OSError:
+        return 1
+    return count
 
 
 def _find(modules: list[str]) -> Found:

@@ -130,8 +130,11 @@ class Subject:
             if "class" not in loaded:
                 return
         self._describe_instance(loaded)
+        modules = [name for name in sys.modules if name not in known]
+        if isinstance(self.target, targets.Source):
+            modules = [name for name in modules if name.partition(".")[0] not in sys.stdlib_module_names]
+        loaded["modules"] = modules[:_MAX_MODULES]
         if not isinstance(self.target, targets.Source):
-            loaded["modules"] = [name for name in sys.modules if name not in known][:_MAX_MODULES]
             loaded["effects"]["threads"] = threading.active_count() - before[2]
         self.channel.send_json(Kind.LOADED, loaded, flush=True)
 
