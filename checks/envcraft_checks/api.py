@@ -36,7 +36,7 @@ import msgspec
 
 from envcraft.judging.check import Check, Rule
 from envcraft.judging.shrink import repro, shrink
-from envcraft.model.rollout import Conditions, Rollout
+from envcraft.model.rollout import Conditions, Episode, Rollout
 from envcraft.model.verdict import Finding
 from envcraft.plugins import hookimpl
 
@@ -47,9 +47,7 @@ if TYPE_CHECKING:
     from envcraft.model.job import SearchOutcome
     from envcraft.model.trace import Fault, Trace
 
-_INSPECT = Conditions(reread=True, options=True, closed=True)
 _RENDER = Conditions(render=True)
-_INSPECTED = 200
 _CALLS = {
     "reset": "EC104", "earlier reset": "EC104", "plain reset": "EC104", "step": "EC107", "before": "EC107",
     "render": "EC112", "close": "EC113", "early close": "EC113",
@@ -166,34 +164,35 @@ class Api(Check):
 
     def _traces(self, subject: Subject) -> Iterator[Trace]:
         """The traces of every kind of play, the cheapest first, so that a simple defect is reported at once."""
-        probes = subject.probes
-        first = probes.random(0)
-        description = subject.load().description
-        base = first.cut(_INSPECTED)
-        inspect = msgspec.structs.replace(_INSPECT, options="options" in description.get("reset", ("options",)))
-        rollouts = [first, base.under(inspect)]
+        probes, episodes = subject.probes, subject.episodes
+        base = probes.random(0).cut(subject.budget.inspected)
+        rendered = base.cut(subject.budget.inspected // 2).under(_RENDER)
+        subject.prefetch([probes.random(0)], alone=True)
+        subject.prefetch([subject.inspected(base), *([rendered] if subject.renders else [])])
+        yield episodes.whole[0]
+        yield subject.rollout(subject.inspected(base))
         if subject.renders:
-            rollouts.append(base.under(_RENDER))
-        subject.prefetch(rollouts)
-        # Start the longest jobs early: at the end they would run alone.
-        subject.prefetch(subject.searches.explorations())
-        rollouts += [*probes.all, *probes.rotations]
-        subject.prefetch(rollouts)
-        yield from map(subject.rollout, rollouts)
+            yield subject.rollout(rendered)
+        yield from itertools.chain(episodes.whole[1:], episodes.all, episodes.rotations)
         found = subject.searches.best()
-        later = [base.cut(5).under(Conditions(before=probes.earlier(base, found)))]
+        before = probes.earlier(base.cut(5), None, episodes.idle)
         if found is not None:
-            later += [found.under(conditions) for conditions in ([_RENDER] if subject.renders else []) + [inspect]]
-        yield from subject.rollouts(later)
+            before = [*[Episode(found.rollout.seed, found.actions)] * (1 + found.positive), *before]
+        yield subject.rollout(base.cut(5).under(Conditions(before=before)))
+        if found is not None and (found.positive or subject.budget.rotations):
+            later = found.rollout.cut(found.steps)
+            yield subject.rollout(subject.inspected(later))
+            if subject.renders:
+                yield subject.rollout(later.under(_RENDER))
 
     def _search_crash(self, subject: Subject) -> Trace | None:
         """The rollout of an action sequence that raises, from a search; None if no search ends in an exception."""
-        for number in range(subject.budget.explore[1]):
-            if actions := subject.searches.explore(number).get("crash"):
+        for number, outcome in enumerate(subject.searches.explorations):
+            if actions := outcome.get("crash"):
                 trace = subject.searches.scripted(number, actions, "exploration")
                 if trace.fault is not None:
                     return trace
-        left = subject.budget.sweep
+        left = subject.searches.sweep_steps
         if not left:
             return None
         explored = [trace for trace in subject.searches.explored() if trace.usable]
@@ -207,7 +206,7 @@ class Api(Check):
         longest = max(
             (trace for trace in subject.played() if trace.usable), key=lambda trace: trace.steps, default=None
         )
-        reached = min((trace.steps for trace in subject.rollouts(subject.probes.rotations)), default=0)
+        reached = min((trace.steps for trace in subject.episodes.rotations), default=0)
         # If each rotation lasts as long, it has tried every action at every step already.
         if longest is None or reached >= longest.steps:
             return None
@@ -273,11 +272,12 @@ class Api(Check):
         def shows(rollout: Rollout) -> bool:
             return any(found.code == finding.code for found in self.find(subject, subject.rollout(rollout)))
 
+        step = finding.evidence.get("step", trace.steps)
         rollout = trace.rollout
         apart = rollout.under(msgspec.structs.replace(rollout.conditions, closed=False))
-        if rollout.conditions.closed and shows(apart):
+        if rollout.conditions.closed and shows(apart.cut(step + 1)):
             rollout = apart
-        small = shrink(rollout, finding.evidence.get("step", trace.steps), shows, subject.contract.noop)
+        small = shrink(rollout, step, shows, subject.contract.noop, steps=subject.budget.steps // 10)
         # The shorter episode may fail at another step.
         again = (found for found in self.find(subject, subject.rollout(small)) if found.code == finding.code)
         return msgspec.structs.replace(next(again, finding), repro=repro(small))

@@ -54,13 +54,14 @@ _LOGICAL = ClockShift(offset=0.0, rate=0.0)
 _TELEMETRY = {"EC205": "EC210", "EC206": "EC211"}
 _OTHER_HASHES = 20_241
 _OTHER_STATE = 1_000_003
-_BESIDE_STEPS = 200
 #: Repetitions before equality counts: a number drawn from a small range may be the same by chance.
 _REPEATS = 7
 #: Repetitions of the reset alone, which may draw only one random number.
 _RESETS = 4
 #: For resets without a seed: steps of an episode, repetitions of the first, and episodes that must be equal for EC212.
 _UNSEEDED_STEPS, _UNSEEDED_AGAIN, _UNSEEDED = 10, 2, 8
+#: Steps after which seeds are compared first.
+_SEEDED_STEPS = 20
 
 
 class Determinism(Check):
@@ -156,12 +157,14 @@ class Determinism(Check):
     def judge(self, subject: Subject) -> Iterator[Finding]:
         if subject.load().description.get("nondeterministic"):
             raise Skip("the environment is registered as nondeterministic")
-        seeds, length = subject.budget.probes
-        plays = subject.rollouts(subject.probes.determinism)
+        length = subject.budget.probes[1]
+        plays = subject.episodes.probed
         reset = list(itertools.takewhile(lambda play: play.observations, plays))
         probes = [play.rollout.cut(min(length, max(play.steps, 1))) for play in reset]
-        if len(reset) == seeds and (found := subject.searches.best()) is not None and self._differs(subject, found):
-            probes.append(found)
+        if len(reset) == len(plays) and (found := subject.searches.best()) is not None:
+            best = found.rollout.cut(found.steps)
+            if self._differs(subject, best):
+                probes.append(best)
         for rollout in probes:
             subject.prefetch([rollout, rollout.under(self._together(subject, rollout))], alone=True)
             subject.prefetch([rollout], again=True)
@@ -174,7 +177,7 @@ class Determinism(Check):
             if reported.difference(_TELEMETRY.values()):
                 # Each further seed would try all conditions again for the same defect.
                 return
-        if len(reset) < seeds:
+        if len(reset) < len(plays):
             raise Skip("reset() returns no observation")
         fixed = list(self._judge_seeds(subject))
         yield from fixed
@@ -237,6 +240,10 @@ class Determinism(Check):
                 yield self._found(subject, "EC202", rollout, fresh, again)
                 return
         alone = self._alone(subject, rollout)
+        if found is not None:
+            # Whichever condition causes it, the difference shows in these steps.
+            rollout = rollout.cut(found.step)
+            base = subject.rollout(rollout, alone=True)
         subject.prefetch((rollout.under(conditions) for _, conditions, _ in alone), alone=True)
         for code, conditions, _ in alone:
             if (again := _diverge(base, subject.rollout(rollout.under(conditions), alone=True), info)) is not None:
@@ -288,8 +295,8 @@ class Determinism(Check):
         from envcraft.judging import actions
 
         seed = rollout.seed + 8_009
-        beside = Episode(seed, actions.random_actions(subject.action_space, seed, _BESIDE_STEPS))
-        before = subject.probes.earlier(rollout, subject.searches.best())
+        beside = Episode(seed, actions.random_actions(subject.action_space, seed, subject.budget.beside))
+        before = subject.probes.earlier(rollout, subject.searches.best(), subject.episodes.idle)
         rendered = [("EC208", Conditions(render=True), "render")] if subject.renders else []
         taken = "options" in subject.load().description.get("reset", ("options",))
         optional = [("EC214", Conditions(options=True), "options")] if taken else []
@@ -354,13 +361,15 @@ class Determinism(Check):
         )
 
     def _judge_seeds(self, subject: Subject) -> Iterator[Finding]:
-        length = subject.budget.probes[1]
-        plays = [subject.probes.random(number).cut(length) for number in range(3)]
-        same = [msgspec.structs.replace(play, actions=plays[0].actions) for play in plays]
-        traces = subject.rollouts(same)
-        alike = all(_diverge(traces[0], trace, info=False) is None for trace in traces[1:])
-        if alike and not any(trace.opaque for trace in traces):
-            seeds = [rollout.seed for rollout in same]
+        first = subject.probes.random(0)
+        # Most seeds differ at once.
+        for length in (_SEEDED_STEPS, subject.budget.probes[1]):
+            seeds = [subject.probes.episode_seed(number) for number in range(3)]
+            same = [msgspec.structs.replace(first.cut(length), seed=seed) for seed in seeds]
+            traces = subject.rollouts(same)
+            if any(_diverge(traces[0], trace, info=False) is not None for trace in traces[1:]):
+                return
+        if not any(trace.opaque for trace in traces):
             yield self.finding(
                 "EC209",
                 f"the seeds {seeds} give the same frames, rewards and flags, which is fine for one fixed level",

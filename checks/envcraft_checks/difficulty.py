@@ -46,6 +46,8 @@ if TYPE_CHECKING:
     from envcraft.model.trace import Trace
 
 _GREEDY_MOVES = 5
+#: Episodes without a win after which a policy is compared with random play.
+_COMPARED = 6
 
 
 class Difficulty(Check):
@@ -78,14 +80,9 @@ class Difficulty(Check):
             if wrong is not None:
                 yield wrong
             else:
-                _, rate = settle(
-                    lambda number: subject.act(number).positive,
-                    0.0,
-                    subject.budget.looks[:2],
-                    lambda numbers: subject.prefetch(map(subject.probes.policy, numbers)),
-                )
+                rate = self._policy_rate(subject)
                 policy_wins = rate.hits > 0
-                if not policy_wins:
+                if not policy_wins and rate.n >= _COMPARED:
                     yield from self._compare(subject, rate)
         unsettled = "" if policy_wins else self._unsolved(subject)
         if unsettled == _UNSOLVABLE:
@@ -102,8 +99,20 @@ class Difficulty(Check):
             return self._judge_policy(subject)
         return super().confirm(subject, finding)
 
+    def _policy_rate(self, subject: Subject) -> Proportion:
+        """How often the policy wins, up to its first win or as often as the budget allows."""
+        most = subject.budget.looks[1]
+        for number in range(most):
+            if subject.act(number).positive:
+                return Proportion(1, number + 1)
+            # Each episode that is not won is compared with random play and with doing nothing.
+            if not subject.affords(3 * (number + 2) * max(subject.act(each).steps for each in range(number + 1))):
+                most = number + 1
+                break
+        return Proportion(0, most)
+
     def _judge_policy(self, subject: Subject) -> Finding | None:
-        for trace in subject.rollouts([subject.probes.policy(number) for number in range(3)]):
+        for trace in subject.rollouts([subject.probes.policy(number) for number in range(subject.budget.policy)]):
             wrong = policy.judge_play(self, trace) or policy.judge_effect(self, trace, subject.without_policy(trace))
             if wrong is not None:
                 return wrong
@@ -143,26 +152,27 @@ class Difficulty(Check):
         won = any(trace.positive for trace in subject.traces)
         if won or any(trace.positive for trace in subject.searches.explored()):
             return ""
-        if any(subject.searches.explore(number).get("crash") for number in range(subject.budget.explore[1])):
+        if any(outcome.get("crash") for outcome in subject.searches.explorations):
             return "exploration ends in a crash, so the reachable states are not known"
-        for number in range(subject.budget.explore[1]):
+        why = "" if subject.searches.exhaustible else "more remain"
+        for number in [] if why else subject.searches.proven:
             outcome = subject.searches.exhaust(number)
             win = outcome.get("win")
             if win and subject.searches.scripted(number, win, "search through all states").positive:
                 return ""
             if not outcome.get("exhausted"):
                 why = "the game draws random numbers in step()" if outcome.get("stochastic") else "more remain"
-                explored = sum(
-                    int(subject.searches.explore(seed).get("states") or 0) for seed in range(subject.budget.explore[1])
-                )
-                return (
-                    f"no positive outcome in {len(subject.traces)} episodes and {explored:,} explored states, "
-                    f"but the search did not reach all states ({why}): a larger --budget or a --policy may settle it"
-                )
+                break
+        if why:
+            explored = sum(int(outcome.get("states") or 0) for outcome in subject.searches.explorations)
+            return (
+                f"no positive outcome in {len(subject.traces)} episodes and {explored:,} explored states, "
+                f"but the search did not reach all states ({why}): a larger --budget or a --policy may settle it"
+            )
         return _UNSOLVABLE
 
     def _unsolvable(self, subject: Subject) -> Finding:
-        seeds = subject.budget.explore[1]
+        seeds = len(subject.searches.proven)
         states = sum(int(subject.searches.exhaust(number).get("states") or 0) for number in range(seeds))
         best = max((trace for trace in subject.traces if trace.usable), key=lambda trace: trace.total)
         return self.finding(
@@ -188,7 +198,13 @@ class Difficulty(Check):
             def prefetch(numbers: range, action: Any = action) -> None:
                 subject.prefetch(subject.probes.hold(action, number) for number in numbers)
 
-            verdict, rate = settle(won, subject.contract.consistently, subject.budget.looks, prefetch)
+            verdict, rate = settle(
+                won,
+                subject.contract.consistently,
+                subject.budget.looks,
+                prefetch,
+                lambda: subject.affords(subject.held()[0].steps),
+            )
             if verdict is True and not self._beaten(subject, trace):
                 return self.finding(
                     "EC802",
@@ -217,6 +233,7 @@ class Difficulty(Check):
             subject.contract.consistently,
             subject.budget.looks,
             lambda numbers: subject.prefetch(map(subject.searches.greed, numbers)),
+            lambda: subject.affords(_GREEDY_MOVES * len(subject.joint_actions)),
         )
         if verdict is not True:
             return None

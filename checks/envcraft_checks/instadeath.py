@@ -51,7 +51,7 @@ class InstaDeath(Check):
         def prefetch(numbers: range) -> None:
             subject.prefetch(subject.probes.noop(number, within) for number in numbers)
 
-        verdict, rate = settle(lost, _MOST, subject.budget.looks, prefetch)
+        verdict, rate = settle(lost, _MOST, subject.budget.looks, prefetch, lambda: subject.affords(within))
         # The check termination reports episodes that end before play is possible.
         if verdict is True:
             shortest = min((subject.noop(number, within) for number in range(rate.n)), key=lambda trace: trace.steps)

@@ -38,6 +38,8 @@ if TYPE_CHECKING:
     from envcraft.model.trace import Trace
 
 _CLEARLY = 1.25
+#: Policies that must be paid the same on one seed.
+_POLICIES = 4
 BY_SIGN = ": each ends with a positive return; info reports no success"
 
 
@@ -67,6 +69,7 @@ class InstaWin(Check):
             consistently,
             subject.budget.looks,
             lambda numbers: subject.prefetch(map(subject.probes.random, numbers)),
+            lambda: subject.affords(subject.random(0).steps),
         )
         if verdict is not True:
             return
@@ -90,7 +93,9 @@ class InstaWin(Check):
         )
 
     def _judge_paid(self, subject: Subject) -> Iterator[Finding]:
-        traces = [trace for trace in subject.played() if trace.usable]
+        traces = self._paid_alike(subject)
+        if not traces:
+            return
         by_seed: dict[int, list[Trace]] = {}
         for trace in [*traces, *(trace for trace in subject.searches.explored() if trace.ended)]:
             by_seed.setdefault(trace.rollout.seed, []).append(trace)
@@ -103,7 +108,7 @@ class InstaWin(Check):
         widest = max(by_seed.values(), key=len)
         policies = {trace.rollout.player for trace in widest}
         earned = widest[0].total
-        if earned <= 0 or len(policies) < 4 or any(not _same_returns(same) for same in by_seed.values()):
+        if earned <= 0 or len(policies) < _POLICIES or any(not _same_returns(same) for same in by_seed.values()):
             return
         others = [
             trace for trace in [*subject.searches.explored(), *subject.privileged()] if trace.rollout.seed in by_seed
@@ -120,10 +125,38 @@ class InstaWin(Check):
             earned=earned,
         )
 
+    def _paid_alike(self, subject: Subject) -> list[Trace]:
+        """Whole episodes, on the first seed under several policies; none if two policies are paid differently."""
+        first = subject.episodes.whole[0]
+        ended = [trace for trace in subject.played() if trace.ended]
+        known = {trace.rollout.seed: trace for trace in reversed(ended)}
+        for trace in subject.played():
+            other = known.get(trace.rollout.seed)
+            if trace.usable and other is not None and _paid(trace, trace.steps) != _paid(other, trace.steps):
+                return []
+        if not first.ended or first.total <= 0:
+            return []
+        last = subject.joint_actions[-1]
+        others = [subject.probes.hold(last), subject.probes.sticky(0), subject.probes.hold(subject.joint_actions[1])]
+        for rollout in others:
+            if len({trace.rollout.player for trace in ended if trace.rollout.seed == first.rollout.seed}) >= _POLICIES:
+                break
+            if not subject.affords(len(rollout.actions)):
+                return []
+            if not (whole := subject.rollout(rollout)).ended or not _same_returns([whole, first]):
+                return []
+            ended.append(whole)
+        return list({trace.rollout.key(): trace for trace in ended}.values())
+
 
 def wins_known(subject: Subject) -> bool:
     """Whether wins are known: from the sign of the return, or from the info of some episode."""
     return subject.contract.success.sign or any(trace.reported_success is not None for trace in subject.played())
+
+
+def _paid(trace: Trace, steps: int) -> float:
+    """The rewards of the first steps together."""
+    return round(sum(trace.rewards[:steps]), 6)
 
 
 def _same_returns(traces: list[Trace]) -> bool:

@@ -28,6 +28,7 @@ def _draw(self):
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -44,13 +45,14 @@ if TYPE_CHECKING:
     from envcraft.spaces.spec import SpaceSpec
 
 _WATCHED = 64
-_RENDERED = 200
 #: The match of the best shift: 0.05 for independent noise and up to 0.35 if it has large blocks, 0.65 for a picture
 #: that scrolls by a quarter of its width, and 1 for one that wraps around.
 _MATCHES = 0.5
 #: Steps without a change before a picture counts as frozen. If it stopped changing before this share of the last change
 #: of the others, its last actions may have had no effect.
 _STILL, _NEARLY = 30, 0.9
+#: Episodes that must freeze.
+_FROZEN = 4
 
 
 class Observation(Check):
@@ -74,9 +76,6 @@ class Observation(Check):
         if not traces:
             raise Skip("no episode has a second observation")
         longest = max(traces, key=lambda trace: trace.steps)
-        subject.prefetch(
-            [self._watch(subject, subject.joint_actions[0]), self._rendered(traces[0])][: 1 + subject.contract.render]
-        )
         if _only_value(subject.observation_space):
             raise Skip("the observation space has only one value")
         if subject.contract.observation is None and longest.steps == 1:
@@ -96,12 +95,12 @@ class Observation(Check):
             yield unmoved
         elif (frozen := self._find_frozen(subject, seen)) is not None:
             yield frozen
-        yield from self._find_unlike_render(subject, traces[0])
+        yield from self._find_unlike_render(subject)
         if len(seen) < len(traces):
             raise Skip("some observations cannot be compared: they have types of another package, or are too large")
 
     def _find_noise(self, subject: Subject) -> Finding | None:
-        if not _pictures(subject.observation_space):
+        if not _pictures(subject.observation_space) or not all(_always_changes(trace) for trace in subject.held()):
             return None
         watched = []
         for action in (subject.joint_actions[0], subject.joint_actions[-1]):
@@ -124,9 +123,6 @@ class Observation(Check):
 
     def _watch(self, subject: Subject, action: Any) -> Rollout:
         return Rollout(subject.episode_seed(0), [action] * _WATCHED, player=f"holding {action}", keep=_WATCHED)
-
-    def _rendered(self, play: Trace) -> Rollout:
-        return play.rollout.cut(_RENDERED).under(Conditions(render=True))
 
     def _find_unresponsive(self, subject: Subject, traces: list[Trace]) -> Finding | None:
         compared, longest = 0, None
@@ -158,16 +154,15 @@ class Observation(Check):
     def _find_frozen(self, subject: Subject, traces: list[Trace]) -> Finding | None:
         if not _pictures(subject.observation_space) or not traces:
             return None
-        last = max(map(_last_change, traces))
-        long = [trace for trace in traces if trace.usable and trace.steps >= max(2 * last, last + _STILL)]
-        # An idle player may stop all motion by itself.
-        busy = [trace for trace in long if len({str(action) for action in trace.actions[last : trace.steps]}) > 1]
-        frozen = [trace for trace in busy if _last_change(trace) == last]
-        if len(frozen) < 4 or 2 * len(frozen) < len(busy) or len({trace.rollout.seed for trace in frozen}) < 2:
+        last, busy, frozen = _frozen(traces)
+        if not _enough(frozen) and _is_still(subject.episodes.whole[0], last):
+            whole = itertools.islice(subject.episodes.more_whole(), _FROZEN)
+            last, busy, frozen = _frozen([*traces, *(trace for trace in whole if trace.observations)])
+        if not _enough(frozen) or 2 * len(frozen) < len(busy):
             return None
         if any(_last_change(trace) < _NEARLY * last for trace in busy):
             return None
-        others = [*subject.rollouts(subject.probes.rotations), *subject.searches.explored()]
+        others = [*subject.episodes.rotations, *subject.searches.explored()]
         if any(trace.opaque or _last_change(trace) > last for trace in others):
             return None
         longest = max(frozen, key=lambda trace: trace.steps)
@@ -181,10 +176,10 @@ class Observation(Check):
             episodes=len(frozen),
         )
 
-    def _find_unlike_render(self, subject: Subject, play: Trace) -> Iterator[Finding]:
+    def _find_unlike_render(self, subject: Subject) -> Iterator[Finding]:
         if not subject.contract.render:
             return
-        rollout = self._rendered(play)
+        rollout = subject.probes.random(0).cut(subject.budget.inspected // 2).under(Conditions(render=True))
         trace = subject.rollout(rollout)
         differing = [problem for problem in trace.render_problems if problem.kind == "differs"]
         # The check api reports an observation of the wrong type.
@@ -200,6 +195,29 @@ class Observation(Check):
                 repro=repro(rollout.cut(step)),
                 step=step,
             )
+
+
+def _is_still(trace: Trace, last: int) -> bool:
+    """Whether a long time without a change follows the `last` change."""
+    return trace.usable and trace.steps >= max(2 * last, last + _STILL)
+
+
+def _frozen(traces: list[Trace]) -> tuple[int, list[Trace], list[Trace]]:
+    """The last change of all, the episodes with varied actions long after it, and those of them that change last."""
+    last = max(map(_last_change, traces))
+    long = [trace for trace in traces if _is_still(trace, last)]
+    # An idle player may stop all motion by itself.
+    busy = [trace for trace in long if len({str(action) for action in trace.actions[last : trace.steps]}) > 1]
+    return last, busy, [trace for trace in busy if _last_change(trace) == last]
+
+
+def _enough(frozen: list[Trace]) -> bool:
+    return len(frozen) >= _FROZEN and len({trace.rollout.seed for trace in frozen}) > 1
+
+
+def _always_changes(trace: Trace) -> bool:
+    """Whether every step changes the observation, as noise does."""
+    return all(_changed(trace, step) for step in range(1, len(trace.observations)))
 
 
 def _last_change(trace: Trace) -> int:

@@ -118,11 +118,22 @@ class Reward(Check):
                 )
 
     def _judge_growth(self, subject: Subject, traces: list[Trace]) -> Iterator[Finding]:
-        long = [trace for trace in traces if trace.usable and trace.steps >= _LONG]
+        long = _long(traces)
         grown = {id(trace): ratio for trace in long if (ratio := growth(trace.rewards)) is not None}
-        if len(grown) < len(long):
-            long = _late(long)
-        if len(long) >= 3 and all(id(trace) in grown for trace in long):
+        if late := len(grown) < len(long):
+            if any(_falls(trace.rewards) for trace in long):
+                return
+            # Growth may begin too late for the shorter ones.
+            long = [trace for trace in long if 2 * trace.steps >= max(each.steps for each in long)]
+        more = subject.episodes.more_whole()
+        while long and all(id(trace) in grown for trace in long) and not _enough(long, late):
+            if (trace := next(more, None)) is None:
+                return
+            if trace in _long([trace]) and trace not in long:
+                long.append(trace)
+                if (ratio := growth(trace.rewards)) is not None:
+                    grown[id(trace)] = ratio
+        if long and all(id(trace) in grown for trace in long):
             longest = max(long, key=lambda trace: trace.steps)
             sizes = [abs(reward) for reward in longest.rewards]
             yield self.finding(
@@ -142,15 +153,14 @@ class Reward(Check):
             return
         if any(not trace.total <= 0 or not trace.rewards[-1] <= 0 for trace in won):
             return
-        idle = subject.probes.noop()
-        seeds = list(dict.fromkeys(trace.rollout.seed for trace in won))
-        idlers = subject.rollouts([msgspec.structs.replace(idle, seed=seed) for seed in seeds])
-        idled = dict(zip(seeds, idlers, strict=True))
-        # If idling wins as well, the reward is for losing.
-        if any(not trace.usable or trace.reported_success for trace in idlers):
-            return
-        if any(trace.total > idled[trace.rollout.seed].total for trace in won):
-            return
+        idled: dict[int, Trace] = {}
+        for trace in won:
+            seed = trace.rollout.seed
+            if seed not in idled:
+                idled[seed] = subject.rollout(msgspec.structs.replace(subject.probes.noop(), seed=seed))
+            # If idling wins as well, the reward is for losing.
+            if not idled[seed].usable or idled[seed].reported_success or trace.total > idled[seed].total:
+                return
         shown = min(won, key=lambda trace: trace.steps)
         yield self.finding(
             "EC305",
@@ -162,15 +172,14 @@ class Reward(Check):
         )
 
 
-def _late(traces: list[Trace]) -> list[Trace]:
-    """The episodes with at least half the steps of the longest, for growth that begins too late for the others.
+def _long(traces: list[Trace]) -> list[Trace]:
+    return [trace for trace in traces if trace.usable and trace.steps >= _LONG]
 
-    Empty if rewards fall in some episode, or if only held actions last so long.
-    """
-    half = max(trace.steps for trace in traces) / 2
-    long = [trace for trace in traces if trace.steps >= half]
+
+def _enough(long: list[Trace], late: bool) -> bool:
+    """Whether so many episodes show growth; if it begins late, under varied actions on two seeds, too."""
     varied = {trace.rollout.seed for trace in long if len({str(action) for action in trace.actions}) > 1}
-    return long if len(varied) > 1 and not any(_falls(trace.rewards) for trace in traces) else []
+    return len(long) >= 3 and (not late or len(varied) > 1)
 
 
 def growth(rewards: list[float]) -> float | None:

@@ -31,7 +31,6 @@ import msgspec
 from envcraft.errors import Skip
 from envcraft.judging.check import Check, Rule
 from envcraft.judging.shrink import repro
-from envcraft.model.rollout import Conditions
 from envcraft.model.verdict import Finding, Severity
 from envcraft.plugins import hookimpl
 from envcraft.text import plural
@@ -42,6 +41,8 @@ if TYPE_CHECKING:
 
 _FLAGS = ("bool", "numpy.bool")
 _PLAYABLE = 5
+#: Steps without a change after which a held action is played to the end of its episode.
+_STILL = 30
 
 
 class Termination(Check):
@@ -71,7 +72,7 @@ class Termination(Check):
     )
 
     def judge(self, subject: Subject) -> Iterator[Finding]:
-        traces = subject.rollouts([*subject.probes.all, *subject.probes.rotations[:4]])
+        traces = [*subject.played(), *subject.episodes.rotations[:4]]
         usable = [trace for trace in traces if trace.usable and trace.steps]
         if not usable:
             raise Skip("no episode has a step")
@@ -98,6 +99,8 @@ class Termination(Check):
                         return
 
     def _judge_limit(self, subject: Subject, traces: list[Trace], limit: int) -> Iterator[Finding]:
+        if (still := self._standstill(subject)) is not None:
+            traces = [*traces, still]
         endless = [trace for trace in traces if not trace.ended and trace.steps >= limit]
         if endless:
             players = list(dict.fromkeys(trace.rollout.player for trace in endless))
@@ -111,7 +114,9 @@ class Termination(Check):
             )
         # One episode may be lost at the last step by chance; several are ended by the limit.
         last = [trace for trace in traces if trace.ended and trace.steps == limit]
-        mistaken = [trace for trace in last if not trace.truncated[-1] and not trace.reported_success]
+        if len(last) == 1 and self._is_mistaken(last[0]):
+            last += [trace for trace in self._others(subject, last[0]) if trace.ended and trace.steps == limit]
+        mistaken = [trace for trace in last if self._is_mistaken(trace)]
         if len(mistaken) >= 2 and len(mistaken) == len(last):
             yield self.finding(
                 "EC502",
@@ -121,17 +126,29 @@ class Termination(Check):
                 episodes=len(mistaken),
             )
 
+    def _standstill(self, subject: Subject) -> Trace | None:
+        """A whole episode of the first held action that stops all change, as a pause does; None if there is none."""
+        for trace in subject.held():
+            tail = trace.observations[-_STILL:]
+            if not trace.ended and trace.usable and trace.steps >= _STILL and len(set(tail)) == 1:
+                whole = subject.probes.hold(trace.rollout.actions[0])
+                return subject.rollout(whole) if subject.affords(len(whole.actions)) else None
+        return None
+
     def _judge_own_limit(self, subject: Subject, traces: list[Trace], limit: int) -> Iterator[Finding]:
         """Report a limit of the game's own with swapped flags: the longest episodes terminate, all others truncate."""
         longest = max(trace.steps for trace in traces)
         last = [trace for trace in traces if trace.steps == longest]
-        short = [trace for trace in traces if trace.steps < longest]
-        mistaken = all(trace.ended and not trace.truncated[-1] and not trace.reported_success for trace in last)
-        if longest >= limit or not mistaken or len({trace.rollout.seed for trace in last}) < 2:
+        short = [trace for trace in traces if trace.ended and trace.steps < longest]
+        if longest >= limit or not all(map(self._is_mistaken, last)):
             return
         short += [trace for trace in subject.searches.explored() if trace.ended and trace.steps < longest]
         cut = all(trace.truncated[-1] and not trace.terminated[-1] for trace in short)
-        if cut and len({trace.steps for trace in short}) >= 2:
+        if not cut or len({trace.steps for trace in short}) < 2:
+            return
+        if len({trace.rollout.seed for trace in last}) < 2:
+            last += [trace for trace in self._others(subject, last[0]) if trace.steps == longest]
+        if len({trace.rollout.seed for trace in last}) >= 2 and all(map(self._is_mistaken, last)):
             yield self.finding(
                 "EC502",
                 f"all {len(last)} episodes that reach step {longest} are terminated there, and all {len(short)} that "
@@ -141,6 +158,16 @@ class Termination(Check):
                 episodes=len(last),
                 sooner=len(short),
             )
+
+    def _is_mistaken(self, trace: Trace) -> bool:
+        """Whether an episode terminates without success, where its limit should truncate it."""
+        return trace.ended and not trace.truncated[-1] and not trace.reported_success
+
+    def _others(self, subject: Subject, trace: Trace) -> list[Trace]:
+        """The same actions on two other seeds."""
+        numbers = [number for number in range(3) if subject.episode_seed(number) != trace.rollout.seed][:2]
+        seeds = map(subject.episode_seed, numbers)
+        return subject.rollouts([msgspec.structs.replace(trace.rollout, seed=seed) for seed in seeds])
 
     def _judge_short(self, subject: Subject, traces: list[Trace]) -> Iterator[Finding]:
         ended = [trace for trace in traces if trace.ended]
@@ -166,10 +193,11 @@ class Termination(Check):
         )
 
     def _judge_after(self, subject: Subject, traces: list[Trace]) -> Iterator[Finding]:
-        ended = next((trace for trace in traces if trace.ended and not trace.rollout.conditions.to_json()), None)
+        idle = subject.episodes.idle
+        ended = min((trace for trace in traces if trace.ended), key=lambda trace: trace.steps, default=None)
         if ended is None:
             return
-        rollout = msgspec.structs.replace(ended.rollout, conditions=Conditions(after_end=5))
+        rollout = subject.episodes.past_end((idle if idle is not None and idle.ended else ended).rollout)
         trace = subject.rollout(rollout)
         alive = [
             step for step, (_, terminated, truncated) in enumerate(trace.after, 1) if not (terminated or truncated)

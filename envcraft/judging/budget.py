@@ -1,4 +1,4 @@
-"""How much a validation spends, in episodes and steps, so that a verdict never depends on the machine's speed."""
+"""How much a validation spends, in environment steps, so that a verdict never depends on the machine's speed."""
 
 from __future__ import annotations
 
@@ -8,41 +8,110 @@ import msgspec
 class Budget(msgspec.Struct, frozen=True):
     """What ``--budget`` names.
 
+    Where a number of steps is shared by several episodes, each is cut at its share. Short episodes leave their rest to
+    the following ones, so a game with short episodes is played more often than one with long episodes.
+
     Attributes:
-        random: random episodes that every statistical check starts from.
+        steps: environment steps of every kind for a game whose episodes last 1,000 steps.
+        play: steps of the episodes that several checks share.
+        random: episodes of random play.
         sticky: episodes of random actions, each held for a while.
-        held: how many joint actions are held for a whole episode.
+        held: joint actions that are held throughout an episode.
         rotations: episodes that together try every joint action at every step.
-        probes: seeds on which determinism is probed, and the steps of each probe.
-        explore: steps of a search for crashes and wins, and the seeds that are searched.
-        exhaust: steps of a search through all reachable states.
-        sweep: steps spent on trying rare actions along the longest episode and the best one.
+        inspected: steps of the episode whose every value and call is inspected.
+        probes: seeds on which determinism is probed, and the most steps of each probe.
+        earlier: steps of a random earlier episode on the same instance.
+        beside: steps of a second instance that is stepped alongside.
+        explore: the fewest and the most steps of a search for crashes and wins, and the seeds that are searched.
+        exhaust: the most steps of a search through all reachable states.
+        sweep: the most steps spent on rare actions along the longest episode and the best one.
+        policy: episodes of the privileged policy that are examined step by step.
         looks: numbers of episodes after which a statistical verdict is looked at.
-        steps: the length of an episode under a contract without a limit.
+        length: steps of an episode under a contract without a limit.
         seconds: the longest time of one subject on the clock, unless ``--time-limit`` names another.
     """
 
     name: str
+    steps: int
+    play: int
     random: int
     sticky: int
     held: int
     rotations: int
+    inspected: int
     probes: tuple[int, int]
-    explore: tuple[int, int]
+    earlier: int
+    beside: int
+    explore: tuple[int, int, int]
     exhaust: int
     sweep: int
+    policy: int
     looks: tuple[int, ...]
-    steps: int
+    length: int
     seconds: float = 600.0
 
 
 BUDGETS = {
     budget.name: budget
     for budget in (
-        Budget("quick", 3, 1, 8, 0, (1, 200), (2_000, 1), 2_000, 0, (6, 12, 24), 300, 120.0),
-        Budget("standard", 6, 3, 20, 20, (3, 500), (6_000, 2), 20_000, 4_000, (6, 12, 24), 1_000),
         Budget(
-            "thorough", 24, 12, 20, 60, (8, 1_000), (40_000, 6), 100_000, 40_000, (6, 12, 24, 48, 96), 2_000, 3600.0
+            "quick",
+            steps=5_000,
+            play=2_600,
+            random=2,
+            sticky=1,
+            held=8,
+            rotations=0,
+            inspected=100,
+            probes=(1, 60),
+            earlier=25,
+            beside=60,
+            explore=(700, 2_000, 1),
+            exhaust=2_000,
+            sweep=0,
+            policy=1,
+            looks=(6, 12, 24),
+            length=300,
+            seconds=120.0,
+        ),
+        Budget(
+            "standard",
+            steps=20_000,
+            play=13_200,
+            random=6,
+            sticky=3,
+            held=20,
+            rotations=20,
+            inspected=300,
+            probes=(2, 200),
+            earlier=100,
+            beside=100,
+            explore=(1_500, 6_000, 2),
+            exhaust=20_000,
+            sweep=4_000,
+            policy=2,
+            looks=(6, 12, 24),
+            length=1_000,
+        ),
+        Budget(
+            "thorough",
+            steps=100_000,
+            play=60_000,
+            random=24,
+            sticky=12,
+            held=20,
+            rotations=60,
+            inspected=1_000,
+            probes=(6, 500),
+            earlier=200,
+            beside=200,
+            explore=(3_000, 40_000, 6),
+            exhaust=100_000,
+            sweep=40_000,
+            policy=3,
+            looks=(6, 12, 24, 48, 96),
+            length=2_000,
+            seconds=3_600.0,
         ),
     )
 }

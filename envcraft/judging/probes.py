@@ -11,12 +11,15 @@ from envcraft.judging import actions
 from envcraft.judging.budget import Budget
 from envcraft.model.contract import Contract
 from envcraft.model.rollout import Action, Episode, Rollout
+from envcraft.model.trace import Trace
 from envcraft.spaces.sampling import enumerate_actions
 from envcraft.spaces.spec import Discrete, MultiDiscrete, SpaceSpec
 
 _Draw = Callable[[SpaceSpec, int, int], list[Action]]
-#: The length of a random earlier episode, and the number of earlier resets without a step.
-_EARLIER_STEPS, _EARLIER_RESETS = 200, 8
+#: Number of earlier resets without a step.
+_EARLIER_RESETS = 8
+#: Other earlier episodes last at most so many times as long as the random ones.
+_MODERATE = 4
 
 
 class Probes:
@@ -32,7 +35,7 @@ class Probes:
     @property
     def length(self) -> int:
         """The number of actions of an episode."""
-        return self.contract.limit or self.budget.steps
+        return self.contract.limit or self.budget.length
 
     @cached_property
     def joint_actions(self) -> list[Action]:
@@ -69,53 +72,30 @@ class Probes:
         order = actions.rotation(self.joint_actions, offset, seed, self.length)
         return Rollout(seed, order, player="every action in turn")
 
-    @cached_property
-    def determinism(self) -> list[Rollout]:
-        """The episodes on whose seeds determinism is probed."""
-        return [(self.sticky if number % 2 else self.random)(number) for number in range(self.budget.probes[0])]
-
-    @cached_property
-    def rotations(self) -> list[Rollout]:
-        return [self.rotation(offset) for offset in range(self.budget.rotations)]
-
-    @cached_property
-    def held(self) -> list[Rollout]:
-        """Each joint action (as many as the budget allows) held on the first seed."""
-        stride = max(len(self.joint_actions) // self.budget.held, 1)
-        return [self.hold(action) for action in self.joint_actions[::stride]]
-
     def policy(self, number: int) -> Rollout:
         """The privileged policy on the episode seed `number`."""
         return Rollout(self.episode_seed(number), [], player="the policy", policy=True, max_steps=self.length)
 
-    @cached_property
-    def all(self) -> list[Rollout]:
-        """The episodes that several checks share: random, sticky, held and doing nothing."""
-        rollouts = [self.random(number) for number in range(self.budget.random)]
-        rollouts += [self.sticky(number) for number in range(self.budget.sticky)]
-        rollouts += self.held
-        if self.contract.noop is not None:
-            rollouts += [self.noop(number) for number in range(1, 3)]
-        return rollouts
-
-    def earlier(self, rollout: Rollout, found: Rollout | None) -> list[Episode]:
-        """Return episodes to play before a rollout on the same instance.
-
-        They are two random episodes and, last, the rollout's own episode. On the first episode seed, they also include
-        the search's episode twice, an episode of doing nothing to the end, and many resets.
+    def earlier(self, rollout: Rollout, found: Trace | None, idle: Trace | None) -> list[Episode]:
+        """Episodes to play before one on the same instance.
 
         Args:
-            rollout: the request.
-            found: the best episode of a search, if there is one.
+            rollout: the episode.
+            found: the best episode of a search. It is played twice if it is won.
+            idle: an episode of doing nothing.
+
+        Returns:
+            Two random episodes; before one with the first episode seed also `found` and `idle`, unless they are long,
+            and many resets; and last the very same episode.
         """
-        seed = rollout.seed + 7_919
+        seed, length = rollout.seed + 7_919, self.budget.earlier
         draws: tuple[_Draw, ...] = (actions.random_actions, actions.sticky_actions)
-        episodes = [Episode(seed + at, draw(self.space, seed + at, _EARLIER_STEPS)) for at, draw in enumerate(draws)]
+        episodes = [Episode(seed + at, draw(self.space, seed + at, length)) for at, draw in enumerate(draws)]
         if rollout.seed == self.episode_seed(0):
-            if found is not None:
-                episodes += [Episode(found.seed, found.actions)] * 2
-            if self.contract.noop is not None:
-                episodes.append(Episode(seed, actions.held_action(self.contract.noop, self.length)))
+            if found is not None and found.steps <= _MODERATE * length:
+                episodes += [Episode(found.rollout.seed, found.actions)] * (1 + found.positive)
+            if idle is not None and idle.ended and idle.steps <= _MODERATE * length:
+                episodes.append(Episode(seed, idle.actions))
             episodes += [Episode(seed + number, []) for number in range(_EARLIER_RESETS)]
         return [*episodes, Episode(rollout.seed, rollout.actions)]
 

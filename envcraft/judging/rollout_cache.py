@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
-from functools import cached_property
 
 import msgspec
 
@@ -15,7 +14,7 @@ from envcraft.judging.job_builder import JobBuilder
 from envcraft.judging.job_runner import JobRunner, PendingRollout
 from envcraft.judging.trace_builder import MeasuredTraceBuilder, TraceBuilder
 from envcraft.model.job import ExitReason, SearchOutcome
-from envcraft.model.rollout import Rollout, Search
+from envcraft.model.rollout import Conditions, Rollout, Search
 from envcraft.model.trace import Trace
 
 #: After this many jobs that went wrong in the same way, no more are started.
@@ -65,11 +64,19 @@ class RolloutCache:
         #: Rollouts that are compared bit by bit, and those that may have run after others in their process.
         self._compared: set[bytes] = set()
         self._followed: set[bytes] = set()
+        #: Traces of plain rollouts by their seed, and the prefixes of these that were requested.
+        self._plain: dict[int, list[Trace]] = {}
+        self._prefixes: dict[tuple[bytes, bytes], Trace] = {}
 
     @property
     def traces(self) -> list[Trace]:
         """Every trace so far, in the order of the requests."""
         return list(self._traces.values())
+
+    @property
+    def steps_left(self) -> int:
+        """The environment steps that the budget has left, negative if more were requested."""
+        return self._budget.steps - self.steps
 
     def prefetch(self, requests: Iterable[Rollout | Search], again: bool = False, alone: bool = False) -> None:
         """Start requests that are nearly sure to come, in this order, and return at once. A request that never comes
@@ -89,6 +96,8 @@ class RolloutCache:
             known = not again and (key[0] in self._traces or key[0] in self._searches)
             if alone and key[0] in self._followed:
                 known = False
+            if not known and not again and isinstance(request, Rollout):
+                known = self._shared(request, alone) is not None
             if not known and key not in self._pending:
                 self._pending[key] = self._start(request, again, alone=again)
 
@@ -99,18 +108,48 @@ class RolloutCache:
     def clear_traces(self) -> None:
         """Forget the traces so far, to save memory when thousands of episodes are played once."""
         self._traces.clear()
+        self._plain.clear()
+        self._prefixes.clear()
 
     def rollout(self, rollout: Rollout, alone: bool = False) -> Trace:
-        """Run a rollout, or give its known trace; `alone` as in :meth:`prefetch`."""
+        """Run a rollout, or give its known trace; `alone` as in :meth:`prefetch`.
+
+        A plain rollout is known when a longer one with the same seed and actions is, or a shorter one that ended.
+        """
         key = rollout.key()
         if alone:
             self._compared.add(key)
             if key in self._followed:
                 self._followed.remove(key)
-                self._traces.pop(key, None)
+                self._forget(key, rollout.seed)
         if key not in self._traces:
-            self._traces[key] = self._record(rollout)
+            if (shared := self._shared(rollout, alone)) is not None:
+                return shared
+            self._traces[key] = trace = self._record(rollout)
+            if _is_plain(rollout) and trace.usable:
+                self._plain.setdefault(rollout.seed, []).append(trace)
         return self._traces[key]
+
+    def _forget(self, key: bytes, seed: int) -> None:
+        trace = self._traces.pop(key, None)
+        self._plain[seed] = [other for other in self._plain.get(seed, []) if other is not trace]
+
+    def _shared(self, rollout: Rollout, alone: bool) -> Trace | None:
+        """The trace of a plain rollout as a part of another trace; None if there is none."""
+        if rollout.conditions != Conditions() or not _is_plain(rollout):
+            return None
+        for trace in self._plain.get(rollout.seed, ()):
+            if alone and trace.rollout.key() in self._followed:
+                continue
+            steps = len(rollout.actions)
+            if trace.rollout.actions[:steps] != rollout.actions[: len(trace.rollout.actions)]:
+                continue
+            if trace.steps >= steps or trace.ended:
+                key = trace.rollout.key(), rollout.key()
+                if key not in self._prefixes:
+                    self._prefixes[key] = trace.prefix(rollout)
+                return self._prefixes[key]
+        return None
 
     def rollouts(self, rollouts: Sequence[Rollout]) -> list[Trace]:
         """Run several rollouts at a time."""
@@ -276,7 +315,7 @@ class RolloutCache:
             # An exhaustive search is a proof, so nothing may have run before it.
             return self._runner.submit(*self._jobs.search(request, self._runner.series and request.kind != "exhaust"))
         series = self._runner.series and not (every_step or measured or request.live) and request.conditions.passing
-        new_process = series and (alone or (not again and request.key() in self._compared | self._probed))
+        new_process = series and (alone or (not again and request.key() in self._compared))
         if series and not again and not new_process:
             self._followed.add(request.key())
         prepared = self._jobs.rollout(
@@ -291,8 +330,8 @@ class RolloutCache:
         )
         return self._runner.submit(*prepared, player)
 
-    @cached_property
-    def _probed(self) -> set[bytes]:
-        """The rollouts that determinism is probed on as they are; it runs shorter copies of the others."""
-        length = self._budget.probes[1]
-        return {rollout.key() for rollout in self._jobs.probes.determinism if len(rollout.actions) <= length}
+
+def _is_plain(rollout: Rollout) -> bool:
+    """Whether a trace of the rollout says all about the same episode with fewer actions."""
+    plain = rollout.conditions in (Conditions(), Conditions(after_end=rollout.conditions.after_end))
+    return plain and not rollout.live and not rollout.keep

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
 
 from envcraft.judging.budget import Budget
+from envcraft.judging.episodes import Episodes
 from envcraft.judging.probes import Probes
 from envcraft.judging.rollout_cache import RolloutCache
 from envcraft.model.job import SearchOutcome
@@ -15,36 +17,57 @@ from envcraft.model.trace import Trace
 _HORIZON = 40
 #: Steps of a greedy search, which makes five moves.
 _GREEDY = 10_000
+#: The share of the budget that an exploration leaves to the checks after it, and that a sweep leaves.
+_LATER, _LAST = 0.3, 0.2
+#: Steps of the episodes that explorations find, as a share of the budget.
+_PATH = 0.016
+#: The fewest seeds of a proof: one of them may be a bad level.
+_PROVEN = 2
 
 
 class Searches:
     """The searches of one subject, each run once, as far as the budget allows. A `number` selects an episode seed."""
 
-    def __init__(self, cache: RolloutCache, probes: Probes, budget: Budget) -> None:
+    def __init__(self, cache: RolloutCache, probes: Probes, episodes: Episodes, budget: Budget) -> None:
         self._cache = cache
         self._probes = probes
+        self._episodes = episodes
         self._budget = budget
 
     def explore(self, number: int = 0) -> SearchOutcome:
         """Search for crashes and wins (see the worker's ``explore``)."""
-        return self._cache.search(self._exploration(number))
+        return self.explorations[number]
 
-    def explorations(self) -> list[Search]:
-        """The searches that :meth:`explored` requests first."""
-        return [self._exploration(number) for number in range(self._budget.explore[1])]
+    @cached_property
+    def explorations(self) -> list[SearchOutcome]:
+        """The outcome of an exploration for each seed that the budget allows."""
+        least, most, seeds = self._budget.explore
+        # All shared episodes come first, so that the steps that are left do not depend on which check is first.
+        _ = self._episodes.all, self._episodes.rotations
+        left = self._episodes.steps_left - int(_LATER * self._budget.steps)
+        steps = max(min(left // seeds, most), least)
+        searches = [Search("explore", self._probes.episode_seed(number), steps) for number in range(seeds)]
+        self._cache.prefetch(searches)
+        return [self._cache.search(search) for search in searches]
 
     def explored(self) -> list[Trace]:
-        """Traces of the shortest wins and the best episodes of the exploration. Some defects only show there."""
-        self._cache.prefetch(self.explorations())
-        outcomes = [self.explore(number) for number in range(self._budget.explore[1])]
-        paths = ((number, path) for number, one in enumerate(outcomes) for path in (one.get("win"), one.get("best")))
-        return self._cache.rollouts([self.script(number, path, "exploration") for number, path in paths if path])
+        """Traces of the shortest wins and the best episodes of the exploration. Some defects only show there.
 
-    def best(self) -> Rollout | None:
+        An episode that is not won is cut, unless it is short.
+        """
+        longest = int(_PATH * self._budget.steps)
+        rollouts = []
+        for number, outcome in enumerate(self.explorations):
+            if win := outcome.get("win"):
+                rollouts.append(self.script(number, win, "exploration"))
+            if best := outcome.get("best"):
+                rollouts.append(self.script(number, best[:longest], "exploration"))
+        return self._cache.rollouts(rollouts)
+
+    def best(self) -> Trace | None:
         """The best episode that exploration finds, a win before all others. Rare states lie on its way."""
         usable = [trace for trace in self.explored() if trace.usable and trace.steps]
-        best = max(usable, key=lambda trace: (trace.positive, trace.total), default=None)
-        return best.rollout if best is not None else None
+        return max(usable, key=lambda trace: (trace.positive, trace.total), default=None)
 
     def horizon(self, number: int = 0) -> SearchOutcome:
         """Play the episode by rolling-horizon search, to its end or a win: ``best`` has the actions."""
@@ -52,7 +75,33 @@ class Searches:
 
     def exhaust(self, number: int = 0) -> SearchOutcome:
         """Search all reachable states."""
-        return self._run("exhaust", number, self._budget.exhaust)
+        return self._run("exhaust", number, self._exhaust_steps)
+
+    @cached_property
+    def _exhaust_steps(self) -> int:
+        """The steps of a search through all states, which is a proof: only long episodes bind it to the budget."""
+        left = self._cache.steps_left // _PROVEN if self._episodes.long else self._budget.exhaust
+        return max(min(self._budget.exhaust, left), 0)
+
+    @property
+    def proven(self) -> range:
+        """The numbers of the episode seeds on which a search through all states counts as a proof."""
+        return range(max(len(self.explorations), _PROVEN))
+
+    @property
+    def exhaustible(self) -> bool:
+        """Whether the explorations saw so few states that a search may reach them all."""
+        steps = self._exhaust_steps
+        return all(
+            not outcome.get("late_states")
+            and int(outcome.get("states") or 0) * len(self._probes.joint_actions) <= steps
+            for outcome in self.explorations
+        )
+
+    @property
+    def sweep_steps(self) -> int:
+        """The steps that are left for :meth:`sweep` and :meth:`sweep_last`."""
+        return max(min(self._budget.sweep, self._episodes.steps_left - int(_LAST * self._budget.steps)), 0)
 
     def greedy(self, number: int = 0) -> SearchOutcome:
         """Five moves, each with the highest immediate reward."""
@@ -77,9 +126,6 @@ class Searches:
     def scripted(self, number: int, chosen: Sequence[Action], player: str) -> Trace:
         """The trace of actions that a search found."""
         return self._cache.rollout(self.script(number, chosen, player))
-
-    def _exploration(self, number: int) -> Search:
-        return Search("explore", self._probes.episode_seed(number), self._budget.explore[0])
 
     def _run(self, kind: str, number: int, budget: int) -> SearchOutcome:
         return self._cache.search(Search(kind, self._probes.episode_seed(number), budget))

@@ -11,7 +11,9 @@ from envcraft.model.rollout import Rollout
 from envcraft.model.verdict import Repro
 
 
-def shrink(rollout: Rollout, step: int, shows: Callable[[Rollout], bool], noop: Any, tries: int = 16) -> Rollout:
+def shrink(
+    rollout: Rollout, step: int, shows: Callable[[Rollout], bool], noop: Any, tries: int = 16, steps: int = 1_000
+) -> Rollout:
     """Cut the actions after a step, then replace parts of the others by doing nothing.
 
     The parts are halves, quarters, eighths … in turn, as in delta debugging (Zeller & Hildebrandt 2002,
@@ -23,6 +25,7 @@ def shrink(rollout: Rollout, step: int, shows: Callable[[Rollout], bool], noop: 
         shows: whether a rollout still shows the defect.
         noop: the action that does nothing; None if there is none.
         tries: the maximum number of rollouts with replaced actions.
+        steps: the maximum number of their environment steps.
 
     Returns:
         The smallest rollout that shows the defect, which may be `rollout` itself.
@@ -40,9 +43,10 @@ def shrink(rollout: Rollout, step: int, shows: Callable[[Rollout], bool], noop: 
         size = -(-len(best.actions) // parts)
         for start in range(0, len(best.actions), max(size, 1)):
             idle = [noop if start <= at < start + size else action for at, action in enumerate(best.actions)]
-            if idle == best.actions or tries <= 0:
+            if idle == best.actions or tries <= 0 or steps < len(idle):
                 continue
             tries -= 1
+            steps -= len(idle)
             candidate = msgspec.structs.replace(best, actions=idle)
             if shows(candidate):
                 best = candidate

@@ -10,6 +10,7 @@ from typing import Any
 
 from envcraft.judging.budget import Budget
 from envcraft.judging.driver import Isolation
+from envcraft.judging.episodes import Episodes
 from envcraft.judging.facts import Facts, Loaded
 from envcraft.judging.job_builder import JobBuilder
 from envcraft.judging.job_runner import JobRunner
@@ -19,7 +20,7 @@ from envcraft.judging.search import Searches
 from envcraft.judging.time_limit import TimeLimit
 from envcraft.judging.worker_pool import Lease
 from envcraft.model.contract import Contract
-from envcraft.model.rollout import Action, Rollout, Search
+from envcraft.model.rollout import Action, Conditions, Rollout, Search
 from envcraft.model.target import PolicyFile, Target
 from envcraft.model.trace import Trace
 from envcraft.similarity.behavioural import fingerprint
@@ -165,9 +166,14 @@ class Subject:
         return self._jobs.probes
 
     @cached_property
+    def episodes(self) -> Episodes:
+        """The episodes that several checks share."""
+        return Episodes(self.cache, self.probes, self.budget)
+
+    @cached_property
     def searches(self) -> Searches:
         """The searches that checks request."""
-        return Searches(self.cache, self.probes, self.budget)
+        return Searches(self.cache, self.probes, self.episodes, self.budget)
 
     def prefetch(self, requests: Iterable[Rollout | Search], again: bool = False, alone: bool = False) -> None:
         """Start requests that are nearly sure to come, in this order, and return at once. A request that never comes
@@ -208,6 +214,10 @@ class Subject:
         """The environment steps that were requested."""
         return self.cache.steps
 
+    def affords(self, steps: int) -> bool:
+        """Whether the budget has so many steps left."""
+        return steps <= self.episodes.steps_left
+
     @property
     def traces(self) -> list[Trace]:
         """Every trace so far, in the order of the requests."""
@@ -245,13 +255,18 @@ class Subject:
         """An episode of doing nothing. Raises Skip under a contract that names no such action."""
         return self.rollout(self.probes.noop(number, length))
 
+    def inspected(self, rollout: Rollout) -> Rollout:
+        """The same episode under conditions that inspect every value and call."""
+        options = "options" in self.load().description.get("reset", ("options",))
+        return rollout.under(Conditions(reread=True, options=options, closed=True))
+
     def played(self) -> list[Trace]:
         """The episodes that several checks share: random play, held actions and doing nothing."""
-        return self.rollouts(self.probes.all)
+        return self.episodes.all
 
     def held(self) -> list[Trace]:
         """Each joint action, or as many as the budget allows, held on the first seed."""
-        return self.rollouts(self.probes.held)
+        return self.episodes.held
 
     def act(self, number: int) -> Trace:
         """The privileged policy on the episode seed `number`."""
@@ -261,7 +276,7 @@ class Subject:
         """The actions of the privileged policy on the first seeds, stepped again without it; none without a policy."""
         if self.policy is None:
             return []
-        acted = self.rollouts([self.probes.policy(number) for number in range(3)])
+        acted = self.rollouts([self.probes.policy(number) for number in range(self.budget.policy)])
         return [self.without_policy(trace) for trace in acted if trace.usable]
 
     def without_policy(self, trace: Trace) -> Trace:

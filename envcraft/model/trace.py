@@ -13,7 +13,7 @@ import json
 import struct
 from array import array
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from typing import TYPE_CHECKING, Any
 
@@ -168,6 +168,34 @@ class Trace:
     def usable(self) -> bool:
         """Whether the episode was reset and stepped without an exception or a sandbox event."""
         return self.ended or (self.ending is Ending.CUT and bool(self.observations))
+
+    def prefix(self, rollout: Rollout) -> Trace:
+        """The trace of a rollout whose actions are the first ones of this plain rollout, or go on past its end.
+
+        Returns:
+            A trace without frames. Its time is the share of its steps.
+        """
+        steps = min(len(rollout.actions), self.steps)
+        fault = self.fault if self.fault is not None and self.fault.step <= steps else None
+        return replace(
+            self,
+            rollout=rollout,
+            observations=self.observations[: steps + 1],
+            infos=self.infos[: steps + 1],
+            rewards=self.rewards[:steps],
+            reward_types=self.reward_types[:steps],
+            terminated=self.terminated[:steps],
+            truncated=self.truncated[:steps],
+            flag_types=self.flag_types[:steps],
+            micros=self.micros * steps // max(self.steps, 1),
+            slow=min(self.slow, steps),
+            problems=[problem for problem in self.problems if problem.step <= steps],
+            info_notes=[note for note in self.info_notes if note[0] <= steps],
+            frames=[],
+            watched=[],
+            after=[],
+            fault=fault,
+        )
 
     @property
     def choosing(self) -> bool:

@@ -214,7 +214,7 @@ def test_compared_or_lasting_rollouts_run_in_a_new_process() -> None:
         subject.searches.explore()
         for conditions in lasting:
             subject.rollout(play(8, conditions=conditions))
-        subject.rollout(subject.probes.determinism[0])
+        subject.rollout(subject.probes.random(0))
         seed = subject.episode_seed(0)
     shared = [job for job in driver.served if job.get("series")]
     assert [job["seed"] for job in shared if not job.get("new_process")] == [1, 3, 5, 5, 5, 6, seed, seed]

@@ -17,8 +17,10 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import msgspec
+
 from envcraft.contracts.builtin import ARCADE
-from envcraft.judging.budget import Budget
+from envcraft.judging.budget import BUDGETS
 from envcraft.judging.check import Check
 from envcraft.judging.driver import Driver, Limits, choose
 from envcraft.judging.engine import Plan, validate
@@ -35,10 +37,22 @@ from envcraft.reports.console import ConsoleReporter
 LIMITS = Limits(call=1.5, loading=3.0, job=5.0, memory=256 * 1024**2, output_total=1024**2)
 INNOCENT = Path(__file__).resolve().parents[2] / "examples" / "lander.py"
 #: The innocent program needs only a few traces.
-_GLANCE = Budget("glance", 1, 0, 2, 0, (1, 100), (200, 1), 0, 0, (6,), 100)
+_GLANCE = msgspec.structs.replace(
+    BUDGETS["quick"],
+    name="glance",
+    play=300,
+    sticky=0,
+    held=2,
+    explore=(100, 200, 1),
+    exhaust=0,
+    looks=(6,),
+    length=100,
+)
 _GLANCES = ("source",)
 #: A bomb explodes in each episode, so a few episodes show as much as fifty.
-_HOSTILE = Budget("hostile", 2, 1, 3, 0, (1, 60), (400, 1), 400, 0, (6, 12, 24), 100)
+_HOSTILE = msgspec.structs.replace(
+    BUDGETS["quick"], name="hostile", play=1_500, held=3, explore=(200, 400, 1), exhaust=400, length=100
+)
 
 
 class Witness(Check):

@@ -66,13 +66,15 @@ class Companion:
         self._seed += 1
 
     def step(self) -> None:
-        """Step it and restore the global generators: sharing these is another condition."""
+        """Step it until its actions end, and restore the global generators: sharing these is another condition."""
+        if self._position == len(self._actions):
+            return
         state = _global_state()
         self._step()
         _restore(state)
 
     def _step(self) -> None:
-        action = self._actions[self._position % len(self._actions)]
+        action = self._actions[self._position]
         self._position += 1
         result = self._subject.step("companion", self._env, action)
         if isinstance(result, tuple) and len(result) == 5 and (_true(result[2]) or _true(result[3])):
