@@ -139,8 +139,9 @@ class Facts:
         return self._contract.render or "rgb_array" in self.load().description.get("render_modes", ())
 
     def line_of(self, method: str) -> int | None:
-        """The line at which the class defines a method."""
-        return self.load().description.get("lines", {}).get(method)
+        """Return the line at which the class defines a method, or that of the class if it inherits the method."""
+        description = self.load().description
+        return description.get("lines", {}).get(method) or description.get("line")
 
     def _space(self, name: Literal["observation_space", "action_space"], promised: dict[str, Any] | None) -> SpaceSpec:
         described = promised or self.load().description.get(name)

@@ -10,6 +10,7 @@ import sys
 import threading
 import time
 import traceback
+import warnings
 from collections.abc import Callable
 from types import CodeType, ModuleType
 from typing import Any
@@ -114,6 +115,9 @@ class Subject:
         """Send what the target defines: its classes, the spaces of an instance, and side effects of the import."""
         before = (random.getstate(), np.random.get_state(legacy=False)["state"]["key"].copy(), threading.active_count())
         known = set(sys.modules)
+        if isinstance(self.target, targets.Source):
+            # A library's warning about this machine, such as about missing fonts, is not output of the file.
+            warnings.filterwarnings("ignore", module=rf"(?!{targets.SUBJECT}\Z)")
         started = _monotonic()
         self.load()
         seconds = _monotonic() - started
@@ -193,7 +197,11 @@ class Subject:
 
     def _defines(self, kind: type, name: str) -> bool:
         """Whether the file that findings name defines a method, not the file of a base class."""
-        return isinstance(self.target, targets.Source) or _source_file(getattr(kind, name)) == _source_file(kind)
+        method = getattr(kind, name)
+        if isinstance(self.target, targets.Source):
+            code = _code(method)
+            return code is not None and code.co_filename == self.target.filename
+        return _source_file(method) == _source_file(kind)
 
     def _report(self, phase: str, error: BaseException) -> dict[str, Any]:
         frames = traceback.extract_tb(error.__traceback__)
@@ -247,11 +255,16 @@ def _line(value: Any) -> int | None:
         found = definitions(getattr(sys.modules.get(value.__module__), "__file__", None) or "")
         named = [line for line, node in found.items() if isinstance(node, ast.ClassDef) and node.name == value.__name__]
         return named[-1] if named else None
+    code = _code(value)
+    return code.co_firstlineno if code is not None else None
+
+
+def _code(function: Any) -> CodeType | None:
     try:
-        code = getattr(inspect.unwrap(value), "__code__", None)
+        code = getattr(inspect.unwrap(function), "__code__", None)
     except ValueError:
         return None
-    return code.co_firstlineno if isinstance(code, CodeType) else None
+    return code if isinstance(code, CodeType) else None
 
 
 def _source_file(value: Any) -> str | None:

@@ -20,7 +20,8 @@ import gymnasium
 from envcraft_protocol import jobs
 from envcraft_protocol.classes import concrete_classes, is_environment, rendering
 
-_MODULE = "envcraft_subject"
+#: The name of the module that a source is executed in.
+SUBJECT = "envcraft_subject"
 #: Minimum length of the common prefix of an id and a package that is imported because of it.
 _ALIKE = 3
 
@@ -69,7 +70,7 @@ class Source(Target):
 
     def load(self) -> None:
         if self.module is None:
-            self.module = execute(_MODULE, self._source, self.filename)
+            self.module = execute(SUBJECT, self._source, self.filename)
 
     def creator(self) -> Any:
         assert self.module is not None, "load() comes first"
