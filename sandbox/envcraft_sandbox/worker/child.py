@@ -122,7 +122,7 @@ def _run(job: Job, channel: Channel, traces: Traces | None) -> bool:
     _seed(state)
     _seed_numpy(state)
     _kept.extend(_fragments(conditions.get("heap")))
-    Clock.install(conditions.get("clock"))
+    Clock.install(conditions.get("clock"), str(job["target"].get("source", "")))
     subject = Subject(job, channel)
     try:
         if job["kind"] == "describe":

@@ -1,11 +1,13 @@
 """Replacement clocks for the code under test: logical, or shifted and at another rate.
 
-They replace Python's own readings (``time``, ``datetime``) but not those of C code.
+They replace Python's own readings (``time``, ``datetime``) and those of ``pygame.time``, but not those of other C code.
 """
 
 from __future__ import annotations
 
 import datetime
+import importlib
+import sys
 import time
 from collections.abc import Callable
 from typing import Any
@@ -47,8 +49,14 @@ class Clock:
         return self.read(_CLOCKS[which]) if which in _CLOCKS else _clock_gettime(which)
 
     @classmethod
-    def install(cls, condition: ClockShift | None) -> None:
-        """Replace the readings, unless the condition is None."""
+    def install(cls, condition: ClockShift | None, source: str = "") -> None:
+        """Replace the readings, unless the condition is None.
+
+        Args:
+            condition: the clock.
+            source: the text that is going to run. The readings of pygame are replaced if it names pygame, or if pygame
+                is imported already.
+        """
         if condition is None:
             return
         clock = cls(float(condition["offset"]), float(condition["rate"]))
@@ -84,3 +92,45 @@ class Clock:
 
         for name, replacement in {"date": Date, "datetime": DateTime}.items():
             setattr(datetime, name, replacement)
+        if "pygame" in source or "pygame" in sys.modules:
+            _replace_pygame(clock)
+
+
+def _replace_pygame(clock: Clock) -> None:
+    """Replace ``pygame.time``'s readings. ``Clock.tick`` does not wait but advances them by the time that it skips."""
+    try:
+        module: Any = importlib.import_module("pygame.time")
+    except ImportError:
+        return
+    start, skipped = clock.read("monotonic"), 0.0
+
+    def now() -> float:
+        return clock.read("monotonic") - start + skipped
+
+    class PygameClock:
+        def __init__(self) -> None:
+            self._last = now()
+            self._passed = self._busy = 0.0
+
+        def tick(self, framerate: float = 0) -> int:
+            nonlocal skipped
+            at = now()
+            self._busy = at - self._last
+            self._passed = max(self._busy, 1 / framerate if framerate > 0 else 0.0)
+            skipped += self._passed - self._busy
+            self._last += self._passed
+            return int(self._passed * 1000)
+
+        tick_busy_loop = tick
+
+        def get_time(self) -> int:
+            return int(self._passed * 1000)
+
+        def get_rawtime(self) -> int:
+            return int(self._busy * 1000)
+
+        def get_fps(self) -> float:
+            return 1 / self._passed if self._passed else 0.0
+
+    module.get_ticks = lambda: int(now() * 1000)
+    module.Clock = PygameClock

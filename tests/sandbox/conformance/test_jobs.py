@@ -148,6 +148,19 @@ class TestConditions:
         )
         assert logical == again != real
 
+    def test_clock_condition_replaces_the_readings_of_pygame(
+        self, worker: Worker, environment: Environment, play: Any
+    ) -> None:
+        pytest.importorskip("pygame")
+        top = "import json, pygame, time; pygame.init(); time.sleep(0.05); clock = pygame.time.Clock()"
+        ticks = "print(json.dumps([clock.tick(20), clock.tick(20), clock.get_time(), pygame.time.get_ticks() // 10]))"
+        logical, again, real = (
+            play(worker, environment(top=f"{top}; {ticks}"), conditions=Conditions(clock=clock)).facts
+            for clock in (ClockShift(0.0, 0.0), ClockShift(0.0, 0.0), None)
+        )
+        assert logical == again == [50, 50, 50, 10]
+        assert real != logical
+
     def test_another_moment_is_written_as_ever(self, worker: Worker, environment: Environment, play: Any) -> None:
         told = "[time.gmtime(0), time.ctime(7), time.strftime('%c', time.gmtime(3)), time.asctime(time.gmtime(5))]"
         source = environment(top=f"import json, time; print(json.dumps({told}))")
