@@ -15,7 +15,6 @@ from gymnasium.vector import SyncVectorEnv
 from gymnasium.wrappers import TimeLimit
 
 from envcraft.environments.sandboxed import SubjectEnv
-from envcraft.errors import Skip
 from envcraft.judging.subject import Subject
 from envcraft_dqn.env_spec import EnvSpec
 from envcraft_dqn.evaluation import Evaluation, evaluate
@@ -37,7 +36,7 @@ class _TimeBudget(gymnasium.Wrapper[Any, Any, Any, Any]):
 
     def reset(self, **more: Any) -> Any:
         if self._subject.out_of_time:
-            raise Skip(f"its episodes took {self._subject.seconds:.0f} s in total, before the end of the training")
+            raise self._subject.time_limit.skip()
         return super().reset(**more)
 
 

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import time
 from pathlib import Path
 
-import msgspec
 import pytest
 
 from envcraft.contracts.builtin import ARCADE
@@ -96,10 +96,14 @@ def test_a_large_file_fails_source(tmp_path: Path) -> None:
     assert report.steps == 0
 
 
-def test_all_episodes_together_have_a_limit(tmp_path: Path) -> None:
-    slow = GAME.replace(STEP, f"        __import__('time').sleep(0.003)\n{STEP}", 1)
-    report = judged(tmp_path, slow, msgspec.structs.replace(LIMITS, total=3.0))
-    (finding,) = next(check for check in report.checks if check.check == "sandbox").findings
-    assert finding.code == "EC901"
-    assert finding.message.startswith("all episodes together took")
-    assert any("together" in check.reason for check in report.checks if check.verdict is Verdict.SKIP)
+def test_what_is_not_settled_in_time_is_skipped(tmp_path: Path) -> None:
+    target = Target("game.py", GAME.replace(STEP, f"        __import__('time').sleep(0.003)\n{STEP}", 1).encode())
+    plan = Plan([target], ARCADE, process(), default_checks(), BUDGETS["quick"], limits=LIMITS, time_limit=6)
+    started = time.monotonic()
+    report = next(event.report for event in validate(plan) if isinstance(event, SubjectFinished))
+    assert time.monotonic() - started < 15
+    assert failing(report) == {"EC908"}
+    assert report.out_of_time
+    late = [check for check in report.checks if check.reason == "out of time: the limit of 6 s is over"]
+    assert late
+    assert {check.verdict for check in late} == {Verdict.SKIP}

@@ -150,7 +150,7 @@ def test_first_failure_ends_the_run_and_last_failed_runs_it_again(
 ) -> None:
     canned.set("determinism", Verdict.FAIL, failing("EC203", "differs"))
     result = pytester.runpytest_inprocess("--envcraft", "-x", "-v", "games")
-    assert list(outcomes(result).values()) == ["PASSED", "PASSED", "FAILED"]
+    assert list(outcomes(result).values()) == ["PASSED", "PASSED", "PASSED", "FAILED"]
     result = pytester.runpytest_inprocess("--envcraft", "--lf", "-v", "games")
     assert outcomes(result) == {"games/walk.py::determinism": "FAILED"}
     assert len(canned.plans) == 2

@@ -87,7 +87,7 @@ def test_real_runs_and_the_commands_that_they_print(
 def test_skip_carries_the_reason_and_the_place(walk: Path, run: Run, canned: Canned) -> None:
     canned.set("difficulty", Verdict.SKIP, reason="the search\nsettled nothing")
     result = run("games", "-rs", "--durations=1", "--durations-min=0.1")
-    result.assert_outcomes(passed=9, skipped=1)
+    result.assert_outcomes(passed=10, skipped=1)
     result.stdout.fnmatch_lines(
         ["1.25s setup * games/walk.py::difficulty", "SKIPPED * games/walk.py:8: the search settled nothing"]
     )
@@ -96,7 +96,7 @@ def test_skip_carries_the_reason_and_the_place(walk: Path, run: Run, canned: Can
 def test_what_could_not_judge_is_an_error(walk: Path, run: Run, canned: Canned) -> None:
     canned.set("reward", Verdict.ERROR, reason="the worker stopped answering; try again")
     result = run("games", "--junit-xml=junit.xml")
-    result.assert_outcomes(passed=9, errors=1)
+    result.assert_outcomes(passed=10, errors=1)
     result.stdout.fnmatch_lines(
         [
             "the check reward could not judge games/walk.py, which is no failure*: the worker stopped *",
@@ -138,7 +138,7 @@ def test_a_check_that_breaks_is_an_error(walk: Path, run: Run, monkeypatch: pyte
 def test_warnings_are_shown_and_fail_nothing_unless_a_filter_wants_it(walk: Path, run: Run, canned: Canned) -> None:
     canned.set("determinism", Verdict.PASS, Finding("EC209", Severity.WARNING, "all seeds give one level", 12))
     result = run("games")
-    result.assert_outcomes(passed=10, warnings=1)
+    result.assert_outcomes(passed=11, warnings=1)
     result.stdout.fnmatch_lines(
         ["games/walk.py::determinism", "*games/walk.py:12: EnvCraftWarning: EC209 * one level (fix: *)"]
     )
