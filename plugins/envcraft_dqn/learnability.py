@@ -6,9 +6,10 @@ passes if the mean return of the agent is higher: the 95% confidence interval of
 uses the learner of `envcraft train` with its smallest network (166,549 parameters) on one CPU core. The result is
 reproducible for the same `--seed`.
 
-The check takes minutes and runs only with `--checks learnability`, which raises the time limit to an hour. The budget `quick` has 3,000 steps of training and
-30 episodes of each policy, `standard` has 20,000 and 60, and `thorough` has 100,000 and 120. The check needs frames of
-bytes and a `MultiDiscrete` action space, as in the contract `arcade`, and the libraries of the extra `train`.
+The check takes minutes and runs only with `--checks learnability`, which raises the time limit to an hour. The budget
+`quick` has 3,000 steps of training and 30 episodes of each policy, `standard` has 20,000 and 60, and `thorough` has
+100,000 and 120. The check needs frames of bytes and a `MultiDiscrete` action space, as in the contract `arcade`, and
+the libraries of the extra `train`.
 
 A failure means that this amount of training was not enough. A sparse reward, or a game that needs long plans, may need
 a hundred times as much. A pass means that the agent learned something, but not that it needs the frame: the check
