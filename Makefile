@@ -34,6 +34,7 @@ bench: .venv/peers.stamp
 	$(BIN)/python -m benchmarks.detection
 	$(BIN)/python -m tests.hostile.judge
 	$(BIN)/python -m benchmarks.overhead
+	$(BIN)/python -m benchmarks.boundary
 	$(BIN)/python -m benchmarks.cold
 	$(BIN)/python -m benchmarks.launch
 	$(BIN)/python -m benchmarks.memory

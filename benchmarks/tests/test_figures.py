@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 from envcraft_sandbox.process import ProcessDriver
 
-from benchmarks import cold, memory, overhead
+from benchmarks import boundary, cold, memory, overhead
 from benchmarks.overhead import CHOSEN, Game, Measured, broken
 
 BLINK = next(game for game in CHOSEN if game.name == "trivial")
@@ -36,6 +36,12 @@ def test_limits() -> None:
     assert not broken(game, {"bare": bare, "process": Measured(10, 860.0, 1.24)})
     assert len(broken(game, {"bare": bare, "process": Measured(10, 860.0, 1.26)})) == 1
     assert len(broken(game, {"bare": bare, "process": Measured(10, 840.0, 1.26)})) == 2
+
+
+def test_limits_of_a_validation() -> None:
+    assert not boundary.broken("process", "quick", 19.0, 1.14)
+    assert not boundary.broken("docker", "standard", 74.0, None)
+    assert len(boundary.broken("process", "quick", 21.0, 1.16)) == 2
 
 
 def test_start_up_is_measured() -> None:

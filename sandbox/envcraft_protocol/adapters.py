@@ -74,4 +74,12 @@ def resized(frame: Any, height: int, width: int) -> Any:
     # Only environments with other frames than their contract's need it.
     from PIL import Image
 
-    return np.array(Image.fromarray(frame).resize((width, height), Image.Resampling.BOX))
+    return np.array(Image.fromarray(contiguous(frame)).resize((width, height), Image.Resampling.BOX))
+
+
+def contiguous(frame: Any) -> Any:
+    """An array whose items lie in memory in its own order: the array itself, or a copy."""
+    if frame.ndim == 3 and frame.shape[2] == 3 and frame.transpose(1, 0, 2).flags.c_contiguous:
+        # Columns of pixels, as pygame has them: NumPy copies items of three bytes faster than rows of three items.
+        return frame.transpose(1, 0, 2).view("V3")[..., 0].T.copy().view(frame.dtype).reshape(frame.shape)
+    return np.ascontiguousarray(frame)

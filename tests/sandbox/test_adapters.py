@@ -7,7 +7,7 @@ from typing import Any
 import gymnasium
 import numpy as np
 import pytest
-from envcraft_protocol.adapters import AreaResize, StepLimit
+from envcraft_protocol.adapters import AreaResize, StepLimit, contiguous
 from numpy.typing import NDArray
 
 
@@ -56,6 +56,19 @@ def test_resize_shares_no_pixel(size: tuple[int, int]) -> None:
     frame = np.random.default_rng(1).integers(0, 256, (*size, 3), dtype=np.uint8)
     resized, _ = AreaResize(Still(frame), 9, 9).reset()
     assert np.abs(resized - centre_mean(frame, 9, 9)).max() <= 1
+
+
+@pytest.mark.parametrize("shape", [(40, 30, 3), (30, 30, 3), (1, 7, 3), (9, 4, 4), (6, 6)])
+def test_an_array_in_another_order_is_copied(shape: tuple[int, ...]) -> None:
+    plain = np.random.default_rng(1).integers(0, 256, shape, dtype=np.uint8)
+    axes = (1, 0, 2)[: len(shape)]
+    for value in (plain, np.transpose(plain, axes), plain[::-1], plain[:, ::-1]):
+        made = contiguous(value)
+        assert made.flags.c_contiguous
+        assert made.dtype == np.uint8
+        assert np.array_equal(made, value)
+    turned = np.ascontiguousarray(np.transpose(plain, axes)).transpose(axes)
+    assert np.array_equal(contiguous(turned), plain)
 
 
 def test_a_smaller_frame_repeats_its_pixels() -> None:
