@@ -286,8 +286,8 @@ class Determinism(Check):
         """All conditions at the same time."""
         alone = self._alone(subject, rollout)
         return msgspec.structs.replace(
-            Conditions(fresh=True, heap=1, hash_seed=_OTHER_HASHES, render=subject.renders),
-            **{name: getattr(conditions, name) for _, conditions, name in alone if name not in ("hash_seed", "render")},
+            Conditions(fresh=True, heap=1, hash_seed=_OTHER_HASHES),
+            **{name: getattr(conditions, name) for _, conditions, name in alone if name != "hash_seed"},
         )
 
     def _alone(self, subject: Subject, rollout: Rollout) -> list[tuple[str, Conditions, str]]:
@@ -297,7 +297,7 @@ class Determinism(Check):
         seed = rollout.seed + 8_009
         beside = Episode(seed, actions.random_actions(subject.action_space, seed, subject.budget.beside))
         before = subject.probes.earlier(rollout, subject.searches.best(), subject.episodes.idle)
-        rendered = [("EC208", Conditions(render=True), "render")] if subject.renders else []
+        rendered = [("EC208", Conditions(render=True), "render")] if self._renders(subject) else []
         taken = "options" in subject.load().description.get("reset", ("options",))
         optional = [("EC214", Conditions(options=True), "options")] if taken else []
         return [
@@ -309,6 +309,13 @@ class Determinism(Check):
             *rendered,
             *optional,
         ]
+
+    def _renders(self, subject: Subject) -> bool:
+        """Whether render() can be called: one that raises would end every episode of all conditions together."""
+        if not subject.renders:
+            return False
+        fault = subject.rendered().fault
+        return fault is None or fault.phase != "render"
 
     def _attribute_repeat(self, subject: Subject, rollout: Rollout, found: Divergence, info: bool) -> Finding:
         """Name the cause of a difference between plain repetitions: the clock, the process, or the run itself."""

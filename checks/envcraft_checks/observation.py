@@ -35,7 +35,7 @@ from typing import TYPE_CHECKING, Any
 from envcraft.errors import Skip
 from envcraft.judging.check import Check, Rule
 from envcraft.judging.shrink import repro
-from envcraft.model.rollout import Conditions, Rollout
+from envcraft.model.rollout import Rollout
 from envcraft.model.verdict import Finding
 from envcraft.plugins import hookimpl
 
@@ -179,8 +179,7 @@ class Observation(Check):
     def _find_unlike_render(self, subject: Subject) -> Iterator[Finding]:
         if not subject.contract.render:
             return
-        rollout = subject.probes.random(0).cut(subject.budget.inspected // 2).under(Conditions(render=True))
-        trace = subject.rollout(rollout)
+        trace = subject.rendered()
         differing = [problem for problem in trace.render_problems if problem.kind == "differs"]
         # The check api reports an observation of the wrong type.
         bad = {problem.step for problem in trace.problems}
@@ -192,7 +191,7 @@ class Observation(Check):
                 "EC404",
                 f"after {at} render() returns another picture than the observation",
                 line=subject.line_of("render"),
-                repro=repro(rollout.cut(step)),
+                repro=repro(trace.rollout.cut(step)),
                 step=step,
             )
 

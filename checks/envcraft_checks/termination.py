@@ -164,8 +164,9 @@ class Termination(Check):
         return trace.ended and not trace.truncated[-1] and not trace.reported_success
 
     def _others(self, subject: Subject, trace: Trace) -> list[Trace]:
-        """The same actions on two other seeds."""
-        numbers = [number for number in range(3) if subject.episode_seed(number) != trace.rollout.seed][:2]
+        """The same actions on two other seeds, or on one if the budget does not allow two."""
+        numbers = [number for number in range(3) if subject.episode_seed(number) != trace.rollout.seed]
+        numbers = numbers[: 2 if subject.affords(2 * trace.steps) else 1]
         seeds = map(subject.episode_seed, numbers)
         return subject.rollouts([msgspec.structs.replace(trace.rollout, seed=seed) for seed in seeds])
 

@@ -255,6 +255,10 @@ class Subject:
         """An episode of doing nothing. Raises Skip under a contract that names no such action."""
         return self.rollout(self.probes.noop(number, length))
 
+    def rendered(self) -> Trace:
+        """Play a short random episode and call render() after each step."""
+        return self.rollout(self.probes.random(0).cut(self.budget.inspected // 2).under(Conditions(render=True)))
+
     def inspected(self, rollout: Rollout) -> Rollout:
         """The same episode under conditions that inspect every value and call."""
         options = "options" in self.load().description.get("reset", ("options",))
