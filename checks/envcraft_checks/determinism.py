@@ -421,9 +421,15 @@ class Determinism(Check):
 
 
 def _diverge(first: Trace, second: Trace, info: bool) -> Divergence | None:
+    from envcraft.model.job import ExitReason
     from envcraft.model.trace import diverge
 
-    return None if _interrupted(first) or _interrupted(second) else diverge(first, second, info)
+    if _interrupted(first) or _interrupted(second):
+        return None
+    found = diverge(first, second, info)
+    # A busy machine misses deadlines. The check sandbox reports a call that misses them repeatedly.
+    late = any(trace.end is not None and trace.end.reason is ExitReason.TIMEOUT for trace in (first, second))
+    return None if found is not None and found.field == "length" and late else found
 
 
 def _interrupted(trace: Trace) -> bool:

@@ -6,11 +6,15 @@ import ast
 
 import numpy as np
 import pytest
+from envcraft_checks.determinism import _diverge
 from envcraft_checks.imports import required_imports
 from envcraft_checks.observation import noise
 from envcraft_checks.reward import growth
 
 from envcraft.judging.check import Check
+from envcraft.model.job import ExitReason, JobResult
+from envcraft.model.rollout import Rollout
+from envcraft.model.trace import Trace
 from envcraft.model.verdict import Severity
 from envcraft.plugins import plugins
 from evaluation.fixtures import examples, fixtures
@@ -111,6 +115,16 @@ if __name__ == "__main__":
     outer()
 """
     assert set(required_imports(ast.parse(source))) == {"drawn", "pictured", "attempted"}
+
+
+@pytest.mark.parametrize(("reason", "differs"), [(ExitReason.TIMEOUT, False), (ExitReason.DIED, True)])
+def test_missed_deadline_is_not_a_divergence(reason: ExitReason, differs: bool) -> None:
+    whole = Trace(Rollout(0, [0]), observations=[b"0", b"1"], infos=[b"{}"] * 2, rewards=[0.0])
+    whole.terminated, whole.truncated = [False], [False]
+    ended = Trace(Rollout(0, [0]), observations=[b"0"], infos=[b"{}"], end=JobResult(reason, "step", 5.0))
+    assert (_diverge(whole, ended, True) is not None) is differs
+    ended.observations = [b"2"]
+    assert _diverge(whole, ended, True) is not None
 
 
 def test_growth_is_told_from_prizes_and_plateaus() -> None:
