@@ -161,7 +161,7 @@ class Speed(Check):
             evidence |= {"first": growing.first / 1e6, "last": growing.last / 1e6, "at_limit": last / 1e6}
             words = (
                 f"steps take longer and longer: {growing.first / 1e3:.2g} ms at the start, {growing.last / 1e3:.2g} ms "
-                f"at step {trace.steps:,}, and at this growth {last / 1e3:.2g} ms at step {subject.length:,}, which "
+                f"at step {trace.steps:,}, and at this growth {last / 1e3:.3g} ms at step {subject.length:,}, which "
                 f"allows {rate:.2g} steps a second"
             )
         return self.finding(

@@ -67,6 +67,39 @@ def test_a_folder_is_followed(games: Path, invoke: Invoke) -> None:
     assert [row["name"] for row in json.loads(listed.stdout)] == ["more/c.py"]
 
 
+def test_a_larger_budget_is_for_what_passes_the_smaller_one(games: Path, invoke: Invoke) -> None:
+    (games / "b.py").write_text(f"import nothing_of_this_name\n{ENVIRONMENT}")
+    options = ("--checks", "source", "--sandbox", "process", "--budget", "quick,standard", "--time-limit", "300")
+    result = invoke("audit", "games", *options, "--fail-fast", "--format", "json")
+    assert "budget quick: 4 environments, 3 of them to be judged" in result.stderr
+    assert "budget standard: 3 environments, 2 of them to be judged" in result.stderr
+    told = json.loads(result.stdout)
+    assert (told["budget"], told["audit"]["verdicts"]) == ("quick,standard", {"pass": 3, "fail": 1})
+    assert (told["audit"]["judged"], told["audit"]["out_of_time"]) == (5, 0)
+    with Store(games / ".envcraft") as store:
+        records = {record.path: record for record in records_of(store)}
+    assert {name: record.settings.budget for name, record in records.items()} == {
+        "a.py": "standard",
+        "b.py": "quick",
+        "more/c.py": "standard",
+        "more/d.py": "standard",
+    }
+    assert [name for name, record in records.items() if record.fail_fast] == ["b.py"]
+    assert "--fail-fast" in records["b.py"].command
+    result = invoke("audit", "games", *options, "--fail-fast")
+    assert "4 environments: 3 passed, 1 failed\n0 judged now, 4 known" in result.stdout
+
+
+@pytest.mark.parametrize(
+    "options",
+    [("--budget", "quick,quik"), ("--budget", "quick,quick"), ("--budget", ","), ("--time-limit", "0")],
+)
+def test_wrong_budgets_and_limits(games: Path, invoke: Invoke, options: tuple[str, str]) -> None:
+    result = invoke("audit", "games", *options)
+    assert result.exit_code == 2
+    assert options[0] in result.stderr
+
+
 def test_sources_of_a_corpus_in_the_folder_are_passed_over(games: Path, invoke: Invoke) -> None:
     with Store.create(games / "more" / "kept") as store:
         store.add("a.py", (games / "a.py").read_bytes())

@@ -19,19 +19,22 @@ def test_settings_come_from_the_strongest_source(
         [tool.envcraft]
         contract = "gymnasium"
         seed = 5
+        time-limit = 90
         skip = ["reward"]
         [tool.pytest.ini_options]
         envcraft_seed = 6
+        envcraft_time_limit = 45
         envcraft_checks = ["api", "reward"]
         """
     )
     run("games")
     plan = canned.plans[-1]
-    assert (plan.contract.name, plan.seed, plan.budget.name) == ("gymnasium", 6, "quick")
+    assert (plan.contract.name, plan.seed, plan.budget.name, plan.time_limit) == ("gymnasium", 6, "quick", 45)
     assert [check.name for check in plan.checks] == ["source", "api", "sandbox"]
-    run("games", "--envcraft-seed=7", "--envcraft-contract=arcade-native", "--envcraft-checks=observation,reward")
+    options = ["--envcraft-seed=7", "--envcraft-contract=arcade-native", "--envcraft-checks=observation,reward"]
+    run("games", *options, "--envcraft-time-limit=30.5")
     plan = canned.plans[-1]
-    assert (plan.contract.name, plan.seed) == ("arcade-native", 7)
+    assert (plan.contract.name, plan.seed, plan.time_limit) == ("arcade-native", 7, 30.5)
     assert [check.name for check in plan.checks] == ["source", "observation", "sandbox"]
 
 
@@ -50,6 +53,8 @@ def test_ini_files_take_lists_with_commas(pytester: pytest.Pytester, walk: Path,
         ("--envcraft-budget=quik", "*there is no budget 'quik'; did you mean quick[?]"),
         ("--envcraft-sandbox=doker", "*there is no sandbox 'doker'; did you mean docker[?]"),
         ("--envcraft-seed=-1", "*the seed '-1' is not a whole number from 0 to 2147483647"),
+        ("--envcraft-time-limit=0", "*the time limit '0' is not a number of seconds above 0"),
+        ("--envcraft-time-limit=soon", "*the time limit 'soon' is not a number of seconds above 0"),
     ],
 )
 def test_wrong_settings_are_a_sentence(walk: Path, run: Run, option: str, sentence: str) -> None:
