@@ -19,13 +19,13 @@ from evaluation.fixtures import Fixture
 
 
 def judge_fixtures(
-    fixtures: Sequence[Fixture], sandbox: str = "auto", narrow: bool = False
+    fixtures: Sequence[Fixture], sandbox: str = "auto", narrow: bool = False, budget: str = "standard"
 ) -> Iterator[tuple[Fixture, SubjectReport]]:
     """Yield each fixture with its report, in the order in which they finish.
 
-    All checks judge every fixture at the budget `standard`. With `narrow` all checks judge the good fixtures at
-    `quick`, and only the checks of the expected codes judge the bad ones: at `quick`, and at `standard` if `quick` does
-    not find the codes. Most of the time is spent on defects that do not exist.
+    All checks judge every fixture at one budget. With `narrow` all checks judge the good fixtures at `quick`, and only
+    the checks of the expected codes judge the bad ones: at `quick`, and at `standard` if `quick` does not find the
+    codes. Most of the time is spent on defects that do not exist.
     """
     every, driver = default_checks(), driver_named(sandbox)
 
@@ -35,7 +35,7 @@ def judge_fixtures(
             yield chosen[number], report
 
     missed = []
-    for fixture, report in judge_at("quick" if narrow else "standard", fixtures):
+    for fixture, report in judge_at("quick" if narrow else budget, fixtures):
         if narrow and fixture.codes and failing(report) != fixture.codes:
             missed.append(fixture)
         else:

@@ -16,7 +16,7 @@ from envcraft.judging.driver import Availability, Driver, Isolation, Limits, Pla
 from envcraft.judging.subject import Subject
 from envcraft.judging.worker_pool import WorkerPool
 from envcraft.model.job import ExitReason, JobResult
-from envcraft.model.rollout import ClockShift, Conditions, Episode, Rollout
+from envcraft.model.rollout import ClockShift, Conditions, Episode, Rollout, Search
 from envcraft.model.target import Target
 
 ACTION = [0, 0, 0]
@@ -211,14 +211,14 @@ def test_compared_or_lasting_rollouts_run_in_a_new_process() -> None:
         subject.prefetch([play(4)], alone=True)
         subject.rollouts([play(4), *(play(5, conditions=conditions) for conditions in passing), play(6)])
         subject.rollout(play(7), alone=True)
-        subject.searches.explore()
+        subject.cache.search(Search("explore", 9, 100))
         for conditions in lasting:
             subject.rollout(play(8, conditions=conditions))
-        subject.rollout(subject.probes.random(0))
+        _ = subject.episodes.whole
         seed = subject.episode_seed(0)
     shared = [job for job in driver.served if job.get("series")]
-    assert [job["seed"] for job in shared if not job.get("new_process")] == [1, 3, 5, 5, 5, 6, seed, seed]
-    assert [job["seed"] for job in shared if job.get("new_process")] == [2, 4, 7]
+    assert [job["seed"] for job in shared if not job.get("new_process")] == [1, 3, 5, 5, 5, 6, 9, seed]
+    assert [job["seed"] for job in shared if job.get("new_process")] == [2, 4, 7, seed]
 
 
 def test_prefetched_trace_has_the_requested_player() -> None:
