@@ -108,19 +108,22 @@ def settle(
     threshold: float,
     looks: tuple[int, ...] = LOOKS,
     prefetch: Callable[[range], object] = lambda numbers: None,
-    affords: Callable[[], bool] = lambda: True,
+    affords: Callable[[], bool] | None = None,
 ) -> tuple[bool | None, Proportion]:
     """Run `trial` 0, 1, 2, … until its rate is significantly above or below `threshold`.
 
     By Bonferroni's correction, all looks together err with a probability of at most 0.05. The correction is the same
-    for up to five looks, so additional looks do not change an earlier decision. The trials also stop when no further
-    success could show that the rate is above the threshold.
+    for up to five looks, so additional looks do not change an earlier decision.
+
+    With `affords`, only a rate above the threshold matters: the trials also stop when no further success could show
+    that, and when the budget does not allow one more.
 
     Args:
         trial: runs the trial of a number and returns whether it is a success.
         threshold: a rate from 0 to 1.
         looks: the numbers of trials after which the interval is compared with the threshold.
-        prefetch: receives the numbers of the trials up to the next look, once the first trial has run.
+        prefetch: receives the numbers of the trials up to the next look, before the first of them runs; with `affords`
+            after the first trial of all, which is often the only one.
         affords: whether the budget allows one more trial.
 
     Returns:
@@ -130,15 +133,18 @@ def settle(
     error = _ERROR / max(len(looks), _SHARES)
     rate = Exact(0, 0, error)
     for look in looks:
+        if affords is None or done:
+            prefetch(range(done, look))
         while done < look:
-            if done and not affords():
+            if affords is not None and done and not affords():
                 return None, Exact(hits, done, error)
             hits += trial(done)
             done += 1
-            if not any(_above(hits + later - done, later, threshold, error) for later in looks if later >= done):
-                return None, Exact(hits, done, error)
-            if done == 1 or (done == look and look != looks[-1]):
-                prefetch(range(done, next(later for later in looks if later > done)))
+            if affords is not None:
+                if not any(_above(hits + later - done, later, threshold, error) for later in looks if later >= done):
+                    return None, Exact(hits, done, error)
+                if done == 1:
+                    prefetch(range(done, look))
         rate = Exact(hits, done, error)
         if rate.low > threshold:
             return True, rate
