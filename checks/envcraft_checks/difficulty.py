@@ -187,9 +187,8 @@ class Difficulty(Check):
         )
 
     def _judge_held(self, subject: Subject) -> Finding | None:
-        for trace in subject.held():
-            if not trace.success:
-                continue
+        # Short episodes settle the question for fewer steps.
+        for trace in sorted((trace for trace in subject.held() if trace.success), key=lambda trace: trace.steps):
             action = trace.rollout.actions[0]
 
             def won(number: int, action: Any = action) -> bool:
@@ -198,13 +197,10 @@ class Difficulty(Check):
             def prefetch(numbers: range, action: Any = action) -> None:
                 subject.prefetch(subject.probes.hold(action, number) for number in numbers)
 
-            verdict, rate = settle(
-                won,
-                subject.contract.consistently,
-                subject.budget.looks,
-                prefetch,
-                lambda: subject.affords(subject.held()[0].steps),
-            )
+            def affords(steps: int = trace.steps) -> bool:
+                return subject.affords(steps)
+
+            verdict, rate = settle(won, subject.contract.consistently, subject.budget.looks, prefetch, affords)
             if verdict is True and not self._beaten(subject, trace):
                 return self.finding(
                     "EC802",

@@ -20,7 +20,7 @@ _VARIED, _HELD = 0.12, 0.15
 #: Where all episodes can be whole in this share of the steps, they are.
 _EQUAL = 0.55
 #: Longer episodes bind a validation to the budget; with shorter ones it may exceed it by a part.
-_LONG, _PART = 500, 3
+_LONG, _PART = 500, 2
 #: How many times longer an action of one component is held than one of several.
 _SIMPLE = 4
 
@@ -53,7 +53,7 @@ class Episodes:
     def steps_left(self) -> int:
         """The steps that the budget has left, negative if more were taken.
 
-        It is meant for episodes of 1,000 steps. With short episodes there is a third more.
+        It is meant for episodes of 1,000 steps. With short episodes there is half as much again.
         """
         return self._cache.steps_left + (0 if self.long else self._budget.steps // _PART)
 
