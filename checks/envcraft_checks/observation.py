@@ -133,7 +133,7 @@ class Observation(Check):
             for trace in same[1:]:
                 if trace.rollout.actions == same[0].rollout.actions:
                     continue
-                if any(one != two for one, two in zip(same[0].observations, trace.observations, strict=False)):
+                if _seen_apart(same[0], trace):
                     return None
                 if subject.contract.observation is None and _paid_apart(same[0], trace):
                     # As in a bandit, or a memory task: the reward reflects the actions.
@@ -141,6 +141,9 @@ class Observation(Check):
                 compared += 1
                 longest = trace if longest is None or trace.steps > longest.steps else longest
         if compared < 3 or longest is None or longest.steps < 2:
+            return None
+        first = subject.episodes.whole[0]
+        if any(_seen_apart(first, trace) for trace in subject.episodes.more_held()):
             return None
         return self.finding(
             "EC403",
@@ -227,6 +230,10 @@ def _last_change(trace: Trace) -> int:
 
 def _changed(trace: Trace, step: int) -> bool:
     return trace.observations[step] != trace.observations[step - 1]
+
+
+def _seen_apart(one: Trace, two: Trace) -> bool:
+    return any(first != second for first, second in zip(one.observations, two.observations, strict=False))
 
 
 def _paid_apart(one: Trace, two: Trace) -> bool:

@@ -21,6 +21,8 @@ _VARIED, _HELD = 0.12, 0.15
 _EQUAL = 0.55
 #: Longer episodes bind a validation to the budget; with shorter ones it may exceed it by a part.
 _LONG, _PART = 500, 2
+#: The most steps of further held actions.
+_HOLD = 120
 #: How many times longer an action of one component is held than one of several.
 _SIMPLE = 4
 
@@ -73,6 +75,13 @@ class Episodes:
             if self.steps_left < max(trace.steps for trace in self.whole):
                 return
             yield self._cache.rollout(rollout)
+
+    def more_held(self) -> list[Trace]:
+        """The other joint actions, each held on the first seed, as long as the budget allows."""
+        held = [trace.rollout.actions[0] for trace in self.held]
+        others = [action for action in self._probes.joint_actions if action not in held]
+        length = max(min(self.steps_left // max(len(others), 1), _HOLD), _SHORTEST)
+        return self._play([self._probes.hold(action).cut(length) for action in others])
 
     def past_end(self, rollout: Rollout) -> Rollout:
         """The same episode with some steps past its end."""
