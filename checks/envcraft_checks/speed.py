@@ -125,10 +125,10 @@ class Speed(Check):
             fastest = max(trace, again, key=_pace)
             if _enough(again) and _pace(fastest) < minimum:
                 return self._slow(subject, fastest)
-        growing = growth(trace.costs[1:])
+        growing = growth(_costs(trace))
         if growing is not None and growing.at(subject.length) * minimum > 1e6:
             longer = subject.measured(rollout, _LONGER)
-            growing = growth(longer.costs[1:])
+            growing = growth(_costs(longer))
             if growing is not None and growing.at(subject.length) * minimum > 1e6:
                 return self._slow(subject, longer)
         return None
@@ -150,11 +150,12 @@ class Speed(Check):
         )
 
     def _slow(self, subject: Subject, trace: Trace) -> Finding:
-        costs, minimum = trace.costs[1:], subject.contract.min_steps_per_second
-        growing, rate = growth(costs), _pace(trace)
+        minimum, growing, rate = subject.contract.min_steps_per_second, growth(_costs(trace)), _pace(trace)
         evidence = {"steps": trace.steps, "steps_per_second": rate, "minimum": minimum}
         if growing is None:
-            words = f"a step takes {1e3 / rate:.3g} ms of processor time, which allows {rate:.2g} steps a second"
+            waits = trace.end is not None and trace.end.cpu < trace.end.busy / 2
+            time = "with much waiting" if waits else "of processor time"
+            words = f"a step takes {1e3 / rate:.3g} ms {time}, which allows {rate:.2g} steps a second"
         else:
             last = growing.at(subject.length)
             rate = 1e6 / last
@@ -210,20 +211,25 @@ class Speed(Check):
         )
 
 
-def pace(costs: Sequence[int]) -> float:
+def pace(costs: Sequence[float]) -> float:
     """Steps a second, from the microseconds of each step without the most expensive ones."""
     kept = sorted(costs)[: len(costs) - max(int(len(costs) * _RARE), len(costs) > 1)]
-    return 1e6 * len(kept) / max(sum(kept), 1)
+    return 1e6 * len(kept) / max(sum(kept), 1e-3)
 
 
 def _pace(trace: Trace) -> float:
-    """Steps a second of processor time: on a machine that does other work, steps take longer on the clock."""
+    return pace(_costs(trace))
+
+
+def _costs(trace: Trace) -> list[float]:
+    """The microseconds of processor time of each step: on a machine that does other work, steps take longer."""
     total = sum(trace.costs[1:]) / 1e6
     busy = trace.end.busy if trace.end is not None else total
-    return pace(trace.costs[1:]) / min(max(busy / max(total, 1e-6), 1e-3), 1.0)
+    share = min(max(busy / max(total, 1e-6), 1e-3), 1.0)
+    return [cost * share for cost in trace.costs[1:]]
 
 
-def growth(costs: Sequence[int]) -> Growth | None:
+def growth(costs: Sequence[float]) -> Growth | None:
     """How the cost of a step grows over an episode, from the microseconds of each; None if it does not steadily."""
     if len(costs) < _FOR_GROWTH:
         return None

@@ -94,6 +94,13 @@ def test_steps_that_compute_for_too_long() -> None:
     assert finding.line is not None
 
 
+def test_some_steps_that_wait_long() -> None:
+    """An animation that is drawn at a fixed rate waits, although most steps do not."""
+    (finding,) = found(game("time.sleep(0.4 * (self.steps % 4 == 0))"))
+    assert finding.code == "EC909"
+    assert "with much waiting" in finding.message
+
+
 def test_steps_of_nearly_a_second() -> None:
     started = time.monotonic()
     assert [finding.code for finding in found(game("busy(0.9)"))] == ["EC909"]
