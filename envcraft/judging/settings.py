@@ -28,6 +28,10 @@ _DESCRIPTIVE = ("checks", "offered")
 _WORDS = {"contract_sha256": "a contract whose digest is", "image": "image or libraries"}
 
 
+#: Fields that contracts have had only since corpora were made, with their defaults: these corpora stay usable.
+_LATER = {"min_steps_per_second": 20.0}
+
+
 class Settings(msgspec.Struct, frozen=True):
     """The settings of a verdict.
 
@@ -92,9 +96,12 @@ def settings_of(contract: Contract, checks: Iterable[Check], driver: Driver, bud
 
 
 def contract_digest(contract: Contract) -> str:
-    """Return the SHA-256 of a contract without its summary."""
-    promises = msgspec.structs.replace(contract, summary="")
-    return hashlib.sha256(msgspec.json.encode(plain(promises), order="sorted")).hexdigest()
+    """Return the SHA-256 of a contract without its summary, and without later fields that are at their defaults."""
+    promises = plain(msgspec.structs.replace(contract, summary=""))
+    for name, default in _LATER.items():
+        if promises[name] == default:
+            del promises[name]
+    return hashlib.sha256(msgspec.json.encode(promises, order="sorted")).hexdigest()
 
 
 def rules_version(checks: Iterable[Check], driver: Driver) -> str:
