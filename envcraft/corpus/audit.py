@@ -1,7 +1,7 @@
 """One audit: which environments it selects, which of them have a verdict already, and the judging of the others.
 
-Whatever grows with the corpus stays in the database or is read row by row; in memory are only the names of the
-environments to judge.
+Data that grows with the corpus stays in the database or is read row by row. Only the names of the environments to judge
+are in memory.
 """
 
 from __future__ import annotations

@@ -16,11 +16,11 @@ class TimeLimit:
 
     Args:
         seconds: the limit.
-        fixed: the user has named the limit, so nothing shortens it.
+        fixed: whether the user set the limit, so that nothing shortens it.
 
     Attributes:
         seconds: the limit.
-        decided: whether something was not settled because the time was over.
+        decided: whether a question was not settled because of the limit.
     """
 
     def __init__(self, seconds: float, fixed: bool = False) -> None:
@@ -39,11 +39,11 @@ class TimeLimit:
         return self.left <= 0
 
     def shorten(self, seconds: float) -> None:
-        """Lower the limit unless the user has named it."""
+        """Lower the limit to `seconds`, unless the user set it."""
         if not self._fixed:
             self.seconds = min(self.seconds, seconds)
 
     def skip(self) -> OutOfTime:
-        """The reason why a check does not go on. From now on the report says that the clock decided."""
+        """Return the exception that ends a check at the limit, and record that the clock decided."""
         self.decided = True
         return OutOfTime(f"out of time: the limit of {self.seconds:g} s is over")

@@ -19,8 +19,9 @@ def apply(env: Any, adapter: dict[str, Any]) -> Any:
 
 
 class AreaResize(gymnasium.Wrapper[Any, Any, Any, Any]):
-    """Resize frames from `(H, W, 3)` uint8 to `(height, width, 3)` uint8. Each pixel is the mean of the pixels whose
-    centres it covers; where it covers none, it is the nearest one.
+    """Resize frames from `(H, W, 3)` uint8 to `(height, width, 3)` uint8.
+
+    Each pixel is the mean of the pixels whose centres it covers, or the nearest pixel if it covers none.
     """
 
     def __init__(self, env: Any, height: int, width: int) -> None:
@@ -66,12 +67,12 @@ class StepLimit(gymnasium.Wrapper[Any, Any, Any, Any]):
 
 
 def resized(frame: Any, height: int, width: int) -> Any:
-    """A frame `(H, W, 3)` uint8 as `(height, width, 3)` uint8; any other value unchanged."""
+    """Resize a frame `(H, W, 3)` uint8 to `(height, width, 3)` uint8; return any other value unchanged."""
     if not (isinstance(frame, np.ndarray) and frame.dtype == np.uint8 and frame.ndim == 3 and frame.shape[2] == 3):
         return frame
     if not frame.size:
         return frame
-    # Only environments with other frames than their contract's need it.
+    # Imported here, because only frames of another size than the contract's need it.
     from PIL import Image
 
     return np.array(Image.fromarray(contiguous(frame)).resize((width, height), Image.Resampling.BOX))

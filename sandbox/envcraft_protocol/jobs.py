@@ -83,7 +83,7 @@ class ClockShift(TypedDict):
 
 
 class Conditions(TypedDict, total=False):
-    """How a rollout differs from an ordinary one; keys are left out where it does not.
+    """How a rollout differs from an ordinary one; a key is absent if there is no difference.
 
     The host's ``Conditions`` defines the meaning of each.
     """
@@ -127,11 +127,11 @@ class Job(TypedDict):
         interactive: the host chooses each action (ASK).
         every_step: send each step at once.
         count_waits: measure the episode: count the calls that give up the processor, and the processor time of steps.
-        frame: the shape of observations of uint8 that travel as digests, because no rule looks at them. If the
-            contract resizes frames to this shape, they do whatever theirs is.
-        pictures: the frames that are sent as pictures, too; by default none.
-        columns: the order in which long frames are read for their digests: columns of pixels, not rows. By default
-            the one in which the job's first long frame lies in memory.
+        frame: the shape of the uint8 observations that are sent as digests, because no rule looks at them. If the
+            contract resizes frames to this shape, frames of any shape are.
+        pictures: the frames that are also sent as pictures; by default none.
+        columns: whether long frames are digested by columns of pixels, not by rows. By default the memory order of the
+            job's first long frame decides.
         series: the process may run further jobs.
         new_process: the job is the first one of its process.
         search: name of the search.

@@ -37,9 +37,9 @@ class NewGame(gym.Env[NDArray[np.uint8], NDArray[np.int64]]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[NDArray[np.uint8], dict[str, Any]]:
-        # This seeds self.np_random. All chance comes from there, so that a seed gives the same game every time.
+        # This seeds self.np_random, the only source of randomness here, so a seed always gives the same game.
         super().reset(seed=seed)
-        # Whatever an episode changes is made anew here: nothing of the last one may remain.
+        # Reset everything that an episode changes, so that nothing of the last episode remains.
         self.basket = (WIDTH - BASKET) // 2
         self.caught = self.lost = 0
         self._drop()

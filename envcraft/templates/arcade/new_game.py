@@ -34,14 +34,14 @@ class NewGame(gym.Env[NDArray[np.uint8], NDArray[np.int64]]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[NDArray[np.uint8], dict[str, Any]]:
-        # This seeds self.np_random. All chance comes from there, so that a seed gives the same game every time.
+        # This seeds self.np_random, the only source of randomness here, so a seed always gives the same game.
         super().reset(seed=seed)
-        # Whatever an episode changes is made anew here: nothing of the last one may remain.
+        # Reset everything that an episode changes, so that nothing of the last episode remains.
         self.steps = 0
         self.won = self.lost = False
         self.you = (int(self.np_random.integers(CELLS)), CELLS - 1)
         columns = self.np_random.choice(CELLS, LAMPS, replace=False)
-        # One lamp above each owl, so that there is no way around them.
+        # One lamp above each owl, so that the player has to pass every owl.
         self.lamps = {(int(column), 3 * row) for row, column in enumerate(columns)}
         self.owls = [(int(self.np_random.integers(CELLS)), 3 * row + 1) for row in range(OWLS)]
         self.flights = [int(self.np_random.choice([-1, 1])) for _ in range(OWLS)]
@@ -54,7 +54,7 @@ class NewGame(gym.Env[NDArray[np.uint8], NDArray[np.int64]]):
             self._fly()
         self.won = not self.lamps
         self.lost = self.lost or (self.you in self.owls and not self.won)
-        # Terminated is the game's own end; truncated is the clock, which has to come by step 1,000.
+        # `terminated` is the end of the game; `truncated` is the time limit, at most 1,000 steps.
         terminated = self.won or self.lost
         truncated = self.steps >= MAX_STEPS and not terminated
         return self.render(), reward + 2.0 * self.won - self.lost, terminated, truncated, self._info()

@@ -29,7 +29,7 @@ class NewGame(gym.Env[dict[str, Any], np.int64]):
     def __init__(self, render_mode: str | None = None) -> None:
         self.render_mode = render_mode
         cell = spaces.Box(0, SIZE - 1, (2,), np.int64)
-        # An agent sees no more than this: all that a good decision needs has to be in it.
+        # An agent sees only this, so it must contain everything that a good decision needs.
         self.observation_space = spaces.Dict(
             {"you": cell, "key": cell, "door": cell, "gap": cell, "has_key": spaces.Discrete(2)}
         )
@@ -38,9 +38,9 @@ class NewGame(gym.Env[dict[str, Any], np.int64]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, Any], dict[str, Any]]:
-        # This seeds self.np_random. All chance comes from there, so that a seed gives the same game every time.
+        # This seeds self.np_random, the only source of randomness here, so a seed always gives the same game.
         super().reset(seed=seed)
-        # Whatever an episode changes is made anew here: nothing of the last one may remain.
+        # Reset everything that an episode changes, so that nothing of the last episode remains.
         self.steps = 0
         self.has_key = self.won = False
         rows = [int(row) for row in self.np_random.integers(SIZE, size=4)]

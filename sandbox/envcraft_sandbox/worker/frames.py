@@ -1,4 +1,4 @@
-"""Observations that travel as digests, because no rule looks at their pixels: which ones, and how they are read."""
+"""Select the observations that are sent as digests, because no rule looks at their pixels, and digest them."""
 
 from __future__ import annotations
 
@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 
 _UINT8 = np.dtype(np.uint8)
 _NO_PICTURES: Pictures = {"first": 0, "every": 1, "until": -1}
-#: Frames of at least so many bytes are read in the order in which they lie in memory: a copy in the other order takes
-#: as long as a step of a game.
+#: Bytes from which on a frame is read in its memory order. A copy in the other order takes as long as a step of a game.
 _LONG_FRAME = 64 * 1024
 # Bound before any untrusted module can replace them.
 _digest, _seed = xxhash.xxh3_128_digest, xxhash.xxh3_64_intdigest
@@ -23,7 +22,7 @@ _Array = np.ndarray
 
 
 class Frames:
-    """What a job says of its frames, see :class:`envcraft_protocol.jobs.Job`."""
+    """A job's settings for frames, see :class:`envcraft_protocol.jobs.Job`."""
 
     def __init__(self, job: Job | None = None) -> None:
         contract = job["contract"] if job is not None and "contract" in job else {}
@@ -34,8 +33,8 @@ class Frames:
         self._columns = job.get("columns") if job is not None else None
 
     def layout(self, value: Any) -> tuple[dict[str, Any], int, bool] | None:
-        """The layout of an observation that travels as a digest, its seed, and whether its columns are read; None for
-        any other.
+        """Return the layout of an observation that is sent as a digest, the digest's seed, and whether its columns are
+        read. Return None for any other observation.
         """
         if not is_long_frame(value):
             return None
@@ -53,11 +52,11 @@ class Frames:
         return self._size is not None and isinstance(value, _Array) and self._is_resized(value)
 
     def adapted(self, value: Any) -> Any:
-        """What an agent sees of a value."""
+        """Return a value as an agent sees it."""
         return value if self._size is None else _resized(value, *self._size)
 
     def picture(self, frame: Any, number: int) -> bytes:
-        """What an agent sees of observation `number`, where the host wants its picture; else empty."""
+        """Return observation `number` as an agent sees it, or no bytes if the host does not need its picture."""
         if not _is_shown(self._pictures, number):
             return b""
         return _as_array(self.adapted(frame)).tobytes()
@@ -67,12 +66,12 @@ class Frames:
 
 
 def is_long_frame(value: Any) -> bool:
-    """Whether a value is an array of uint8 of a length that is worth a digest."""
+    """Whether a value is an array of uint8 that is long enough for a digest."""
     return isinstance(value, _Array) and value.dtype == _UINT8 and LONG <= value.nbytes <= MAX_OBSERVATION
 
 
 def describe(value: NDArray[Any], columns: bool | None = None) -> tuple[dict[str, Any], int, bool]:
-    """The layout of a frame, its seed, and whether its columns are read. The layout of a short frame has no order."""
+    """Return the layout of a frame, the digest's seed, and whether its columns are read. A short frame has no order."""
     shape = tuple(map(int, value.shape))
     layout: dict[str, Any] = {"k": "frame", "dtype": "|u1", "shape": list(shape)}
     if columns is not None:
@@ -81,7 +80,7 @@ def describe(value: NDArray[Any], columns: bool | None = None) -> tuple[dict[str
 
 
 def digest(frame: NDArray[Any], seed: int, columns: bool) -> bytes:
-    """The digest of a frame, without a copy if its rows or `columns` lie one after the other."""
+    """Return the digest of a frame, without a copy if its rows or `columns` are contiguous."""
     if columns:
         frame = frame.transpose(1, 0, 2)
     lying: Any = frame if frame.flags.c_contiguous else _contiguous(frame)
