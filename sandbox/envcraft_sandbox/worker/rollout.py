@@ -129,6 +129,7 @@ def _episode(subject: Subject, job: Job, conditions: Conditions) -> None:
     if renders:
         _render(subject, env)
     returned: Returned = deque([(observation, channel.sent)])
+    del result, observation
     channel.phase("step")
 
     actions: list[Any] = job["actions"]
@@ -169,6 +170,8 @@ def _episode(subject: Subject, job: Job, conditions: Conditions) -> None:
             _reread(subject, returned, _LAG)
         if renders:
             _render(subject, env)
+        # Freed before the next step, which may then use the same memory.
+        del result, observation
         if _true(terminated) or _true(truncated):
             _step_on(subject, env, actions, int(conditions.get("after_end", 0)))
             break

@@ -106,6 +106,8 @@ class Tree:
         #: A search that proves something relies on no habits of games.
         self.exact: bool = job["search"] == "exhaust"
         self.copies: Copies
+        #: If the environment cannot be copied, the instance of the last branch.
+        self._replayed: Any = None
 
     def root(self) -> Node:
         env = self.subject.construct(announce=False)
@@ -123,12 +125,27 @@ class Tree:
         """A copy of `node` that can be stepped without changing `node`."""
         if self.out.copies:
             return Node(self.copies.of(node.env), node.path, node.total)
-        env = self.subject.construct(announce=False)
-        self.subject.call("reset", env.reset, seed=self.seed)
+        env = self._reset_instance()
         for action in node.path.actions():
             self.subject.step("step", env, action)
             self.out.steps += 1
+        self._replayed = env
         return Node(env, node.path, node.total)
+
+    def _reset_instance(self) -> Any:
+        """The instance of the last branch, which no search steps any more, after a reset; a new one if it cannot be
+        used again.
+        """
+        env, self._replayed = self._replayed, None
+        if env is not None:
+            try:
+                self.subject.call("reset", env.reset, seed=self.seed)
+                return env
+            except Fault:
+                pass
+        env = self.subject.construct(announce=False)
+        self.subject.call("reset", env.reset, seed=self.seed)
+        return env
 
     def step(self, node: Node, action: Any) -> bool:
         """Step `node` in place; False once its episode is over or fails."""
@@ -139,6 +156,7 @@ class Tree:
             observation, reward, terminated, truncated, info = result
             reward = float(reward)
         except (Fault, TypeError, ValueError):
+            self._replayed = None
             if self.out.crash is None or path.length < len(self.out.crash):
                 self.out.crash = path.actions()
             return False

@@ -1,0 +1,96 @@
+"""Searches of environments that cannot be copied: each branch plays its path again."""
+
+from __future__ import annotations
+
+import socket
+from typing import Any
+
+import pytest
+from envcraft_sandbox.worker import search
+from envcraft_sandbox.worker.channel import Channel
+from envcraft_sandbox.worker.subject import Subject
+
+from envcraft.contracts.builtin import GYMNASIUM
+from envcraft.model.target import Target
+
+STAIRS = """
+import gymnasium as gym
+import numpy as np
+
+class Stairs(gym.Env):
+    observation_space = gym.spaces.Box(0, 255, (200, 300, 3), np.uint8)
+    action_space = gym.spaces.Discrete(3)
+    made = 0
+
+    def __init__(self):
+        Stairs.made += 1
+        self.resets = 0
+
+    def __deepcopy__(self, memo):
+        raise TypeError("no copies")
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        {reset}
+        self.resets += 1
+        self.at = 0
+        return np.full((200, 300, 3), self.at, np.uint8), {{}}
+
+    def step(self, action):
+        self.at += int(action == 2) - int(action == 0)
+        {step}
+        return np.full((200, 300, 3), self.at % 256, np.uint8), float(action == 2), False, False, {{}}
+"""
+
+
+class Nobody(Channel):
+    """A channel that nobody listens to."""
+
+    def __init__(self) -> None:
+        with socket.socket(socket.AF_UNIX) as closed:
+            super().__init__(closed)
+
+    def _write(self, parts: list[bytes], size: int) -> None:
+        pass
+
+
+def searched(kind: str, reset: str = "pass", step: str = "pass") -> tuple[search.Outcome, int, Channel]:
+    """The outcome of a search, how many instances it made, and its channel."""
+    job: Any = {
+        "kind": "search",
+        "target": Target("stairs.py", STAIRS.format(reset=reset, step=step).encode()).for_worker(),
+        "search": kind,
+        "contract": GYMNASIUM.for_worker(),
+        "seed": 0,
+        "actions": [0, 1, 2],
+        "max_steps": 300,
+        "limit": 50,
+    }
+    channel = Nobody()
+    subject = Subject(job, channel)
+    subject.load()
+    tree = search.Tree(subject, job)
+    search._SEARCHES[kind](tree)
+    return tree.out, subject.creator().made, channel
+
+
+def test_one_instance_plays_all_branches() -> None:
+    out, made, channel = searched("greedy")
+    assert not out.copies
+    assert out.best == [2] * 5
+    assert made == 2
+    assert channel.steps == out.steps == 15 + 3 * (1 + 2 + 3 + 4)
+
+
+@pytest.mark.parametrize("kind", ["explore", "greedy"])
+def test_an_instance_that_cannot_be_reset_again_is_replaced(kind: str) -> None:
+    out, made, _ = searched(kind, reset="assert not self.resets")
+    assert made > 5
+    assert out.best_return > 0
+    assert out.crash is None
+
+
+def test_an_instance_that_crashed_is_replaced() -> None:
+    out, made, _ = searched("greedy", step="assert self.at >= 0")
+    assert out.crash == [0]
+    assert made == 3
