@@ -1,7 +1,7 @@
 # does: sends layouts of a million parts each
 # verdict: fail
 # codes: EC907|EC901
-# seconds: 60
+# seconds: 45
 # process: yes
 """Catch the fruit: three catches win."""
 

@@ -1,7 +1,7 @@
 # does: sends notes on its info of 8 MiB each, more than would be kept of honest ones
 # verdict: fail
 # codes: EC907|EC901
-# seconds: 60
+# seconds: 45
 # process: yes
 """Catch the fruit: three catches win."""
 

@@ -1,7 +1,7 @@
 # does: sends search results of 16 MiB that take 400 MiB to read, in each episode
 # verdict: fail
 # codes: EC907|EC901|EC902
-# seconds: 60
+# seconds: 45
 # process: yes
 """Catch the fruit: three catches win."""
 

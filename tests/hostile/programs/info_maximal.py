@@ -1,7 +1,7 @@
 # does: returns infos that are just small enough to be kept, all different, in long episodes
 # verdict: pass
 # codes:
-# seconds: 60
+# seconds: 45
 # process: yes
 """Catch the fruit: three catches win."""
 
