@@ -100,16 +100,18 @@ class Difficulty(Check):
         return super().confirm(subject, finding)
 
     def _policy_rate(self, subject: Subject) -> Proportion:
-        """How often the policy wins, up to its first win or as often as the budget allows."""
-        most = subject.budget.looks[1]
-        for number in range(most):
-            if subject.act(number).positive:
-                return Proportion(1, number + 1)
-            # Each episode that is not won is compared with random play and with doing nothing.
-            if not subject.affords(3 * (number + 2) * max(subject.act(each).steps for each in range(number + 1))):
-                most = number + 1
+        """How often the policy wins, in more episodes if it does not win the first ones."""
+        enough, most = subject.budget.looks[:2]
+        wins = longest = played = 0
+        while played < (enough if wins else most):
+            # Each episode is compared with random play and with doing nothing if none is won.
+            if played and not subject.affords(longest if wins else 3 * longest * (played + 1)):
                 break
-        return Proportion(0, most)
+            trace = subject.act(played)
+            played += 1
+            wins += trace.positive
+            longest = max(longest, trace.steps)
+        return Proportion(wins, played)
 
     def _judge_policy(self, subject: Subject) -> Finding | None:
         for trace in subject.rollouts([subject.probes.policy(number) for number in range(subject.budget.policy)]):
