@@ -188,6 +188,7 @@ class Trace:
             truncated=self.truncated[:steps],
             flag_types=self.flag_types[:steps],
             micros=self.micros * steps // max(self.steps, 1),
+            costs=self.costs[: steps + 1],
             slow=min(self.slow, steps),
             problems=[problem for problem in self.problems if problem.step <= steps],
             info_notes=[note for note in self.info_notes if note[0] <= steps],
@@ -306,7 +307,9 @@ def diverge(first: Trace, second: Trace, info: bool = True) -> Divergence | None
             kept = not any(trace.infos[step].startswith(b"#") for trace in (first, second))
             values = _first_difference(first.info(step), second.info(step)) if kept else ()
             return Divergence(step, "info", *values)
-    if first.reported_success != second.reported_success:
+    # Of a prefix, the last info may be known by its digest only.
+    kept = not any(trace.infos[-1:] and trace.infos[-1].startswith(b"#") for trace in (first, second))
+    if kept and first.reported_success != second.reported_success:
         return Divergence(first.steps, "success", first.reported_success, second.reported_success)
     return None
 

@@ -58,3 +58,15 @@ def test_an_exception_of_any_name_has_a_digest() -> None:
     one, two = trace({}), trace({})
     one.fault, two.fault = Fault("step", 1, "\ud800"), Fault("step", 1, "\udfff")
     assert digest(one) != digest(two)
+
+
+def test_success_is_not_compared_with_an_info_that_was_not_kept() -> None:
+    info = b'{"is_success": false, "text": "' + b"x" * 40 + b'"}'
+    one, other = trace({}), trace({})
+    one.infos, other.infos = [info], [info_digest(info)]
+    assert diverge(one, other) is None
+    assert diverge(one, other, info=False) is None
+    other.infos = [info.replace(b"false", b"true")]
+    found = diverge(one, other, info=False)
+    assert found is not None
+    assert found.field == "success"
