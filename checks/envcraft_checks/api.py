@@ -277,7 +277,7 @@ class Api(Check):
         apart = rollout.under(msgspec.structs.replace(rollout.conditions, closed=False))
         if rollout.conditions.closed and shows(apart.cut(step + 1)):
             rollout = apart
-        small = shrink(rollout, step, shows, subject.contract.noop, steps=subject.budget.steps // 10)
+        small = shrink(rollout, step, shows, subject.contract.noop, steps=subject.budget.steps // 20)
         # The shorter episode may fail at another step.
         again = (found for found in self.find(subject, subject.rollout(small)) if found.code == finding.code)
         return msgspec.structs.replace(next(again, finding), repro=repro(small))

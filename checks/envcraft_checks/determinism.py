@@ -234,16 +234,16 @@ class Determinism(Check):
                 yield self._attribute_repeat(subject, rollout, again, info)
                 return
         reported = False
-        for heap in range(1, 4):
-            fresh = Conditions(fresh=True, heap=heap)
-            if (again := _diverge(base, subject.rerun(rollout.under(fresh)), info)) is not None:
-                yield self._found(subject, "EC202", rollout, fresh, again)
-                return
         alone = self._alone(subject, rollout)
         if found is not None:
             # Whichever condition causes it, the difference shows in these steps.
             rollout = rollout.cut(found.step)
             base = subject.rollout(rollout, alone=True)
+        for heap in range(1, 4):
+            fresh = Conditions(fresh=True, heap=heap)
+            if (again := _diverge(base, subject.rerun(rollout.under(fresh)), info)) is not None:
+                yield self._found(subject, "EC202", rollout, fresh, again)
+                return
         subject.prefetch((rollout.under(conditions) for _, conditions, _ in alone), alone=True)
         for code, conditions, _ in alone:
             if (again := _diverge(base, subject.rollout(rollout.under(conditions), alone=True), info)) is not None:

@@ -12,6 +12,8 @@ from envcraft.model.rollout import Action, Conditions, Rollout
 from envcraft.model.trace import Trace
 from envcraft.similarity.behavioural import STEPS
 
+#: The share of the budget that is left to further whole episodes where these may show a defect.
+_RESERVE = 0.15
 #: Steps of the shortest cut, and the steps past the end of an episode.
 _SHORTEST, _PAST_END = 30, 5
 #: The shares of the remaining steps that varied play and held actions take where episodes are long. What follows takes
@@ -125,7 +127,19 @@ class Episodes:
         """Episodes that together try every joint action at every step."""
         rollouts = [self._probes.rotation(offset) for offset in range(self._budget.rotations)]
         length = self._share(len(rollouts), 0, 1.0, self.all)
+        length = max(length - self.reserve // max(len(rollouts), 1), _SHORTEST)
         return self._play([rollout.cut(length) for rollout in rollouts])
+
+    @property
+    def reserve(self) -> int:
+        """The steps to leave because the whole episodes look like a defect that takes more of them to show."""
+        first = self.whole[0]
+        alike = first.total > 0 and all(trace.total == first.total for trace in self.whole[1:])
+        still = len(set(first.observations[first.steps // 2 :])) == 1
+        limit = self._probes.contract.limit
+        lost = any(trace.steps == limit and trace.terminated[-1] and not trace.success for trace in self.whole)
+        failed = any(trace.fault is not None for trace in self.whole)
+        return int(_RESERVE * self._budget.steps) if alike or still or lost or failed else 0
 
     @cached_property
     def all(self) -> list[Trace]:

@@ -20,7 +20,9 @@ _GREEDY = 10_000
 #: The share of the budget that an exploration leaves to the checks after it, and that a sweep leaves.
 _LATER, _LAST = 0.3, 0.2
 #: Steps of the episodes that explorations find, as a share of the budget.
-_PATH = 0.016
+_PATH = 0.01
+#: The longest such episode at least.
+_SHORT_PATH = 80
 #: The fewest seeds of a proof: one of them may be a bad level.
 _PROVEN = 2
 
@@ -36,17 +38,23 @@ class Searches:
 
     def explore(self, number: int = 0) -> SearchOutcome:
         """Search for crashes and wins (see the worker's ``explore``)."""
-        return self.explorations[number]
+        if number < len(self.explorations):
+            return self.explorations[number]
+        return self._cache.search(Search("explore", self._probes.episode_seed(number), self._explore_steps))
+
+    @cached_property
+    def _explore_steps(self) -> int:
+        least, most, seeds = self._budget.explore
+        # All shared episodes come first, so that the steps that are left do not depend on which check is first.
+        _ = self._episodes.all, self._episodes.rotations
+        left = self._episodes.steps_left - self._episodes.reserve - int(_LATER * self._budget.steps)
+        return max(min(left // seeds, most), least)
 
     @cached_property
     def explorations(self) -> list[SearchOutcome]:
         """The outcome of an exploration for each seed that the budget allows."""
-        least, most, seeds = self._budget.explore
-        # All shared episodes come first, so that the steps that are left do not depend on which check is first.
-        _ = self._episodes.all, self._episodes.rotations
-        left = self._episodes.steps_left - int(_LATER * self._budget.steps)
-        steps = max(min(left // seeds, most), least)
-        searches = [Search("explore", self._probes.episode_seed(number), steps) for number in range(seeds)]
+        numbers = range(self._budget.explore[2])
+        searches = [Search("explore", self._probes.episode_seed(number), self._explore_steps) for number in numbers]
         self._cache.prefetch(searches)
         return [self._cache.search(search) for search in searches]
 
@@ -55,7 +63,7 @@ class Searches:
 
         An episode that is not won is cut, unless it is short.
         """
-        longest = int(_PATH * self._budget.steps)
+        longest = max(int(_PATH * self._budget.steps), _SHORT_PATH)
         rollouts = []
         for number, outcome in enumerate(self.explorations):
             if win := outcome.get("win"):
@@ -101,7 +109,8 @@ class Searches:
     @property
     def sweep_steps(self) -> int:
         """The steps that are left for :meth:`sweep` and :meth:`sweep_last`."""
-        return max(min(self._budget.sweep, self._episodes.steps_left - int(_LAST * self._budget.steps)), 0)
+        left = self._episodes.steps_left - self._episodes.reserve - int(_LAST * self._budget.steps)
+        return max(min(self._budget.sweep, left), 0)
 
     def greedy(self, number: int = 0) -> SearchOutcome:
         """Five moves, each with the highest immediate reward."""

@@ -82,5 +82,6 @@ def test_it_is_reverified(old: Path, invoke: Invoke) -> None:
     shutil.copyfile(records, records.with_name("all.jsonl"))
     records.write_text(f"{first}\n")
     result = invoke("reverify", records, "--corpus", old, "--sandbox", "process")
-    assert result.exit_code == 0, result.output
-    assert "1 of 1 record judged again: 1 as recorded" in result.output
+    # Later rules play other episodes, which is a drift of evidence and traces, and reach the same verdict.
+    assert "broken_miner_edge_crash.py: api with other evidence, other traces" in result.output
+    assert "1 of 1 record judged again: 0 as recorded, 1 drifted, 0 could not be judged" in result.output
