@@ -134,3 +134,5 @@ def _replace_pygame(clock: Clock) -> None:
 
     module.get_ticks = lambda: int(now() * 1000)
     module.Clock = PygameClock
+    if hasattr(sys.modules["pygame"], "Clock"):
+        sys.modules["pygame"].Clock = PygameClock  # type: ignore[attr-defined]

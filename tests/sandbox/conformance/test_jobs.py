@@ -148,11 +148,13 @@ class TestConditions:
         )
         assert logical == again != real
 
+    @pytest.mark.parametrize("name", ["pygame.time.Clock", "pygame.Clock"])
     def test_clock_condition_replaces_the_readings_of_pygame(
-        self, worker: Worker, environment: Environment, play: Any
+        self, worker: Worker, environment: Environment, play: Any, name: str
     ) -> None:
         pytest.importorskip("pygame")
-        top = "import json, pygame, time; pygame.init(); time.sleep(0.05); clock = pygame.time.Clock()"
+        top = "import json, pygame, time; pygame.init(); time.sleep(0.05)"
+        top = f"{top}; clock = {name}()"
         ticks = "print(json.dumps([clock.tick(20), clock.tick(20), clock.get_time(), pygame.time.get_ticks() // 10]))"
         logical, again, real = (
             play(worker, environment(top=f"{top}; {ticks}"), conditions=Conditions(clock=clock)).facts
