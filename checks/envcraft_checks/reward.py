@@ -123,13 +123,14 @@ class Reward(Check):
         if late := len(grown) < len(long):
             if any(_falls(trace.rewards) for trace in long):
                 return
-            # Growth may begin too late for the shorter ones.
-            long = [trace for trace in long if 2 * trace.steps >= max(each.steps for each in long)]
+            # Growth may begin too late for those that are shorter, or cut.
+            long = [trace for trace in long if trace.ended and 2 * trace.steps >= max(each.steps for each in long)]
+        least = max((trace.steps for trace in long), default=0) // 2 if late else _LONG
         more = subject.episodes.more_whole()
         while long and all(id(trace) in grown for trace in long) and not _enough(long, late):
             if (trace := next(more, None)) is None:
                 return
-            if trace in _long([trace]) and trace not in long:
+            if trace.usable and trace.steps >= least and trace not in long:
                 long.append(trace)
                 if (ratio := growth(trace.rewards)) is not None:
                     grown[id(trace)] = ratio
