@@ -57,7 +57,7 @@ class Episodes:
     def steps_left(self) -> int:
         """The steps that the budget has left, negative if more were taken.
 
-        It is meant for episodes of 1,000 steps. With short episodes there is half as much again.
+        The budget is meant for episodes of 1,000 steps. Short episodes have half as much again.
         """
         return self._cache.steps_left + (0 if self.long else self._budget.steps // _PART)
 
@@ -72,7 +72,7 @@ class Episodes:
         return self.whole[1] if len(self.whole) > 1 else None
 
     def more_whole(self) -> Iterator[Trace]:
-        """Yield whole episodes of varied play, as long as the budget allows them: a suspicion needs more than two."""
+        """Yield further whole episodes of varied play, as long as the budget allows them."""
         for rollout in self._varied:
             if self.steps_left < max(trace.steps for trace in self.whole):
                 return
@@ -132,7 +132,7 @@ class Episodes:
 
     @property
     def reserve(self) -> int:
-        """The steps to leave because the whole episodes look like a defect that takes more of them to show."""
+        """The steps that other play leaves, because the whole episodes look like a defect that more of them show."""
         first = self.whole[0]
         alike = first.total > 0 and all(trace.total == first.total for trace in self.whole[1:])
         still = len(set(first.observations[first.steps // 2 :])) == 1
@@ -149,8 +149,7 @@ class Episodes:
     @cached_property
     def probed(self) -> list[Trace]:
         """The episodes on whose seeds determinism is probed."""
-        played = {trace.rollout.seed: trace for trace in reversed([*self.whole[:1], *self.varied])}
-        return [trace for trace in played.values() if self._is_probed(trace.rollout)]
+        return [trace for trace in [self.whole[0], *self.varied] if self._is_probed(trace.rollout)]
 
     def _is_probed(self, rollout: Rollout) -> bool:
         numbers = range(self._budget.probes[0])
