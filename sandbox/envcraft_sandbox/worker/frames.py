@@ -18,7 +18,7 @@ _LONG_FRAME = 64 * 1024
 # Bound before any untrusted module can replace them.
 _digest, _seed = xxhash.xxh3_128_digest, xxhash.xxh3_64_intdigest
 _is_shown, _resized, _contiguous, _as_array = is_shown, resized, contiguous, np.asarray
-_Array = np.ndarray
+_Array, _issubclass = np.ndarray, issubclass
 
 
 class Frames:
@@ -49,7 +49,7 @@ class Frames:
 
     def is_resized(self, value: Any) -> bool:
         """Whether an agent sees a resized copy of a value."""
-        return self._size is not None and isinstance(value, _Array) and self._is_resized(value)
+        return self._size is not None and _issubclass(type(value), _Array) and self._is_resized(value)
 
     def adapted(self, value: Any) -> Any:
         """Return a value as an agent sees it."""
@@ -66,8 +66,8 @@ class Frames:
 
 
 def is_long_frame(value: Any) -> bool:
-    """Whether a value is an array of uint8 that is long enough for a digest."""
-    return isinstance(value, _Array) and value.dtype == _UINT8 and LONG <= value.nbytes <= MAX_OBSERVATION
+    """Whether a value is an array of uint8 that is long enough for a digest. Its `__class__` is only a claim."""
+    return _issubclass(type(value), _Array) and value.dtype == _UINT8 and LONG <= value.nbytes <= MAX_OBSERVATION
 
 
 def describe(value: NDArray[Any], columns: bool | None = None) -> tuple[dict[str, Any], int, bool]:

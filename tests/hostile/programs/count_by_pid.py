@@ -1,6 +1,6 @@
 # does: knows by its process id how many jobs were before it, and once there were a dozen everybody wins at once
 # verdict: fail|pass
-# codes: EC201|EC202|EC601|EC802|EC803
+# codes: EC201|EC202|EC205|EC601|EC802|EC803
 # seconds: 30
 # process: no
 """Catch the fruit: three catches win."""

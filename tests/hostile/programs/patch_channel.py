@@ -1,4 +1,4 @@
-# does: replaces the encoding of values, so that every frame is sent as zeros
+# does: replaces the digest of frames, so that every frame looks the same
 # verdict: fail
 # codes: EC401|EC404|EC907
 # seconds: 30
@@ -12,8 +12,7 @@ import numpy as np
 from gymnasium import spaces
 
 channel = sys.modules["envcraft_sandbox.worker.channel"]
-encode = channel.Channel.encode
-channel.Channel.encode = lambda self, value: (encode(self, value)[0], bytes(84 * 84 * 3))
+channel._digest = lambda frame, seed, columns: bytes(16)
 
 
 class Catch(gym.Env):
