@@ -12,7 +12,7 @@ episode, the best one, one that does nothing until the end, and many resets.
 
 Different seeds must give different traces. One fixed level for every seed is a legitimate design and only a warning.
 Training passes a seed to the first reset only: the episodes that follow it must be the same when the program runs
-again, and must not all be one level if seeds give several.
+again, and must not all be one level if seeds give several, since an agent would train on that level alone.
 
 An info value that depends on nothing but the clock, or counts the episodes, is telemetry and only a warning. The check
 then compares again without info, so that telemetry hides no other difference.
@@ -137,7 +137,6 @@ class Determinism(Check):
             "unseeded-alike",
             "Every reset without a seed gives the same episode, although seeds give different ones.",
             "Do not choose a seed if reset() receives none: call super().reset(seed=seed) and use self.np_random.",
-            Severity.WARNING,
         ),
         Rule(
             "EC213",
