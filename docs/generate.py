@@ -10,6 +10,7 @@ from pathlib import Path
 
 from envcraft import pytest_plugin
 from envcraft.judging.check import Check
+from envcraft.judging.guide import guide_file
 from envcraft.plugins import plugins
 from evaluation.fixtures import fixtures
 
@@ -47,9 +48,18 @@ def main() -> int:
 
 def page(check: Check) -> str:
     """A check's page: its module's docstring, and its rules."""
-    rows = [f"| {rule.code} | `{rule.name}` | {rule.severity} | {rule.summary} | {rule.fix} |" for rule in check.rules]
+    rows = [
+        f"| {linked(check, rule.code)} | `{rule.name}` | {rule.severity} | {rule.summary} | {rule.fix} |"
+        for rule in check.rules
+    ]
     head = "| code | name | severity | problem | fix |\n|---|---|---|---|---|\n"
     return check.page.rstrip() + "\n\n## Rules\n" + head + "\n".join(rows) + "\n"
+
+
+def linked(check: Check, code: str) -> str:
+    """A code with a link to its guide, if it has one."""
+    guide = guide_file(check, code)
+    return f"[{code}](../../{guide.relative_to(ROOT).as_posix()})" if guide.exists() else code
 
 
 def counts(checks: list[Check]) -> str:

@@ -1,35 +1,72 @@
-"""``envcraft explain``: what a rule means, from the check's own documentation."""
+"""``envcraft explain``: what a rule means, from its guide, and what a check does, from its page."""
 
 from __future__ import annotations
+
+import shlex
 
 import click
 
 from envcraft.cli.play.recorded import Played
 from envcraft.errors import UsageError
+from envcraft.judging.check import Check, Rule
+from envcraft.judging.guide import Guide, guide_of
 from envcraft.judging.selection import all_checks
 from envcraft.registry import did_you_mean
 
 
 @click.command()
 @click.argument("name", metavar="CODE|CHECK")
-def explain(name: str) -> None:
+@click.option("--example", is_flag=True, help="Print only the code of the rule's example, to a file for instance.")
+def explain(name: str, example: bool) -> None:
     """Explain a rule (EC203) or a whole check (determinism)."""
+    checks = {check.name: check for check in [*all_checks(), Played()]}
+    rules = {rule.code: (rule, check) for check in checks.values() for rule in check.rules}
+    if name.upper() in rules:
+        rule, check = rules[name.upper()]
+        guide = guide_of(check, rule.code)
+        if example:
+            click.echo(_code(rule, guide), nl=False)
+            return
+        text = _page(rule, check, guide)
+    elif name.lower() in checks and not example:
+        text = checks[name.lower()].page
+    else:
+        raise UsageError(f"there is no rule {'' if example else 'or check '}{did_you_mean(name, [*rules, *checks])}")
     from rich.console import Console
     from rich.markdown import Markdown
 
-    checks = {check.name: check for check in [*all_checks(), Played()]}
-    rules = {rule.code: (rule, check) for check in checks.values() for rule in check.rules}
-    console = Console(highlight=False)
-    if name.upper() in rules:
-        rule, check = rules[name.upper()]
-        console.print(
-            Markdown(
-                f"**{rule.code} {rule.name}** ({rule.severity}, check `{check.name}`)\n\n{rule.summary}\n\n"
-                f"Usual fix: {rule.fix}\n\n---"
-            )
-        )
-    elif name.lower() in checks:
-        check = checks[name.lower()]
-    else:
-        raise UsageError(f"there is no rule or check {did_you_mean(name, [*rules, *checks])}")
-    console.print(Markdown(check.page))
+    Console(highlight=False).print(Markdown(text))
+
+
+def _page(rule: Rule, check: Check, guide: Guide | None) -> str:
+    head = f"**{rule.code} {rule.name}** ({rule.severity}, check `{check.name}`)\n\n{rule.summary}\n\n"
+    if guide is None:
+        return f"{head}Usual fix: {rule.fix}\n\n---\n\n{check.page}"
+    return (
+        f"{head}"
+        f"## Why is this bad?\n{guide.harm}\n\n"
+        f"## Example\n{guide.example}\n\n"
+        f"## Usual fix\n{rule.fix}\n\n"
+        f"## How it is detected\n{guide.detected}\n\n"
+        f"## What it misses\n{guide.missed}\n\n---\n\n"
+        f"`envcraft explain {check.name}` explains the whole check. To try the example:\n\n{_commands(rule, guide)}"
+    )
+
+
+def _commands(rule: Rule, guide: Guide) -> str:
+    """The commands that judge the example, as a block of code."""
+    example, file = guide.code(), f"{rule.code}.py"
+    options = [word for name, value in example.settings.items() for word in (f"--{name}", value)]
+    if example.policy:
+        options += ["--policy", "policy.py"]
+    return (
+        f"```sh\nenvcraft explain {rule.code} --example > {file}\n"
+        f"{shlex.join(['envcraft', 'validate', file, *options])}\n```"
+    )
+
+
+def _code(rule: Rule, guide: Guide | None) -> str:
+    """The code of the example. Raises UsageError if the rule has none."""
+    if guide is None:
+        raise UsageError(f"{rule.code} has no example")
+    return guide.code().source

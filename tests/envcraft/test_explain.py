@@ -1,0 +1,62 @@
+"""``envcraft explain CODE`` prints the rule's guide."""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+from typing import Any
+
+import pytest
+from envcraft_checks.source import Source
+
+from envcraft.judging import guide
+
+
+def test_the_guide_is_printed_in_order(invoke: Any) -> None:
+    result = invoke("explain", "ec203")
+    assert result.exit_code == 0
+    order = [
+        "EC203 hash-seed",
+        "Why is this bad?",
+        "another order of sets",
+        "class Corridor",
+        "Usual fix",
+        "How it is detected",
+        "What it misses",
+        "envcraft validate EC203.py --contract gymnasium",
+    ]
+    places = [result.stdout.index(words) for words in order]
+    assert places == sorted(places)
+
+
+def test_the_code_is_printed_alone(invoke: Any) -> None:
+    result = invoke("explain", "EC203", "--example")
+    assert result.exit_code == 0
+    assert result.stdout.startswith("# contract: gymnasium\n")
+    ast.parse(result.stdout)
+
+
+def test_a_check_has_no_example(invoke: Any) -> None:
+    result = invoke("explain", "determinism", "--example")
+    assert result.exit_code == 2
+    assert "there is no rule" in result.stderr
+
+
+def test_settings_are_those_of_the_first_lines() -> None:
+    example = guide.Example("# contract: gymnasium\n# budget: standard\nimport a\n# contract: arcade\n")
+    assert example.settings == {"contract": "gymnasium", "budget": "standard"}
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("## Example\n```python\npass\n```\n", "must have the sections"),
+        ("## Why is this bad?\nA\n## Example\nnone\n## How it is detected\nB\n## What it misses\nC\n", "no block"),
+    ],
+)
+def test_incomplete_guide_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, text: str, words: str) -> None:
+    monkeypatch.setattr(guide, "guide_file", lambda check, code: tmp_path / f"{code}.md")
+    (tmp_path / "EC001.md").write_text(text)
+    assert guide.guide_of(Source(), "EC002") is None
+    with pytest.raises(ValueError, match=words):
+        guide.guide_of(Source(), "EC001")
