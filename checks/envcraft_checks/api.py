@@ -4,8 +4,9 @@
 Compares every value of every episode with the contract: both spaces, the parameters and result of `reset`, the five
 values of `step`, the type, dtype, shape and range of each observation, `info`, `render()`, and `close()` twice and
 before the first reset. It also resets once more after an episode, calls `reset(seed=None, options=None)` as wrappers
-do, and constructs an instance after another one was closed. It compares each returned observation with itself up to
-four steps later and after the next reset, and it compares each action before and after `step`.
+do, and constructs an instance after another one was closed. In every episode it compares each action before and after
+`step`, and each observation that the environment still refers to with what it was when it was returned. In one episode
+it holds all observations, as a replay memory does, and compares them also at the end and after the next reset.
 
 The check searches for exceptions: it plays random actions, holds single actions, plays every action at every step in
 rotation, tries rare actions on copies of states (those of the longest episode, and the last ones on the way to a win),
@@ -230,9 +231,11 @@ class Api(Check):
             yield self.finding(code, f"{problem.words} ({_at(problem.step)}, under {who})", step=problem.step)
         if trace.overwritten:
             at, by = trace.overwritten[0]
-            words = f"the observation of {_at(at)} changed after {'the next reset' if by is None else f'step {by}'}"
+            later = "the next reset" if by is None else f"step {by}" if by > at else "it was returned"
+            words = f"the observation of {_at(at)} changed after {later}"
             # A change that is noticed later may show at once in an episode that ends here.
-            yield self.finding("EC110", words, line=subject.line_of("reset" if by is None else "step"), step=at + 1)
+            line = subject.line_of("reset" if by is None else "step")
+            yield self.finding("EC110", words, line=line, step=at + 1, by=trace.steps if by is None else by)
         if trace.acted:
             step, now = trace.acted[0]
             words = f"step {step} changed its action to {str(now)[:200]}"
@@ -277,6 +280,9 @@ class Api(Check):
         apart = rollout.under(msgspec.structs.replace(rollout.conditions, closed=False))
         if rollout.conditions.closed and shows(apart.cut(step + 1)):
             rollout = apart
+        by = finding.evidence.get("by", step)
+        if by > step and not shows(rollout.cut(step)):
+            step = by
         small = shrink(rollout, step, shows, subject.contract.noop, steps=subject.budget.steps // 20)
         # The shorter episode may fail at another step.
         again = (found for found in self.find(subject, subject.rollout(small)) if found.code == finding.code)

@@ -94,8 +94,6 @@ class TraceBuilder:
         self._infos = 0
         self._frames = 0
         self._phase = ""
-        #: The number of observations that were received a second time.
-        self._reread = 0
         #: The last value and its layout, with their digest.
         self._digested: tuple[memoryview, ValueCodec, bytes] | None = None
 
@@ -162,7 +160,6 @@ class TraceBuilder:
         trace.renders += sum(steps.rendered)
         for info in steps.infos:
             self._keep_info(info)
-        self._count_unchanged(sum(steps.unchanged))
 
     def _are_frames(self, steps: Steps) -> bool:
         """Whether all observations are frames of one layout that need no validation."""
@@ -180,14 +177,8 @@ class TraceBuilder:
             self.step(step)
             if steps.rendered[number]:
                 self.render(step.layout, step.data, step.digest)
-            self._count_unchanged(steps.unchanged[number])
         for action in actions:
             self.action(action)
-
-    def _count_unchanged(self, count: int) -> None:
-        self._reread += count
-        if self._reread > len(self.trace.observations):
-            raise MalformedValue("a second reading of an observation that was never sent")
 
     def after(self, step: Step) -> None:
         if len(self.trace.after) >= self.trace.rollout.conditions.after_end:
@@ -218,13 +209,12 @@ class TraceBuilder:
         else:
             self._note_render(Problem(step, "differs", f"render() returned {shape} that differs from the observation"))
 
-    def reread(self, layout: int, data: memoryview, digest: bytes = b"") -> None:
-        at = self._reread
-        self._count_unchanged(1)
-        shape = self._layout(layout)
-        self._check_framed(layout, digest)
-        if (digest or self._digest(shape, data)) != self.trace.observations[at]:
-            self.trace.overwritten.append((at, None if self._phase == "plain reset" else self.trace.steps))
+    def changed(self, report: dict[str, Any]) -> None:
+        at, trace = report.get("at"), self.trace
+        if type(at) is not int or not 0 <= at < len(trace.observations):
+            raise MalformedValue("a change of an observation that was never sent")
+        if len(trace.overwritten) < _MAX_PROBLEMS:
+            trace.overwritten.append((at, None if self._phase == "plain reset" else trace.steps))
 
     def acted(self, action: Any) -> None:
         if not isinstance(action, dict):

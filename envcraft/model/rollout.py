@@ -46,7 +46,8 @@ class Conditions(msgspec.Struct, frozen=True, omit_defaults=True):
         before: episodes that are played first, on the same instance.
         companion: the episode of a second instance, which is stepped in turn with the first.
         render: calls ``render()`` after each reset and step, and sends the frame.
-        reread: sends each observation again some steps later and at the episode's end, and each action after its step.
+        reread: watches all observations until the end of the episode, not only those that the environment refers to,
+            and actions of every type.
         after_end: steps to take after the episode's end.
         options: passes ``options={}`` to reset, and resets once more after the episode, as wrappers do.
         closed: constructs another instance first, and closes it at once.

@@ -92,6 +92,9 @@ class Trace:
         micros: microseconds that all calls of reset() and step() took together.
         costs: the microseconds of each call: the reset, then the steps.
         slow: steps that took :data:`SLOW` microseconds or more.
+        overwritten: the observations that changed after they were returned, each with the step after which, or None for
+            the next reset.
+        acted: the steps that changed their action, and to what.
         opaque: some observation has a type of another package, whose bytes the worker cannot send.
         watched: perceptual hashes of some observations, for a fingerprint.
         columns: whether the digests of long frames read columns of pixels; None without long frames.
@@ -196,6 +199,8 @@ class Trace:
             watched=[],
             after=[],
             fault=fault,
+            overwritten=[change for change in self.overwritten if change[1] is not None and change[1] <= steps],
+            acted=[change for change in self.acted if change[0] <= steps],
         )
 
     @property

@@ -35,15 +35,14 @@ BLOCK = struct.Struct("<HI")
 #: observation, bytes of the info.
 STEP = struct.Struct("<BBBBdIHII")
 
-#: Fixed part of a RENDER or REREAD message: flags (SAME, FRAME), layout number. The value follows.
+#: Fixed part of a RENDER message: flags (SAME, FRAME), layout number. The value follows.
 VALUE = struct.Struct("<BH")
 
 #: The flags of a record and of a value. SAME: no bytes, the value repeats layout and bytes of the last value of at
 #: least LONG bytes. SAME_INFO: no info bytes, the info repeats that of the previous step or reset. FRAME: the value is
-#: a digest and perhaps a picture. RENDERED: render() then returned the same frame. UNCHANGED: of the observations that
-#: are read again, the next one is as it was.
-TERMINATED, TRUNCATED, SAME, SAME_INFO, FRAME, RENDERED, UNCHANGED = 1, 2, 4, 8, 16, 32, 64
-FLAGS = 127
+#: a digest and perhaps a picture. RENDERED: render() then returned the same frame.
+TERMINATED, TRUNCATED, SAME, SAME_INFO, FRAME, RENDERED = 1, 2, 4, 8, 16, 32
+FLAGS = 63
 
 #: Bytes of a digest.
 DIGEST = 16
@@ -81,7 +80,7 @@ class Kind(IntEnum):
     STEPS = 6  #: a block
     AFTER = 7  #: a block of one record, for a step taken after the episode's end
     RENDER = 8  #: VALUE struct, frame
-    REREAD = 9  #: VALUE struct, the previous observation's bytes as they are now
+    CHANGED = 9  #: JSON object: the number of an observation that changed after it was returned
     ACTED = 10  #: JSON object: an action that step() changed, before and after
     FAULT = 11  #: JSON object: an exception, or a return value of the wrong form
     TICK = 12  #: empty: the job is alive
@@ -92,7 +91,7 @@ class Kind(IntEnum):
 
 
 #: The kinds whose payload is a fixed part and the bytes of values.
-VALUED = frozenset((Kind.RESET, Kind.STEPS, Kind.AFTER, Kind.RENDER, Kind.REREAD))
+VALUED = frozenset((Kind.RESET, Kind.STEPS, Kind.AFTER, Kind.RENDER))
 
 
 def longest(kind: int) -> int:

@@ -21,7 +21,6 @@ from envcraft_protocol.wire import (
     SAME,
     SAME_INFO,
     STEP,
-    UNCHANGED,
     VALUE,
     Kind,
     Type,
@@ -113,12 +112,12 @@ class Reader:
                 recorder.render(step.layout, step.data, step.digest)
         elif kind is Kind.AFTER:
             recorder.after(next(self._only(kind, payload).each()))
-        elif kind in (Kind.RENDER, Kind.REREAD):
+        elif kind is Kind.RENDER:
             flags, layout = VALUE.unpack_from(payload)
             if flags & ~(SAME | FRAME):
                 raise Forged("a value with unknown flags")
             digest, value = self._value(flags, layout, payload[VALUE.size :])
-            (recorder.render if kind is Kind.RENDER else recorder.reread)(layout, value, digest)
+            recorder.render(layout, value, digest)
         elif kind is Kind.PHASE:
             self.phase = str(_json(payload))[:40]
             recorder.phase(self.phase)
@@ -142,6 +141,7 @@ class Reader:
                 Kind.LAYOUT: recorder.layout,
                 Kind.LOADED: recorder.loaded,
                 Kind.FAULT: recorder.fault,
+                Kind.CHANGED: recorder.changed,
                 Kind.RESULT: recorder.result,
             }[kind](value)
 
@@ -165,7 +165,7 @@ class Reader:
     def _only(self, kind: Kind, payload: memoryview) -> Steps:
         """The block of a message with one record. Raises Forged."""
         block = self._block(payload)
-        if len(block) != 1 or block.actions or block.unchanged[0] or (kind is Kind.AFTER and block.rendered[0]):
+        if len(block) != 1 or block.actions or (kind is Kind.AFTER and block.rendered[0]):
             raise Forged(f"{kind.name} with more than it has")
         return block
 
@@ -205,7 +205,6 @@ class Reader:
             data=data,
             infos=self._infos(flags, texts, payload[start + sum(sizes) : len(payload) - length]),
             rendered=[_BOOLS[flag & RENDERED != 0] for flag in flags],
-            unchanged=[_BOOLS[flag & UNCHANGED != 0] for flag in flags],
             actions=actions,
         )
 

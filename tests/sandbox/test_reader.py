@@ -22,7 +22,6 @@ from envcraft_protocol.wire import (
     SAME,
     SAME_INFO,
     STEP,
-    UNCHANGED,
     VALUE,
     Kind,
 )
@@ -91,6 +90,7 @@ GOOD = [
     message(Kind.RENDER, VALUE.pack(0, 0) + bytes(8)),
     step(Kind.STEPS, layout=1, observation=bytes(32)),
     message(Kind.ACTED, {"before": [0, 0, 0], "now": [0, 0, 0]}),
+    message(Kind.CHANGED, {"at": 1}),
     message(Kind.FAULT, {"phase": "step", "type": "ValueError", "message": "no", "line": 3}),
     message(Kind.RESULT, {"steps": 3}),
     message(Kind.TICK),
@@ -242,8 +242,12 @@ def test_a_value_that_cannot_come_again_is_forged(messages: list[bytes]) -> None
         [step(Kind.RESET, observation=BLACK), block([record(SAME, size=0)], actions=b"[")],
         [step(Kind.RESET, observation=BLACK), block([record(size=len(BLACK))] * 13, BLACK * 13)],
         [block([record()] * 2, bytes(16), kind=Kind.RESET)],
-        [block([record(UNCHANGED, layout=1)], bytes(8), kind=Kind.RESET)],
-        [step(Kind.RESET, observation=BLACK), *[message(Kind.REREAD, VALUE.pack(SAME, 0))] * 2],
+        [step(Kind.RESET, layout=1, flags=64)],
+        *(
+            [step(Kind.RESET, layout=1), message(Kind.CHANGED, made)]
+            for made in ({}, {"at": 1}, {"at": -1}, {"at": True})
+        ),
+        [message(Kind.CHANGED, {"at": 0})],
     ],
 )
 def test_steps_that_cannot_be_are_forged(messages: list[bytes]) -> None:
@@ -274,7 +278,7 @@ def test_each_step_requests_an_action() -> None:
 def framed(*messages: bytes, keep: int = 0) -> TraceBuilder:
     """What is read of these messages, where layout 0 is that of frames, 1 of others, and 2 one that is not allowed."""
     made = TraceBuilder(
-        Rollout(0, [[0, 0, 0]] * 8, Conditions(render=True, reread=True), keep=keep),
+        Rollout(0, [[0, 0, 0]] * 8, Conditions(render=True), keep=keep),
         read_space(ARCADE.observation),
         read_space(ARCADE.action),
     )
@@ -290,23 +294,22 @@ def digests(count: int, *, flags: int = 0, kind: Kind = Kind.STEPS, layout: int 
 
 
 def test_frames_are_known_by_their_digests() -> None:
-    made = framed(digests(1, kind=Kind.RESET, flags=RENDERED), digests(3, flags=RENDERED | UNCHANGED)).trace
+    made = framed(digests(1, kind=Kind.RESET, flags=RENDERED), digests(3, flags=RENDERED)).trace
     assert made.observations == [bytes(DIGEST), *(bytes([number]) * DIGEST for number in range(3))]
     assert (made.rewards, made.renders, made.render_problems, made.overwritten) == ([1.0] * 3, 4, [], [])
 
 
-def test_render_and_a_second_reading_may_differ() -> None:
+def test_render_may_differ_and_an_observation_may_change() -> None:
     head = VALUE.pack(FRAME, 0)
     other, wrong = b"x" * DIGEST, message(Kind.RENDER, VALUE.pack(FRAME, 2) + bytes(DIGEST))
     made = framed(
         digests(1, kind=Kind.RESET),
         digests(1),
-        message(Kind.REREAD, head + other),
-        message(Kind.REREAD, head + bytes(DIGEST)),
+        *[message(Kind.CHANGED, {"at": 0})] * 9,
         message(Kind.RENDER, head + other),
         wrong,
     ).trace
-    assert [at for at, _ in made.overwritten] == [0]
+    assert made.overwritten == [(0, 1)] * 3
     assert [problem.kind for problem in made.render_problems] == ["differs"]
 
 
@@ -334,7 +337,7 @@ def test_pictures_come_as_requested() -> None:
         (0, [digests(1, kind=Kind.RESET), digests(3, layout=9)]),
         (0, [digests(1, kind=Kind.RESET), message(Kind.RENDER, VALUE.pack(FRAME, 0))]),
         (0, [digests(1, kind=Kind.RESET), message(Kind.RENDER, VALUE.pack(0, 0) + BLACK)]),
-        (0, [digests(1, kind=Kind.RESET), message(Kind.REREAD, VALUE.pack(FRAME | SAME, 0))]),
+        (0, [digests(1, kind=Kind.RESET), message(Kind.RENDER, VALUE.pack(FRAME | SAME, 0))]),
         (0, [message(Kind.LAYOUT, FRAMES | {"dtype": "<f4"})]),
         (0, [message(Kind.LAYOUT, FRAMES | {"shape": [3]})]),
         (0, [message(Kind.LAYOUT, FRAMES | {"shape": [-1, 84, 84]})]),
@@ -398,7 +401,7 @@ def test_what_the_worker_leaves_out_comes_back(episode: list[Any], keep: int, wa
     made = []
     for leaving_out in (True, False):
         builder = TraceBuilder(
-            Rollout(0, [[0, 0, 0]] * len(episode), Conditions(render=True, reread=True), keep=keep),
+            Rollout(0, [[0, 0, 0]] * len(episode), Conditions(render=True), keep=keep),
             read_space(ARCADE.observation),
             read_space(ARCADE.action),
             watch=watch,
@@ -406,11 +409,8 @@ def test_what_the_worker_leaves_out_comes_back(episode: list[Any], keep: int, wa
         job: Any = {"pictures": builder.pictures} | ({"frame": builder.frame} if leaving_out else {})
         channel = Kept(leaving_out, job)
         channel.step(Kind.RESET, VALUES[0], 0.0, False, False, {}, 0.0)
-        returned = [(VALUES[0], channel.sent)]
         for value, info, reward, flag in episode:
             channel.step(Kind.STEPS, VALUES[value], reward, flag, False, {"a": 1} if info else {}, 0.001)
-            returned.append((VALUES[value], channel.sent))
-            channel.reread(*returned[-2])
             channel.render(VALUES[0])
         channel.send_json(Kind.END, {}, flush=True)
         made.append((builder, channel.kept))

@@ -32,7 +32,6 @@ from envcraft_protocol.wire import (
     SAME,
     SAME_INFO,
     STEP,
-    UNCHANGED,
     VALUE,
     Kind,
     Type,
@@ -104,7 +103,7 @@ class Channel:
         self._actions: list[str] = []
         self._chosen = 0
         #: The number of the last observation; that of the reset is 0.
-        self._number = 0
+        self.number = 0
         #: The last observation.
         self.sent: Sent = (-1, b"", 0)
         #: Number of calls of step() so far, on any instance, and of those that gave up the processor in a job that
@@ -197,10 +196,10 @@ class Channel:
         self, kind: Kind, observation: Any, reward: Any, terminated: Any, truncated: Any, info: Any, seconds: float
     ) -> None:
         """Report what reset() or step() returned."""
-        self._number = 0 if kind is _RESET else self._number + 1
+        self.number = 0 if kind is _RESET else self.number + 1
         layout, data, flags = self.sent = self._value(observation)
         if flags:
-            data += self._frames.picture(observation, self._number)
+            data += self._frames.picture(observation, self.number)
         elif self._said(layout, data):
             flags, data = SAME, b""
         text = encode_info(info)
@@ -260,16 +259,17 @@ class Channel:
         if value[2]:
             if value == self.sent and self._mark(RENDERED):
                 return
-            self._send_value(Kind.RENDER, value, self._frames.picture(frame, self._number))
+            self._send_value(Kind.RENDER, value, self._frames.picture(frame, self.number))
         else:
             self._send_value(Kind.RENDER, value)
 
-    def reread(self, observation: Any, sent: Sent) -> None:
-        """Report what an observation is now that was `sent` earlier."""
-        # An agent holds a copy of its own.
-        value = sent if self._frames.is_resized(observation) else self._value(observation)
-        if not (value == sent and self._kind is _STEPS and self._mark(UNCHANGED)):
-            self._send_value(Kind.REREAD, value)
+    def is_resized(self, observation: Any) -> bool:
+        """Whether an agent holds a resized copy of an observation."""
+        return self._frames.is_resized(observation)
+
+    def read(self, observation: Any) -> Sent:
+        """What would be sent of an observation now."""
+        return self._value(observation)
 
     def _send_value(self, kind: Kind, value: Sent, picture: bytes = b"") -> None:
         number, data, flags = value

@@ -5,7 +5,6 @@ from __future__ import annotations
 import random
 import resource
 import time
-from collections import deque
 from typing import Any
 
 import numpy as np
@@ -14,8 +13,9 @@ from envcraft_protocol.jobs import Conditions, Job
 from envcraft_protocol.jobs import Episode as EpisodePlan
 from envcraft_protocol.wire import Kind
 
-from .channel import Sent, jsonable
+from .channel import jsonable
 from .policy import Policy
+from .returned import Returned
 from .subject import Fault, Subject
 
 # Bound before any untrusted module can replace them.
@@ -26,10 +26,9 @@ _getrusage = resource.getrusage
 _seed, _seed_numpy = random.seed, np.random.seed
 _getstate, _setstate = random.getstate, random.setstate
 _get_state, _set_state = np.random.get_state, np.random.set_state
-#: Observations, and how they were sent.
-Returned = deque[tuple[Any, Sent]]
-#: An observation is read again after this many steps: environments may rotate several buffers.
-_LAG = 4
+_Array = np.ndarray
+#: Number of steps that are reported because they changed their action.
+_ACTED = 3
 #: Seconds of an episode whose job has no time of its own.
 _FOR_EVER = 1e9
 #: Steps of a measured episode that do not depend on its time.
@@ -128,11 +127,15 @@ def _episode(subject: Subject, job: Job, conditions: Conditions) -> None:
     _note_info(channel, info)
     if renders:
         _render(subject, env)
-    returned: Returned = deque([(observation, channel.sent)])
-    del result, observation
+    # Whoever else refers to an observation is counted.
+    del result
+    returned = Returned(subject, reread)
+    returned.add(observation)
+    del observation
     channel.phase("step")
 
     actions: list[Any] = job["actions"]
+    acted = _ACTED
     interactive, until = bool(job.get("interactive")), _monotonic() + job.get("seconds", _FOR_EVER)
     for number in range(job["max_steps"] if policy or interactive else len(actions)):
         if policy:
@@ -146,7 +149,7 @@ def _episode(subject: Subject, job: Job, conditions: Conditions) -> None:
         if companion:
             companion.step()
         perturb()
-        before = jsonable(action) if reread else None
+        was = _bytes(action, reread) if acted else None
         channel.steps += 1
         waits, cpu = (_waits(), _process_time()) if measured else (0, 0.0)
         started = _perf_counter()
@@ -158,33 +161,31 @@ def _episode(subject: Subject, job: Job, conditions: Conditions) -> None:
             channel.busy += seconds if waited else _process_time() - cpu
         if not (isinstance(result, tuple) and len(result) == 5):
             raise Fault({"phase": "step", "malformed": _shape_of(result), "line": None})
-        if reread:
-            now = jsonable(action)
-            if now != before:
-                channel.send_json(Kind.ACTED, {"before": before, "now": now})
+        if was is not None and _bytes(action, reread) != was:
+            acted -= 1
+            channel.send_json(Kind.ACTED, {"before": jsonable(subject.action(chosen, env)), "now": jsonable(action)})
         observation, reward, terminated, truncated, info = result
         subject.call("step", channel.step, Kind.STEPS, observation, reward, terminated, truncated, _info(info), seconds)
         _note_info(channel, info)
-        if reread:
-            returned.append((observation, channel.sent))
-            _reread(subject, returned, _LAG)
+        del result
+        returned.add(observation)
         if renders:
             _render(subject, env)
         # Freed before the next step, which may then use the same memory.
-        del result, observation
+        del observation
         if _true(terminated) or _true(truncated):
+            returned.check()
             _step_on(subject, env, actions, int(conditions.get("after_end", 0)))
             break
         if number + 1 >= _FEWEST and _monotonic() > until:
             break
-    if reread:
-        _reread(subject, returned, 1)
+    returned.check()
     if "options" in job:
         # Wrappers reset like this, and so does any loop after its first episode.
         channel.phase("plain reset")
         subject.call("plain reset", env.reset, seed=None, options=None)
-        if reread:
-            _reread(subject, returned, 0)
+        returned.check()
+    returned.clear()
     channel.phase("close")
     for _ in range(2):
         subject.call("close", env.close)
@@ -235,10 +236,11 @@ def _render(subject: Subject, env: Any) -> None:
     subject.call("render", subject.channel.render, frame)
 
 
-def _reread(subject: Subject, returned: Returned, kept: int) -> None:
-    """Send observations again, the earliest first, until `kept` are left."""
-    while len(returned) > kept:
-        subject.call("step", subject.channel.reread, *returned.popleft())
+def _bytes(action: Any, everything: bool) -> Any:
+    """What shows that an action is as it was; None for one that is no array, unless `everything` is compared."""
+    if type(action) is _Array:
+        return action.tobytes()
+    return jsonable(action) if everything else None
 
 
 def _info(info: Any) -> dict[Any, Any]:
