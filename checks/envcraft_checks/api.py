@@ -6,7 +6,8 @@ values of `step`, the type, dtype, shape and range of each observation, `info`, 
 before the first reset. It also resets once more after an episode, calls `reset(seed=None, options=None)` as wrappers
 do, and constructs an instance after another one was closed. In every episode it compares each action before and after
 `step`, and each observation that the environment still refers to with what it was when it was returned. In one episode
-it holds all observations, as a replay memory does, and compares them also at the end and after the next reset.
+it holds all observations, as a replay memory does, and compares them also at the end and after the next reset. The
+spaces are read again after the reset, after 1, 2, 4, 8 … steps and at the end; equal ones may be new objects.
 
 The check searches for exceptions: it plays random actions, holds single actions, plays every action at every step in
 rotation, tries rare actions on copies of states (those of the longest episode, and the last ones on the way to a win),
@@ -51,7 +52,7 @@ if TYPE_CHECKING:
 _RENDER = Conditions(render=True)
 _CALLS = {
     "reset": "EC104", "earlier reset": "EC104", "plain reset": "EC104", "step": "EC107", "before": "EC107",
-    "render": "EC112", "close": "EC113", "early close": "EC113",
+    "render": "EC112", "close": "EC113", "early close": "EC113", "spaces": "EC115",
 }  # fmt: skip
 #: How messages name phases that are not simply the name of a method.
 _NAMES = {
@@ -59,6 +60,7 @@ _NAMES = {
     "plain reset": "reset(seed=None, options=None)",
     "early close": "close() before reset()",
     "before": "step() in an earlier episode on the same instance",
+    "spaces": "reading the spaces",
 }
 
 #: Messages of graphics libraries on a machine without a screen. They say nothing about the environment.
@@ -117,6 +119,12 @@ class Api(Check):
             "In close(), free only resources that this instance has opened, and allow a second call.",
         ),
         Rule("EC114", "info", "info is not a dict with str keys.", "Return a dict; it may be empty."),
+        Rule(
+            "EC115",
+            "space-changes",
+            "A space changes during play, or cannot be read.",
+            "Define both spaces once, in the constructor, for all levels and episodes.",
+        ),
     )
 
     def judge(self, subject: Subject) -> Iterator[Finding]:
@@ -240,6 +248,12 @@ class Api(Check):
             step, now = trace.acted[0]
             words = f"step {step} changed its action to {str(now)[:200]}"
             yield self.finding("EC111", words, line=subject.line_of("step"), step=step)
+        for change in trace.spaces[:1]:
+            words = f"{change.name} is {change.now} at {_at(change.step)}, and {change.before} before the reset"
+            if change.now == change.before:
+                words = f"{change.name}, {change.now}, has other bounds at {_at(change.step)} than before the reset"
+            line = subject.line_of("step" if change.step else "reset")
+            yield self.finding("EC115", f"{words} (under {who})", line=line, step=change.step)
         for problem in trace.render_problems:
             if problem.kind == "type":
                 yield self.finding("EC112", problem.words, line=subject.line_of("render"), step=problem.step)

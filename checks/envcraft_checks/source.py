@@ -183,6 +183,8 @@ class Source(Check):
             yield self._needs(subject.env_class, description)
         elif fault is not None:
             words = f"{subject.env_class}() raises {fault}"
+            if fault.phase == "spaces":
+                words = f"reading the spaces of a new {subject.env_class} raises {fault}"
             yield self.finding("EC008", words, line=fault.line or description.get("line"), traceback=fault.traceback)
 
     def _judge_installed(self, subject: Subject, loaded: Loaded) -> Iterator[Finding]:

@@ -17,7 +17,7 @@ from envcraft.judging.description import outcome as read_outcome
 from envcraft.judging.driver import Step, Steps, Stop
 from envcraft.model.contract import Success
 from envcraft.model.rollout import Rollout
-from envcraft.model.trace import SLOW, Fault, Problem, Trace, info_digest
+from envcraft.model.trace import SLOW, Fault, Problem, SpaceChange, Trace, info_digest
 from envcraft.similarity.behavioural import EVERY, STEPS
 from envcraft.similarity.perceptual import frame_hash, value_hash
 from envcraft.spaces.codec import ValueCodec, is_picture
@@ -37,6 +37,8 @@ _MAX_INFOS = 256 * 1024
 _MAX_FRAMES = 64 * 1024 * 1024
 #: Maximum length in pixels of the longer side of a kept render() frame.
 _RENDERED_SIDE = 256
+#: Characters of the text of a space.
+_MAX_TEXT = 300
 
 
 class TraceBuilder:
@@ -215,6 +217,13 @@ class TraceBuilder:
             raise MalformedValue("a change of an observation that was never sent")
         if len(trace.overwritten) < _MAX_PROBLEMS:
             trace.overwritten.append((at, None if self._phase == "plain reset" else trace.steps))
+
+    def space(self, report: dict[str, Any]) -> None:
+        name, spaces = report.get("name"), self.trace.spaces
+        if name not in ("observation_space", "action_space") or any(known.name == name for known in spaces):
+            raise MalformedValue("a change of an unknown space, or a second one")
+        before, now = (str(report.get(when, ""))[:_MAX_TEXT] for when in ("before", "now"))
+        spaces.append(SpaceChange(self.trace.steps, name, before, now))
 
     def acted(self, action: Any) -> None:
         if not isinstance(action, dict):

@@ -78,6 +78,16 @@ class Problem:
     words: str
 
 
+@dataclass(frozen=True)
+class SpaceChange:
+    """A space that differs at a step (0 is the reset) from the one that the new instance had, both as text."""
+
+    step: int
+    name: str
+    before: str
+    now: str
+
+
 #: Microseconds from which a step counts as slow.
 SLOW = 1_000
 
@@ -95,6 +105,7 @@ class Trace:
         overwritten: the observations that changed after they were returned, each with the step after which, or None for
             the next reset.
         acted: the steps that changed their action, and to what.
+        spaces: those that changed.
         opaque: some observation has a type of another package, whose bytes the worker cannot send.
         watched: perceptual hashes of some observations, for a fingerprint.
         columns: whether the digests of long frames read columns of pixels; None without long frames.
@@ -117,6 +128,7 @@ class Trace:
     info_notes: list[tuple[int, dict[str, Any]]] = field(default_factory=list)
     overwritten: list[tuple[int, int | None]] = field(default_factory=list)
     acted: list[tuple[int, Any]] = field(default_factory=list)
+    spaces: list[SpaceChange] = field(default_factory=list)
     render_problems: list[Problem] = field(default_factory=list)
     renders: int = 0
     chosen: list[Any] = field(default_factory=list)
@@ -201,6 +213,7 @@ class Trace:
             fault=fault,
             overwritten=[change for change in self.overwritten if change[1] is not None and change[1] <= steps],
             acted=[change for change in self.acted if change[0] <= steps],
+            spaces=[change for change in self.spaces if change.step <= steps],
         )
 
     @property

@@ -88,6 +88,7 @@ class Kind(IntEnum):
     #: JSON object: the job is complete; see :class:`envcraft_protocol.jobs.End`
     END = 14
     ASK = 15  #: empty: the job waits for its next action
+    SPACE = 16  #: JSON object: the name of a space that changed, its text before and now
 
 
 #: The kinds whose payload is a fixed part and the bytes of values.

@@ -142,6 +142,7 @@ class Reader:
                 Kind.LOADED: recorder.loaded,
                 Kind.FAULT: recorder.fault,
                 Kind.CHANGED: recorder.changed,
+                Kind.SPACE: recorder.space,
                 Kind.RESULT: recorder.result,
             }[kind](value)
 

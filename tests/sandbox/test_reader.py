@@ -91,6 +91,7 @@ GOOD = [
     step(Kind.STEPS, layout=1, observation=bytes(32)),
     message(Kind.ACTED, {"before": [0, 0, 0], "now": [0, 0, 0]}),
     message(Kind.CHANGED, {"at": 1}),
+    message(Kind.SPACE, {"name": "action_space", "before": "Discrete(3)", "now": "Discrete(2)"}),
     message(Kind.FAULT, {"phase": "step", "type": "ValueError", "message": "no", "line": 3}),
     message(Kind.RESULT, {"steps": 3}),
     message(Kind.TICK),
@@ -248,6 +249,8 @@ def test_a_value_that_cannot_come_again_is_forged(messages: list[bytes]) -> None
             for made in ({}, {"at": 1}, {"at": -1}, {"at": True})
         ),
         [message(Kind.CHANGED, {"at": 0})],
+        [message(Kind.SPACE, {"name": "space"})],
+        [message(Kind.SPACE, {"name": "action_space"})] * 2,
     ],
 )
 def test_steps_that_cannot_be_are_forged(messages: list[bytes]) -> None:

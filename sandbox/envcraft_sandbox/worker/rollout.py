@@ -16,6 +16,7 @@ from envcraft_protocol.wire import Kind
 from .channel import jsonable
 from .policy import Policy
 from .returned import Returned
+from .spaces import Spaces
 from .subject import Fault, Subject
 
 # Bound before any untrusted module can replace them.
@@ -110,6 +111,7 @@ def _episode(subject: Subject, job: Job, conditions: Conditions) -> None:
     policy = Policy(subject, job["policy"], env) if "policy" in job else None
 
     reread, renders = bool(conditions.get("reread")), bool(conditions.get("render"))
+    spaces = Spaces(subject, env, reread)
     channel.phase("reset")
     perturb()
     seed = None if conditions.get("unseeded") else job["seed"]
@@ -132,6 +134,7 @@ def _episode(subject: Subject, job: Job, conditions: Conditions) -> None:
     returned = Returned(subject, reread)
     returned.add(observation)
     del observation
+    spaces.check()
     channel.phase("step")
 
     actions: list[Any] = job["actions"]
@@ -173,6 +176,9 @@ def _episode(subject: Subject, job: Job, conditions: Conditions) -> None:
             _render(subject, env)
         # Freed before the next step, which may then use the same memory.
         del observation
+        if number & (number + 1) == 0:
+            # After 1, 2, 4, 8 … steps: what changes seldom changes back.
+            spaces.check()
         if _true(terminated) or _true(truncated):
             returned.check()
             _step_on(subject, env, actions, int(conditions.get("after_end", 0)))
@@ -180,11 +186,13 @@ def _episode(subject: Subject, job: Job, conditions: Conditions) -> None:
         if number + 1 >= _FEWEST and _monotonic() > until:
             break
     returned.check()
+    spaces.check()
     if "options" in job:
         # Wrappers reset like this, and so does any loop after its first episode.
         channel.phase("plain reset")
         subject.call("plain reset", env.reset, seed=None, options=None)
         returned.check()
+        spaces.check()
     returned.clear()
     channel.phase("close")
     for _ in range(2):

@@ -173,7 +173,7 @@ class Subject:
                 return
             self._describe_class(loaded, type(env.unwrapped))
         for name in ("observation_space", "action_space"):
-            space = getattr(env, name, None)
+            space = self.call("spaces", getattr, env, name, None)
             loaded[name] = describe_space(space) if isinstance(space, gymnasium.Space) else {"type": type_name(space)}
         loaded["reset"] = _reset_parameters(env)
         metadata = getattr(env, "metadata", None)
