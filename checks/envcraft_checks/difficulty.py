@@ -15,6 +15,13 @@ A game is unsolvable only if a search visited all reachable states without a pos
 reaches another state, since a hidden timer might open a door. A game is trivial if one held action, or the first moves
 of a greedy player, win on nearly every seed. If the budget settles neither, the check is skipped with the reason.
 
+Where no proof is possible, but the exploration met no new state in its second half, a game without a positive outcome
+gets a warning. Another warning names the lines that `step()` can run, that pay, win or end the episode, and that no
+play and no search has reached; the worker reports which lines ran. It comes if the exploration met no new state in its
+second half, and at `standard` also if the game was won. Lines behind a count of steps, behind an option of the
+constructor or `render_mode`, in handlers of exceptions and in guards do not count. If the check is skipped without a
+warning, the reason names these lines.
+
 ## Why is this bad?
 A game that no agent can win, or that every agent wins, says nothing about an agent.
 
@@ -42,10 +49,13 @@ from envcraft.plugins import hookimpl
 from .instawin import BY_SIGN
 
 if TYPE_CHECKING:
+    from envcraft.judging.coverage import Range
     from envcraft.judging.subject import Subject
     from envcraft.model.trace import Trace
 
 _GREEDY_MOVES = 5
+#: The most ranges of lines that a message names.
+_RANGES = 4
 #: Episodes without a win after which a policy is compared with random play.
 _COMPARED = 6
 
@@ -66,9 +76,46 @@ class Difficulty(Check):
             "Fix the policy; the built-in player judges the environment.",
             Severity.WARNING,
         ),
+        Rule(
+            "EC808",
+            "no-success-seen",
+            "No positive outcome was seen in all play and searches.",
+            "Check that the goal can be reached; a privileged policy that wins settles it.",
+            Severity.WARNING,
+        ),
+        Rule(
+            "EC809",
+            "never-reached",
+            "Lines that pay, win or end the episode were never reached.",
+            "Check the conditions before these lines; a privileged policy that reaches them settles it.",
+            Severity.WARNING,
+        ),
     )
 
     def judge(self, subject: Subject) -> Iterator[Finding]:
+        undecided = ""
+        try:
+            yield from self._judge_play(subject)
+        except Skip as skip:
+            undecided = str(skip)
+        if subject.out_of_time or not all(trace.usable and trace.steps for trace in subject.episodes.whole):
+            missed = []
+        else:
+            missed = subject.coverage.missed()
+        if missed and (subject.searches.saturated or (not undecided and subject.budget.rotations)):
+            yield self.finding(
+                "EC809",
+                f"{_listed(missed)} never reached in {subject.steps:,} steps",
+                line=missed[0].first,
+                lines=[[each.first, each.last] for each in missed],
+                steps=subject.steps,
+            )
+        elif missed and undecided:
+            undecided += f"; {_listed(missed)} never reached"
+        if undecided:
+            raise Skip(undecided)
+
+    def _judge_play(self, subject: Subject) -> Iterator[Finding]:
         if not any(trace.usable and trace.steps for trace in subject.played()):
             raise Skip("no episode has a step")
         success = subject.contract.success
@@ -92,6 +139,8 @@ class Difficulty(Check):
         if trivial is not None:
             yield trivial
         elif unsettled:
+            if subject.searches.saturated:
+                yield self._unseen(subject)
             raise Skip(unsettled)
 
     def confirm(self, subject: Subject, finding: Finding) -> Finding | None:
@@ -173,6 +222,24 @@ class Difficulty(Check):
             )
         return _UNSOLVABLE
 
+    def _unseen(self, subject: Subject) -> Finding:
+        """The finding that no play was seen to succeed."""
+        usable = [trace for trace in subject.traces if trace.usable and trace.steps]
+        best = max(usable, key=lambda trace: trace.total)
+        states = sum(int(outcome.get("states") or 0) for outcome in subject.searches.explorations)
+        reported = any(trace.reported_success is not None for trace in usable)
+        key = subject.contract.success.key
+        return self.finding(
+            "EC808",
+            f"{f'{key} was never true' if reported else 'no episode ended with a positive return'} in "
+            f"{len(subject.traces)} episodes of {subject.steps:,} steps, and the exploration met no new state in its "
+            f"second half ({states:,} states, highest return {best.total:g})",
+            line=subject.line_of("step"),
+            repro=repro(best.rollout.cut(best.steps)),
+            steps=subject.steps,
+            states=states,
+        )
+
     def _unsolvable(self, subject: Subject) -> Finding:
         seeds = len(subject.searches.proven)
         states = sum(int(subject.searches.exhaust(number).get("states") or 0) for number in range(seeds))
@@ -248,6 +315,15 @@ class Difficulty(Check):
 
 
 _UNSOLVABLE = "unsolvable"
+
+
+def _listed(missed: list[Range]) -> str:
+    """The lines, what they do, and the verb for them."""
+    shown = [str(each) for each in missed[:_RANGES]]
+    if len(missed) > _RANGES:
+        shown.append(f"{len(missed) - _RANGES} more")
+    single = len(missed) == 1 and missed[0].first == missed[0].last
+    return f"{', and '.join([', '.join(shown[:-1]), shown[-1]] if shown[1:] else shown)}, {'was' if single else 'were'}"
 
 
 @hookimpl

@@ -6,6 +6,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING, NamedTuple
 
 from envcraft.judging.budget import Budget
+from envcraft.judging.coverage import Coverage
 from envcraft.judging.facts import Facts
 from envcraft.judging.job_scheduler import Placement
 from envcraft.judging.probes import Probes
@@ -40,6 +41,7 @@ class JobBuilder:
         seed: the seed of the validation.
         policy: the privileged policy, if there is one.
         job_seconds: the longest time of one job.
+        coverage: the marked statements.
     """
 
     def __init__(
@@ -50,6 +52,7 @@ class JobBuilder:
         seed: int,
         policy: PolicyFile | None,
         job_seconds: float,
+        coverage: Coverage,
     ) -> None:
         self._facts = facts
         self._contract = contract
@@ -57,6 +60,7 @@ class JobBuilder:
         self._seed = seed
         self._policy = policy
         self._job_seconds = job_seconds
+        self._marks = [list(place) for place in coverage.places]
 
     @cached_property
     def probes(self) -> Probes:
@@ -69,7 +73,7 @@ class JobBuilder:
         job = self._facts.job("search")
         job |= {"search": search.kind, "seed": search.seed, "path": search.path, "actions": self.probes.joint_actions}
         job |= {"max_steps": search.budget, "limit": length, "seconds": self._job_seconds * _SEARCH_SHARE}
-        job["series"] = series
+        job |= {"series": series, "marks": self._marks}
         rollout = Rollout(search.seed, [], max_steps=length)
         return PreparedJob(Placement(), job, TraceBuilder(rollout, None, self._facts.action_space))
 
@@ -107,6 +111,8 @@ class JobBuilder:
             job["policy"] = {"source": self._policy.source, "filename": "<envcraft_policy>"}
         if every_step:
             job["every_step"] = True
+        if not (measured or rollout.interactive):
+            job["marks"] = self._marks
         if measured is not None:
             job |= {"count_waits": True, "seconds": measured}
         if rollout.interactive:

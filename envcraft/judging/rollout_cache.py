@@ -9,6 +9,7 @@ import msgspec
 
 from envcraft.errors import EnvCraftError, Skip
 from envcraft.judging.budget import Budget
+from envcraft.judging.coverage import Coverage
 from envcraft.judging.driver import Player
 from envcraft.judging.job_builder import JobBuilder
 from envcraft.judging.job_runner import JobRunner, PendingRollout
@@ -42,6 +43,7 @@ class RolloutCache:
         jobs: makes the jobs.
         runner: runs them.
         budget: how much the validation spends.
+        coverage: learns what each request reaches.
 
     Attributes:
         steps: environment steps of every kind in what was requested: of episodes, of those before and beside them,
@@ -49,12 +51,13 @@ class RolloutCache:
         on_steps: called with `steps` when they have grown, once for each episode or search.
     """
 
-    def __init__(self, jobs: JobBuilder, runner: JobRunner, budget: Budget) -> None:
+    def __init__(self, jobs: JobBuilder, runner: JobRunner, budget: Budget, coverage: Coverage) -> None:
         self.steps = 0
         self.on_steps: Callable[[int], None] | None = None
         self._jobs = jobs
         self._runner = runner
         self._budget = budget
+        self._coverage = coverage
         self._troubles: Counter[ExitReason] = Counter()
         #: How the first trace reads long frames. All others must do the same, or their digests differ.
         self._columns: bool | None = None
@@ -244,6 +247,8 @@ class RolloutCache:
 
     def _count(self, trace: Trace) -> None:
         """Count the steps that a job reports; of one that does not come to report, those that its trace shows."""
+        if trace.end is not None:
+            self._coverage.add(trace.end.reached)
         shown = trace.steps + (trace.earlier.steps if trace.earlier is not None else 0)
         self.steps += max(trace.end.steps if trace.end is not None else 0, shown)
         if self.on_steps is not None:

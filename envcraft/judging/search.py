@@ -97,13 +97,16 @@ class Searches:
         return range(max(len(self.explorations), _PROVEN))
 
     @property
+    def saturated(self) -> bool:
+        """Whether no exploration met a new state in its second half."""
+        return not any(outcome.get("late_states") for outcome in self.explorations)
+
+    @property
     def exhaustible(self) -> bool:
         """Whether the explorations saw so few states that a search may reach them all."""
         steps = self._exhaust_steps
         return all(
-            not outcome.get("late_states")
-            and int(outcome.get("states") or 0) * len(self._probes.joint_actions) <= steps
-            for outcome in self.explorations
+            int(outcome.get("states") or 0) * len(self._probes.joint_actions) <= steps for outcome in self.explorations
         )
 
     @property

@@ -9,6 +9,7 @@ from types import TracebackType
 from typing import Any
 
 from envcraft.judging.budget import Budget
+from envcraft.judging.coverage import Coverage
 from envcraft.judging.driver import Isolation
 from envcraft.judging.episodes import Episodes
 from envcraft.judging.facts import Facts, Loaded
@@ -45,6 +46,7 @@ class Subject:
 
     Attributes:
         cache: the traces and search outcomes so far.
+        coverage: the statements of the file, and which of them were reached in these.
         time_limit: when the last job ends.
     """
 
@@ -68,8 +70,10 @@ class Subject:
         self.time_limit = TimeLimit(budget.seconds if seconds is None else seconds, fixed=seconds is not None)
         self._runner = JobRunner(lease, target, contract, parallel_jobs, self.time_limit)
         self._facts = Facts(target, contract, self._runner)
-        self._jobs = JobBuilder(self._facts, contract, budget, seed, policy, lease.pool.limits.job)
-        self.cache = RolloutCache(self._jobs, self._runner, budget)
+        self.coverage = Coverage(target)
+        limits = lease.pool.limits
+        self._jobs = JobBuilder(self._facts, contract, budget, seed, policy, limits.job, self.coverage)
+        self.cache = RolloutCache(self._jobs, self._runner, budget, self.coverage)
 
     def __enter__(self) -> Subject:
         return self

@@ -40,6 +40,7 @@ class JobResult(msgspec.Struct, frozen=True):
         whole: the time of the whole job was over, not that of one call.
         waits: calls of reset and step that gave up the processor to wait, if the job is measured.
         busy: the processor time of the steps in seconds, if the job is measured. Of a step that waits, all time counts.
+        reached: a digit for each of the job's marks, 1 for those that were reached; empty if it does not say.
     """
 
     reason: ExitReason
@@ -56,15 +57,19 @@ class JobResult(msgspec.Struct, frozen=True):
     steps: int = 0
     waits: int = 0
     busy: float = 0.0
+    reached: str = ""
 
 
 class SearchOutcome(TypedDict, total=False):
-    """The result of a search: action lists to a crash, to a win and to the highest return, and its size."""
+    """The result of a search: action lists to a crash, to a win and to the highest return, and its size: its steps, the
+    states that it met, and those that it met first in its second half.
+    """
 
     crash: list[Any] | None
     win: list[Any] | None
     best: list[Any] | None
     steps: int
     states: int
+    late_states: int
     exhausted: bool
     stochastic: bool

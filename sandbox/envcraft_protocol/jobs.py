@@ -132,6 +132,8 @@ class Job(TypedDict):
         pictures: the frames that are also sent as pictures; by default none.
         columns: whether long frames are digested by columns of pixels, not by rows. By default the memory order of the
             job's first long frame decides.
+        marks: line and column, in bytes of UTF-8, of statements in the target's source; the job says which of them were
+            reached.
         series: the process may run further jobs.
         new_process: the job is the first one of its process.
         search: name of the search.
@@ -155,6 +157,7 @@ class Job(TypedDict):
     frame: NotRequired[list[int]]
     pictures: NotRequired[Pictures]
     columns: NotRequired[bool]
+    marks: NotRequired[list[list[int]]]
     series: NotRequired[bool]
     new_process: NotRequired[bool]
     search: NotRequired[str]
@@ -171,12 +174,15 @@ class End(TypedDict, total=False):
         reusable: the process offers to run another job.
         waits: the number of calls that gave up the processor, an answer to ``count_waits``.
         busy: the processor time of the steps in microseconds, another one. Of a step that waits all time counts.
+        reached: a digit for each of the job's marks, 1 for those that were reached; absent without marks, or if they do
+            not fit the source.
     """
 
     steps: int
     reusable: bool
     waits: int
     busy: int
+    reached: str
 
 
 class JobLimits(TypedDict):

@@ -105,7 +105,7 @@ class ForkServerWorker(Worker):
             with contextlib.suppress(OSError):
                 process.data.sendall(HEADER.pack(0, len(payload)) + payload)
             process.data.setblocking(False)
-            watch = _Watch(self, process, recorder, limits, player, series)
+            watch = _Watch(self, process, recorder, limits, player, series, len(job.get("marks", ())))
             end = watch.run()
             process.done += 1
             if watch.reusable:
@@ -238,6 +238,7 @@ class _Watch:
         limits: Limits,
         player: Player | None,
         series: bool,
+        marks: int,
     ) -> None:
         self._worker = worker
         self._number = process.number
@@ -250,7 +251,7 @@ class _Watch:
         self._limits = limits
         self._recorder = recorder
         self._player = player
-        self._reader = Reader(recorder, played=player is not None)
+        self._reader = Reader(recorder, played=player is not None, marks=marks)
         self._started = time.monotonic()
         #: When the job began to wait for the player, and actions that the player has sent already.
         self._waiting: float | None = None
@@ -305,6 +306,7 @@ class _Watch:
             steps=self._reader.steps,
             waits=self._reader.waits,
             busy=self._reader.busy / 1e6,
+            reached=self._reader.reached,
         )
 
     def _limit(self, how: ExitReason) -> str:

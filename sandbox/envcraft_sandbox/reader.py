@@ -49,17 +49,20 @@ class Reader:
         steps: the number of calls of step() that the job reported at its end.
         waits: the number of calls that gave up the processor, of a job that is measured.
         busy: the processor time of the steps in microseconds, of such a job.
+        reached: a digit for each mark in the source, 1 for those that were reached; empty if the job does not say.
         awaits_action: the job waits for its next action. Only an interactive job may ask, and it chooses no action
             itself. The sender of the action resets it.
         phase: the call that the job last reported.
     """
 
-    def __init__(self, recorder: Recorder, played: bool = False) -> None:
+    def __init__(self, recorder: Recorder, played: bool = False, marks: int = 0) -> None:
         self.ended = False
         self.reusable = False
         self.steps = 0
         self.waits = 0
         self.busy = 0
+        self.reached = ""
+        self._marks = marks
         self.awaits_action = False
         self._played = played
         self.phase = "start"
@@ -131,6 +134,9 @@ class Reader:
                 raise Forged("END is not a JSON object")
             self.steps, self.waits, self.busy = _count(end, "steps"), _count(end, "waits"), _count(end, "busy")
             self.reusable = end.get("reusable") is True
+            self.reached = end.get("reached", "")
+            if self.reached != "" and not _are_digits(self.reached, self._marks):
+                raise Forged("marks that the source does not have")
         elif kind is Kind.ASK:
             self.awaits_action = True
         elif kind is not Kind.TICK:
@@ -236,6 +242,10 @@ class Reader:
                 raise Forged("an info that claims to repeat the last one")
             infos.append(self._info)
         return infos
+
+
+def _are_digits(reached: object, count: int) -> bool:
+    return isinstance(reached, str) and len(reached) == count and set(reached) <= {"0", "1"}
 
 
 def _count(end: dict[str, Any], name: str) -> int:

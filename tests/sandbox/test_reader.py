@@ -143,6 +143,26 @@ def test_counts_that_cannot_be_are_forged(name: str, count: Any) -> None:
         Reader(recording()).feed(b"".join(GOOD[:-1]) + message(Kind.END, {name: count}))
 
 
+def test_the_end_says_which_marks_were_reached() -> None:
+    for marks, end, reached in ((3, {"reached": "010"}, "010"), (3, {}, ""), (0, {}, "")):
+        reader = Reader(recording(), marks=marks)
+        reader.feed(b"".join(GOOD[:-1]) + message(Kind.END, end))
+        assert (reader.ended, reader.reached) == (True, reached)
+
+
+@pytest.mark.parametrize(
+    "reached", ["0", "01", "0101", "01x", "01\n", 10, None, ["0", "1", "0"], {"0": 1, "1": 1, "2": 1}, True]
+)
+def test_marks_that_the_source_does_not_have_are_forged(reached: Any) -> None:
+    with pytest.raises(Forged, match="marks"):
+        Reader(recording(), marks=3).feed(b"".join(GOOD[:-1]) + message(Kind.END, {"reached": reached}))
+
+
+def test_marks_that_nobody_made_are_forged() -> None:
+    with pytest.raises(Forged, match="marks"):
+        Reader(recording()).feed(b"".join(GOOD[:-1]) + message(Kind.END, {"reached": "1"}))
+
+
 def test_an_end_that_is_no_object_is_forged() -> None:
     with pytest.raises(Forged, match="END"):
         Reader(recording()).feed(b"".join(GOOD[:-1]) + message(Kind.END, []))

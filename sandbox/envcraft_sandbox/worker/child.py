@@ -134,6 +134,7 @@ def _run(job: Job, channel: Channel, traces: Traces | None) -> bool:
     except Fault as fault:
         reusable = False
         channel.send_json(Kind.FAULT, fault.report)
+    reached = subject.target.reached
     del subject
     with contextlib.suppress(Exception):
         sys.stdout.flush()
@@ -143,6 +144,8 @@ def _run(job: Job, channel: Channel, traces: Traces | None) -> bool:
         channel.phase("close")
         reusable = traces.remove()
     end: End = {"steps": channel.steps}
+    if reached:
+        end["reached"] = reached.decode("ascii", "replace")
     if reusable:
         end["reusable"] = True
     elif job.get("count_waits"):

@@ -49,7 +49,7 @@ class Subject:
         self.channel = channel
         self.contract: jobs.Contract = job["contract"]
         self.action_spec: dict[str, Any] | None = self.contract.get("action")
-        self.target = targets.open_target(job["target"])
+        self.target = targets.open_target(job["target"], job.get("marks", ()))
         self._creator: Any = None
 
     def call(self, phase: str, function: Callable[..., Any], *args: Any, **kwargs: Any) -> Any:
@@ -212,6 +212,11 @@ class Subject:
         except BaseException:
             message = "(its message could not be read)"
         shown = [frame for frame in frames if not any(name in frame.filename for name in _OWN)][-8:]
+        for frame in shown:
+            if frame.filename == self.target.filename:
+                # Marks move the columns that a traceback underlines.
+                frame.colno = self.target.column(frame.lineno, frame.colno)
+                frame.end_colno = self.target.column(frame.end_lineno, frame.end_colno)
         return {
             "phase": phase,
             "type": type_name(error),

@@ -12,13 +12,16 @@ import linecache
 import re
 import sys
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from functools import lru_cache
-from types import CodeType, ModuleType
+from types import ModuleType
 from typing import Any
 
 import gymnasium
 from envcraft_protocol import jobs
 from envcraft_protocol.classes import concrete_classes, is_environment, rendering
+
+from .marks import Marked, Reached
 
 #: The name of the module that a source is executed in.
 SUBJECT = "envcraft_subject"
@@ -38,6 +41,8 @@ class Target(ABC):
         self._wrappers: list[str] = spec.get("wrappers") or []
         #: The file whose lines findings name, once known.
         self.filename = ""
+        #: Which marks were reached; empty without marks.
+        self.reached = Reached()
 
     @abstractmethod
     def load(self) -> None:
@@ -52,6 +57,10 @@ class Target(ABC):
         env = creator(**self.kwargs | rendering(creator, self.kwargs))
         return self.wrap(env)
 
+    def column(self, line: int | None, column: int | None) -> int | None:
+        """The column of the file that a column of the running code stands for, both in bytes."""
+        return column
+
     def wrap(self, env: Any) -> Any:
         for name in self._wrappers:
             env = attribute(name)(env)
@@ -59,18 +68,26 @@ class Target(ABC):
 
 
 class Source(Target):
-    """The text of a file, executed as a module."""
+    """The text of a file, executed as a module, with marks at these places."""
 
-    def __init__(self, spec: jobs.SourceTarget) -> None:
+    def __init__(self, spec: jobs.SourceTarget, places: Sequence[Sequence[int]] = ()) -> None:
         super().__init__(spec)
         self.filename = spec["filename"]
         self.module: ModuleType | None = None
         self.wanted: str | None = spec.get("class")
         self._source: str = spec["source"]
+        self._places = tuple((line, column) for line, column in places)
+        self._marked: Marked | None = None
 
     def load(self) -> None:
         if self.module is None:
-            self.module = execute(SUBJECT, self._source, self.filename)
+            self._marked = _compiled(self._source, self.filename, self._places)
+            self.reached = self._marked.reached
+            self.reached.forget()
+            self.module = _executed(SUBJECT, self._source, self._marked)
+
+    def column(self, line: int | None, column: int | None) -> int | None:
+        return self._marked.column(line, column) if self._marked is not None else column
 
     def creator(self) -> Any:
         assert self.module is not None, "load() comes first"
@@ -126,27 +143,33 @@ class Registered(Target):
         return self.wrap(env)
 
 
-def open_target(spec: jobs.Target) -> Target:
+def open_target(spec: jobs.Target, places: Sequence[Sequence[int]] = ()) -> Target:
+    """The target of a job. Only a file has marks at `places`."""
     if spec["kind"] == "source":
-        return Source(spec)
+        return Source(spec, places)
     return Installed(spec) if spec["kind"] == "module" else Registered(spec)
 
 
 def execute(name: str, source: str, filename: str, extra: dict[str, Any] | None = None) -> ModuleType:
     """Execute a text as the module `name`."""
+    return _executed(name, source, _compiled(source, filename, ()), extra)
+
+
+def _executed(name: str, source: str, marked: Marked, extra: dict[str, Any] | None = None) -> ModuleType:
     module = ModuleType(name)
+    filename = marked.code.co_filename
     module.__file__ = filename
     module.__dict__.update(extra or {})
     sys.modules[name] = module
     linecache.cache[filename] = (len(source), None, source.splitlines(keepends=True), filename)
-    exec(_compiled(source, filename), module.__dict__)  # noqa: S102 (that is what a sandbox is for)
+    exec(marked.code, module.__dict__)  # noqa: S102 (that is what a sandbox is for)
     return module
 
 
 @lru_cache(maxsize=2)
-def _compiled(source: str, filename: str) -> CodeType:
+def _compiled(source: str, filename: str, places: tuple[tuple[int, int], ...]) -> Marked:
     """The code of a text, which every job of a series executes again."""
-    return compile(source, filename, "exec")
+    return Marked(source, filename, places)
 
 
 def attribute(name: str) -> Any:
