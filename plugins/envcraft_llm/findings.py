@@ -30,6 +30,12 @@ def findings(report: SubjectReport | None, of: frozenset[str] | None = None) -> 
     ]
 
 
+def warnings(report: SubjectReport | None, code: str) -> list[Finding]:
+    """Return the findings with this code, which fail no check."""
+    checks = report.checks if report is not None else []
+    return [finding for check in checks for finding in check.findings if finding.code == code]
+
+
 def to_repair(report: SubjectReport | None) -> list[Finding]:
     """Return the findings that a repair has to remove."""
     checks = frozenset(check.check for check in report.checks) if report is not None else frozenset()

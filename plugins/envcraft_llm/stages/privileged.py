@@ -17,9 +17,9 @@ from envcraft.generation.stages import (
     StageContext,
     StageOutcome,
 )
-from envcraft.model.verdict import Finding, Verdict
+from envcraft.model.verdict import Finding, SubjectReport, Verdict
 from envcraft_llm import extraction
-from envcraft_llm.findings import check_verdict, finding_lines, findings, summary_line
+from envcraft_llm.findings import check_verdict, finding_lines, findings, summary_line, warnings
 from envcraft_llm.templates import prompt
 
 from .code import complete
@@ -54,17 +54,18 @@ class Privileged(Stage):
         for number in range(REWRITES + 1):
             source, provenance = await self._write(state, context, attempt, number, source, complaint)
             policy = PolicyAttempt(number, source, provenance=provenance)
-            complaint = (
-                await _evaluate(state, context, attempt, policy) if source else "The answer had no policy in it."
-            )
+            played = None
+            complaint = "The answer had no policy in it."
+            if source:
+                complaint, played = await _evaluate(state, context, attempt, policy)
             policy.fault = "" if policy.wins else complaint
             context.keep_policy(state, policy)
             if policy.wins:
                 facts |= {"policy": number, "wins": policy.wins, "episodes": policy.episodes}
-                return StageOutcome("passed", facts=facts)
+                return _passed(played, facts)
         facts |= {"policy": None, "disagreement": search_wins}
         if search_wins:
-            return StageOutcome("passed", facts=facts)
+            return _passed(attempt.report, facts)
         reason = next((check.reason for check in attempt.report.checks if check.check == "difficulty"), "")
         message = f"too hard: no policy of {REWRITES + 1} wins, nor does the search ({reason})"
         return StageOutcome("rejected", message, facts)
@@ -88,8 +89,12 @@ class Privileged(Stage):
         return ("" if file is None else file.source), reply.provenance
 
 
-async def _evaluate(state: ConceptState, context: StageContext, attempt: Attempt, policy: PolicyAttempt) -> str:
-    """Play a policy, set its wins and episodes, and return what is wrong with it, as part of the next prompt."""
+async def _evaluate(
+    state: ConceptState, context: StageContext, attempt: Attempt, policy: PolicyAttempt
+) -> tuple[str, SubjectReport]:
+    """Play a policy, and set its wins and episodes. Return what is wrong with it, as part of the next prompt, and the
+    report on the game with it.
+    """
     evaluation = await context.play(state, attempt, policy.source)
     about_policy = [
         finding for check in evaluation.report.checks for finding in check.findings if finding.code in _POLICY_CODES
@@ -102,7 +107,15 @@ async def _evaluate(state: ConceptState, context: StageContext, attempt: Attempt
         lines = [
             f"It wins none of {policy.episodes} episodes, though it does better than doing nothing or random play."
         ]
-    return "\n".join(f"- {line}" for line in lines)
+    return "\n".join(f"- {line}" for line in lines), evaluation.report
+
+
+def _passed(report: SubjectReport | None, facts: dict[str, Any]) -> StageOutcome:
+    """The outcome of a game that is won: rejected if lines that pay or end the episode were never reached."""
+    unreached = warnings(report, "EC809")
+    if unreached:
+        return StageOutcome("rejected", f"never reached: {summary_line(unreached)}", facts)
+    return StageOutcome("passed", facts=facts)
 
 
 def _rejected(failed: list[Finding]) -> StageOutcome:

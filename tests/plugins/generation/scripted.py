@@ -77,7 +77,7 @@ class ScriptedContext(StageContext):
 
 def finding(code: str, message: str = "it is wrong", line: int | None = None, **evidence: Any) -> Finding:
     repro = Repro(3, [[1, 0, 0], [4, 1, 0]])
-    severity = Severity.WARNING if code == "EC806" else Severity.ERROR
+    severity = Severity.WARNING if code in ("EC806", "EC808", "EC809") else Severity.ERROR
     return Finding(code, severity, message, line, evidence, repro)
 
 

@@ -111,15 +111,19 @@ def test_an_attempt_under_other_settings_is_judged_again(stage: Stage, code: str
 
 
 def privileged(
-    *answers: str, difficulty: Verdict = Verdict.SKIP, found: str = "", fault: str = "EC806"
+    *answers: str,
+    difficulty: Verdict = Verdict.SKIP,
+    found: str = "",
+    fault: str = "EC806",
+    left: tuple[str, ...] = (),
 ) -> tuple[StageOutcome, ConceptState, ScriptedContext]:
-    """A policy that goes to the door wins 5 of 6 episodes; any other has the fault."""
+    """A policy that goes to the door wins 5 of 6 episodes and has the findings `left`; any other has the fault."""
     known = Attempt(0, GAME, report=report(GAME, *([finding(found)] if found else []), difficulty=difficulty))
     about = state(brief=brief(), attempts=[known])
 
     def plays(policy: str) -> PolicyEvaluation:
         if "state.door" in policy:
-            return PolicyEvaluation(report(GAME), 5, 6)
+            return PolicyEvaluation(report(GAME, *map(finding, left)), 5, 6)
         return PolicyEvaluation(report(GAME, *([finding(fault, "it stands still")] if fault else [])), 0, 6)
 
     context = ScriptedContext([fenced(answer) for answer in answers], plays=plays)
@@ -139,6 +143,23 @@ def test_a_policy_is_rewritten_with_the_complaint(fault: str) -> None:
     assert ("it stands still" if fault else "It wins none of 6 episodes") in context.requests[1].messages[1][1]
     assert IDLE.strip() in context.requests[1].messages[1][1]
     assert about.policies[0].fault
+
+
+def test_lines_that_a_winning_policy_does_not_reach_are_an_error() -> None:
+    outcome, _, context = privileged(POLICY, left=("EC809",))
+    assert (outcome.result, len(context.requests)) == ("rejected", 1)
+    assert outcome.reason == "never reached: EC809 it is wrong"
+
+
+@pytest.mark.parametrize("found", ["EC808", "EC809"])
+def test_a_policy_may_show_the_opposite_of_what_was_never_seen(found: str) -> None:
+    assert privileged(POLICY, found=found)[0].result == "passed"
+
+
+def test_lines_that_no_policy_reaches_are_an_error() -> None:
+    outcome, about, _ = privileged(IDLE, difficulty=Verdict.PASS, found="EC809")
+    assert outcome.reason == "never reached: EC809 it is wrong"
+    assert len(about.policies) == 4
 
 
 def test_a_game_that_nothing_wins_is_too_hard() -> None:
