@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from envcraft.environments.registration import create, register
     from envcraft.environments.sources import names
     from envcraft.environments.vector import make_vec
-    from envcraft.errors import EnvCraftError, Skip, UsageError
+    from envcraft.errors import EnvCraftError, Skip, Undecided, UsageError
     from envcraft.generation.generators import Generator
     from envcraft.generation.stages import Stage
     from envcraft.judging.check import Check, Rule
@@ -57,6 +57,7 @@ _MODULES = {
     "Stage": "generation.stages",
     "Subject": "judging.subject",
     "Trace": "model.trace",
+    "Undecided": "errors",
     "UsageError": "errors",
     "Verdict": "model.verdict",
     "Worker": "judging.driver",
@@ -70,10 +71,10 @@ _MODULES = {
 }
 
 __all__ = [
-    "Check", "Conditions", "Contract", "Driver", "EnvCraftError", "ExecutorPlugin", "Exporter", "Family", "Finding",
-    "Generated", "Generator", "Player", "Reporter", "Repro", "Rollout", "Rule", "Severity", "Skip", "Stage", "Subject",
-    "Trace", "UsageError", "Verdict", "Worker", "__version__", "create", "hookimpl", "make", "make_vec", "names",
-    "register",
+    "Check", "Conditions", "Contract", "Driver", "EnvCraftError", "ExecutorPlugin", "Exporter", "Family",
+    "Finding", "Generated", "Generator", "Player", "Reporter", "Repro", "Rollout", "Rule", "Severity", "Skip",
+    "Stage", "Subject", "Trace", "Undecided", "UsageError", "Verdict", "Worker", "__version__", "create",
+    "hookimpl", "make", "make_vec", "names", "register",
 ]  # fmt: skip
 
 

@@ -51,4 +51,8 @@ class MalformedValue(ValueError):
 
 
 class Skip(Exception):
-    """A check does not apply to this subject, or cannot settle its question; the message is the reason."""
+    """A check does not apply to this subject; the message is the reason."""
+
+
+class Undecided(Skip):
+    """A check applies, and cannot settle its question within the budget."""

@@ -10,6 +10,7 @@ from envcraft.judging.check import Check
 from envcraft.judging.engine import Plan
 from envcraft.judging.guide import Example, guide_of
 from envcraft.judging.selection import all_checks, driver_named
+from envcraft.judging.severity import SeverityPolicy
 from envcraft.model.target import PolicyFile, Target
 from envcraft.model.verdict import SubjectReport
 from evaluation.judge import judge_plans
@@ -43,6 +44,7 @@ def judge_examples(codes: Iterable[str], sandbox: str = "auto") -> Iterator[tupl
                 driver,
                 [each for each in every if each.gate or each.always or each.name == player],
                 BUDGETS[settings.get("budget", "quick")],
+                severity=SeverityPolicy(comments=True),
                 policy=PolicyFile("policy.py", example.policy) if example.policy else None,
                 parallel_jobs=1,
             )

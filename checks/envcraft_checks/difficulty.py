@@ -38,7 +38,7 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
-from envcraft.errors import Skip
+from envcraft.errors import Skip, Undecided
 from envcraft.judging import policy
 from envcraft.judging.check import Check, Rule
 from envcraft.judging.shrink import repro
@@ -141,7 +141,7 @@ class Difficulty(Check):
         elif unsettled:
             if subject.searches.saturated:
                 yield self._unseen(subject)
-            raise Skip(unsettled)
+            raise Undecided(unsettled)
 
     def confirm(self, subject: Subject, finding: Finding) -> Finding | None:
         if finding.code in ("EC804", "EC805"):

@@ -22,6 +22,13 @@ judged.
 An agent cannot train on an environment that does not load. A library that the next machine lacks, or code that runs for
 minutes at import, breaks every worker of a cluster.
 
+## Comments
+`# envcraft: ignore[EC203] the order is not seen` ignores a finding: on the line that the finding names, on a line of
+its own above it, or on the first line of the class or function around it. `# envcraft: ignore-file[EC203] ...` ignores
+it in the whole file. Only commands for authors, such as `envcraft validate`, read these comments; audits do not. A
+comment that is malformed, or names an unknown rule or no reason (EC011), and one that ignores nothing (EC012, not at
+the budget `quick`), are warnings.
+
 ## Example
 ```python
 import gym_helpers        # EC002: this library does not exist
@@ -36,7 +43,7 @@ from __future__ import annotations
 
 import ast
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
 from envcraft.errors import WorkerLost
@@ -44,7 +51,7 @@ from envcraft.judging.check import Check, Rule
 from envcraft.judging.driver import Isolation
 from envcraft.model.job import ExitReason
 from envcraft.model.target import parse
-from envcraft.model.verdict import Finding, Severity
+from envcraft.model.verdict import Finding, Severity, Verdict
 from envcraft.plugins import hookimpl
 
 from .imports import imported_modules, required_imports
@@ -54,6 +61,7 @@ if TYPE_CHECKING:
     from envcraft.judging.facts import Loaded
     from envcraft.judging.subject import Subject
     from envcraft.model.trace import Fault
+    from envcraft.model.verdict import CheckReport
 
 _OLD_NAMES = {"gym": "gymnasium", "pygame_ce": "pygame", "np": "numpy"}
 _SLOW_IMPORT = 3.0
@@ -109,6 +117,20 @@ class Source(Check):
             Severity.WARNING,
         ),
         Rule("EC010", "too-large", "The file is too large to be an environment.", "Keep data out of the source."),
+        Rule(
+            "EC011",
+            "ignore-comment",
+            "A comment that ignores findings is malformed, or names no rule or no reason.",
+            "Write `# envcraft: ignore[EC203] the reason`.",
+            Severity.WARNING,
+        ),
+        Rule(
+            "EC012",
+            "unused-ignore",
+            "A comment ignores a finding that there is not.",
+            "Remove the code from the comment.",
+            Severity.WARNING,
+        ),
     )
 
     def judge(self, subject: Subject) -> Iterator[Finding]:
@@ -124,10 +146,44 @@ class Source(Check):
         if wrong is not None:
             yield wrong
             return
+        yield from self._judge_comments(subject)
         unknown = list(self._unknown_imports(subject))
         yield from unknown
         if not unknown:
             yield from self._judge_loaded(subject, subject.load())
+
+    def conclude(self, subject: Subject, reports: Sequence[CheckReport]) -> Iterator[Finding]:
+        comments = subject.ignore_comments
+        # What is rare may show only at a larger budget.
+        if comments is None or subject.budget.name == "quick" or subject.time_limit.decided:
+            return
+        passed = {report.check for report in reports if report.verdict is Verdict.PASS}
+        settled = {code for code, check in _owners().items() if check.name in passed and check.waivable(code)}
+        for comment, code in comments.unused():
+            if code in settled and code not in subject.contract.without:
+                words = f"line {comment.line} ignores {code}, and there is no such finding"
+                yield self.finding("EC012", words, line=comment.line)
+
+    def _judge_comments(self, subject: Subject) -> Iterator[Finding]:
+        from envcraft.registry import did_you_mean
+
+        if subject.ignore_comments is None or not subject.ignore_comments.comments:
+            return
+        owners = _owners()
+        for comment in subject.ignore_comments.comments:
+            wrong = [f"there is no rule {did_you_mean(code, owners)}" for code in comment.codes if code not in owners]
+            wrong += [
+                f"{code} cannot be ignored, because other verdicts depend on it"
+                for code in comment.codes
+                if code in owners and not owners[code].waivable(code)
+            ]
+            if not comment.codes:
+                wrong.append("it names no code")
+            elif not comment.reason:
+                wrong.append("it gives no reason")
+            if wrong:
+                words = f"the comment in line {comment.line} that ignores findings: {'; '.join(wrong)}"
+                yield self.finding("EC011", words, line=comment.line)
 
     def _parse(self, source: bytes) -> Finding | None:
         try:
@@ -249,6 +305,13 @@ class Source(Check):
         return self.finding(
             "EC005", f"the file defines no concrete subclass of gymnasium.Env with reset and step{hint}"
         )
+
+
+def _owners() -> dict[str, Check]:
+    """The check of each code."""
+    from envcraft.judging.selection import all_checks
+
+    return {rule.code: check for check in all_checks() for rule in check.rules}
 
 
 def _absent(fault: Fault, name: str) -> bool:

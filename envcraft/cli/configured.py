@@ -94,7 +94,7 @@ def configuration(
     path, table = settings(folder)
     values: dict[str, Any] = {}
     for key, value in table.items():
-        if key in ("contracts", "corpus", "llm"):
+        if key in ("contracts", "corpus", "llm", "severity"):
             continue
         name = key.replace("_", "-")
         if name not in options and name in others():

@@ -8,12 +8,12 @@ from __future__ import annotations
 
 import inspect
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 import msgspec
 
-from envcraft.model.verdict import Finding, Repro, Severity
+from envcraft.model.verdict import CheckReport, Finding, Repro, Severity
 
 if TYPE_CHECKING:
     from envcraft.judging.subject import Subject
@@ -71,6 +71,10 @@ class Check(ABC):
         """Yield the findings of one trace that need no other trace. By default there are none."""
         return ()
 
+    def conclude(self, subject: Subject, reports: Sequence[CheckReport]) -> Iterable[Finding]:
+        """Yield findings that only the reports of all checks of a subject show. By default there are none."""
+        return ()
+
     def confirm(self, subject: Subject, finding: Finding) -> Finding | None:
         """Run a finding's reproduction again.
 
@@ -95,6 +99,10 @@ class Check(ABC):
             if rule.code == code:
                 return rule
         raise KeyError(code)
+
+    def waivable(self, code: str) -> bool:
+        """Whether an author may ignore or lower a code of this check: not if other verdicts depend on it."""
+        return not (self.always or (self.gate and self.rule(code).severity is Severity.ERROR))
 
     def finding(
         self,

@@ -9,13 +9,15 @@ import threading
 import time
 from collections.abc import Callable, Generator, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from typing import TYPE_CHECKING
 
 import msgspec
 
-from envcraft.errors import EnvCraftError, Skip, TargetLost
+from envcraft.errors import EnvCraftError, Skip, TargetLost, Undecided
 from envcraft.judging.budget import Budget
 from envcraft.judging.check import Check
 from envcraft.judging.driver import Driver, Limits, driver_for
+from envcraft.judging.severity import SeverityPolicy
 from envcraft.judging.subject import Subject, elapsed
 from envcraft.judging.worker_pool import WorkerPool
 from envcraft.model.contract import Contract
@@ -28,7 +30,7 @@ from envcraft.model.events import (
     SubjectFinished,
     SubjectStarted,
 )
-from envcraft.model.target import PolicyFile, Target
+from envcraft.model.target import Kind, PolicyFile, Target
 from envcraft.model.trace import Trace, digest_all
 from envcraft.model.verdict import (
     CheckReport,
@@ -40,6 +42,9 @@ from envcraft.model.verdict import (
     Verdict,
     overall,
 )
+
+if TYPE_CHECKING:
+    from envcraft.judging.ignore_comments import IgnoreComments
 
 #: The time of a subject whose checks include one that runs only if it is named, in seconds.
 _OPT_IN_SECONDS = 3600.0
@@ -64,6 +69,7 @@ class Plan(msgspec.Struct, frozen=True):
         time_limit: seconds on the clock for each subject; None takes the budget's, or an hour where a check runs that
             has to be named.
         fail_fast: a subject ends at its first finding that is an error.
+        severity: which findings count, and how.
     """
 
     targets: Sequence[Target]
@@ -77,6 +83,7 @@ class Plan(msgspec.Struct, frozen=True):
     parallel_jobs: int | None = None
     time_limit: float | None = None
     fail_fast: bool = False
+    severity: SeverityPolicy = SeverityPolicy()
 
 
 def cores() -> int:
@@ -105,7 +112,9 @@ def validate(plan: Plan, workers: int | None = None, pool: WorkerPool | None = N
                 reports[number] = event.report
             yield event
     ordered = [reports[number] for number in sorted(reports)]
-    yield Finished(Report(plan.contract.name, plan.seed, ordered, budget=plan.budget.name))
+    severity = plan.severity
+    report = Report(plan.contract.name, plan.seed, ordered, budget=plan.budget.name)
+    yield Finished(msgspec.structs.replace(report, severity=severity.table, strict=severity.strict))
 
 
 def stream(
@@ -217,16 +226,18 @@ def judge(
                 report = CheckReport(check.name, Verdict.SKIP, reason=blocked)
             else:
                 yield CheckStarted(target.path, check.name)
-                report = run_check(check, subject, fail_fast=plan.fail_fast)
+                report = run_check(check, subject, fail_fast=plan.fail_fast, severity=plan.severity)
             if plan.fail_fast and report.verdict is Verdict.FAIL:
                 blocked = blocked or f"--fail-fast ends at the first error, and {check.name} has one"
-            if check.gate and report.verdict in (Verdict.FAIL, Verdict.ERROR):
+            if check.gate and (report.verdict is Verdict.ERROR or _stops(check, report)):
                 blocked = f"it did not get past the check {check.name}"
             done.append(report)
             if len(done) == 3 and not blocked:
                 # Workers that start earlier would delay the first episodes.
                 subject.lease.reserve(seed for later in plan.checks for seed in later.hash_seeds)
             yield CheckFinished(target.path, report)
+        if not blocked:
+            _conclude(plan, subject, done)
         if look is not None:
             look(subject)
         yield SubjectFinished(report_on(plan, subject, done, started))
@@ -295,12 +306,30 @@ def open_subject(plan: Plan, target: Target, pool: WorkerPool | None = None) -> 
     subject = Subject(
         target, plan.contract, lease, plan.budget, plan.seed, plan.policy, plan.parallel_jobs or cores(), seconds
     )
+    if plan.severity.comments and target.kind is Kind.SOURCE:
+        subject.ignore_comments = _comments(target)
     if seconds is None and any(check.opt_in for check in plan.checks):
         subject.time_limit.seconds = max(subject.time_limit.seconds, _OPT_IN_SECONDS)
     return subject
 
 
-def run_check(check: Check, subject: Subject, trace: Trace | None = None, fail_fast: bool = False) -> CheckReport:
+def _comments(target: Target) -> IgnoreComments | None:
+    """The comments of a file that ignore findings; None of one that cannot be read as text."""
+    from envcraft.judging.ignore_comments import IgnoreComments
+
+    try:
+        return IgnoreComments(target.text)
+    except UnicodeDecodeError:
+        return None
+
+
+def run_check(
+    check: Check,
+    subject: Subject,
+    trace: Trace | None = None,
+    fail_fast: bool = False,
+    severity: SeverityPolicy = SeverityPolicy(),  # noqa: B008
+) -> CheckReport:
     """Run one check and return its report.
 
     An exception of the check is this check's ``error``, not a failure of the subject.
@@ -310,25 +339,58 @@ def run_check(check: Check, subject: Subject, trace: Trace | None = None, fail_f
         subject: the environment.
         trace: judge only this trace, instead of the rollouts that the check requests.
         fail_fast: stop at the first finding that is an error.
+        severity: which findings count, and how.
     """
     started = time.monotonic()
-    findings: list[Finding] = []
+    report = CheckReport(check.name, Verdict.PASS)
     try:
         judged = check.judge(subject) if trace is None else check.find(subject, trace)
         for finding in judged:
-            if finding.code not in subject.contract.without:
-                findings.append(finding)
-                if fail_fast and finding.severity is Severity.ERROR:
-                    break
-        failed = any(finding.severity is Severity.ERROR for finding in findings)
-        verdict, reason = Verdict.FAIL if failed else Verdict.PASS, ""
+            _take(report, check, subject, finding, severity)
+            if fail_fast and _failed(report):
+                break
     except Skip as skip:
-        failed = any(finding.severity is Severity.ERROR for finding in findings)
-        verdict, reason = Verdict.FAIL if failed else Verdict.SKIP, str(skip)
+        report.verdict, report.reason, report.undecided = Verdict.SKIP, str(skip), isinstance(skip, Undecided)
     except EnvCraftError as error:
-        verdict, reason = Verdict.ERROR, str(error)
+        report.verdict, report.reason = Verdict.ERROR, str(error)
     except Exception as error:
-        verdict, reason = Verdict.ERROR, f"the check broke: {type(error).__name__}: {error}"
+        report.verdict, report.reason = Verdict.ERROR, f"the check broke: {type(error).__name__}: {error}"
     finally:
         subject.cache.cancel_pending()
-    return CheckReport(check.name, verdict, elapsed(started), findings, reason)
+    if report.verdict is not Verdict.ERROR and (_failed(report) or (severity.strict and report.undecided)):
+        report.verdict = Verdict.FAIL
+    report.seconds = elapsed(started)
+    return report
+
+
+def _take(report: CheckReport, check: Check, subject: Subject, finding: Finding, severity: SeverityPolicy) -> None:
+    """Add a finding to a report, unless the contract, the severities or a comment leave it out."""
+    if finding.code in subject.contract.without or (counted := severity.apply(check, finding)) is None:
+        return
+    if subject.ignore_comments is not None and check.waivable(finding.code):
+        ignored = subject.ignore_comments.take(counted)
+        if ignored is not None:
+            report.ignored.append(ignored)
+            return
+    report.findings.append(counted)
+
+
+def _failed(report: CheckReport) -> bool:
+    return any(finding.severity is Severity.ERROR for finding in report.findings)
+
+
+def _stops(check: Check, report: CheckReport) -> bool:
+    """Whether a gate has a finding after which nothing else can be judged, not only a warning that counts as error."""
+    return any(not check.waivable(finding.code) for finding in report.findings)
+
+
+def _conclude(plan: Plan, subject: Subject, reports: list[CheckReport]) -> None:
+    """Add the findings that only all reports together show."""
+    for check, report in zip(plan.checks, reports, strict=True):
+        try:
+            for finding in check.conclude(subject, reports):
+                _take(report, check, subject, finding, plan.severity)
+        except Exception as error:
+            report.verdict, report.reason = Verdict.ERROR, f"the check broke: {type(error).__name__}: {error}"
+        if report.verdict is not Verdict.ERROR and _failed(report):
+            report.verdict = Verdict.FAIL

@@ -6,7 +6,7 @@ import time
 from collections.abc import Iterable, Sequence
 from functools import cached_property
 from types import TracebackType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from envcraft.judging.budget import Budget
 from envcraft.judging.coverage import Coverage
@@ -26,6 +26,9 @@ from envcraft.model.target import PolicyFile, Target
 from envcraft.model.trace import Trace
 from envcraft.similarity.behavioural import fingerprint
 from envcraft.spaces.spec import SpaceSpec
+
+if TYPE_CHECKING:
+    from envcraft.judging.ignore_comments import IgnoreComments
 
 
 class Subject:
@@ -48,6 +51,7 @@ class Subject:
         cache: the traces and search outcomes so far.
         coverage: the statements of the file, and which of them were reached in these.
         time_limit: when the last job ends.
+        ignore_comments: the comments of the file that ignore findings; None if they are not to be read.
     """
 
     def __init__(
@@ -68,6 +72,7 @@ class Subject:
         self.seed = seed
         self.policy = policy
         self.time_limit = TimeLimit(budget.seconds if seconds is None else seconds, fixed=seconds is not None)
+        self.ignore_comments: IgnoreComments | None = None
         self._runner = JobRunner(lease, target, contract, parallel_jobs, self.time_limit)
         self._facts = Facts(target, contract, self._runner)
         self.coverage = Coverage(target)

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import time
 
-from envcraft.errors import Skip
+from envcraft.errors import Undecided
 
 
-class OutOfTime(Skip):
+class OutOfTime(Undecided):
     """The time limit is over before the question is settled."""
 
 

@@ -57,14 +57,28 @@ class Finding(msgspec.Struct, frozen=True):
     repro: Repro = Repro()
 
 
+class Ignored(msgspec.Struct, frozen=True):
+    """A finding that a comment of the author ignores, with the reason that the comment gives and its line."""
+
+    finding: Finding
+    reason: str
+    line: int
+
+
 class CheckReport(msgspec.Struct):
-    """One check's verdict on one subject. `reason` says why a check was skipped or ended in an error."""
+    """One check's verdict on one subject.
+
+    `reason` says why a check was skipped or ended in an error. With `undecided` the check applies, and its question
+    stayed open. `ignored` findings count nowhere.
+    """
 
     check: str
     verdict: Verdict
     seconds: float = 0.0
     findings: list[Finding] = []
     reason: str = ""
+    undecided: bool = False
+    ignored: list[Ignored] = []
 
 
 class SandboxReport(msgspec.Struct, frozen=True):
@@ -133,7 +147,10 @@ class SubjectReport(msgspec.Struct):
 
 
 class Report(msgspec.Struct):
-    """The result of one run of ``envcraft validate``."""
+    """The result of one run of ``envcraft validate``.
+
+    `severity` is the table of severities that the run applied, and with `strict` its warnings are errors.
+    """
 
     contract: str
     seed: int
@@ -141,6 +158,8 @@ class Report(msgspec.Struct):
     schema: int = SCHEMA
     envcraft: str = __version__
     budget: str = "standard"
+    severity: dict[str, str] = {}
+    strict: bool = False
 
     def to_json(self) -> bytes:
         """Encode as indented JSON. NaN and infinities, which JSON lacks, are written as strings."""

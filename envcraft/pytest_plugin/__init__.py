@@ -25,8 +25,9 @@ A finding fails its check. pytest prints it with the usual fix, the reproduction
 A check that does not apply is skipped with its reason. A check that could not judge, or a missing sandbox, is an
 error with the next step, never a failure of the environment. Findings of severity warning are pytest warnings of the
 category `EnvCraftWarning`, so that `-W error::envcraft.pytest_plugin.EnvCraftWarning` turns them into failures. The
-checks `source` and `sandbox` always run, because every verdict depends on them. If they are not selected, another
-test of the environment shows their findings.
+severities of `pyproject.toml` and comments such as `# envcraft: ignore[EC203] reason` apply as
+[for `envcraft validate`](severity.md). The checks `source` and `sandbox` always run, because every verdict depends on
+them. If they are not selected, another test of the environment shows their findings.
 
 ## Classes
 The marker `envcraft` turns a test function into one test for each check of a target. Its body runs if the check

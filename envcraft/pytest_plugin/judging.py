@@ -23,6 +23,7 @@ from envcraft.contracts.lookup import contract_named
 from envcraft.errors import EnvCraftError, UsageError
 from envcraft.judging.budget import BUDGETS
 from envcraft.judging.selection import driver_named, select_checks, split
+from envcraft.judging.severity import SeverityPolicy, severity_table
 from envcraft.model.verdict import CheckReport, SubjectReport, Verdict, overall, plain
 from envcraft.pytest_plugin.settings import SETTINGS
 from envcraft.registry import did_you_mean, offered
@@ -169,6 +170,7 @@ class Judge:
             settings.seed,
             parallel_jobs=max(cores() // self._lanes_of, 1),
             time_limit=settings.time_limit,
+            severity=SeverityPolicy(severity_table(self._config.rootpath), comments=True),
         )
         with warnings.catch_warnings():
             # pytest's filters are for the tests' own code and must not change a verdict.
@@ -287,6 +289,7 @@ def settings(config: pytest.Config, given: dict[str, Any] | None = None) -> Sett
     chosen = Settings(**{name: _plain(name, value) for name, value in found.items() if value is not None})
     contract_named(chosen.contract)
     select_checks(chosen.checks, chosen.skip)
+    severity_table(config.rootpath)
     if chosen.budget not in BUDGETS:
         raise UsageError(f"there is no budget {did_you_mean(chosen.budget, BUDGETS)}")
     if chosen.sandbox != "auto":

@@ -108,6 +108,10 @@ class ConsoleReporter(Reporter):
         for finding in check.findings:
             self._findings += 1
             self._finding(finding, path)
+        for ignored in check.ignored:
+            reason = one_line(ignored.reason) or "no reason is given"
+            words = f"{ignored.finding.code} ignored by line {ignored.line}: {reason}"
+            self._say(_text(words, "bright_black"), 4, hang=2)
 
     def _finding(self, finding: Finding, path: str) -> None:
         style = "red" if finding.severity is Severity.ERROR else _WARNING
@@ -142,6 +146,12 @@ class ConsoleReporter(Reporter):
             f"{plural(len(findings) - errors, 'warning')} {self._dot} contract {report.contract}, "
             f"budget {report.budget}, seed {report.seed}"
         )
+        if ignored := sum(len(check.ignored) for subject in report.reports for check in subject.checks):
+            line.append(f" {self._dot} {ignored:,} ignored by comments")
+        if changed := [f"{name} {value}" for name, value in report.severity.items()]:
+            line.append(f" {self._dot} severity {one_line(', '.join(changed))}")
+        if report.strict:
+            line.append(f" {self._dot} strict")
         self._say(line)
         if findings:
             how = "Show finding #K again: add --format json --output report.json, then envcraft replay report.json "

@@ -10,7 +10,7 @@ from urllib.parse import quote
 
 from envcraft.errors import ExitCode
 from envcraft.model.events import Event, Finished
-from envcraft.model.verdict import Report, SubjectReport, Verdict, plain
+from envcraft.model.verdict import Finding, Ignored, Report, SubjectReport, Verdict, plain
 from envcraft.plugins import hookimpl
 from envcraft.reports.reporter import Reporter
 from envcraft.reports.summary import Numbered, fingerprint, numbered
@@ -53,6 +53,12 @@ class SarifReporter(Reporter):
             nth = (item.subject.path, item.finding.code)
             results.append(_result(item, codes, seen[nth]))
             seen[nth] += 1
+        results += [
+            _suppressed(subject, place, ignored, codes)
+            for place, subject in enumerate(report.reports)
+            for check in subject.checks
+            for ignored in check.ignored
+        ]
         return {
             "tool": {
                 "driver": {
@@ -86,7 +92,27 @@ def _rule(rule: Rule) -> dict[str, Any]:
 
 def _result(item: Numbered, codes: dict[str, int], nth: int) -> dict[str, Any]:
     finding, subject = item.finding, item.subject
-    location = _location(subject, item.place)
+    return {
+        **_named(finding, subject, item.place, codes),
+        "partialFingerprints": {"envcraft/v1": fingerprint(subject.path, finding.code, nth)},
+        "properties": {
+            "number": item.number,
+            "check": item.check.check,
+            "evidence": finding.evidence,
+            "reproduction": finding.repro,
+        },
+    }
+
+
+def _suppressed(subject: SubjectReport, place: int, ignored: Ignored, codes: dict[str, int]) -> dict[str, Any]:
+    """Return the result of a finding that a comment ignores; viewers hide it."""
+    named = _named(ignored.finding, subject, place, codes)
+    return {**named, "suppressions": [{"kind": "inSource", "justification": one_line(ignored.reason)}]}
+
+
+def _named(finding: Finding, subject: SubjectReport, place: int, codes: dict[str, int]) -> dict[str, Any]:
+    """Return what results have in common: the rule, the level, the message and the location."""
+    location = _location(subject, place)
     if subject.module is not None:
         # The reader of the report may not have the file of these lines.
         location["logicalLocations"] = [{"fullyQualifiedName": f"{subject.module}.{subject.env_class}"}]
@@ -99,13 +125,6 @@ def _result(item: Numbered, codes: dict[str, int], nth: int) -> dict[str, Any]:
         "level": finding.severity.value,
         "message": _message(finding.message),
         "locations": [location],
-        "partialFingerprints": {"envcraft/v1": fingerprint(subject.path, finding.code, nth)},
-        "properties": {
-            "number": item.number,
-            "check": item.check.check,
-            "evidence": finding.evidence,
-            "reproduction": finding.repro,
-        },
     }
 
 

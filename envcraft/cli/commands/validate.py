@@ -8,6 +8,7 @@ import json
 import os
 import sys
 from collections.abc import Iterable, Iterator
+from pathlib import Path
 from typing import Any, TextIO
 
 import click
@@ -23,6 +24,7 @@ from envcraft.errors import ExitCode, UsageError
 from envcraft.judging.budget import BUDGETS
 from envcraft.judging.driver import Limits, driver_for
 from envcraft.judging.selection import all_checks, driver_named, rules_of, select_checks
+from envcraft.judging.severity import SeverityPolicy, severity_table
 from envcraft.judging.worker_pool import WorkerPool
 from envcraft.model.events import Finished
 from envcraft.model.target import Kind, Target, kind_of, read_policy
@@ -72,6 +74,7 @@ class _ValidateCommand(Configured):
     help="Write another report in this format to this file. Can be repeated.",
 )
 @click.option("--environments-only", is_flag=True, help="Skip named files that define no environment.")
+@click.option("--strict", is_flag=True, help="Warnings are errors, and checks that leave their question open fail.")
 @click.option("--exit-zero", is_flag=True, help="Exit with 0 even if an environment fails.")
 @click.pass_context
 def validate(
@@ -96,6 +99,7 @@ def validate(
     output: str | None,
     also: tuple[str, ...],
     environments_only: bool,
+    strict: bool,
     exit_zero: bool,
 ) -> None:
     """Validate environments in a sandbox.
@@ -107,6 +111,7 @@ def validate(
                  2 usage error                 3 an environment could not be judged
     """
     wanted, promised = read_reports(form, output, also), contract_named(contract)
+    severity = SeverityPolicy(severity_table(Path.cwd()), strict, comments=True)
     changes = {"kwargs": read_kwargs(kwargs), "wrappers": read_wrappers(wrap)}
     files, unusable = _files(targets, env_class, environments_only, changes)
     if not files and (unusable or not environments_only):
@@ -136,6 +141,7 @@ def validate(
             privileged,
             time_limit=time_limit,
             fail_fast=fail_fast,
+            severity=severity,
         )
         progress = stack.enter_context(Progress(streams[0]))
         rules = rules_of(all_checks())

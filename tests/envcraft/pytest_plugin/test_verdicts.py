@@ -14,6 +14,7 @@ import pytest
 from envcraft.errors import SandboxUnavailable
 from envcraft.judging.check import Check
 from envcraft.judging.selection import all_checks
+from envcraft.judging.severity import SeverityPolicy
 from envcraft.model.verdict import Finding, Severity, Verdict
 from tests.envcraft.pytest_plugin.stand_in import Canned, Run, failing, outcomes
 
@@ -145,6 +146,17 @@ def test_warnings_are_shown_and_fail_nothing_unless_a_filter_wants_it(walk: Path
     result = run("games", "-W", "error::envcraft.pytest_plugin.EnvCraftWarning")
     result.assert_outcomes(passed=10, failed=1)
     assert "Traceback" not in result.stdout.str()
+
+
+def test_severities_of_the_project_and_comments_apply(walk: Path, run: Run, canned: Canned) -> None:
+    config = walk.parent.parent / "pyproject.toml"
+    config.write_text('[tool.envcraft.severity]\nEC209 = "error"\n')
+    run("games").assert_outcomes(passed=11)
+    assert canned.plans[-1].severity == SeverityPolicy({"EC209": "error"}, comments=True)
+    config.write_text('[tool.envcraft.severity]\nEC2O9 = "error"\n')
+    result = run("games")
+    assert result.ret == pytest.ExitCode.USAGE_ERROR
+    result.stderr.fnmatch_lines(["*there is no rule or check 'EC2O9'; did you mean EC209?*"])
 
 
 def test_filters_of_the_tests_do_not_reach_the_judging(walk: Path, run: Run) -> None:

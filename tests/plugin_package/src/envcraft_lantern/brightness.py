@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
-from envcraft.errors import Skip
+from envcraft.errors import Skip, Undecided
 from envcraft.judging.check import Check, Rule
 from envcraft.judging.shrink import repro
 from envcraft.judging.statistics import settle
@@ -63,7 +63,7 @@ class Brightness(Check):
 
         verdict, rate = settle(dark, _MOST, subject.budget.looks, prefetch)
         if verdict is None:
-            raise Skip(f"whether most episodes are dark is not settled: {rate}")
+            raise Undecided(f"whether most episodes are dark is not settled: {rate}")
         if verdict:
             plays = [subject.rollout(_watched(subject, number)) for number in range(rate.n)]
             seen = [value for play in plays if (value := brightest(play)) <= _DARK]

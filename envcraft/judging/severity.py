@@ -1,0 +1,73 @@
+"""Which findings count: severities of a project, ``--strict``, and comments that ignore findings in the author's file.
+
+Only commands for authors apply them, such as ``envcraft validate``. Verdicts that others rely on, as those of audits
+and of generation, depend on none of them.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import msgspec
+
+from envcraft.config import settings
+from envcraft.errors import UsageError
+from envcraft.judging.check import Check
+from envcraft.judging.selection import all_checks
+from envcraft.model.verdict import Finding, Severity
+from envcraft.registry import did_you_mean
+
+#: The value of a setting that leaves findings out.
+OFF = "off"
+_VALUES = (*(severity.value for severity in Severity), OFF)
+
+
+class SeverityPolicy(msgspec.Struct, frozen=True):
+    """How the findings of a run count.
+
+    Attributes:
+        table: ``error``, ``warning`` or ``off`` by code, or by the name of a check for all of its codes.
+        strict: whether every warning is an error, and a check that leaves its question open fails.
+        comments: whether comments in the target's file can ignore findings.
+    """
+
+    table: dict[str, str] = {}
+    strict: bool = False
+    comments: bool = False
+
+    def apply(self, check: Check, finding: Finding) -> Finding | None:
+        """Return a finding with the severity that it has under this policy; None if it is left out."""
+        value = self.table.get(finding.code, self.table.get(check.name))
+        if value is None or (value != Severity.ERROR and not check.waivable(finding.code)):
+            value = finding.severity.value
+        if value == OFF:
+            return None
+        severity = Severity.ERROR if self.strict else Severity(value)
+        return finding if severity is finding.severity else msgspec.structs.replace(finding, severity=severity)
+
+
+def severity_table(folder: Path) -> dict[str, str]:
+    """Read ``[tool.envcraft.severity]`` of the ``pyproject.toml`` in `folder`, or of the nearest one above.
+
+    Args:
+        folder: where the search for the file starts.
+
+    Raises:
+        UsageError: a name or a value does not exist, or a code must stay an error.
+    """
+    path, every = settings(folder)
+    if not (table := every.get("severity", {})):
+        return {}
+    place = f"{path}: [tool.envcraft.severity]"
+    if not isinstance(table, dict):
+        raise UsageError(f'{place} must be a table, such as EC209 = "error"')
+    families = {check.name: check for check in all_checks()}
+    owners = {rule.code: check for check in families.values() for rule in check.rules}
+    for name, value in table.items():
+        if name not in owners and name not in families:
+            raise UsageError(f"{place}: there is no rule or check {did_you_mean(name, [*owners, *families])}")
+        if value not in _VALUES:
+            raise UsageError(f"{place}: {name} is {value!r}; it must be {', '.join(_VALUES[:-1])} or {OFF}")
+        if value != Severity.ERROR and name in owners and not owners[name].waivable(name):
+            raise UsageError(f"{place}: {name} must stay an error, because other verdicts depend on it")
+    return dict(table)
