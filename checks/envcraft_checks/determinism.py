@@ -4,8 +4,10 @@
 Plays the same seed and actions again and compares whole traces bit by bit: frames, rewards, flags and info. The first
 repetition runs in another process. The second changes all conditions at the same time: a new worker with another
 PYTHONHASHSEED, global random generators in another state, a shifted and faster clock, empty options, earlier episodes
-on the same instance, a second instance that is stepped alongside, and `render()` between the steps. If this trace
-differs, the check tries each condition alone. The finding names the condition, the first step and the field.
+on the same instance, a second instance that is stepped alongside, `render()` between the steps, and actions as other
+callers pass them: in one array that they overwrite for each step, as int32, and as Python's ints and lists where the
+action space contains these. If this trace differs, the check tries each condition alone. The finding names the
+condition, the first step and the field.
 
 The episodes are random play and the best episode of a search, such as a win. The earlier episodes include the same
 episode, the best one, one that does nothing until the end, and many resets.
@@ -47,11 +49,16 @@ from envcraft.plugins import hookimpl
 if TYPE_CHECKING:
     from envcraft.judging.subject import Subject
     from envcraft.model.trace import Divergence, Trace
+    from envcraft.spaces.spec import SpaceSpec
 
 _SHIFTED = ClockShift(offset=12_345_678.912_3, rate=7.3)
 _LOGICAL = ClockShift(offset=0.0, rate=0.0)
 #: The code of a difference in info only, by the code of a difference elsewhere.
 _TELEMETRY = {"EC205": "EC210", "EC206": "EC211"}
+#: Codes after which the comparison goes on without their cause.
+_WARNINGS = {*_TELEMETRY.values(), "EC218"}
+#: The conditions of how actions are passed.
+_HABITS = {"reuse", "int32", "python"}
 _OTHER_HASHES = 20_241
 _OTHER_STATE = 1_000_003
 #: Repetitions before equality counts: a number drawn from a small range may be the same by chance.
@@ -151,6 +158,25 @@ class Determinism(Check):
             "The trace depends on whether reset() receives empty options or None.",
             "Treat options={} as options=None: `options = options or {}`.",
         ),
+        Rule(
+            "EC215",
+            "action-kept",
+            "The trace depends on whether the caller reuses its action array.",
+            "Keep a copy of the action: `self.last = np.array(action)`.",
+        ),
+        Rule(
+            "EC216",
+            "action-type",
+            "The trace depends on the integer type of the action.",
+            "Convert first: `action = int(action)`, or `np.asarray(action, np.int64)`.",
+        ),
+        Rule(
+            "EC218",
+            "action-list",
+            "step() cannot take a list that its action space contains.",
+            "Convert first: `action = np.asarray(action)`.",
+            Severity.WARNING,
+        ),
     )
 
     def judge(self, subject: Subject) -> Iterator[Finding]:
@@ -160,20 +186,21 @@ class Determinism(Check):
         plays = subject.episodes.probed
         reset = list(itertools.takewhile(lambda play: play.observations, plays))
         probes = [play.rollout.cut(min(length, max(play.steps, 1))) for play in reset]
-        if len(reset) == len(plays) and (found := subject.searches.best()) is not None:
-            best = found.rollout.cut(found.steps)
-            if self._differs(subject, best):
-                probes.append(best)
         for rollout in probes:
             subject.prefetch([rollout, rollout.under(self._together(subject, rollout))], alone=True)
             subject.prefetch([rollout], again=True)
         reported: set[str] = set()
-        for rollout in probes:
-            for finding in self._probe(subject, rollout):
+        if len(reset) == len(plays) and (found := subject.searches.best()) is not None:
+            probes.append(found.rollout.cut(found.steps))
+        for number, rollout in enumerate(probes):
+            left_out = frozenset({"python"} if "EC218" in reported else ())
+            if number >= len(plays) and not self._differs(subject, rollout, left_out):
+                continue
+            for finding in self._probe(subject, rollout, left_out):
                 if finding.code not in reported:
                     reported.add(finding.code)
                     yield finding
-            if reported.difference(_TELEMETRY.values()):
+            if reported - _WARNINGS:
                 # Each further seed would try all conditions again for the same defect.
                 return
         if len(reset) < len(plays):
@@ -201,39 +228,57 @@ class Determinism(Check):
                 return self._found(subject, finding.code, rollout, conditions, found)
         return None
 
-    def _differs(self, subject: Subject, rollout: Rollout) -> bool:
+    def _differs(self, subject: Subject, rollout: Rollout, left_out: frozenset[str]) -> bool:
         """Whether an episode differs when all conditions change at the same time."""
-        everything = subject.rollout(rollout.under(self._together(subject, rollout)), alone=True)
+        everything = subject.rollout(rollout.under(self._together(subject, rollout, left_out)), alone=True)
         return _interrupted(everything) or _diverge(subject.rollout(rollout), everything, info=True) is not None
 
-    def _probe(self, subject: Subject, rollout: Rollout) -> Iterator[Finding]:
-        """Compare traces with info, and once more without it if only telemetry differs."""
-        for info in (True, False):
+    def _probe(self, subject: Subject, rollout: Rollout, left_out: frozenset[str]) -> Iterator[Finding]:
+        """Compare traces with info. Compare them again without what is only a warning, which may hide other
+        differences: lists, and then info.
+        """
+        info = True
+        while True:
             codes = set()
-            for finding in self._compare(subject, rollout, info):
+            for finding in self._compare(subject, rollout, info, left_out):
                 codes.add(finding.code)
                 yield finding
-            if not codes or codes.difference(_TELEMETRY.values()):
+            if not codes or codes - _WARNINGS:
+                return
+            if "EC218" in codes and "python" not in left_out:
+                left_out |= {"python"}
+            elif info:
+                info = False
+            else:
                 return
 
-    def _compare(self, subject: Subject, rollout: Rollout, info: bool) -> Iterator[Finding]:
+    def _compare(
+        self, subject: Subject, rollout: Rollout, info: bool, left_out: frozenset[str] = frozenset()
+    ) -> Iterator[Finding]:
+        """Compare an episode with its repetition, and with the one under all conditions but those `left_out`."""
         base, repeated = subject.rollout(rollout, alone=True), subject.rerun(rollout)
         found = _diverge(base, repeated, info) or self._reset_again(subject, rollout.cut(0), info)
         if found is not None:
             yield self._attribute_repeat(subject, rollout, found, info)
             return
-        together = self._together(subject, rollout)
+        together = self._together(subject, rollout, left_out)
         everything = subject.rollout(rollout.under(together), alone=True)
         found = _diverge(base, everything, info)
         if found is None and not _interrupted(everything):
             return
+        alone = [each for each in self._alone(subject, rollout) if each[2] not in left_out]
+        if found is not None and everything.fault is not None:
+            # What raises at an unusual action does so at once, and needs no search for another cause.
+            raised = list(self._raised(subject, rollout.cut(found.step), alone, info))
+            yield from raised
+            if raised:
+                return
         if found is not None:
             again = self._redraw(subject, rollout.cut(found.step), _REPEATS, info)
             if again is not None:
                 yield self._attribute_repeat(subject, rollout, again, info)
                 return
         reported = False
-        alone = self._alone(subject, rollout)
         if found is not None:
             # Whichever condition causes it, the difference shows in these steps.
             rollout = rollout.cut(found.step)
@@ -257,6 +302,18 @@ class Determinism(Check):
                     return
         if found is not None and not reported:
             yield self._found(subject, "EC206", rollout, together, found)
+
+    def _raised(
+        self, subject: Subject, rollout: Rollout, alone: list[tuple[str, Conditions, str]], info: bool
+    ) -> Iterator[Finding]:
+        """Findings about unusual actions that let step() raise where it does not in the plain episode."""
+        base = subject.rollout(rollout, alone=True)
+        for code, conditions, name in alone:
+            if name in _HABITS:
+                trace = subject.rollout(rollout.under(conditions), alone=True)
+                again = _diverge(base, trace, info)
+                if again is not None and base.fault is None and trace.fault is not None:
+                    yield self._found(subject, code, rollout, conditions, again)
 
     def _fewer(
         self, subject: Subject, rollout: Rollout, base: Trace, conditions: Conditions, found: Divergence, info: bool
@@ -284,9 +341,9 @@ class Determinism(Check):
         repeated = (_diverge(first, subject.rerun(rollout), info) for _ in range(times))
         return next((found for found in repeated if found is not None), None)
 
-    def _together(self, subject: Subject, rollout: Rollout) -> Conditions:
-        """All conditions at the same time."""
-        alone = self._alone(subject, rollout)
+    def _together(self, subject: Subject, rollout: Rollout, left_out: frozenset[str] = frozenset()) -> Conditions:
+        """All conditions at the same time, without those `left_out`."""
+        alone = [each for each in self._alone(subject, rollout) if each[2] not in left_out]
         return msgspec.structs.replace(
             Conditions(fresh=True, heap=1, hash_seed=_OTHER_HASHES),
             **{name: getattr(conditions, name) for _, conditions, name in alone if name != "hash_seed"},
@@ -310,6 +367,7 @@ class Determinism(Check):
             ("EC207", Conditions(companion=beside), "companion"),
             *rendered,
             *optional,
+            *_habits(subject.action_space),
         ]
 
     def _renders(self, subject: Subject) -> bool:
@@ -355,6 +413,9 @@ class Determinism(Check):
             "EC208": "with render() between the steps",
             "EC210": "under another clock",
             "EC214": "with empty options",
+            "EC215": "with one action array that the caller overwrites for each step",
+            "EC216": "with actions of another integer type",
+            "EC218": "with actions as lists",
             "EC211": "after other episodes on the same instance",
         }[code]
         line = subject.line_of("step" if divergence.step else "reset")
@@ -420,6 +481,27 @@ class Determinism(Check):
             words = f"after reset(seed={plain.seed}) all {_UNSEEDED + 1} resets without a seed give the same episode, "
             words += f"while {_UNSEEDED} seeds give {different + 1} different ones"
             yield self.finding("EC212", words, line=subject.line_of("reset"), repro=repro(after(1)))
+
+
+def _habits(space: SpaceSpec) -> list[tuple[str, Conditions, str]]:
+    """The conditions of how actions are passed, as far as they change anything in a space."""
+    from envcraft.spaces.spec import Box, Dict, Discrete, MultiBinary, MultiDiscrete, Tuple
+
+    spaces, kinds = [space], set()
+    for inner in spaces:
+        kinds.add(type(inner))
+        if isinstance(inner, Dict):
+            spaces += [item for _, item in inner.spaces]
+        elif isinstance(inner, Tuple):
+            spaces += inner.spaces
+    habits = []
+    if kinds & {Box, MultiDiscrete, MultiBinary}:
+        habits.append(("EC215", Conditions(reuse=True), "reuse"))
+    if kinds & {Discrete, MultiDiscrete, MultiBinary}:
+        habits.append(("EC216", Conditions(int32=True), "int32"))
+        # Agents that step a single Discrete space often pass an int.
+        habits.append(("EC216" if kinds == {Discrete} else "EC218", Conditions(python=True), "python"))
+    return habits
 
 
 def _diverge(first: Trace, second: Trace, info: bool) -> Divergence | None:

@@ -16,7 +16,7 @@ from envcraft.spaces.sampling import enumerate_actions
 from envcraft.spaces.spec import Discrete, MultiDiscrete, SpaceSpec
 
 _Draw = Callable[[SpaceSpec, int, int], list[Action]]
-#: Number of earlier resets without a step.
+#: The fewest earlier resets without a step, an even number.
 _EARLIER_RESETS = 8
 #: Other earlier episodes last at most so many times as long as the random ones.
 _MODERATE = 4
@@ -96,7 +96,9 @@ class Probes:
                 episodes += [Episode(found.rollout.seed, found.actions)] * (1 + found.positive)
             if idle is not None and idle.ended and idle.steps <= _MODERATE * length:
                 episodes.append(Episode(seed, idle.actions))
-            episodes += [Episode(seed + number, []) for number in range(_EARLIER_RESETS)]
+            # What every second reset undoes shows after an odd number of episodes.
+            resets = _EARLIER_RESETS + len(episodes) % 2
+            episodes += [Episode(seed + number, []) for number in range(resets)]
         return [*episodes, Episode(rollout.seed, rollout.actions)]
 
     def _drawn(self, draw: _Draw, number: int, length: int, player: str) -> Rollout:

@@ -52,6 +52,10 @@ class Conditions(msgspec.Struct, frozen=True, omit_defaults=True):
         options: passes ``options={}`` to reset, and resets once more after the episode, as wrappers do.
         closed: constructs another instance first, and closes it at once.
         unseeded: resets without a seed, as training does for every episode but the first.
+        reuse: overwrites the action array of the step before for each step, instead of making a new one.
+        int32: passes integers of actions as int32 if the action space contains that.
+        python: passes integers of actions as Python's ints and lists if the action space contains that. With `int32`
+            both take turns.
     """
 
     fresh: bool = False
@@ -69,6 +73,9 @@ class Conditions(msgspec.Struct, frozen=True, omit_defaults=True):
     options: bool = False
     closed: bool = False
     unseeded: bool = False
+    reuse: bool = False
+    int32: bool = False
+    python: bool = False
 
     @property
     def passing(self) -> bool:

@@ -22,7 +22,10 @@ _CONDITIONS = {
     "clock": "another clock",
     "closed": "after another instance was closed",
     "fresh": "fresh worker",
+    "int32": "actions of int32",
+    "python": "actions as Python lists or ints",
     "render": "with render() in between",
+    "reuse": "one action array for all steps",
     "unseeded": "reset without a seed",
 }
 

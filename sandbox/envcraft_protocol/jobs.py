@@ -103,6 +103,9 @@ class Conditions(TypedDict, total=False):
     options: bool
     closed: bool
     unseeded: bool
+    reuse: bool
+    int32: bool
+    python: bool
 
 
 class Pictures(TypedDict):

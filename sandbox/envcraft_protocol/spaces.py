@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from gymnasium import spaces
@@ -12,6 +12,8 @@ from gymnasium import spaces
 from .classes import type_name
 
 _MAX_BOUNDS = 4096
+#: How integers of an action are passed: with the type of the space, as int32, or as Python's ints and lists.
+Form = Literal["own", "int32", "python"]
 
 
 def describe(space: Any) -> dict[str, Any]:
@@ -88,26 +90,27 @@ def _encode(space: spaces.Space[Any], action: Any) -> Any:
     return np.asarray(action).tolist()
 
 
-def decode_action(spec: dict[str, Any], action: Any) -> Any:
+def decode_action(spec: dict[str, Any], action: Any, form: Form = "own") -> Any:
     """The value that an agent passes to ``step``.
 
     Args:
         spec: the JSON description of the action space.
         action: JSON, as the host draws it.
+        form: of the integers, also of those in dictionaries and tuples.
     """
     match spec["type"]:
         case "Discrete":
-            return np.int64(action)
+            return int(action) if form == "python" else _integers(action, np.int64, form)[()]
         case "MultiDiscrete":
-            return np.array(action, dtype=spec.get("dtype", "int64"))
+            return _integers(action, np.dtype(spec.get("dtype", "int64")), form)
         case "MultiBinary":
-            return np.array(action, dtype=np.int8)
+            return _integers(action, np.int8, form)
         case "Box":
             return np.array(action, dtype=spec["dtype"]).reshape(spec["shape"])
         case "Dict":
-            return {name: decode_action(item, action[name]) for name, item in spec["spaces"]}
+            return {name: decode_action(item, action[name], form) for name, item in spec["spaces"]}
         case "Tuple":
-            return tuple(decode_action(item, part) for item, part in zip(spec["spaces"], action, strict=True))
+            return tuple(decode_action(item, part, form) for item, part in zip(spec["spaces"], action, strict=True))
         case "OneOf":
             return np.int64(action[0]), decode_action(spec["spaces"][action[0]], action[1])
         case "Sequence":
@@ -118,6 +121,13 @@ def decode_action(spec: dict[str, Any], action: Any) -> Any:
             nodes, edges = (_decode_all(spec[part], action[part]) for part in ("nodes", "edges"))
             return spaces.GraphInstance(nodes, edges, links)
     return action
+
+
+def _integers(values: Any, own: Any, form: Form) -> Any:
+    array = np.array(values, dtype=own)
+    if form == "python":
+        return array.tolist()
+    return array.astype(np.int32) if form == "int32" and np.array_equal(array, array.astype(np.int32)) else array
 
 
 def _decode_all(spec: dict[str, Any], items: list[Any] | None) -> Any:

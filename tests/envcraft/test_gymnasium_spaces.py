@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import json
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
-from envcraft_protocol.spaces import decode_action, describe, encode_action
+from envcraft_protocol.spaces import Form, decode_action, describe, encode_action
 from gymnasium import spaces
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
@@ -101,8 +101,9 @@ def test_what_is_drawn_is_contained(space: spaces.Space[Any], seed: int) -> None
     spec, rng = from_gymnasium(space), np.random.default_rng(seed)
     for drawn in [sample(spec, rng), *enumerate_actions(spec, 4)]:
         assert validate_action(spec, drawn) == ""
-        value = decode_action(describe(space), json.loads(json.dumps(drawn)))
-        assert space.contains(value) or _rounded(space)
+        for form in get_args(Form):
+            value = decode_action(describe(space), json.loads(json.dumps(drawn)), form)
+            assert space.contains(value) or _rounded(space)
 
 
 @settings(deadline=None, max_examples=50)

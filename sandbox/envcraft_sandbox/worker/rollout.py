@@ -13,6 +13,7 @@ from envcraft_protocol.jobs import Conditions, Job
 from envcraft_protocol.jobs import Episode as EpisodePlan
 from envcraft_protocol.wire import Kind
 
+from .caller import Caller
 from .channel import jsonable
 from .policy import Policy
 from .returned import Returned
@@ -35,6 +36,8 @@ _FOR_EVER = 1e9
 #: Steps of a measured episode that do not depend on its time.
 _FEWEST = 3
 _STRINGS = {str}
+#: The conditions that change how actions are passed.
+_HABITS = {"reuse", "int32", "python"}
 _TRUTHS = (bool, np.bool_, int, np.integer)
 
 
@@ -137,6 +140,7 @@ def _episode(subject: Subject, job: Job, conditions: Conditions) -> None:
     spaces.check()
     channel.phase("step")
 
+    caller = Caller(subject, env, conditions) if _HABITS & conditions.keys() else None
     actions: list[Any] = job["actions"]
     acted = _ACTED
     interactive, until = bool(job.get("interactive")), _monotonic() + job.get("seconds", _FOR_EVER)
@@ -148,7 +152,7 @@ def _episode(subject: Subject, job: Job, conditions: Conditions) -> None:
             chosen = channel.ask()
         else:
             chosen = actions[number]
-        action = subject.action(chosen, env)
+        action = caller.action(chosen) if caller else subject.action(chosen, env)
         if companion:
             companion.step()
         perturb()

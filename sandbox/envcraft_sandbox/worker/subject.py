@@ -19,7 +19,7 @@ import gymnasium
 import numpy as np
 from envcraft_protocol import adapters, jobs
 from envcraft_protocol.classes import concrete_classes, definitions, type_name
-from envcraft_protocol.spaces import decode_action
+from envcraft_protocol.spaces import Form, decode_action
 from envcraft_protocol.spaces import describe as describe_space
 from envcraft_protocol.wire import Kind
 
@@ -98,11 +98,11 @@ class Subject:
         if not isinstance(self.target, targets.Source) and inspect.isclass(kind):
             self.target.filename = _source_file(kind) or self.target.filename
 
-    def action(self, value: Any, env: Any) -> Any:
+    def action(self, value: Any, env: Any, form: Form = "own") -> Any:
         spec = self.action_spec
         if spec is None:
             spec = self.action_spec = describe_space(env.action_space)
-        return decode_action(spec, value)
+        return decode_action(spec, value, form)
 
     def load_policy(self, policy: jobs.Policy) -> ModuleType:
         self.channel.phase("policy")
