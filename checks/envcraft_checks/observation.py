@@ -3,7 +3,8 @@
 ## What it does
 Checks that the observation carries information. It must change in some episode. It must not be independent noise. The
 same seed under different actions must lead to different observations. `render()` must return the observation if the
-contract requires it. A picture that changes only when the agent acts, or changes rarely, is fine.
+contract requires it, or makes it optional and there is one. A picture that changes only when the agent acts, or
+changes rarely, is fine.
 
 A picture is frozen if it changes for the last time at the same step in episodes of several seeds and policies, and at
 least half of each of these episodes follows that step. No other play may change it later: held actions, all actions in
@@ -180,7 +181,7 @@ class Observation(Check):
         )
 
     def _find_unlike_render(self, subject: Subject) -> Iterator[Finding]:
-        if not subject.contract.render:
+        if not (subject.contract.render and subject.renders):
             return
         trace = subject.rendered()
         differing = [problem for problem in trace.render_problems if problem.kind == "differs"]

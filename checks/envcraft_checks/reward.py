@@ -56,7 +56,13 @@ class Reward(Check):
             "EC301", "not-finite", "A reward is NaN or infinite.", "Guard the division or logarithm that produces it."
         ),
         Rule("EC302", "not-a-number", "A reward is not a real number.", "Return `float(reward)`."),
-        Rule("EC303", "out-of-range", "A reward is outside the contract's range.", "Scale the rewards, or clip them."),
+        Rule(
+            "EC303",
+            "out-of-range",
+            "A reward is outside the contract's range.",
+            "Scale the rewards, or clip them.",
+            waiver="reward-range = [LOW, HIGH]",
+        ),
         Rule(
             "EC304",
             "grows-without-bound",

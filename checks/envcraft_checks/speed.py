@@ -92,6 +92,7 @@ class Speed(Check):
             "slow-steps",
             "Steps take so long that training is not possible, or longer and longer.",
             "Compute less in each step, and nothing that grows with the episode.",
+            waiver="min-steps-per-second = N",
         ),
     )
 

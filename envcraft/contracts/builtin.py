@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import msgspec
 
-from envcraft.model.contract import Contract, Success
+from envcraft.model.contract import OPTIONAL, Contract, Success
 from envcraft.plugins import hookimpl
 
 _FRAME = {"type": "Box", "low": 0, "high": 255, "shape": [84, 84, 3], "dtype": "uint8"}
@@ -30,7 +30,9 @@ ARCADE = Contract(
 ARCADE_NATIVE = msgspec.structs.replace(
     ARCADE,
     name="arcade-native",
-    summary="the same game rules, frames of any size and no step limit: adapted to arcade by area resize and a limit",
+    summary="the same game rules, frames of any size, no step limit, and render() optional: adapted to arcade",
+    # Observations are frames, so that nobody needs a second way to them.
+    render=OPTIONAL,
     adapter={"resize": [84, 84], "limit": 1000},
 )
 

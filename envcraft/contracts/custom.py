@@ -13,7 +13,7 @@ import msgspec
 
 from envcraft.config import settings
 from envcraft.errors import UsageError
-from envcraft.model.contract import Contract, Success
+from envcraft.model.contract import OPTIONAL, Contract, Success
 from envcraft.registry import did_you_mean
 
 #: Words for the JSON types that msgspec names.
@@ -36,6 +36,9 @@ _DEFAULTS: dict[str, dict[str, Any]] = {
     "Graph": {"edges": None},
 }
 
+#: The values of `render`.
+_RENDER = {"required": True, "optional": OPTIONAL, "off": False, True: True, False: False}
+
 
 class Table(msgspec.Struct, forbid_unknown_fields=True, rename="kebab"):
     """The settings of a contract's table. Settings that are left out come from the contract `base`."""
@@ -47,7 +50,7 @@ class Table(msgspec.Struct, forbid_unknown_fields=True, rename="kebab"):
     limit: int | None = None
     reward_range: tuple[float, float] | None = None
     noop: Any = None
-    render: bool | None = None
+    render: bool | str | None = None
     libraries: list[str] | None = None
     resize: tuple[int, int] | None = None
     cut: int | None = None
@@ -101,9 +104,13 @@ def _contract(name: str, own: Any, bases: dict[str, Contract], rules: Callable[[
     for field in ("observation", "action"):
         if (described := getattr(table, field)) is not None:
             changes[field] = space(described, field)
-    for field in ("limit", "reward_range", "noop", "render", "consistently", "min_steps_per_second", "at_once"):
+    for field in ("limit", "reward_range", "noop", "consistently", "min_steps_per_second", "at_once"):
         if (value := getattr(table, field)) is not None:
             changes[field] = value
+    if table.render is not None:
+        if table.render not in _RENDER:
+            raise ValueError(f"render is {table.render!r}; it must be required, optional or off")
+        changes["render"] = _RENDER[table.render]
     for field in ("libraries", "without"):
         if (names := getattr(table, field)) is not None:
             changes[field] = tuple(names)

@@ -12,9 +12,11 @@ from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 
 import msgspec
 
+from envcraft.corpus.shared import Shared, shared_codes
 from envcraft.corpus.store import CorpusDamaged, Environment, Store, audits, decode
 from envcraft.corpus.store.audits import FindingRow, Selection
 from envcraft.errors import EnvCraftError, TargetLost
+from envcraft.judging.selection import all_checks
 from envcraft.model.events import Event, SubjectFinished
 from envcraft.model.target import LazyTargets, Target
 from envcraft.model.verdict import SubjectReport, Verdict
@@ -154,6 +156,11 @@ class Audit:
     def codes(self) -> dict[str, int]:
         """The number of environments with each code, the most frequent code first."""
         return audits.code_counts(self.store)
+
+    def shared(self) -> list[Shared]:
+        """The codes that nearly all of the environments have that pass or fail."""
+        verdicts = self.verdicts()
+        return shared_codes(self.codes(), verdicts.get("pass", 0) + verdicts.get("fail", 0), all_checks())
 
     def totals(self) -> tuple[int, float]:
         """The environment steps and the seconds of all verdicts, including those of earlier audits."""

@@ -29,6 +29,7 @@ class Rule(msgspec.Struct, frozen=True):
         summary: the defect, in one sentence.
         fix: the usual fix, in one sentence.
         severity: ``error`` fails the check, ``warning`` does not.
+        waiver: the setting of a contract that waives it, if that is not ``without``: ``render = "optional"``.
     """
 
     code: str
@@ -36,6 +37,7 @@ class Rule(msgspec.Struct, frozen=True):
     summary: str
     fix: str
     severity: Severity = Severity.ERROR
+    waiver: str = ""
 
 
 class Check(ABC):

@@ -35,7 +35,8 @@ class Effects(TypedDict, total=False):
     threads: int
 
 
-#: The functional syntax, because ``class`` is a keyword. The keys between ``nondeterministic`` and ``modules`` are sent
+#: The functional syntax, because ``class`` is a keyword. ``renders`` says whether
+#: the class has a render() of its own. The keys between ``nondeterministic`` and ``modules`` are sent
 #: only for installed environments: the module and digest of the file that defines the class, the type of the
 #: object that was ``made``, and whether that is an ``environment``. ``modules`` are those that the target imports, of a
 #: file without the standard library.
@@ -53,6 +54,7 @@ Description = TypedDict(
         "action_space": dict[str, Any],
         "reset": list[str],
         "render_modes": list[str],
+        "renders": bool,
         "nondeterministic": bool,
         "module": _Name,
         "sha256": _Digest | None,

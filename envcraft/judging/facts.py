@@ -12,7 +12,7 @@ from envcraft.judging.driver import Isolation
 from envcraft.judging.job_runner import JobRunner
 from envcraft.judging.job_scheduler import Placement
 from envcraft.judging.trace_builder import TraceBuilder
-from envcraft.model.contract import Contract
+from envcraft.model.contract import OPTIONAL, Contract
 from envcraft.model.job import JobResult
 from envcraft.model.rollout import Rollout
 from envcraft.model.target import Kind, Target, imported
@@ -135,8 +135,13 @@ class Facts:
 
     @property
     def renders(self) -> bool:
-        """Whether render() must give frames, because the contract or the environment says so."""
-        return self._contract.render or "rgb_array" in self.load().description.get("render_modes", ())
+        """Whether render() must give frames: because the contract or the metadata says so, or, where the contract makes
+        it optional, because the class has one.
+        """
+        promised = self._contract.render
+        if promised == OPTIONAL:
+            return self.load().description.get("renders", False)
+        return promised or "rgb_array" in self.load().description.get("render_modes", ())
 
     def line_of(self, method: str) -> int | None:
         """Return the line at which the class defines a method, or that of the class if it inherits the method."""

@@ -160,7 +160,7 @@ class Subject:
 
     @property
     def renders(self) -> bool:
-        """Whether render() must give frames, because the contract or the environment says so."""
+        """Whether render() must give frames: the contract, the metadata or an optional render() says so."""
         return self._facts.renders
 
     def line_of(self, method: str) -> int | None:

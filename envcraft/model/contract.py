@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final, Literal
 
 import msgspec
 
 if TYPE_CHECKING:
     from envcraft_protocol import jobs
+
+#: The value of `Contract.render` that requires a ``render()`` of nobody, and its pictures of those that have one.
+OPTIONAL: Final = "optional"
 
 
 class Success(msgspec.Struct, frozen=True):
@@ -28,7 +31,8 @@ class Contract(msgspec.Struct, frozen=True, kw_only=True):
         limit: steps after which every episode must have ended, or None.
         reward_range: the lowest and highest reward of one step, in the environment's own units.
         noop: the action that does nothing, or None.
-        render: whether ``render()`` must return the observation.
+        render: whether ``render()`` must return the observation. ``"optional"``: only if there is one, whatever the
+            metadata says.
         libraries: modules that an environment may import besides the standard library; None allows all installed.
         adapter: wrappers that the worker applies: ``{"resize": [height, width], "limit": steps}``.
         success: how a win is defined.
@@ -45,7 +49,7 @@ class Contract(msgspec.Struct, frozen=True, kw_only=True):
     limit: int | None = None
     reward_range: tuple[float, float] = (float("-inf"), float("inf"))
     noop: Any = None
-    render: bool = False
+    render: bool | Literal["optional"] = False
     libraries: tuple[str, ...] | None = None
     adapter: dict[str, Any] = {}
     success: Success = Success()

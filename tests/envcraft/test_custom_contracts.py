@@ -86,6 +86,8 @@ def test_what_is_not_said_is_as_in_the_base(tmp_path: Path) -> None:
         ('without = ["505"]', "'505' is not a code such as EC505"),
         ('without = ["EC503", "EC999"]', "without: there is no rule 'EC999'"),
         ("consistently = 2.0", "consistently is 2"),
+        ('render = "sometimes"', "render is 'sometimes'; it must be required, optional or off"),
+        ("render = 3", "render must be true or false or text, and is 3"),
     ],
 )
 def test_every_mistake_is_named(lines: str, words: str, tmp_path: Path, invoke: Any) -> None:
@@ -95,6 +97,16 @@ def test_every_mistake_is_named(lines: str, words: str, tmp_path: Path, invoke: 
     result = invoke("contracts")
     assert result.exit_code == 2
     assert "pyproject.toml: [tool.envcraft.contracts.mine]" in result.stderr
+
+
+@pytest.mark.parametrize(
+    ("written", "read"),
+    [('"required"', True), ("true", True), ('"optional"', "optional"), ('"off"', False), ("false", False)],
+)
+def test_render_is_required_optional_or_off(tmp_path: Path, written: str, read: bool | str) -> None:
+    write(tmp_path, f"[tool.envcraft.contracts.mine]\nbase = 'arcade'\nrender = {written}\n")
+    (contract,) = custom_contracts(tmp_path, BUILT_IN)
+    assert contract.render == read
 
 
 def test_names_are_not_taken_twice(tmp_path: Path) -> None:

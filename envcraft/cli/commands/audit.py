@@ -283,6 +283,7 @@ def _write_json(run: Audit, header: dict[str, Any], verdicts: dict[str, int], di
         "verdicts": verdicts,
         "out_of_time": run.out_of_time(),
         "codes": run.codes(),
+        "shared": run.shared(),
         "steps": steps,
         "seconds": seconds,
         "baseline": difference,
@@ -303,7 +304,10 @@ def _write_summary(run: Audit, verdicts: dict[str, int], difference: Difference 
     )
     if late := run.out_of_time():
         click.echo(f"{late:,} ran out of time: the next audit judges {'it' if late == 1 else 'them'} again")
-    codes = run.codes()
+    shared = run.shared()
+    for each in shared:
+        click.echo(f"  {each.words}")
+    codes = {code: times for code, times in run.codes().items() if code not in {each.code for each in shared}}
     for code, times in list(codes.items())[:_SHOWN]:
         click.echo(f"  {code}  in {plural(times, 'environment')}")
     if len(codes) > _SHOWN:

@@ -19,6 +19,7 @@ from envcraft.corpus.report.data import FAR, TIMES, Entry, Survey, entries
 from envcraft.corpus.report.duplicates import DuplicateSummary, summarise
 from envcraft.corpus.report.output import replaced
 from envcraft.corpus.report.players import player_rows
+from envcraft.corpus.shared import Shared, shared_codes
 from envcraft.corpus.store import Store, now, verdicts
 from envcraft.judging.check import Check, Rule
 from envcraft.judging.statistics import Proportion
@@ -48,6 +49,7 @@ class Site:
 
     def __init__(self, store: Store, folder: Path, checks: Sequence[Check], files: str = "") -> None:
         self.store, self.folder, self.files = store, folder, files
+        self._checks = list(checks)
         self.rules: dict[str, Rule] = {rule.code: rule for check in checks for rule in check.rules}
         self.survey = Survey(check.name for check in checks)
         self.settings = {
@@ -83,8 +85,12 @@ class Site:
         settings = self.settings[main[0][0]] if main else {}
         facts = {"corpus": self._title(), "made": now(), "settings": settings}
         clusters = {"layers": duplicates.layers, "clusters": [cluster for cluster, _ in duplicates.clusters]}
-        tables.write_summary(self.folder, self.survey, self.rules, {**facts, **clusters})
+        tables.write_summary(self.folder, self.survey, self.rules, {**facts, **clusters, "shared": self._shared()})
         self._pages(chunks, facts, duplicates, notes)
+
+    def _shared(self) -> list[Shared]:
+        counts = {row.code: row.environments for row in self.survey.codes()}
+        return shared_codes(counts, self.survey.rate.n, self._checks)
 
     def _title(self) -> str:
         return one_line(self.files or self.store.root.name)
@@ -156,6 +162,7 @@ class Site:
             outliers=survey.outliers(),
             shown=_OUTLIERS,
             drawn=charts.CODES,
+            shared=self._shared(),
             duplicates=duplicates,
             clusters=[
                 (cluster, len(numbers), [(number, self._shown(number)) for number in numbers[:_MEMBERS]])

@@ -179,6 +179,7 @@ class Subject:
         metadata = getattr(env, "metadata", None)
         modes = metadata.get("render_modes") if isinstance(metadata, dict) else None
         loaded["render_modes"] = [str(mode) for mode in modes] if isinstance(modes, list | tuple | set) else []
+        loaded["renders"] = getattr(type(env.unwrapped), "render", None) is not gymnasium.Env.render
         loaded["nondeterministic"] = bool(getattr(getattr(env, "spec", None), "nondeterministic", False))
 
     def _describe_class(self, loaded: dict[str, Any], kind: Any) -> None:

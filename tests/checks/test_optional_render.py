@@ -1,0 +1,63 @@
+"""Where a contract makes render() optional, a missing one is fine, and one that is there is judged."""
+
+from __future__ import annotations
+
+import pytest
+
+from envcraft.contracts.builtin import ARCADE, ARCADE_NATIVE
+from envcraft.judging.budget import BUDGETS
+from envcraft.judging.engine import Plan, validate
+from envcraft.judging.selection import driver_named, select_checks
+from envcraft.model.contract import Contract
+from envcraft.model.events import Finished
+from envcraft.model.target import Target
+
+GAME = """
+import gymnasium as gym
+import numpy as np
+
+
+class Lamp(gym.Env):
+    metadata = {"render_modes": ["rgb_array"], "render_fps": 30}
+
+    def __init__(self, render_mode="rgb_array"):
+        self.render_mode = render_mode
+        self.observation_space = gym.spaces.Box(0, 255, (SIDE, SIDE, 3), np.uint8)
+        self.action_space = gym.spaces.MultiDiscrete([5, 2, 2])
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        self.at, self.steps = int(self.np_random.integers(20)), 0
+        return self._frame(), {}
+
+    def step(self, action):
+        self.at = (self.at + int(action[0]) - 2) % 84
+        self.steps += 1
+        return self._frame(), 0.0, False, self.steps >= 1000, {}
+
+    def _frame(self):
+        frame = np.zeros((SIDE, SIDE, 3), np.uint8)
+        frame[:, self.at] = 255
+        return frame
+"""
+NEGATIVE = "    def render(self):\n        return 255 - self._frame()\n"
+BROKEN = "    def render(self):\n        return self.screen\n"
+SAME = "    def render(self):\n        return self._frame()\n"
+
+
+@pytest.mark.parametrize("side", [84, 160])
+@pytest.mark.parametrize(("render", "codes"), [("", set()), (SAME, set()), (NEGATIVE, {"EC404"}), (BROKEN, {"EC112"})])
+def test_optional_render(side: int, render: str, codes: set[str]) -> None:
+    assert codes_of(ARCADE_NATIVE, GAME.replace("SIDE", str(side)) + render) == codes
+
+
+def test_required_render_is_missed() -> None:
+    assert "EC112" in codes_of(ARCADE, GAME.replace("SIDE", "84"))
+
+
+def codes_of(contract: Contract, source: str) -> set[str]:
+    checks = select_checks("api,observation", None)
+    plan = Plan([Target("lamp.py", source.encode())], contract, driver_named("process"), checks, BUDGETS["quick"])
+    *_, last = validate(plan, 1)
+    assert isinstance(last, Finished)
+    return {finding.code for check in last.report.reports[0].checks for finding in check.findings}
