@@ -23,7 +23,7 @@ LIMIT = 50
 
 
 class Lamps(gym.Env):
-    metadata = {"render_modes": ["rgb_array"]}
+    metadata = {"render_modes": ["rgb_array"], "render_fps": 30}
 
     def __init__(self, render_mode=None):
         self.render_mode = render_mode

@@ -4,10 +4,13 @@
 Compares every value of every episode with the contract: both spaces, the parameters and result of `reset`, the five
 values of `step`, the type, dtype, shape and range of each observation, `info`, `render()`, and `close()` twice and
 before the first reset. It also resets once more after an episode, calls `reset(seed=None, options=None)` as wrappers
-do, and constructs an instance after another one was closed. In every episode it compares each action before and after
-`step`, and each observation that the environment still refers to with what it was when it was returned. In one episode
-it holds all observations, as a replay memory does, and compares them also at the end and after the next reset. The
-spaces are read again after the reset, after 1, 2, 4, 8 … steps and at the end; equal ones may be new objects.
+do, and constructs an instance after another one was closed. An environment that defines `render` must follow
+Gymnasium's conventions for it.
+
+In every episode the check compares each action before and after `step`, and each observation that the environment
+still refers to with what was returned. In one episode it holds all observations, as a replay memory does, and also
+compares them after the next reset. It reads the spaces again after the reset, after 1, 2, 4, 8 … steps and at the
+end; equal ones may be new objects.
 
 The check searches for exceptions: it plays random actions, holds single actions, plays every action at every step in
 rotation, tries rare actions on copies of states (those of the longest episode, and the last ones on the way to a win),
@@ -39,7 +42,7 @@ import msgspec
 from envcraft.judging.check import Check, Rule
 from envcraft.judging.shrink import repro, shrink
 from envcraft.model.rollout import Conditions, Episode, Rollout
-from envcraft.model.verdict import Finding
+from envcraft.model.verdict import Finding, Severity
 from envcraft.plugins import hookimpl
 
 from .source import ask_for_dependency
@@ -131,6 +134,19 @@ class Api(Check):
             "A space changes during play, or cannot be read.",
             "Define both spaces once, in the constructor, for all levels and episodes.",
         ),
+        Rule(
+            "EC116",
+            "render-conventions",
+            "What Gymnasium expects of an environment that renders is missing.",
+            'Take render_mode, and declare metadata = {"render_modes": ["rgb_array"], "render_fps": 30}.',
+            Severity.WARNING,
+        ),
+        Rule(
+            "EC117",
+            "render-mode-dropped",
+            "The constructor takes render_mode and does not keep it.",
+            "Set `self.render_mode = render_mode`: wrappers such as RecordVideo refuse an environment without it.",
+        ),
     )
 
     def judge(self, subject: Subject) -> Iterator[Finding]:
@@ -151,7 +167,7 @@ class Api(Check):
                 yield self._smallest(subject, crash, finding)
 
     def confirm(self, subject: Subject, finding: Finding) -> Finding | None:
-        if finding.code in ("EC101", "EC102", "EC103"):
+        if finding.code in ("EC101", "EC102", "EC103", "EC116", "EC117"):
             found = self._judge_spaces(subject)
         else:
             conditions = Conditions.from_json(finding.repro.conditions)
@@ -173,9 +189,34 @@ class Api(Check):
                 yield self.finding(code, f"{name} is {space}, which is not a Gymnasium space", line=line)
             elif promised is not None and space != (expected := read_space(promised)):
                 yield self.finding(code, f"{name} is {space}, not {expected}", line=line, given=given)
+        yield from self._judge_rendering(subject)
         if "reset" in description and set(description["reset"]) != {"seed", "options"}:
             missing = " and ".join(name + "=" for name in ("seed", "options") if name not in description["reset"])
             yield self.finding("EC103", f"reset() does not take {missing}", line=subject.line_of("reset"))
+
+    def _judge_rendering(self, subject: Subject) -> Iterator[Finding]:
+        description, line = subject.load().description, subject.line_of("__init__")
+        rendering, modes = description.get("rendering"), description.get("render_modes", [])
+        if rendering is None or not description.get("renders"):
+            return
+        given, kept = rendering["given"], rendering["kept"]
+        wrong = []
+        if not rendering["takes"] and (subject.contract.render or modes):
+            wrong.append("the constructor does not take render_mode")
+        elif given is not None and given != kept:
+            words = f"the constructor takes render_mode={given!r}, and render_mode is {kept!r} then"
+            if subject.contract.render:
+                yield self.finding("EC117", words, line=line, given=given, kept=kept)
+            else:
+                wrong.append(words)
+        if not modes:
+            wrong.append('metadata["render_modes"] is empty or absent')
+        elif subject.contract.render and "rgb_array" not in modes:
+            wrong.append(f'metadata["render_modes"] is {modes}, without rgb_array')
+        if not rendering["rate"]:
+            wrong.append('metadata has no "render_fps"')
+        if wrong:
+            yield self.finding("EC116", "; ".join(wrong), line=line)
 
     def _traces(self, subject: Subject) -> Iterator[Trace]:
         """The traces of every kind of play, the cheapest first, so that a simple defect is reported at once."""

@@ -35,6 +35,17 @@ class Effects(TypedDict, total=False):
     threads: int
 
 
+class Rendering(TypedDict):
+    """What the constructor did with the render mode: whether it takes one, which it was `given` and which the instance
+    has; and whether the metadata has the `rate` of the frames.
+    """
+
+    takes: bool
+    given: _Name | None
+    kept: _Name | None
+    rate: bool
+
+
 #: The functional syntax, because ``class`` is a keyword. ``renders`` says whether
 #: the class has a render() of its own. The keys between ``nondeterministic`` and ``modules`` are sent
 #: only for installed environments: the module and digest of the file that defines the class, the type of the
@@ -55,6 +66,7 @@ Description = TypedDict(
         "reset": list[str],
         "render_modes": list[str],
         "renders": bool,
+        "rendering": Rendering,
         "nondeterministic": bool,
         "module": _Name,
         "sha256": _Digest | None,

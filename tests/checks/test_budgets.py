@@ -24,7 +24,7 @@ from gymnasium import spaces
 
 
 class Catch(gym.Env):
-    metadata = {"render_modes": ["rgb_array"]}
+    metadata = {"render_modes": ["rgb_array"], "render_fps": 30}
     LIMIT = 1000
 
     def __init__(self, render_mode="rgb_array"):

@@ -43,7 +43,7 @@ from gymnasium import spaces
 
 
 class Luck(gymnasium.Env):
-    metadata = {"render_modes": ["rgb_array"]}
+    metadata = {"render_modes": ["rgb_array"], "render_fps": 30}
 
     def __init__(self, render_mode=None):
         self.observation_space = spaces.Box(0, 255, (84, 84, 3), np.uint8)

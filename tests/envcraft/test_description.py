@@ -137,6 +137,8 @@ def test_a_nested_space_has_a_bottom() -> None:
         {"lines": {"step": "x"}},
         {"reset": [[], {}]},
         {"render_modes": {"rgb_array": 1}},
+        {"rendering": {"takes": True}},
+        {"rendering": {"takes": 1, "given": None, "kept": None, "rate": True}},
         {"module": 5},
         {"sha256": "0" * 63},
         {"sha256": "0" * 64 + "\n"},

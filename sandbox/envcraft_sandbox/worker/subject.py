@@ -18,7 +18,7 @@ from typing import Any
 import gymnasium
 import numpy as np
 from envcraft_protocol import adapters, jobs
-from envcraft_protocol.classes import concrete_classes, definitions, type_name
+from envcraft_protocol.classes import concrete_classes, definitions, rendering, type_name
 from envcraft_protocol.spaces import Form, decode_action
 from envcraft_protocol.spaces import describe as describe_space
 from envcraft_protocol.wire import Kind
@@ -180,6 +180,7 @@ class Subject:
         modes = metadata.get("render_modes") if isinstance(metadata, dict) else None
         loaded["render_modes"] = [str(mode) for mode in modes] if isinstance(modes, list | tuple | set) else []
         loaded["renders"] = getattr(type(env.unwrapped), "render", None) is not gymnasium.Env.render
+        loaded["rendering"] = _rendering(env, creator, self.target.kwargs)
         loaded["nondeterministic"] = bool(getattr(getattr(env, "spec", None), "nondeterministic", False))
 
     def _describe_class(self, loaded: dict[str, Any], kind: Any) -> None:
@@ -241,6 +242,22 @@ def attributes(env: Any) -> dict[str, Any]:
         name: jsonable(value)
         for name, value in vars(env.unwrapped).items()
         if not isinstance(value, np.random.Generator | np.random.RandomState | random.Random)
+    }
+
+
+def _rendering(env: Any, creator: Any, given: dict[str, Any]) -> dict[str, Any]:
+    """What the constructor did with the render mode, and whether the metadata says how fast frames follow."""
+    try:
+        parameters = list(inspect.signature(creator).parameters.values())
+    except (ValueError, TypeError):
+        parameters = []
+    metadata = getattr(env, "metadata", None)
+    kept = getattr(env.unwrapped, "render_mode", None)
+    return {
+        "takes": any(each.name == "render_mode" or each.kind is each.VAR_KEYWORD for each in parameters),
+        "given": rendering(creator, given).get("render_mode"),
+        "kept": kept[:100] if isinstance(kept, str) else None if kept is None else type_name(kept),
+        "rate": isinstance(metadata, dict) and metadata.get("render_fps") is not None,
     }
 
 
