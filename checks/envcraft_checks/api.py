@@ -41,6 +41,7 @@ import msgspec
 
 from envcraft.judging.check import Check, Rule
 from envcraft.judging.shrink import repro, shrink
+from envcraft.model.contract import OPTIONAL
 from envcraft.model.rollout import Conditions, Episode, Rollout
 from envcraft.model.verdict import Finding, Severity
 from envcraft.plugins import hookimpl
@@ -200,18 +201,19 @@ class Api(Check):
         if rendering is None or not description.get("renders"):
             return
         given, kept = rendering["given"], rendering["kept"]
+        required = subject.contract.render not in (False, OPTIONAL)
         wrong = []
-        if not rendering["takes"] and (subject.contract.render or modes):
+        if not rendering["takes"] and (required or modes):
             wrong.append("the constructor does not take render_mode")
         elif given is not None and given != kept:
             words = f"the constructor takes render_mode={given!r}, and render_mode is {kept!r} then"
-            if subject.contract.render:
+            if required:
                 yield self.finding("EC117", words, line=line, given=given, kept=kept)
             else:
                 wrong.append(words)
         if not modes:
             wrong.append('metadata["render_modes"] is empty or absent')
-        elif subject.contract.render and "rgb_array" not in modes:
+        elif required and "rgb_array" not in modes:
             wrong.append(f'metadata["render_modes"] is {modes}, without rgb_array')
         if not rendering["rate"]:
             wrong.append('metadata has no "render_fps"')
@@ -231,6 +233,7 @@ class Api(Check):
             yield subject.rollout(rendered)
         yield from itertools.chain(episodes.whole[1:], episodes.all, episodes.rotations)
         found = subject.searches.best()
+        yield from [*subject.searches.explored(), *subject.privileged()]
         before = probes.earlier(base.cut(5), None, episodes.idle)
         if found is not None:
             before = [*[Episode(found.rollout.seed, found.actions)] * (1 + found.positive), *before]
