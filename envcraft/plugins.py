@@ -41,6 +41,7 @@ DEFAULT_PLUGINS: dict[str, tuple[str, ...]] = {
     "envcraft_checks.termination": ("envcraft_checks",),
     "envcraft_checks.instawin": ("envcraft_checks",),
     "envcraft_checks.instadeath": ("envcraft_checks",),
+    "envcraft_checks.resources": ("envcraft_checks",),
     "envcraft_checks.difficulty": ("envcraft_checks",),
     "envcraft_checks.sandbox": ("envcraft_checks",),
     "envcraft_dask.plugin": ("envcraft_executors",),

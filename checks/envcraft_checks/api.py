@@ -238,6 +238,7 @@ class Api(Check):
         if found is not None:
             before = [*[Episode(found.rollout.seed, found.actions)] * (1 + found.positive), *before]
         yield subject.rollout(base.cut(5).under(Conditions(before=before)))
+        yield subject.session.trace
         if found is not None and (found.positive or subject.budget.rotations):
             later = found.rollout.cut(found.steps)
             yield subject.rollout(subject.inspected(later))
@@ -318,8 +319,9 @@ class Api(Check):
         after = trace.rollout.conditions.closed and fault.phase != "early close"
         closed = ", after another instance was closed" if after else ""
         if fault.malformed:
-            code = "EC105" if fault.phase == "reset" else "EC106"
-            words = f"{fault.phase}() returned {fault.malformed} ({_at(fault.step)})"
+            method = {"earlier reset": "reset", "before": "step"}.get(fault.phase, fault.phase)
+            code = "EC105" if method == "reset" else "EC106"
+            words = f"{method}() returned {fault.malformed} ({_at(fault.step)})"
             return self.finding(code, words, line=line, step=fault.step)
         if closed and fault.phase == "construct":
             return self.finding("EC113", f"the constructor fails{closed}: {fault}", line=line)

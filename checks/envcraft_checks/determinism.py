@@ -10,7 +10,8 @@ action space contains these. If this trace differs, the check tries each conditi
 condition, the first step and the field.
 
 The episodes are random play and the best episode of a search, such as a win. The earlier episodes include the same
-episode, the best one, one that does nothing until the end, and many resets.
+episode, the best one, a win several times, and one that does nothing until the end. Last, the first steps of random
+play are compared after many short episodes on the same instance, which other checks also judge.
 
 Different seeds must give different traces. One fixed level for every seed is a legitimate design and only a warning.
 Training passes a seed to the first reset only: the episodes that follow it must be the same when the program runs
@@ -63,6 +64,8 @@ _OTHER_HASHES = 20_241
 _OTHER_STATE = 1_000_003
 #: Repetitions before equality counts: a number drawn from a small range may be the same by chance.
 _REPEATS = 7
+#: The most runs that reduce earlier episodes.
+_TRIES = 24
 #: Repetitions of the reset alone, which may draw only one random number.
 _RESETS = 4
 #: For resets without a seed: steps of an episode, repetitions of the first, and episodes that must be equal for EC212.
@@ -205,6 +208,11 @@ class Determinism(Check):
                 return
         if len(reset) < len(plays):
             raise Skip("reset() returns no observation")
+        for finding in self._after_many(subject):
+            if finding.code not in reported:
+                yield finding
+            if finding.code == "EC206":
+                return
         fixed = list(self._judge_seeds(subject))
         yield from fixed
         yield from self._judge_unseeded(subject, bool(fixed))
@@ -315,14 +323,60 @@ class Determinism(Check):
                 if again is not None and base.fault is None and trace.fault is not None:
                     yield self._found(subject, code, rollout, conditions, again)
 
+    def _after_many(self, subject: Subject) -> Iterator[Finding]:
+        """Compare what the session repeats with the same episode in a process of its own."""
+        last = subject.session.trace
+        plain = last.rollout.under(Conditions())
+        subject.rollout(plain, alone=True)
+        before = [Episode(episode.seed, episode.actions) for episode in last.rollout.conditions.before]
+        repeated = [(number, last.before[number]) for number in subject.session.repetitions]
+        for info in (True, False):
+            # Consecutive episodes also show what every second reset undoes.
+            differing = (
+                number
+                for number, trace in [*repeated, (len(last.before), last)]
+                if _diverge(subject.rollout(plain.cut(len(trace.rollout.actions)), alone=True), trace, info) is not None
+            )
+            if (number := next(differing, None)) is None:
+                return
+            short = plain if number == len(last.before) else plain.cut(len(before[number].actions))
+            base = subject.rollout(short, alone=True)
+            conditions = Conditions(before=before[:number])
+            found = _diverge(base, subject.rollout(short.under(conditions), alone=True), info)
+            if found is None:
+                return
+            code = _TELEMETRY["EC206"] if found.field == "info" else "EC206"
+            conditions, found = self._fewer(subject, short, base, conditions, found, info)
+            yield self._found(subject, code, short, conditions, found)
+            if code == "EC206":
+                return
+
     def _fewer(
         self, subject: Subject, rollout: Rollout, base: Trace, conditions: Conditions, found: Divergence, info: bool
     ) -> tuple[Conditions, Divergence]:
-        """Reduce the earlier episodes to a single one that still changes the trace, if one does."""
-        for episode in conditions.before:
-            one = Conditions(before=[episode])
-            if (again := _diverge(base, subject.rollout(rollout.under(one), alone=True), info)) is not None:
-                return one, again
+        """Reduce the earlier episodes to a few that still change the trace: first by all steps, then by halves,
+        quarters … of the episodes at the start or the end.
+        """
+        tries = _TRIES
+
+        def shows(before: list[Episode]) -> bool:
+            nonlocal conditions, found, tries
+            steps = sum(len(episode.actions) for episode in before) + len(rollout.actions)
+            if not before or tries <= 0 or not (subject.affords(steps) or len(before) == 1):
+                return False
+            tries -= 1
+            fewer = Conditions(before=before)
+            again = _diverge(base, subject.rollout(rollout.under(fewer), alone=True), info)
+            if again is not None:
+                conditions, found = fewer, again
+            return again is not None
+
+        shows([Episode(episode.seed, []) for episode in conditions.before])
+        part = len(conditions.before) // 2
+        while part:
+            before = conditions.before
+            if len(before) <= part or not (shows(before[part:]) or shows(before[:-part])):
+                part //= 2
         return conditions, found
 
     def _reset_again(self, subject: Subject, rollout: Rollout, info: bool) -> Divergence | None:

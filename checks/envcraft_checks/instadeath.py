@@ -1,27 +1,39 @@
 """# instadeath
 
 ## What it does
-Does nothing, on one seed after another, until it is settled whether this loses at once on more than 50% of seeds. To
-lose at once is to terminate within 30 steps without success. Later losses, truncations and wins do not count.
+Does nothing, on one seed after another, until it is settled whether this loses at once on more than 50% of seeds
+(EC701). To lose at once is to terminate within 30 steps without success. Later losses, truncations and wins do not
+count. Neither does a game that is short by design: doing nothing ends at the same step on every seed, no play lasts
+longer, and what is played decides the return.
+
+Plays a few random steps on many seeds. Where an episode ends at once, other actions are tried on the same seed. If they
+end it, too, within 3 steps, the seed is degenerate: nothing can be played. It is a defect if 10% of the seeds or more
+are, and surely more than 5% (EC702), unless episodes on other seeds are as short. It is a warning if surely more than
+2% are (EC703).
 
 ## Why is this bad?
-An untrained agent acts at random. If every early episode ends before it can act, it sees only the start and the loss.
+An untrained agent acts at random. If every early episode ends before it can act, it sees only the start and the loss. A
+degenerate seed gives a reward for no decision, which is noise in training and in every score.
 
 ## Example
 ```python
 self.bird_y, self.velocity = 10, 3.0     # EC701: falls to the ground in 14 steps
+self.goal = self.np_random.integers(9)   # EC702: one game in nine starts on the goal
 ```
 """
 
 from __future__ import annotations
 
+import statistics
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
+from envcraft.judging import actions
 from envcraft.judging.check import Check, Rule
 from envcraft.judging.shrink import repro
-from envcraft.judging.statistics import settle
-from envcraft.model.verdict import Finding
+from envcraft.judging.statistics import Exact, settle
+from envcraft.model.rollout import Conditions, Episode, Rollout
+from envcraft.model.verdict import Finding, Severity
 from envcraft.plugins import hookimpl
 
 if TYPE_CHECKING:
@@ -29,6 +41,15 @@ if TYPE_CHECKING:
     from envcraft.model.trace import Trace
 
 _MOST = 0.5
+#: The shares of degenerate seeds that are surely exceeded where that is a warning and an error, and the least estimate
+#: of an error.
+_SOME, _FEW, _MANY = 0.02, 0.05, 0.1
+#: Steps within which a degenerate seed's episode is over, and the action sequences that are tried besides the first.
+_AT_ONCE, _OTHERS = 3, 3
+#: Steps that an episode on other seeds lasts at least.
+_PLAYED = 12
+#: Degenerate seeds that are played once more, each in a process of its own.
+_SHOWN = 3
 
 
 class InstaDeath(Check):
@@ -40,21 +61,43 @@ class InstaDeath(Check):
             "Doing nothing loses at once on most seeds.",
             "Give the agent some steps before it can lose.",
         ),
+        Rule(
+            "EC702",
+            "degenerate-seeds",
+            "On many seeds the episode is over at once, whatever is done.",
+            "Draw the start again in reset() until it is neither won nor lost.",
+        ),
+        Rule(
+            "EC703",
+            "some-degenerate-seeds",
+            "On some seeds the episode is over at once, whatever is done.",
+            "Draw the start again in reset() until it is neither won nor lost.",
+            Severity.WARNING,
+        ),
     )
 
     def judge(self, subject: Subject) -> Iterator[Finding]:
+        degenerate = self._judge_seeds(subject)
+        if degenerate is not None:
+            yield degenerate
+            return
         within = subject.contract.at_once
 
         def lost(number: int) -> bool:
-            return _lost(subject.noop(number, within))
+            return _lost(subject.session.idle(number) or subject.noop(number, within))
 
         def prefetch(numbers: range) -> None:
-            subject.prefetch(subject.probes.noop(number, within) for number in numbers)
+            missing = [number for number in numbers if subject.session.idle(number) is None]
+            subject.prefetch(subject.probes.noop(number, within) for number in missing)
 
         verdict, rate = settle(lost, _MOST, subject.budget.looks, prefetch, lambda: subject.affords(within))
         # The check termination reports episodes that end before play is possible.
         if verdict is True:
-            shortest = min((subject.noop(number, within) for number in range(rate.n)), key=lambda trace: trace.steps)
+            # The session's episodes follow others, so all are played again.
+            idle = [subject.noop(number, within) for number in range(rate.n)]
+            shortest = min((trace for trace in idle if _lost(trace)), key=lambda trace: trace.steps, default=None)
+            if shortest is None or _short_by_design(subject, idle):
+                return
             yield self.finding(
                 "EC701",
                 f"doing nothing loses within {within} steps on {rate} seeds, more than {100 * _MOST:g}%, and at the "
@@ -63,6 +106,77 @@ class InstaDeath(Check):
                 repro=repro(shortest.rollout.cut(shortest.steps)),
                 rate=rate.evidence(),
             )
+
+    def _judge_seeds(self, subject: Subject) -> Finding | None:
+        varied = subject.session.varied
+        suspects = [trace for trace in varied if trace.ended and trace.steps <= _AT_ONCE]
+        if Exact(len(suspects), len(varied)).low <= _SOME:
+            return None
+        suspects = _over_at_once(subject, suspects)
+        rate = Exact(len(suspects), len(varied))
+        if rate.low <= _SOME:
+            return None
+        seeds, usual = {trace.rollout.seed for trace in suspects}, _usual(subject)
+        alone = [subject.rollout(trace.rollout.under(Conditions())) for trace in suspects[:_SHOWN]]
+        if usual < _PLAYED or not all(trace.ended and trace.steps <= _AT_ONCE for trace in alone):
+            return None
+        won = sum(bool(trace.success) for trace in suspects)
+        return self.finding(
+            "EC702" if rate.low > _FEW and rate.estimate >= _MANY else "EC703",
+            f"on {rate} seeds the episode is over within {_AT_ONCE} steps, whatever is done ({won} are won), while it "
+            f"lasts {usual:.0f} steps on others",
+            line=subject.line_of("reset"),
+            repro=repro(alone[0].rollout.cut(alone[0].steps)),
+            rate=rate.evidence(),
+            won=won,
+            usual=usual,
+            seeds=sorted(seeds)[:20],
+        )
+
+
+def _usual(subject: Subject) -> float:
+    """How long an episode can last on the seeds that are not degenerate, by short random play and what else was played
+    on them.
+    """
+    going = [trace.rollout.seed for trace in subject.session.varied if not trace.ended][:_SHOWN]
+    first = [subject.episode_seed(0), *going]
+    tried = [subject.random(0), *(subject.rollout(_short(subject, seed)) for seed in going)]
+    longest = {
+        seed: max(trace.steps for trace in [*tried, *subject.played()] if trace.rollout.seed == seed) for seed in first
+    }
+    lasting = [steps for steps in longest.values() if steps > _AT_ONCE]
+    return statistics.median(lasting) if lasting else 0.0
+
+
+def _short(subject: Subject, seed: int) -> Rollout:
+    length = subject.contract.at_once
+    return Rollout(seed, actions.random_actions(subject.action_space, seed, length), player="random play")
+
+
+def _over_at_once(subject: Subject, suspects: list[Trace]) -> list[Trace]:
+    """Those of some short episodes that end at once on the same seed under other actions, too."""
+    space = subject.action_space
+    first = subject.joint_actions[0]
+    episodes = []
+    for trace in suspects:
+        seed = trace.rollout.seed
+        drawn = [actions.random_actions(space, seed + 1_009 * number, _AT_ONCE) for number in range(1, _OTHERS)]
+        episodes += [Episode(seed, tried) for tried in ([first] * _AT_ONCE, *drawn)]
+    tried = subject.rollout(Rollout(suspects[0].rollout.seed, [], Conditions(before=episodes, recorded=True))).before
+    alike = [tried[at : at + _OTHERS] for at in range(0, len(tried), _OTHERS)]
+    return [
+        trace
+        for trace, others in zip(suspects, alike, strict=False)
+        if len(others) == _OTHERS and all(other.ended for other in others)
+    ]
+
+
+def _short_by_design(subject: Subject, idle: list[Trace]) -> bool:
+    """Whether a clock ends every episode that is not over sooner, and the actions decide what an episode returns."""
+    played = [*subject.played(), *subject.searches.explored()]
+    lengths = {trace.steps for trace in idle}
+    returns = {trace.total for trace in played if trace.ended and trace.rollout.seed == subject.episode_seed(0)}
+    return len(lengths) == 1 and max(trace.steps for trace in played) <= max(lengths) and len(returns) > 1
 
 
 def _lost(trace: Trace) -> bool:

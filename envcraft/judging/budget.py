@@ -21,7 +21,10 @@ class Budget(msgspec.Struct, frozen=True):
         inspected: steps of the episode whose every value and call is inspected.
         probes: seeds on which determinism is probed, and the most steps of each probe.
         earlier: steps of a random earlier episode on the same instance.
+        wins: how often a short win is played before an episode on the same instance.
         beside: steps of a second instance that is stepped alongside.
+        session: of many short episodes on one instance: the seeds, the steps of an episode, how often one of them is
+            repeated, and the steps of the last one.
         explore: the fewest and the most steps of a search for crashes and wins, and the seeds that are searched.
         exhaust: the most steps of a search through all reachable states.
         sweep: the most steps spent on rare actions along the longest episode and the best one.
@@ -41,7 +44,9 @@ class Budget(msgspec.Struct, frozen=True):
     inspected: int
     probes: tuple[int, int]
     earlier: int
+    wins: int
     beside: int
+    session: tuple[int, int, int, int]
     explore: tuple[int, int, int]
     exhaust: int
     sweep: int
@@ -65,7 +70,9 @@ BUDGETS = {
             inspected=100,
             probes=(1, 60),
             earlier=25,
+            wins=3,
             beside=60,
+            session=(40, 2, 12, 15),
             explore=(700, 2_000, 1),
             exhaust=2_000,
             sweep=0,
@@ -85,7 +92,9 @@ BUDGETS = {
             inspected=250,
             probes=(2, 120),
             earlier=60,
+            wins=10,
             beside=60,
+            session=(100, 3, 16, 60),
             explore=(1_400, 6_000, 2),
             exhaust=20_000,
             sweep=4_000,
@@ -104,7 +113,9 @@ BUDGETS = {
             inspected=1_000,
             probes=(6, 500),
             earlier=200,
+            wins=20,
             beside=200,
+            session=(200, 3, 24, 200),
             explore=(3_000, 40_000, 6),
             exhaust=100_000,
             sweep=40_000,

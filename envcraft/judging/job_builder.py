@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 
 #: The share of a job's time after which a search returns what it has, so that slow steps cost no more.
 _SEARCH_SHARE = 0.2
+#: Seconds after which no further recorded episode starts.
+_RECORDED_SECONDS = 10.0
 
 
 class PreparedJob(NamedTuple):
@@ -115,6 +117,8 @@ class JobBuilder:
             job["marks"] = self._marks
         if measured is not None:
             job |= {"count_waits": True, "seconds": measured}
+        if conditions.recorded:
+            job["seconds"] = _RECORDED_SECONDS
         if rollout.interactive:
             job["interactive"] = True
         if series:

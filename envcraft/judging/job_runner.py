@@ -150,7 +150,7 @@ class JobRunner:
         except OutOfTime:
             raise self.time_limit.skip() from None
         self.seconds += end.seconds
-        trace = pending.builder.trace
+        trace = pending.builder.main
         trace.end = end
         return trace
 

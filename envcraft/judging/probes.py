@@ -16,8 +16,6 @@ from envcraft.spaces.sampling import enumerate_actions
 from envcraft.spaces.spec import Discrete, MultiDiscrete, SpaceSpec
 
 _Draw = Callable[[SpaceSpec, int, int], list[Action]]
-#: The fewest earlier resets without a step, an even number.
-_EARLIER_RESETS = 8
 #: Other earlier episodes last at most so many times as long as the random ones.
 _MODERATE = 4
 
@@ -81,24 +79,24 @@ class Probes:
 
         Args:
             rollout: the episode.
-            found: the best episode of a search. It is played twice if it is won.
+            found: the best episode of a search. If it is won, it is played at least twice.
             idle: an episode of doing nothing.
 
         Returns:
-            Two random episodes; before one with the first episode seed also `found` and `idle`, unless they are long,
-            and many resets; and last the very same episode.
+            Two random episodes; before one with the first episode seed also `found` and `idle`, unless they are long;
+            and last the very same episode.
         """
         seed, length = rollout.seed + 7_919, self.budget.earlier
         draws: tuple[_Draw, ...] = (actions.random_actions, actions.sticky_actions)
         episodes = [Episode(seed + at, draw(self.space, seed + at, length)) for at, draw in enumerate(draws)]
         if rollout.seed == self.episode_seed(0):
             if found is not None and found.steps <= _MODERATE * length:
-                episodes += [Episode(found.rollout.seed, found.actions)] * (1 + found.positive)
+                wins = max(min(_MODERATE * length // max(found.steps, 1), self.budget.wins), 2)
+                episodes += [Episode(found.rollout.seed, found.actions)] * (wins if found.positive else 1)
             if idle is not None and idle.ended and idle.steps <= _MODERATE * length:
                 episodes.append(Episode(seed, idle.actions))
             # What every second reset undoes shows after an odd number of episodes.
-            resets = _EARLIER_RESETS + len(episodes) % 2
-            episodes += [Episode(seed + number, []) for number in range(resets)]
+            episodes += [Episode(seed, [])] * (len(episodes) % 2)
         return [*episodes, Episode(rollout.seed, rollout.actions)]
 
     def _drawn(self, draw: _Draw, number: int, length: int, player: str) -> Rollout:

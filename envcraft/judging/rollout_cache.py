@@ -250,6 +250,7 @@ class RolloutCache:
         if trace.end is not None:
             self._coverage.add(trace.end.reached)
         shown = trace.steps + (trace.earlier.steps if trace.earlier is not None else 0)
+        shown += sum(earlier.steps for earlier in trace.before)
         self.steps += max(trace.end.steps if trace.end is not None else 0, shown)
         if self.on_steps is not None:
             self.on_steps(self.steps)

@@ -18,6 +18,7 @@ from envcraft.judging.job_runner import JobRunner
 from envcraft.judging.probes import Probes
 from envcraft.judging.rollout_cache import RolloutCache
 from envcraft.judging.search import Searches
+from envcraft.judging.session import Session
 from envcraft.judging.time_limit import TimeLimit
 from envcraft.judging.worker_pool import Lease
 from envcraft.model.contract import Contract
@@ -178,6 +179,11 @@ class Subject:
     def episodes(self) -> Episodes:
         """The episodes that several checks share."""
         return Episodes(self.cache, self.probes, self.budget)
+
+    @cached_property
+    def session(self) -> Session:
+        """Many short episodes on one instance."""
+        return Session(self.cache, self.probes, self.budget)
 
     @cached_property
     def searches(self) -> Searches:

@@ -16,8 +16,8 @@ from envcraft.judging.description import Description, describe
 from envcraft.judging.description import outcome as read_outcome
 from envcraft.judging.driver import Step, Steps, Stop
 from envcraft.model.contract import Success
-from envcraft.model.rollout import Rollout
-from envcraft.model.trace import SLOW, Fault, Problem, SpaceChange, Trace, info_digest
+from envcraft.model.rollout import Conditions, Rollout
+from envcraft.model.trace import SLOW, Fault, Problem, Resources, SpaceChange, Trace, info_digest
 from envcraft.similarity.behavioural import EVERY, STEPS
 from envcraft.similarity.perceptual import frame_hash, value_hash
 from envcraft.spaces.codec import ValueCodec, is_picture
@@ -56,6 +56,7 @@ class TraceBuilder:
     Each method that receives bytes raises MalformedValue if no layout allows them.
 
     Attributes:
+        trace: the episode that is received.
         frame: the shape of observations of uint8 that need no validation and travel as digests; None without any.
         pictures: the frames that must come as pictures, too.
     """
@@ -96,8 +97,21 @@ class TraceBuilder:
         self._infos = 0
         self._frames = 0
         self._phase = ""
+        #: The recorded episodes before the last one.
+        self._before: list[Trace] = []
         #: The last value and its layout, with their digest.
         self._digested: tuple[memoryview, ValueCodec, bytes] | None = None
+
+    @property
+    def main(self) -> Trace:
+        """The trace of the rollout; without observations if the job ended in an episode before it."""
+        if self._is_earlier:
+            return Trace(self._rollout, fault=self.trace.fault, before=self._before, rule=self._success)
+        return self.trace
+
+    @property
+    def _is_earlier(self) -> bool:
+        return bool(self._before) and self._before[-1] is self.trace
 
     def phase(self, name: str) -> None:
         self._phase = name
@@ -125,6 +139,16 @@ class TraceBuilder:
         self._exact.append(self._is_any_frame(layout, framed))
 
     def reset(self, step: Step) -> None:
+        if self._rollout.conditions.recorded and self._phase == "before":
+            episodes = self._rollout.conditions.before
+            if len(self._before) >= len(episodes) or (self.trace.observations and not self._is_earlier):
+                raise MalformedValue("an episode that was not requested")
+            episode = episodes[len(self._before)]
+            rollout = Rollout(episode.seed or 0, episode.actions, Conditions(unseeded=episode.seed is None))
+            self.trace = Trace(rollout, rule=self._success, columns=self._columns)
+            self._before.append(self.trace)
+        elif self._is_earlier:
+            self.trace = Trace(self._rollout, before=self._before, rule=self._success, columns=self._columns)
         if self.trace.observations:
             if self.trace.earlier is not None or not self.trace.rollout.conditions.again:
                 raise MalformedValue("a second reset")
@@ -250,6 +274,11 @@ class TraceBuilder:
             traceback=str(report.get("traceback", ""))[:8000],
         )
 
+    def resources(self, measured: tuple[int, ...]) -> None:
+        if not self._is_earlier or self.trace.resources is not None:
+            raise MalformedValue("a measurement that was not requested")
+        self.trace.resources = Resources(*measured)
+
     def result(self, outcome: dict[str, Any]) -> None:
         if self._action_space is None:
             raise MalformedValue("a search's result without a search")
@@ -264,6 +293,8 @@ class TraceBuilder:
         trace, rollout = self.trace, self.trace.rollout
         wanted = rollout.max_steps if rollout.live else len(rollout.actions)
         stopped = trace.fault is not None or trace.refused or trace.ended or trace.result is not None
+        if self._is_earlier and trace.fault is None:
+            raise MalformedValue("an end before the last episode")
         if not stopped and trace.steps < wanted:
             raise MalformedValue(f"an end after {trace.steps} of {wanted} steps")
         if not stopped and rollout.conditions.again and trace.earlier is None:

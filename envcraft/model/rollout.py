@@ -19,10 +19,14 @@ Action = Any
 
 
 class Episode(msgspec.Struct, frozen=True, omit_defaults=True):
-    """An episode that is played but not recorded. A seed of None resets without a seed."""
+    """An episode before or beside the one of a rollout. A seed of None resets without a seed.
+
+    With `lines` the lines of Python that it runs are counted, if it is recorded.
+    """
 
     seed: int | None
     actions: list[Action]
+    lines: bool = False
 
 
 class ClockShift(msgspec.Struct, frozen=True):
@@ -56,6 +60,8 @@ class Conditions(msgspec.Struct, frozen=True, omit_defaults=True):
         int32: passes integers of actions as int32 if the action space contains that.
         python: passes integers of actions as Python's ints and lists if the action space contains that. With `int32`
             both take turns.
+        recorded: records the episodes of `before`, too, and measures the process after each. After some seconds no
+            further one starts.
     """
 
     fresh: bool = False
@@ -76,11 +82,14 @@ class Conditions(msgspec.Struct, frozen=True, omit_defaults=True):
     reuse: bool = False
     int32: bool = False
     python: bool = False
+    recorded: bool = False
 
     @property
     def passing(self) -> bool:
         """Whether the conditions leave the process as an ordinary episode does."""
-        return not self.again and (self.heap, self.global_seed, self.perturb, self.clock) == (None,) * 4
+        return (
+            not (self.again or self.recorded) and (self.heap, self.global_seed, self.perturb, self.clock) == (None,) * 4
+        )
 
     def to_json(self) -> jobs.Conditions:
         """The conditions that differ from the defaults."""

@@ -88,6 +88,33 @@ class SpaceChange:
     now: str
 
 
+@dataclass(frozen=True)
+class Resources:
+    """What a process uses after an episode, as the worker says.
+
+    Attributes:
+        resident: bytes of memory, in pages of the system.
+        held: bytes that the C library's allocator has given out.
+        blocks: blocks of at most 512 bytes that Python's allocator has given out.
+        lines: lines of Python that the episode ran, 0 if they were not counted.
+        written: bytes of all files.
+        threads: threads.
+        descriptors: open files.
+        files: files in the job's folder.
+        queued: entries of all queues of bounded length, which are no leak.
+    """
+
+    resident: int
+    held: int
+    blocks: int
+    lines: int
+    written: int
+    threads: int
+    descriptors: int
+    files: int
+    queued: int
+
+
 #: Microseconds from which a step counts as slow.
 SLOW = 1_000
 
@@ -110,6 +137,8 @@ class Trace:
         watched: perceptual hashes of some observations, for a fingerprint.
         columns: whether the digests of long frames read columns of pixels; None without long frames.
         earlier: the first of two traces under the condition `again`.
+        before: the earlier episodes under the condition `recorded`, as many as time allowed.
+        resources: what the process used after such an episode.
     """
 
     rollout: Rollout
@@ -142,6 +171,8 @@ class Trace:
     result: SearchOutcome | None = None
     columns: bool | None = None
     earlier: Trace | None = None
+    before: list[Trace] = field(default_factory=list)
+    resources: Resources | None = None
     rule: Success = field(default_factory=Success)
 
     @property

@@ -69,10 +69,14 @@ class Policy(TypedDict):
 
 
 class Episode(TypedDict):
-    """An episode of another instance, or one that runs earlier on the same instance."""
+    """An episode of another instance, or one that runs earlier on the same instance.
+
+    With `lines` the lines of Python that a recorded episode runs are counted.
+    """
 
     seed: int
     actions: list[Any]
+    lines: NotRequired[bool]
 
 
 class ClockShift(TypedDict):
@@ -106,6 +110,7 @@ class Conditions(TypedDict, total=False):
     reuse: bool
     int32: bool
     python: bool
+    recorded: bool
 
 
 class Pictures(TypedDict):
@@ -142,7 +147,8 @@ class Job(TypedDict):
         search: name of the search.
         path: actions that the search follows first.
         limit: length of an episode in steps.
-        seconds: time after which the search stops, or the measured episode.
+        seconds: time after which the search stops, or the measured episode; after it no recorded episode but the last
+            one starts.
     """
 
     kind: Literal["describe", "rollout", "search"]

@@ -44,6 +44,10 @@ VALUE = struct.Struct("<BH")
 TERMINATED, TRUNCATED, SAME, SAME_INFO, FRAME, RENDERED = 1, 2, 4, 8, 16, 32
 FLAGS = 63
 
+#: Payload of a RESOURCES message, see ``envcraft.model.trace.Resources``: resident bytes, allocated bytes, allocated
+#: blocks, lines, written bytes, threads, open files, files, entries of bounded queues.
+RESOURCES = struct.Struct("<QQQQQIIII")
+
 #: Bytes of a digest.
 DIGEST = 16
 #: The shortest value that is marked as repeated, and the shortest frame.
@@ -89,6 +93,7 @@ class Kind(IntEnum):
     END = 14
     ASK = 15  #: empty: the job waits for its next action
     SPACE = 16  #: JSON object: the name of a space that changed, its text before and now
+    RESOURCES = 17  #: RESOURCES struct: what the process uses after a recorded episode
 
 
 #: The kinds whose payload is a fixed part and the bytes of values.

@@ -18,6 +18,7 @@ from envcraft_protocol.wire import (
     MAX_JSON,
     MAX_STEPS,
     RENDERED,
+    RESOURCES,
     SAME,
     SAME_INFO,
     STEP,
@@ -139,6 +140,8 @@ class Reader:
                 raise Forged("marks that the source does not have")
         elif kind is Kind.ASK:
             self.awaits_action = True
+        elif kind is Kind.RESOURCES:
+            recorder.resources(RESOURCES.unpack(payload))
         elif kind is not Kind.TICK:
             value = _json(payload)
             if not isinstance(value, dict):

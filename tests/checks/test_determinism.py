@@ -28,6 +28,9 @@ class Played:
 
     def prefetch(self, *_: Any, **__: Any) -> None: ...
 
+    def affords(self, steps: int) -> bool:
+        return True
+
     def line_of(self, method: str) -> int | None:
         return None
 

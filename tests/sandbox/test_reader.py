@@ -19,6 +19,7 @@ from envcraft_protocol.wire import (
     LONG,
     MAX_STEPS,
     RENDERED,
+    RESOURCES,
     SAME,
     SAME_INFO,
     STEP,
@@ -33,8 +34,8 @@ from hypothesis import strategies as st
 
 from envcraft.contracts.builtin import ARCADE
 from envcraft.judging.trace_builder import TraceBuilder
-from envcraft.model.rollout import Conditions, Rollout
-from envcraft.model.trace import diverge
+from envcraft.model.rollout import Conditions, Episode, Rollout
+from envcraft.model.trace import Resources, diverge
 from envcraft.spaces.spec import read_space
 
 FLOAT = {"k": "float"}
@@ -181,6 +182,60 @@ def test_any_stream_is_read_or_forged(parts: list[bytes], size: int) -> None:
 def test_no_json_is_long(kind: Kind) -> None:
     with pytest.raises(Forged):
         Reader(recording()).feed(HEADER.pack(kind, 9 * 1024 * 1024))
+
+
+USED = message(Kind.RESOURCES, RESOURCES.pack(*range(1, 10)))
+FIRST = [message(Kind.PHASE, "before"), message(Kind.LAYOUT, FLOAT), step(Kind.RESET), step(Kind.STEPS)]
+LAST = [message(Kind.PHASE, "reset"), step(Kind.RESET), step(Kind.STEPS)]
+
+
+def recorded(*messages: bytes) -> TraceBuilder:
+    before = [Episode(5, [[0, 0, 0]] * 2), Episode(6, [])]
+    rollout = Rollout(0, [[0, 0, 0]], Conditions(before=before, recorded=True))
+    builder = TraceBuilder(rollout, read_space(ARCADE.observation), read_space(ARCADE.action))
+    Reader(builder).feed(b"".join(messages))
+    return builder
+
+
+@pytest.mark.parametrize("earlier", [0, 1, 2])
+def test_earlier_episodes_are_recorded_as_far_as_time_allows(earlier: int) -> None:
+    parts = [FIRST[0], FIRST[1], *[*FIRST[2:], USED][: 3 * earlier], *[FIRST[2], USED][: 2 * (earlier - 1)]]
+    trace = recorded(*parts, *LAST, message(Kind.END, {})).main
+    assert (trace.rollout.seed, trace.steps) == (0, 1)
+    assert [(episode.rollout.seed, episode.steps) for episode in trace.before] == [(5, 1), (6, 0)][:earlier]
+    assert all(used.resources == Resources(*range(1, 10)) for used in trace.before)
+
+
+def test_a_fault_in_an_earlier_episode_is_one_of_the_rollout() -> None:
+    fault = message(Kind.FAULT, {"phase": "before", "type": "ValueError"})
+    trace = recorded(*FIRST, fault, message(Kind.END, {})).main
+    assert (trace.rollout.seed, trace.usable, len(trace.before)) == (0, False, 1)
+    assert trace.fault is not None
+
+
+@pytest.mark.parametrize(
+    "messages",
+    [
+        [USED],
+        [*FIRST, USED, USED],
+        [*FIRST, *LAST, USED],
+        [*FIRST, message(Kind.RESOURCES, bytes(3))],
+        [*FIRST, *FIRST[3:], *FIRST[3:]],
+        [*FIRST, FIRST[2], FIRST[2]],
+        [*FIRST, *LAST, FIRST[0], FIRST[2]],
+        [*FIRST, *LAST, LAST[1]],
+        [*FIRST, message(Kind.END, {})],
+    ],
+)
+def test_recorded_episodes_that_cannot_be_are_forged(messages: list[bytes]) -> None:
+    with pytest.raises(Forged):
+        recorded(*messages)
+
+
+def test_measurements_belong_to_recorded_episodes() -> None:
+    for messages in ([step(Kind.RESET), USED], [message(Kind.PHASE, "before"), step(Kind.RESET), step(Kind.RESET)]):
+        with pytest.raises(Forged):
+            Reader(recording()).feed(b"".join([message(Kind.LAYOUT, FLOAT), *messages]))
 
 
 def test_layouts_are_bounded_in_all() -> None:

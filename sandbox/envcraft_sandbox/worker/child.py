@@ -25,6 +25,7 @@ from . import confine, rollout, search
 from .channel import Channel
 from .clock import Clock
 from .frames import Frames
+from .resources import Resources
 from .series import Traces
 from .subject import Fault, Subject
 
@@ -44,10 +45,13 @@ def main(data_fd: int, output_fd: int, limits: JobLimits, folder: str, shown: in
         os.chdir(folder)
         sock = socket.socket(fileno=3)
         job = _receive(sock)
+        recorded = job.get("conditions", {}).get("recorded")
+        # Opens a file that is out of reach afterwards.
+        resources = Resources(folder, limits["descriptors"]) if recorded else None
         confine.enter(limits, shown)
         traces = Traces(folder) if job.get("series") else None
         channel = Channel(sock, every_step=bool(job.get("every_step")), shown=Frames(job))
-        while _run(job, channel, traces) and sock.recv(1, socket.MSG_PEEK):
+        while _run(job, channel, traces, resources) and sock.recv(1, socket.MSG_PEEK):
             # A job that fails after other jobs runs again alone, and then reports each phase.
             job = _receive(sock)
             channel = Channel(sock, phases=False, shown=Frames(job))
@@ -111,7 +115,7 @@ def _fragments(seed: int | None) -> list[Any]:
     return [item for item in made if rng.random() < 0.6]
 
 
-def _run(job: Job, channel: Channel, traces: Traces | None) -> bool:
+def _run(job: Job, channel: Channel, traces: Traces | None, resources: Resources | None) -> bool:
     """Run a job; return whether the process may run another one, if there are `traces` to remove."""
     conditions: Conditions = job.get("conditions", {})
     reusable = traces is not None and bool(job.get("series"))
@@ -128,7 +132,7 @@ def _run(job: Job, channel: Channel, traces: Traces | None) -> bool:
         if job["kind"] == "describe":
             subject.describe()
         elif job["kind"] == "rollout":
-            rollout.run(subject, job)
+            rollout.run(subject, job, resources)
         else:
             search.run(subject, job)
     except Fault as fault:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import random
 import resource
 import time
@@ -16,6 +17,7 @@ from envcraft_protocol.wire import Kind
 from .caller import Caller
 from .channel import jsonable
 from .policy import Policy
+from .resources import Lines, Resources
 from .returned import Returned
 from .spaces import Spaces
 from .subject import Fault, Subject
@@ -84,18 +86,20 @@ class Companion:
             self._reset()
 
 
-def run(subject: Subject, job: Job) -> None:
-    """Run the job's episode and stream it; twice under the condition ``again``."""
+def run(subject: Subject, job: Job, resources: Resources | None = None) -> None:
+    """Run the job's episode and stream it; twice under the condition ``again``. With `resources` the episodes before it
+    are streamed, too, and measured.
+    """
     conditions: Conditions = job.get("conditions", {})
     again = bool(conditions.get("again"))
     state = _global_state() if again else None
-    _episode(subject, job, conditions)
+    _episode(subject, job, conditions, resources)
     if state is not None:
         _restore(state)
         _episode(subject, job, conditions)
 
 
-def _episode(subject: Subject, job: Job, conditions: Conditions) -> None:
+def _episode(subject: Subject, job: Job, conditions: Conditions, resources: Resources | None = None) -> None:
     channel = subject.channel
     if conditions.get("closed"):
         other = subject.construct(announce=False)
@@ -106,8 +110,12 @@ def _episode(subject: Subject, job: Job, conditions: Conditions) -> None:
     if "companion" in conditions or "before" in conditions:
         state = _global_state()
         companion = Companion(subject, conditions["companion"]) if "companion" in conditions else None
+        until = _monotonic() + job.get("seconds", _FOR_EVER)
         for earlier in conditions.get("before", ()):
-            _play_through(subject, env, earlier)
+            if resources is None:
+                _play_through(subject, env, earlier)
+            elif _monotonic() < until:
+                _record(subject, env, earlier, resources)
         # Nothing else may differ from a plain run, so the global generators start in the same state.
         _restore(state)
     perturb = Perturb(conditions.get("perturb"))
@@ -143,7 +151,8 @@ def _episode(subject: Subject, job: Job, conditions: Conditions) -> None:
     caller = Caller(subject, env, conditions) if _HABITS & conditions.keys() else None
     actions: list[Any] = job["actions"]
     acted = _ACTED
-    interactive, until = bool(job.get("interactive")), _monotonic() + job.get("seconds", _FOR_EVER)
+    interactive = bool(job.get("interactive"))
+    until = _monotonic() + (job.get("seconds", _FOR_EVER) if measured else _FOR_EVER)
     for number in range(job["max_steps"] if policy or interactive else len(actions)):
         if policy:
             chosen = policy.choose()
@@ -226,6 +235,41 @@ def _play_through(subject: Subject, env: Any, episode: EpisodePlan) -> None:
         subject.channel.tick()
         if isinstance(result, tuple) and len(result) == 5 and (_true(result[2]) or _true(result[3])):
             return
+
+
+def _record(subject: Subject, env: Any, episode: EpisodePlan, resources: Resources) -> None:
+    """Play an earlier episode on the same instance, stream it, and measure the process after it."""
+    channel = subject.channel
+    channel.phase("before")
+    lines = Lines()
+    counting = lines if episode.get("lines") else contextlib.nullcontext()
+    started = _perf_counter()
+    with counting:
+        result = subject.call("earlier reset", env.reset, seed=episode["seed"])
+    seconds = _perf_counter() - started
+    if not (isinstance(result, tuple) and len(result) == 2):
+        raise Fault({"phase": "earlier reset", "malformed": _shape_of(result), "line": None})
+    observation, info = result
+    subject.call("earlier reset", channel.step, Kind.RESET, observation, 0.0, False, False, _info(info), seconds)
+    for value in episode["actions"]:
+        # What the last step returned is freed before this one.
+        del result, observation, info
+        started = _perf_counter()
+        with counting:
+            result = subject.step("before", env, value)
+        seconds = _perf_counter() - started
+        if not (isinstance(result, tuple) and len(result) == 5):
+            raise Fault({"phase": "before", "malformed": _shape_of(result), "line": None})
+        observation, reward, terminated, truncated, info = result
+        subject.call(
+            "before", channel.step, Kind.STEPS, observation, reward, terminated, truncated, _info(info), seconds
+        )
+        if _true(terminated) or _true(truncated):
+            break
+    del result, observation, info
+    # What waits to be sent takes memory, too.
+    channel.flush()
+    channel.send(Kind.RESOURCES, resources.measure(lines.count), flush=True)
 
 
 def _step_on(subject: Subject, env: Any, actions: list[Any], count: int) -> None:

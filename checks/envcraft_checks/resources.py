@@ -1,0 +1,283 @@
+"""# resources
+
+## What it does
+Plays many short episodes on one instance, and reports what the process uses more of with each:
+
+- memory (EC910), if 10,000 episodes of the usual length would need 640 MB more,
+- threads and open files (EC911),
+- files that it writes, and their bytes (EC912),
+- work (EC913): lines of Python, if after 10,000 episodes each would run three times as many, or time.
+
+One and the same episode is repeated, so a cache that has seen it does not grow. Memory counts once its garbage is
+collected. Growth must be steady in a session of its own, where the episode is reset 72 times and then stepped in 24
+episodes. A queue of bounded length that is not full yet is no leak, and what `reset()` clears is none either.
+
+## Why is this bad?
+Training runs 10,000 episodes and more in one process, often in many processes on one machine. Hours after its start it
+stops, because the memory or the open files of one process are used up, or it gets too slow to learn anything.
+
+## Example
+```python
+def reset(self, *, seed=None, options=None):
+    super().reset(seed=seed)
+    self.replays.append(self.frames)            # EC910: keeps the frames of all episodes
+    self.log = open("log.txt", "a")             # EC911: the file of the last episode is still open
+```
+"""
+
+from __future__ import annotations
+
+import itertools
+import statistics
+from collections.abc import Callable, Iterator, Sequence
+from typing import TYPE_CHECKING
+
+from envcraft.errors import Skip
+from envcraft.judging.check import Check, Rule
+from envcraft.judging.shrink import repro
+from envcraft.model.rollout import Conditions, Episode, Rollout
+from envcraft.model.verdict import Finding
+from envcraft.plugins import hookimpl
+
+if TYPE_CHECKING:
+    from envcraft.judging.subject import Subject
+    from envcraft.model.trace import Resources, Trace
+
+#: Bytes of memory per episode that are too many, and episodes of a training.
+_TOO_MANY, _TRAINING = 64 * 1024, 10_000
+#: The usual bytes of a block of Python's allocator, which has 16 to 512.
+_BLOCK = 48
+#: Growth of the resident memory per episode that says something: the system counts pages, some of them late.
+_PAGES = 16 * 1024
+#: Measurements that steady growth needs, and the part of it that each quarter of them has at least.
+_FEWEST, _UNEVEN = 8, 20
+#: How many times more lines the last episode of a training runs than the first.
+_TIMES = 3
+#: Of the session that confirms growth: resets before those that are measured, measured ones, episodes with steps, and
+#: their steps.
+_FIRST, _RESETS, _EPISODES, _STEPS = 4, 72, 24, 4
+#: The episodes of it whose lines are counted.
+_COUNTED = (0, 8, 16, 23)
+#: Time is judged as the medians of this many parts. The last one must be several times the first one and so many
+#: microseconds longer, and so many of the others higher than the one before.
+_PARTS, _SLOWER, _MEASURABLE, _RISES = 8, 3.0, 500, 6
+
+
+class ResourceUse(Check):
+    name = "resources"
+    rules = (
+        Rule(
+            "EC910",
+            "memory-grows",
+            "Memory grows with each episode.",
+            "Clear in reset() what an episode collects, and keep at most a fixed number of earlier ones.",
+        ),
+        Rule(
+            "EC911",
+            "handles-grow",
+            "Each episode leaves threads or open files.",
+            "Open and start things once, or close them in reset().",
+        ),
+        Rule("EC912", "files-grow", "Each episode writes to more files, or longer ones.", "Write no files."),
+        Rule(
+            "EC913",
+            "work-grows",
+            "Each episode takes more work than the one before.",
+            "Let no loop run over what earlier episodes left.",
+        ),
+    )
+
+    def judge(self, subject: Subject) -> Iterator[Finding]:
+        session = subject.session
+        resets, repeated, usual = session.resets, session.repeated, _usual(subject)
+        before = session.trace.before
+        suspected = {
+            "EC910": _memory(resets, repeated, usual) > _TOO_MANY,
+            "EC911": _handles(resets, repeated) > 0 or _handles(session.varied, []) > 0,
+            "EC912": _files(resets, repeated) > 0 or _files(session.varied, []) > 0,
+            "EC913": _more_lines(before) or _slower(_resets(before)) or _slower(_steps([*repeated, *session.varied])),
+        }
+        if any(suspected.values()):
+            trace = subject.rollout(_session(subject))
+            findings = (self._confirmed(subject, trace, code, usual) for code, wrong in suspected.items() if wrong)
+            yield from (finding for finding in findings if finding is not None)
+        elif not session.complete:
+            reason = "an episode raised" if session.trace.fault is not None else "the episodes took too long"
+            raise Skip(f"{len(repeated)} episodes could be measured: {reason}")
+
+    def confirm(self, subject: Subject, finding: Finding) -> Finding | None:
+        return self._confirmed(subject, subject.rollout(_session(subject)), finding.code, _usual(subject))
+
+    def _confirmed(self, subject: Subject, trace: Trace, code: str, usual: float) -> Finding | None:
+        """Judge one rule by the session that confirms growth."""
+        measured = [episode for episode in trace.before if episode.resources is not None]
+        resets, episodes = measured[_FIRST : _FIRST + _RESETS], measured[_FIRST + _RESETS :]
+        judge = {"EC910": self._memory, "EC911": self._handles, "EC912": self._files, "EC913": self._work}[code]
+        found = judge(resets, episodes, usual)
+        if found is None:
+            return None
+        words, line, evidence = found
+        return self.finding(code, words, line=subject.line_of(line), repro=repro(trace.rollout), **evidence)
+
+    def _memory(self, resets: list[Trace], episodes: list[Trace], usual: float) -> _Found | None:
+        growth = _memory(resets, episodes, usual)
+        queues = [[_used(trace).queued for trace in traces] for traces in (resets, episodes)]
+        filling = any(queued and queued[-1] > queued[len(queued) // 3] for queued in queues)
+        if growth <= _TOO_MANY or filling:
+            return None
+        reset, step = _memory_of(resets), _memory_per_step(resets, episodes)
+        parts = [f"each reset() keeps {_bytes(reset)}"] * (reset > growth / 10)
+        parts += [f"each step keeps {_bytes(step)}"] * (step * usual > growth / 10)
+        words = f"memory grows: {' and '.join(parts)}"
+        words += f", which is {_bytes(growth * _TRAINING)} after {_TRAINING:,} episodes of {usual:.0f} steps"
+        line = "reset" if reset > step * usual else "step"
+        return words, line, {"per_reset": round(reset), "per_step": round(step), "per_episode": round(growth)}
+
+    def _handles(self, resets: list[Trace], episodes: list[Trace], usual: float) -> _Found | None:
+        growth = _handles(resets, episodes)
+        if not growth:
+            return None
+        used = [_used(trace) for trace in [*resets, *episodes]]
+        threads, files = ([getattr(each, name) for each in used] for name in ("threads", "descriptors"))
+        kind, values = ("threads", threads) if threads[-1] > threads[0] else ("open files", files)
+        words = f"{kind} grow with each episode: from {values[0]} to {values[-1]} in {len(values)} episodes"
+        return words, "reset", {"first": values[0], "last": values[-1], "episodes": len(values)}
+
+    def _files(self, resets: list[Trace], episodes: list[Trace], usual: float) -> _Found | None:
+        if not _files(resets, episodes):
+            return None
+        used = [_used(trace) for trace in [*resets, *episodes]]
+        first, last = used[0], used[-1]
+        words = f"{len(used)} episodes of at most {_STEPS} steps write {last.files - first.files} files and "
+        words += _bytes(last.written - first.written)
+        line = "reset" if _files(resets, []) else "step"
+        return words, line, {"files": last.files - first.files, "bytes": last.written - first.written}
+
+    def _work(self, resets: list[Trace], episodes: list[Trace], usual: float) -> _Found | None:
+        if _more_lines(episodes):
+            lines = [_used(episodes[number]).lines for number in _COUNTED]
+            words = (
+                f"each episode runs more code than the one before: {_STEPS} steps run {lines[0]:,} lines of Python, "
+            )
+            words += f"and the same ones {_COUNTED[-1]} episodes later {lines[-1]:,}"
+            return words, "step", {"first": lines[0], "last": lines[-1], "episodes": _COUNTED[-1]}
+        for line, costs in (("reset", _resets(resets)), ("step", _steps(episodes))):
+            if _slower(costs):
+                first, *_, last = _medians(costs)
+                words = (
+                    f"{line}() takes longer in each episode than in the one before: {first / 1e3:.2g} ms at first, and "
+                )
+                words += f"{last / 1e3:.2g} ms after {len(costs)} calls"
+                return words, line, {"first": first / 1e6, "last": last / 1e6, "calls": len(costs)}
+        return None
+
+
+_Found = tuple[str, str, dict[str, float]]
+
+
+def steady(values: Sequence[float]) -> float:
+    """How much a value grows from one episode to the next; 0 unless it grows in each quarter of the last two thirds."""
+    tail = values[len(values) // 3 :]
+    if len(tail) < _FEWEST:
+        return 0.0
+    bounds = [(len(tail) - 1) * part // 4 for part in range(5)]
+    rises = [tail[high] - tail[low] for low, high in itertools.pairwise(bounds)]
+    total = tail[-1] - tail[0]
+    return total / (len(tail) - 1) if min(rises) > 0 and min(rises) >= total / _UNEVEN else 0.0
+
+
+def _session(subject: Subject) -> Rollout:
+    """The session that confirms growth: the same episode, first without its steps."""
+    first = subject.probes.random(0)
+    actions = first.actions[:_STEPS]
+    episodes = [Episode(first.seed, actions, lines=number in _COUNTED) for number in range(_EPISODES)]
+    before = [Episode(first.seed, [])] * (_FIRST + _RESETS) + episodes
+    return first.cut(0).under(Conditions(before=before, recorded=True))
+
+
+def _usual(subject: Subject) -> float:
+    """The steps of an episode."""
+    return statistics.mean(trace.steps for trace in subject.episodes.whole)
+
+
+def _used(trace: Trace) -> Resources:
+    assert trace.resources is not None
+    return trace.resources
+
+
+def _bytes(size: float) -> str:
+    power = next(power for power in range(4) if size < 1024 ** (power + 1) or power == 3)
+    return f"{size / 1024**power:.3g} {('bytes', 'KiB', 'MiB', 'GiB')[power]}"
+
+
+def _growth(traces: Sequence[Trace], value: Callable[[Resources], float]) -> float:
+    return steady([value(trace.resources) for trace in traces if trace.resources is not None])
+
+
+def _memory_of(traces: Sequence[Trace]) -> float:
+    """The bytes by which memory grows with each of these episodes."""
+    allocated = _growth(traces, lambda used: used.held + _BLOCK * used.blocks)
+    resident = _growth(traces, lambda used: used.resident)
+    return max(allocated, resident if resident >= _PAGES else 0.0)
+
+
+def _memory_per_step(resets: Sequence[Trace], episodes: Sequence[Trace]) -> float:
+    steps = statistics.mean(trace.steps for trace in episodes) if episodes else 0
+    return max(_memory_of(episodes) - _memory_of(resets), 0.0) / steps if steps else 0.0
+
+
+def _memory(resets: Sequence[Trace], episodes: Sequence[Trace], usual: float) -> float:
+    """The bytes by which memory grows with each episode of the usual length."""
+    return _memory_of(resets) + usual * _memory_per_step(resets, episodes)
+
+
+def _handles(*sessions: Sequence[Trace]) -> float:
+    return max(
+        _growth(traces, value)
+        for traces in sessions
+        for value in (lambda used: used.threads, lambda used: used.descriptors)
+    )
+
+
+def _files(*sessions: Sequence[Trace]) -> float:
+    return max(
+        _growth(traces, value) for traces in sessions for value in (lambda used: used.files, lambda used: used.written)
+    )
+
+
+def _more_lines(traces: Sequence[Trace]) -> bool:
+    """Whether the same episode runs more lines each time, and too many at the end of a training."""
+    counted = [(at, _used(trace).lines) for at, trace in enumerate(traces) if trace.resources and trace.resources.lines]
+    if len(counted) < 2:
+        return False
+    lines = [number for _, number in counted]
+    rises = [later - earlier for earlier, later in itertools.pairwise(lines)]
+    growth = (lines[-1] - lines[0]) / (counted[-1][0] - counted[0][0])
+    return min(rises) > 0 and 3 * min(rises) >= max(rises) and growth * _TRAINING >= _TIMES * lines[0]
+
+
+def _resets(traces: Sequence[Trace]) -> list[float]:
+    return [trace.costs[0] for trace in traces]
+
+
+def _steps(traces: Sequence[Trace]) -> list[float]:
+    return [cost for trace in traces for cost in trace.costs[1:]]
+
+
+def _medians(costs: Sequence[float]) -> list[float]:
+    bounds = [len(costs) * part // _PARTS for part in range(_PARTS + 1)]
+    return [statistics.median(costs[low:high]) for low, high in itertools.pairwise(bounds)]
+
+
+def _slower(costs: Sequence[float]) -> bool:
+    """Whether calls take several times longer at the end than at the start."""
+    if len(costs) < 4 * _PARTS:
+        return False
+    parts = _medians(costs)
+    rises = sum(later > earlier for earlier, later in itertools.pairwise(parts))
+    return parts[-1] >= _SLOWER * parts[0] and parts[-1] >= parts[0] + _MEASURABLE and rises >= _RISES
+
+
+@hookimpl
+def envcraft_checks() -> list[Check]:
+    return [ResourceUse()]

@@ -1,0 +1,101 @@
+"""Growth over many episodes is told from noise and from what levels off, and a leak is shown with few episodes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from envcraft_checks.resources import _slower, steady
+
+from envcraft.contracts.builtin import ARCADE
+from envcraft.judging.budget import BUDGETS
+from envcraft.judging.engine import Plan, validate
+from envcraft.judging.selection import default_checks, driver_named
+from envcraft.model.events import SubjectFinished
+from envcraft.model.target import Target
+from envcraft.model.verdict import Finding
+
+GAME = (Path(__file__).resolve().parents[2] / "examples" / "sokoban.py").read_text()
+STEP = "        self.steps += 1\n"
+RESET = "        super().reset(seed=seed)\n"
+
+
+def found(name: str, *, step: str = "pass", reset: str = "pass", budget: str = "quick") -> list[Finding]:
+    """The findings of one check on a game with an additional statement in step() and one in reset()."""
+    source = GAME.replace(STEP, f"        {step}\n{STEP}", 1).replace(RESET, f"{RESET}        {reset}\n", 1)
+    checks = [check for check in default_checks() if check.name in ("source", name)]
+    plan = Plan([Target("game.py", source.encode())], ARCADE, driver_named("process"), checks, BUDGETS[budget])
+    report = next(event.report for event in validate(plan) if isinstance(event, SubjectFinished))
+    (own,) = [check for check in report.checks if check.check == name]
+    assert not own.reason
+    return own.findings
+
+
+def test_only_steady_growth_counts() -> None:
+    assert steady([10.0 * number for number in range(24)]) == 10
+    assert steady([0.0, 5.0, 9.0] + [3.0 * number for number in range(21)]) == 3
+    assert steady([7.0] * 24) == 0
+    assert steady([min(number, 12) * 10.0 for number in range(24)]) == 0
+    assert steady([-1.0 * number for number in range(24)]) == 0
+    assert steady([1e6 * (number > 20) for number in range(24)]) == 0
+    assert steady([number % 2 * 100.0 for number in range(24)]) == 0
+    assert steady([1.0 * number for number in range(8)]) == 0
+
+
+def test_slower_calls_are_told_from_noise() -> None:
+    assert _slower([100.0 + 20 * number for number in range(64)])
+    assert not _slower([100.0 + number for number in range(64)])
+    assert not _slower([100.0 + 5_000 * (number > 60) for number in range(64)])
+    assert not _slower([1.0 + number for number in range(64)])
+    assert not _slower([100.0 + 5_000 * (number % 9 == 0) for number in range(64)])
+    assert not _slower([100.0 + 50 * number for number in range(16)])
+
+
+LEAKS = [
+    ("EC910", {"reset": "self.kept = getattr(self, 'kept', []) + [bytearray(100_000)]"}),
+    ("EC910", {"step": "globals().setdefault('seen', []).append({'step': self.steps, 'keys': [1, 2, 3]})"}),
+    ("EC911", {"reset": "self.kept = getattr(self, 'kept', []) + [open('log', 'w')]"}),
+    ("EC912", {"reset": "open(f'{len(__import__(\"os\").listdir())}.txt', 'w').close()"}),
+    ("EC913", {"reset": "self.kept = getattr(self, 'kept', []) + [0]", "step": "[int(one) for one in self.kept]"}),
+    ("EC913", {"reset": "self.n = getattr(self, 'n', 0) + 1; sum(range(self.n * 20_000))"}),
+]
+
+
+@pytest.mark.parametrize(("code", "statements"), LEAKS)
+def test_leaks_are_reported(code: str, statements: dict[str, str]) -> None:
+    assert [finding.code for finding in found("resources", **statements)] == [code]
+
+
+#: A queue that is not full by the end of a session.
+QUEUE = "__import__('collections').deque([], 500)"
+HARMLESS = [
+    {"reset": "self.kept = (getattr(self, 'kept', []) + [bytearray(100_000)])[-9:]"},
+    {"step": "self.kept = (getattr(self, 'kept', []) + [(self.steps, 0.5)])[-900:]", "reset": "self.kept = []"},
+    {"reset": f"self.kept = getattr(self, 'kept', {QUEUE}); self.kept.append([9] * 99)"},
+    {"reset": "self.kept = getattr(self, 'kept', {}); self.kept.setdefault(seed, bytearray(100_000))"},
+    {"reset": "open('log', 'w').write(str(seed))"},
+    {"reset": "self.scores = getattr(self, 'scores', []) + [0.5]"},
+]
+
+
+@pytest.mark.parametrize("statements", HARMLESS)
+def test_what_does_not_grow_passes(statements: dict[str, str]) -> None:
+    assert found("resources", **statements) == []
+
+
+COUNT = "self.n = getattr(self, 'n', 0) + 1"
+
+
+@pytest.mark.parametrize("episodes", [12, 40])
+def test_a_leak_through_many_resets_is_reported_with_as_many(episodes: int) -> None:
+    (finding,) = found("determinism", reset=f"{COUNT}; self.np_random.random(int(self.n > {episodes}))")
+    assert finding.code == "EC206"
+    before = finding.repro.conditions["before"]
+    assert len(before) == episodes
+    assert not any(episode["actions"] for episode in before)
+
+
+def test_a_leak_through_steps_is_reported_with_few_episodes() -> None:
+    (finding,) = found("determinism", step=COUNT, reset="self.np_random.random(int(getattr(self, 'n', 0) > 50))")
+    assert finding.code == "EC206"
+    assert sum(len(episode["actions"]) for episode in finding.repro.conditions["before"]) < 120
