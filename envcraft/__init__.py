@@ -79,12 +79,15 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    if name not in _MODULES:
+    if name not in _MODULES and name != "testing":
         raise AttributeError(f"module 'envcraft' has no attribute {name!r}")
     import importlib
 
+    if name == "testing":
+        # A module, because it needs hypothesis.
+        return importlib.import_module("envcraft.testing")
     return getattr(importlib.import_module(f"envcraft.{_MODULES[name]}"), name)
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *_MODULES})
+    return sorted({*globals(), *_MODULES, "testing"})

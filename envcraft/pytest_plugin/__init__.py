@@ -43,6 +43,8 @@ gives `test_snake[source]`, `test_snake[api]`, and so on. `target` is a class, w
 `sandbox` and `time_limit` are optional. On a test class, or as `pytestmark`, the marker applies to the tests that take
 the fixture `envcraft`.
 
+For properties that only you know there are [strategies and a state machine](testing.md).
+
 ## The fixture
 The fixture `envcraft` judges from within a test:
 

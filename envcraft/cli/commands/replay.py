@@ -18,11 +18,12 @@ from envcraft.contracts.lookup import contract_named
 from envcraft.errors import EnvCraftError, ExitCode, Skip, UsageError
 from envcraft.judging.budget import BUDGETS
 from envcraft.judging.check import Check
-from envcraft.judging.driver import driver_for
-from envcraft.judging.selection import all_checks, driver_named
+from envcraft.judging.driver import Driver, driver_for
+from envcraft.judging.selection import all_checks, default_checks, driver_named
+from envcraft.model.rollout import Conditions, Rollout
 from envcraft.model.target import Kind, Target, kind_of, read_target
-from envcraft.model.verdict import SCHEMA, Finding, Report, SubjectReport
-from envcraft.reports.summary import Numbered, numbered
+from envcraft.model.verdict import SCHEMA, Finding, Report, Repro, Severity, SubjectReport
+from envcraft.reports.summary import Numbered, numbered, repro_words
 from envcraft.text import one_line
 
 if TYPE_CHECKING:
@@ -32,16 +33,22 @@ if TYPE_CHECKING:
 _MAX_REPORT = 256 * 1024**2
 _MAX_ACTIONS = 100_000
 _GIF_FRAMES = 1_001
+_EXAMPLE = '{"seed": 0, "actions": [[0, 0, 0]]}'
 #: Pixels of the longer side, about: small frames are enlarged.
 _GIF_SIDE = 336
 
 
 @click.command()
-@click.argument("report", metavar="REPORT.json")
+@click.argument("report", metavar="REPORT.json|TARGET")
 @click.option(
     "--finding", "number", type=click.IntRange(1), metavar="K", help="Replay only the K-th finding of the report."
 )
 @click.option("--gif", metavar="FILE", help="Write the finding's episode as an animated GIF.")
+@click.option(
+    "--repro", metavar="JSON", help="Play this reproduction of a TARGET, as envcraft.testing and reports write it."
+)
+@click.option("--contract", default="arcade", show_default=True, metavar="NAME", help="Of the TARGET of --repro.")
+@click.option("--class", "env_class", metavar="NAME", help="The class of the TARGET of --repro, if it has several.")
 @click.option(
     "--sandbox", default="auto", show_default=True, metavar="NAME", help="The sandbox that runs the environments."
 )
@@ -53,18 +60,26 @@ def replay(
     report: str,
     number: int | None,
     gif: str | None,
+    repro: str | None,
+    contract: str,
+    env_class: str | None,
     sandbox: str,
     runtime: str | None,
     anyway: bool,
 ) -> None:
-    """Run the reproductions of a report again.
+    """Run the reproductions of a report again, or with --repro one of a target.
 
-    Each runs in fresh workers, and the command says whether the defect shows again.
+    Each runs in fresh workers, and the command says whether the defect shows again. With --repro it says how the
+    episode ends, and what is wrong with it by itself.
 
     \b
     Exit status: 0 every defect shows again    1 some do not
                  2 wrong use                   3 some could not be replayed
+    With --repro: 0 nothing is wrong           1 the episode shows an error
     """
+    if repro is not None:
+        with contextlib.closing(driver_named(sandbox, runtime=runtime)) as driver:
+            ctx.exit(_replay_target(report, env_class, read_repro(repro), contract, driver, gif))
     read = read_report(report)
     chosen = choose_findings(read, number)
     if not chosen:
@@ -105,6 +120,55 @@ def read_report(path: str) -> Report:
                 f"{path}: the reproduction of finding {item.number} has an invalid seed or too many actions"
             )
     return report
+
+
+def read_repro(text: str) -> Repro:
+    """Read a reproduction. Raises UsageError."""
+    try:
+        read = msgspec.json.decode(text, type=Repro)
+        Conditions.from_json(read.conditions)
+    except (msgspec.DecodeError, UnicodeEncodeError, RecursionError) as error:
+        raise UsageError(f"--repro is no reproduction ({one_line(error)}); it is {_EXAMPLE}, for instance") from None
+    if len(read.actions) > _MAX_ACTIONS or not 0 <= read.seed < 2**63:
+        raise UsageError("--repro has an invalid seed or too many actions")
+    return read
+
+
+def _replay_target(
+    path: str, env_class: str | None, repro: Repro, contract: str, driver: Driver, gif: str | None
+) -> ExitCode:
+    """Play a reproduction of a target, and print how it ends and what single episodes show."""
+    from envcraft.cli.commands.targets import resolve
+    from envcraft.cli.play.game import result
+    from envcraft.judging.engine import Plan, open_subject, run_check
+    from envcraft.spaces.validation import validate_action
+
+    targets = resolve(path, env_class)
+    if len(targets) != 1:
+        raise UsageError(f"{path} holds {len(targets)} environments; name the file of one")
+    plan = Plan(
+        targets, contract_named(contract), driver_for(driver, targets), default_checks(), BUDGETS["quick"], repro.seed
+    )
+    with open_subject(plan, targets[0]) as subject:
+        if subject.load().trace.fault is None:
+            for action in repro.actions:
+                if wrong := validate_action(subject.action_space, action):
+                    raise UsageError(f"--repro: {one_line(wrong)}")
+        conditions = Conditions.from_json(repro.conditions)
+        trace = subject.rollout(Rollout(repro.seed, repro.actions, conditions, player="these actions"))
+        words = repro_words(repro)
+        click.echo(f"{one_line(path)}: {words}: {result(trace)}")
+        status = ExitCode.PASS
+        for check in plan.checks:
+            if check.gate or type(check).find is not Check.find:
+                for finding in run_check(check, subject, None if check.gate else trace).findings:
+                    line = f":{finding.line}" if finding.line else ""
+                    click.echo(f"  {finding.code} {one_line(subject.target.path)}{line}: {one_line(finding.message)}")
+                    if finding.severity is Severity.ERROR:
+                        status = ExitCode.FAIL
+        if gif:
+            write_gif(subject, Finding("", Severity.WARNING, "", repro=repro), gif)
+    return status
 
 
 def choose_findings(report: Report, number: int | None) -> list[Numbered]:
@@ -214,7 +278,6 @@ def write_gif(subject: Subject, finding: Finding, path: str) -> None:
     from PIL import Image
 
     from envcraft.judging.frame_renderer import frames_of, rgb, with_frames
-    from envcraft.model.rollout import Conditions, Rollout
 
     try:
         conditions = with_frames(subject, Conditions.from_json(finding.repro.conditions))
