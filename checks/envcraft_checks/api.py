@@ -40,7 +40,7 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 
 from envcraft.judging.check import Check, Rule
-from envcraft.judging.shrink import repro, shrink
+from envcraft.judging.shrink import shrunk
 from envcraft.model.contract import OPTIONAL
 from envcraft.model.rollout import Conditions, Episode, Rollout
 from envcraft.model.verdict import Finding, Severity
@@ -338,21 +338,16 @@ class Api(Check):
     def _smallest(self, subject: Subject, trace: Trace, finding: Finding) -> Finding:
         """Replace a finding's reproduction by the shortest and idlest one that a few tries give."""
 
-        def shows(rollout: Rollout) -> bool:
-            return any(found.code == finding.code for found in self.find(subject, subject.rollout(rollout)))
+        def find(played: Trace) -> Iterator[Finding]:
+            return self.find(subject, played)
 
         step = finding.evidence.get("step", trace.steps)
         rollout = trace.rollout
         apart = rollout.under(msgspec.structs.replace(rollout.conditions, closed=False))
-        if rollout.conditions.closed and shows(apart.cut(step + 1)):
-            rollout = apart
-        by = finding.evidence.get("by", step)
-        if by > step and not shows(rollout.cut(step)):
-            step = by
-        small = shrink(rollout, step, shows, subject.contract.noop, steps=subject.budget.steps // 20)
-        # The shorter episode may fail at another step.
-        again = (found for found in self.find(subject, subject.rollout(small)) if found.code == finding.code)
-        return msgspec.structs.replace(next(again, finding), repro=repro(small))
+        if rollout.conditions.closed:
+            found = find(subject.rollout(apart.cut(step + 1)))
+            rollout = apart if any(each.code == finding.code for each in found) else rollout
+        return shrunk(subject, rollout, finding, find, bounded=False)
 
 
 def _at(step: int) -> str:

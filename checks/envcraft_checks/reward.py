@@ -32,7 +32,7 @@ import msgspec
 
 from envcraft.errors import Skip
 from envcraft.judging.check import Check, Rule
-from envcraft.judging.shrink import repro
+from envcraft.judging.shrink import repro, shrunk
 from envcraft.model.rollout import Conditions, Rollout
 from envcraft.model.verdict import Finding, Severity
 from envcraft.plugins import hookimpl
@@ -87,7 +87,7 @@ class Reward(Check):
             for finding in self.find(subject, trace):
                 if finding.code not in seen:
                     seen.add(finding.code)
-                    yield finding
+                    yield shrunk(subject, trace.rollout, finding, lambda played: self.find(subject, played))
         if "EC303" not in seen and "EC301" not in seen:
             yield from self._judge_growth(subject, traces)
         yield from self._judge_wins(subject, traces)

@@ -22,7 +22,7 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from envcraft.judging.check import Check, Rule
-from envcraft.judging.shrink import repro
+from envcraft.judging.shrink import repro, shrunk
 from envcraft.model.job import ExitReason
 from envcraft.model.rollout import Conditions, Rollout
 from envcraft.model.verdict import Finding
@@ -44,6 +44,10 @@ _ENDS = {
     ExitReason.DIED: "EC906",
     ExitReason.FORGED: "EC907",
 }
+#: Events that cost no time: their episodes are shrunk. Others reach a deadline or a limit in each attempt.
+_QUICK = ("EC905", "EC906")
+#: So many attempts may show the event again.
+_ATTEMPTS = 16
 
 
 class SandboxEvents(Check):
@@ -67,12 +71,17 @@ class SandboxEvents(Check):
             for finding in self.find(subject, trace):
                 if finding.code not in seen:
                     seen.add(finding.code)
-                    yield finding
+                    small = finding.code in _QUICK and trace.result is None and not trace.rollout.live
+                    yield self._smallest(subject, trace, finding) if small else finding
 
     def confirm(self, subject: Subject, finding: Finding) -> Finding | None:
         conditions = Conditions.from_json(finding.repro.conditions)
         found = self.find(subject, subject.rollout(Rollout(finding.repro.seed, finding.repro.actions, conditions)))
         return next((again for again in found if again.code == finding.code), None)
+
+    def _smallest(self, subject: Subject, trace: Trace, finding: Finding) -> Finding:
+        with subject.cache.patient(_ATTEMPTS):
+            return shrunk(subject, trace.rollout, finding, lambda played: self.find(subject, played))
 
     def find(self, subject: Subject, trace: Trace) -> Iterator[Finding]:
         """The sandbox event that ended a trace, if one did."""

@@ -23,6 +23,7 @@ truncated = False
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
@@ -30,7 +31,7 @@ import msgspec
 
 from envcraft.errors import Skip
 from envcraft.judging.check import Check, Rule
-from envcraft.judging.shrink import repro
+from envcraft.judging.shrink import repro, shrunk
 from envcraft.model.verdict import Finding, Severity
 from envcraft.plugins import hookimpl
 from envcraft.text import plural
@@ -76,7 +77,9 @@ class Termination(Check):
         usable = [trace for trace in traces if trace.usable and trace.steps]
         if not usable:
             raise Skip("no episode has a step")
-        yield from self._judge_flags(subject, usable)
+        flags = ((trace, finding) for trace in usable for finding in self._judge_flags(subject, trace))
+        for trace, finding in itertools.islice(flags, 1):
+            yield shrunk(subject, trace.rollout, finding, lambda played: self._judge_flags(subject, played))
         limit = subject.contract.limit
         if limit is not None:
             yield from self._judge_limit(subject, usable, limit)
@@ -84,19 +87,17 @@ class Termination(Check):
         yield from self._judge_short(subject, usable)
         yield from self._judge_after(subject, usable)
 
-    def _judge_flags(self, subject: Subject, traces: list[Trace]) -> Iterator[Finding]:
-        for trace in traces:
-            for step, kinds in enumerate(trace.flag_types, 1):
-                for name, kind in zip(("terminated", "truncated"), kinds, strict=True):
-                    if kind not in _FLAGS:
-                        yield self.finding(
-                            "EC504",
-                            f"{name} is {kind} at step {step}, not a bool (under {trace.rollout.player})",
-                            line=subject.line_of("step"),
-                            repro=repro(trace.rollout.cut(step)),
-                            step=step,
-                        )
-                        return
+    def _judge_flags(self, subject: Subject, trace: Trace) -> Iterator[Finding]:
+        for step, kinds in enumerate(trace.flag_types, 1):
+            for name, kind in zip(("terminated", "truncated"), kinds, strict=True):
+                if kind not in _FLAGS:
+                    yield self.finding(
+                        "EC504",
+                        f"{name} is {kind} at step {step}, not a bool (under {trace.rollout.player})",
+                        line=subject.line_of("step"),
+                        repro=repro(trace.rollout.cut(step)),
+                        step=step,
+                    )
 
     def _judge_limit(self, subject: Subject, traces: list[Trace], limit: int) -> Iterator[Finding]:
         if (still := self._standstill(subject)) is not None:

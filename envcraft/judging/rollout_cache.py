@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 
 import msgspec
 
@@ -59,6 +60,7 @@ class RolloutCache:
         self._budget = budget
         self._coverage = coverage
         self._troubles: Counter[ExitReason] = Counter()
+        self._enough = _ENOUGH
         #: How the first trace reads long frames. All others must do the same, or their digests differ.
         self._columns: bool | None = None
         self._traces: dict[bytes, Trace] = {}
@@ -107,6 +109,15 @@ class RolloutCache:
     def cancel_pending(self) -> None:
         """Remove the prefetched requests from the queue that have not started."""
         self._pending = {key: pending for key, pending in self._pending.items() if not self._runner.cancel(pending)}
+
+    @contextlib.contextmanager
+    def patient(self, troubles: int) -> Iterator[None]:
+        """Start jobs although others went wrong, until so many more have gone wrong in the same way."""
+        self._enough = max(self._troubles.values(), default=0) + troubles
+        try:
+            yield
+        finally:
+            self._enough = _ENOUGH
 
     def clear_traces(self) -> None:
         """Forget the traces so far, to save memory when thousands of episodes are played once."""
@@ -259,7 +270,7 @@ class RolloutCache:
     def _settled(self) -> str:
         """Why no more jobs are started although there is time; empty if they are."""
         for reason, times in self._troubles.items():
-            if times >= _ENOUGH:
+            if times >= self._enough:
                 words = f"{times} episodes or searches {_TROUBLES[reason]}"
                 return f"{words}: see sandbox, or difficulty for a policy"
         return ""

@@ -33,7 +33,6 @@ from __future__ import annotations
 import contextlib
 import importlib.util
 from collections.abc import Iterator
-from functools import partial
 from math import isfinite
 from statistics import fmean
 from typing import TYPE_CHECKING
@@ -126,7 +125,8 @@ class Learnability(Check):
 
     def confirm(self, subject: Subject, finding: Finding) -> Finding | None:
         if finding.code == "EC853":
-            return finding if _fails(subject, Rollout(finding.repro.seed, finding.repro.actions)) else None
+            trace = subject.rollout(Rollout(finding.repro.seed, finding.repro.actions))
+            return finding if _failed(trace) is not None else None
         return super().confirm(subject, finding)
 
     def _failure(self, subject: Subject, trace: Trace, error: EnvironmentFailed) -> Finding:
@@ -135,11 +135,13 @@ class Learnability(Check):
         small = rollout
         # Without time to shrink the reproduction, the finding keeps the full one.
         with contextlib.suppress(Skip):
-            if _fails(subject, rollout):
-                small = shrink(rollout, len(rollout.actions), partial(_fails, subject), subject.contract.noop)
+            if _failed(subject.rollout(rollout)) is not None:
+                length = len(rollout.actions)
+                small = shrink(rollout, [length], subject.rollout, _failed, subject.contract.noop)
         return self.finding("EC853", f"an episode of training fails: {error}", line=line, repro=repro(small))
 
 
-def _fails(subject: Subject, rollout: Rollout) -> bool:
-    trace = subject.rollout(rollout)
-    return not trace.usable or any(problem.kind == "type" for problem in trace.problems)
+def _failed(trace: Trace) -> int | None:
+    """After how many actions an episode fails; None if it does not."""
+    wrong = not trace.usable or any(problem.kind == "type" for problem in trace.problems)
+    return len(trace.actions) if wrong else None
