@@ -59,7 +59,11 @@ def page(check: Check) -> str:
 def linked(check: Check, code: str) -> str:
     """A code with a link to its guide, if it has one."""
     guide = guide_file(check, code)
-    return f"[{code}](../../{guide.relative_to(ROOT).as_posix()})" if guide.exists() else code
+    return (
+        f"[{code}](../../{guide.relative_to(ROOT).as_posix()})"
+        if guide.is_relative_to(ROOT) and guide.exists()
+        else code
+    )
 
 
 def counts(checks: list[Check]) -> str:

@@ -32,12 +32,25 @@ _GOOD = {
     "number": ("self.steps", "info has the key, and its value is a number"),
     "text": ('"True"', "info has the key, and its value is a string"),
 }
+_GUIDE = """## Why is this bad?
+Replace this guide by your own, and say here what the defect does to training.
+
+## Example
+```python
+{example}```
+
+## How it is detected
+`info["{name}"]` is compared with True at every step of every episode.
+
+## What it misses
+A mark in a state that no play reaches.
+"""
 #: Every check comes before ``sandbox``, which judges what happened during the others.
 _LAST = '    "envcraft_checks.sandbox": ("envcraft_checks",),\n'
 
 
 def create(name: str, root: Path = ROOT) -> list[Path]:
-    """Write a check, five bad and three good fixtures, and the line that registers the check.
+    """Write a check, the guide of its rule, five bad and three good fixtures, and the line that registers the check.
 
     Args:
         name: the check's name, a lower-case Python identifier.
@@ -58,6 +71,8 @@ def create(name: str, root: Path = ROOT) -> list[Path]:
     code = free_code({rule.code for check in checks for rule in check.rules})
     written = {module: _renamed(_EXAMPLE.read_text("utf-8"), name).replace("EC000", code)}
     game = _GAME.read_text("utf-8")
+    guide = _GUIDE.format(name=name, example=_with_info(game, name, _BAD["always"]))
+    written[module.parent / "guides" / f"{code}.md"] = guide
     fixtures = root / "tests" / "fixtures" / name
     for variant, value in _BAD.items():
         path = fixtures / "bad" / f"{code.lower()}_{variant}.py"

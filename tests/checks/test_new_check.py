@@ -14,6 +14,7 @@ import evaluation.fixtures
 import evaluation.judge
 from docs.generate import page
 from envcraft.judging.check import Check
+from envcraft.judging.guide import guide_of
 from evaluation.judge import failing, judge_fixtures
 from evaluation.new_check import create, free_code
 
@@ -28,6 +29,11 @@ def test_the_generated_check_judges_its_fixtures(root: Path, tmp_path: Path, mon
     (check,) = sys.modules["lantern_oil"].envcraft_checks()
     assert isinstance(check, Check)
     assert page(check).startswith("# lantern_oil\n")
+    guide = guide_of(check, check.rules[0].code)
+    assert guide is not None
+    assert guide.code().source in (tmp_path / "tests/fixtures/lantern_oil/bad").joinpath(
+        f"{check.rules[0].code.lower()}_always.py"
+    ).read_text("utf-8")
     monkeypatch.setattr(evaluation.fixtures, "FIXTURES", tmp_path / "tests" / "fixtures")
     monkeypatch.setattr(evaluation.judge, "default_checks", lambda: [check])
     fixtures = evaluation.fixtures.fixtures("lantern_oil")
