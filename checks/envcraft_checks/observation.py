@@ -9,7 +9,22 @@ changes rarely, is fine.
 A picture is frozen if it changes for the last time at the same step in episodes of several seeds and policies, and at
 least half of each of these episodes follows that step. No other play may change it later: held actions, all actions in
 rotation, or exploration. A game that gets stuck does so at different steps, and a game that waits for the right action
-receives it from some policy.
+receives it from some policy. A picture is also frozen if it stops at an event, such as the first reward: it changes
+before that event, never changes after it in any episode, and the same action is then paid differently at the same
+picture. A game that is over, or stuck, pays the same for ever.
+
+The contrast is too low if no channel of any picture spans more than eight of 255 levels. A dark game has some bright
+pixel, and a game that begins in the dark shows one later. Small pictures may hold codes instead of colours, and so may
+grey ones that no contract prescribes.
+
+An agent is invisible if moves change no picture until they are paid: each move is held for some steps, then all
+episodes do nothing. If three of them are paid or end differently while their pictures are equal up to then, the game
+keeps a position that it does not show; two are a warning. A move that shows late, or matters only while it is pressed,
+is fine.
+
+State is hidden (a warning) if two thirds of all rewards and terminations follow a picture and an action that had
+another result elsewhere, and the picture does not make the event likelier, in a game that draws no random numbers while
+it is played. Memory games are like that on purpose.
 
 Noise is measured on the pixels that vary: each one minus its mean over time, correlated with itself one to four steps
 later while one action is held. The picture is noise if more than half of it changes at each step, no lag correlates,
@@ -30,14 +45,17 @@ def _draw(self):
 from __future__ import annotations
 
 import itertools
+from collections import Counter, defaultdict
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
+
+import msgspec
 
 from envcraft.errors import Skip
 from envcraft.judging.check import Check, Rule
 from envcraft.judging.shrink import repro
 from envcraft.model.rollout import Rollout
-from envcraft.model.verdict import Finding
+from envcraft.model.verdict import Finding, Severity
 from envcraft.plugins import hookimpl
 
 if TYPE_CHECKING:
@@ -52,8 +70,16 @@ _MATCHES = 0.5
 #: Steps without a change before a picture counts as frozen. If it stopped changing before this share of the last change
 #: of the others, its last actions may have had no effect.
 _STILL, _NEARLY = 30, 0.9
-#: Episodes that must freeze.
-_FROZEN = 4
+#: Episodes that must freeze, and those that must freeze at an event.
+_FROZEN, _AT_EVENT = 4, 3
+#: The most common rewards that may freeze a picture, and the share of steps before that must change it.
+_KINDS, _LIVELY = 5, 0.1
+#: The widest range of a channel whose contrast is too low, in levels, and the shortest side of a picture in pixels.
+_FAINT, _SIDE = 8, 32
+#: The fewest events that follow from hidden state, their share of all, and how much likelier a picture may make one.
+_HIDDEN, _MOST, _TOLD = 10, 2 / 3, 2
+#: Steps of a move that is held, steps of the episode, and the most moves.
+_MOVED, _WAITED, _MOVES = 8, 120, 6
 
 
 class Observation(Check):
@@ -70,6 +96,25 @@ class Observation(Check):
         ),
         Rule("EC403", "unresponsive", "The observation does not react to actions.", "Draw what the agent controls."),
         Rule("EC404", "unlike-render", "The observation differs from render().", "Draw both with one method."),
+        Rule(
+            "EC405",
+            "low-contrast",
+            "The values of the picture span almost nothing.",
+            "Scale colours to 0 to 255 before they are cast to uint8.",
+        ),
+        Rule(
+            "EC406",
+            "hidden-state",
+            "The same action at the same picture is paid differently.",
+            "Draw what decides about the reward, such as a timer or a direction.",
+            Severity.WARNING,
+        ),
+        Rule(
+            "EC407",
+            "agent-invisible",
+            "Moves matter, but no picture shows them.",
+            "Draw what the agent controls where it is.",
+        ),
     )
 
     def judge(self, subject: Subject) -> Iterator[Finding]:
@@ -90,12 +135,18 @@ class Observation(Check):
                 line=subject.line_of("step"),
                 repro=repro(longest.rollout.cut(20)),
             )
+        elif (faint := self._find_faint(subject)) is not None:
+            yield faint
         elif (noise := self._find_noise(subject)) is not None:
             yield noise
         elif (unmoved := self._find_unresponsive(subject, seen)) is not None:
             yield unmoved
-        elif (frozen := self._find_frozen(subject, seen)) is not None:
+        elif (invisible := self._find_invisible(subject)) is not None:
+            yield invisible
+        elif (frozen := self._find_frozen(subject, seen) or self._find_frozen_at_event(subject, seen)) is not None:
             yield frozen
+        elif (hidden := self._find_hidden(subject, seen)) is not None:
+            yield hidden
         yield from self._find_unlike_render(subject)
         if len(seen) < len(traces):
             raise Skip("some observations cannot be compared: they have types of another package, or are too large")
@@ -180,6 +231,148 @@ class Observation(Check):
             episodes=len(frozen),
         )
 
+    def _find_frozen_at_event(self, subject: Subject, traces: list[Trace]) -> Finding | None:
+        """Find a picture that stops at the same reward of every episode, while the game goes on."""
+        if not _pictures(subject.observation_space) or not any(_goes_on(trace) for trace in traces):
+            return None
+        more = [*subject.episodes.rotations, *subject.searches.explored()]
+        if sum(map(_goes_on, traces)) < _AT_EVENT:
+            more += itertools.islice(subject.episodes.more_whole(), _AT_EVENT)
+        known = {trace.rollout.key(): trace for trace in [*traces, *more] if trace.usable and not trace.opaque}
+        traces = list(known.values())
+        moving = {id(trace) for trace in traces if _goes_on(trace)}
+        counts = Counter(reward for trace in traces for reward in trace.rewards)
+        usual, *others = [reward for reward, _ in counts.most_common(_KINDS)]
+        kinds = [(f"{reward:g}", {reward}) for reward in others]
+        kinds.append((f"more than {usual:g}", {reward for reward in counts if reward > usual}))
+        kinds.append((f"less than {usual:g}", {reward for reward in counts if reward < usual}))
+        for (words, kind), number in itertools.product(kinds, range(len(_ORDINALS))):
+            events = [(trace, step) for trace in traces if (step := _event(trace, kind, number))]
+            shown = [(trace, step) for trace, step in events if id(trace) in moving]
+            before = [_changed(trace, step) for trace, event in events for step in range(1, event)]
+            if len(shown) < _AT_EVENT or sum(before) < max(_LIVELY * len(before), _AT_EVENT):
+                continue
+            if any(_last_change(trace) > step + 1 for trace, step in events):
+                continue
+            first, step = min(shown, key=lambda event: event[1])
+            return self.finding(
+                "EC401",
+                f"the picture freezes at the {_ORDINALS[number]} reward of {words}: it does not change after it in any "
+                f"of {len(events)} episodes (from step {step} of one of them to step {first.steps}), although the same "
+                "action is then paid differently",
+                line=subject.line_of("step"),
+                repro=repro(first.rollout.cut(first.steps)),
+                step=step,
+                episodes=len(events),
+            )
+        return None
+
+    def _find_faint(self, subject: Subject) -> Finding | None:
+        """Find pictures without contrast: first in those of the fingerprint, then in all of two episodes."""
+        from envcraft.spaces.spec import Box
+
+        space, promised = subject.observation_space, subject.contract.observation is not None
+        if not _pictures(space) or not isinstance(space, Box) or not space.spans_dtype:
+            return None
+        if not promised and (len(space.shape) != 3 or space.shape[2] != 3 or min(space.shape[:2]) < _SIDE):
+            return None
+        known = next((trace for trace in subject.traces if trace.ranges), None)
+        if known is None or _span(known.ranges) > _FAINT:
+            return None
+        best = subject.searches.best()
+        traces = [known]
+        for trace in [subject.episodes.whole[0], *([best] if best is not None else [])]:
+            if trace.usable and subject.affords(trace.steps):
+                traces.append(subject.rollout(_kept(trace)))
+        spans = [_span(known.ranges), *(_span(_ranges(trace.frames)) for trace in traces[1:])]
+        if max(spans) > _FAINT:
+            return None
+        finding = self.finding(
+            "EC405",
+            f"the values of the picture span at most {max(spans)} of 255 levels in {len(traces)} episodes, up to step "
+            f"{max(trace.steps for trace in traces)}",
+            line=subject.line_of("step"),
+            repro=repro(known.rollout.cut(20)),
+            span=max(spans),
+        )
+        return finding if promised else msgspec.structs.replace(finding, severity=Severity.WARNING)
+
+    def _find_invisible(self, subject: Subject) -> Finding | None:
+        """Find moves that no picture shows before they are paid."""
+        if not _pictures(subject.observation_space):
+            return None
+        moves = _simple_moves(subject)
+        held = [trace for trace in subject.held() if trace.rollout.actions[0] in moves and not trace.opaque]
+        if len(held) < _AT_EVENT or _first_apart(held) != "paid":
+            return None
+        length = min(_WAITED, subject.length)
+        if not subject.affords(length * len(moves)):
+            return None
+        rest = [moves[0]] * (length - _MOVED)
+        words = "doing nothing" if moves[0] == subject.contract.noop else f"holding {moves[0]}"
+        rollouts = [
+            Rollout(subject.episode_seed(0), [move] * _MOVED + rest, player=f"{_MOVED} times {move}, then {words}")
+            for move in moves
+        ]
+        traces = [trace for trace in subject.rollouts(rollouts) if trace.usable and trace.steps > _MOVED]
+        if _first_apart(traces) != "paid":
+            return None
+        # Episodes that are paid apart during the moves may be paid for the moves themselves.
+        early: dict[tuple[Any, ...], list[Trace]] = defaultdict(list)
+        for trace in traces:
+            early[*trace.rewards[:_MOVED], *trace.observations[: _MOVED + 1]].append(trace)
+        same = max(early.values(), key=len)
+        outcomes = {_outcome(trace, _MOVED): trace for trace in same}
+        if len(outcomes) < 2:
+            return None
+        shown = min(outcomes.values(), key=lambda trace: trace.steps)
+        differing = " or ".join(str(trace.rollout.actions[0]) for trace in outcomes.values())
+        finding = self.finding(
+            "EC407",
+            f"{_MOVED} times {differing}, then {words}: rewards and endings differ {len(outcomes)} ways within "
+            f"{length} steps, but no picture differs before",
+            line=subject.line_of("step"),
+            repro=repro(shown.rollout.cut(shown.steps)),
+            outcomes=len(outcomes),
+            compared=len(same),
+        )
+        return finding if len(outcomes) > 2 else msgspec.structs.replace(finding, severity=Severity.WARNING)
+
+    def _find_hidden(self, subject: Subject, traces: list[Trace]) -> Finding | None:
+        """Find state that is not drawn and decides about most rewards, where chance does not."""
+        outcomes = subject.searches.explorations
+        if not _pictures(subject.observation_space) or any(outcome.get("stochastic", True) for outcome in outcomes):
+            return None
+        by_picture: dict[tuple[bytes, str], Counter[tuple[float, bool]]] = defaultdict(Counter)
+        by_action: dict[str, Counter[tuple[float, bool]]] = defaultdict(Counter)
+        for trace in traces:
+            for step in range(trace.steps):
+                action, result = str(trace.actions[step]), (trace.rewards[step], trace.terminated[step])
+                by_picture[trace.observations[step], action][result] += 1
+                by_action[action][result] += 1
+        every: Counter[tuple[float, bool]] = sum(by_action.values(), Counter())
+        usual = every.most_common(1)[0][0]
+        events = every.total() - every[usual]
+        hidden = 0
+        for (_, action), counts in by_picture.items():
+            whole = by_action[action]
+            for result, count in counts.items():
+                # A picture tells something of a result that follows it more often than other pictures.
+                told = count >= _TOLD * counts.total() * whole[result] / whole.total()
+                hidden += count if len(counts) > 1 and result != usual and not told else 0
+        if hidden < _HIDDEN or hidden < _MOST * events:
+            return None
+        return self.finding(
+            "EC406",
+            f"no picture tells when {hidden} of {events} events come, rewards other than {usual[0] + 0.0:g} and "
+            "terminations: the same action at the same picture had another result elsewhere, although the game draws "
+            "no random numbers while it is played",
+            line=subject.line_of("step"),
+            repro=repro(traces[0].rollout.cut(traces[0].steps)),
+            hidden=hidden,
+            events=events,
+        )
+
     def _find_unlike_render(self, subject: Subject) -> Iterator[Finding]:
         if not (subject.contract.render and subject.renders):
             return
@@ -216,6 +409,92 @@ def _frozen(traces: list[Trace]) -> tuple[int, list[Trace], list[Trace]]:
 
 def _enough(frozen: list[Trace]) -> bool:
     return len(frozen) >= _FROZEN and len({trace.rollout.seed for trace in frozen}) > 1
+
+
+_ORDINALS = ("first", "second", "third")
+
+
+def _goes_on(trace: Trace) -> bool:
+    """Whether a game goes on at a frozen picture, under varied actions: one of them is paid differently."""
+    last = _last_change(trace)
+    if not trace.usable or trace.steps < last + _STILL:
+        return False
+    paid: dict[str, set[float]] = defaultdict(set)
+    # The reward of the last change may belong to the event.
+    for action, reward in zip(trace.actions[last + 1 : trace.steps], trace.rewards[last + 1 :], strict=True):
+        paid[str(action)].add(reward)
+    return len(paid) > 1 and any(len(rewards) > 1 for rewards in paid.values())
+
+
+def _event(trace: Trace, kind: set[float], number: int) -> int | None:
+    """The step of a reward of some kind if some time follows it; `number` 0 is the first such reward."""
+    events = (step for step, reward in enumerate(trace.rewards, 1) if reward in kind)
+    step = next(itertools.islice(events, number, None), None)
+    return step if step is not None and trace.steps >= step + _STILL else None
+
+
+def _simple_moves(subject: Subject) -> list[Any]:
+    """The actions that differ from the first one, or from doing nothing, in one component only, the same for all."""
+    joint = subject.joint_actions
+    if not isinstance(joint[0], list):
+        return joint[:_MOVES]
+    by_place: dict[int, list[Any]] = defaultdict(list)
+    for action in joint[1:]:
+        differing = [at for at, (one, other) in enumerate(zip(action, joint[0], strict=True)) if one != other]
+        if len(differing) == 1:
+            by_place[differing[0]].append(action)
+    return [joint[0], *max(by_place.values(), key=len, default=[])][:_MOVES]
+
+
+def _first_apart(traces: list[Trace]) -> str:
+    """How the traces of one seed first differ.
+
+    Returns:
+        ``seen`` if pictures of two differ before their rewards and flags do, and not by an event that is paid alike;
+        ``paid`` if no pictures do and rewards or flags of some differ; else nothing.
+    """
+    apart = ""
+    usual = Counter(reward for trace in traces for reward in trace.rewards).most_common(1)
+    for one, two in itertools.combinations(traces, 2):
+        for step in range(min(one.steps, two.steps)):
+            if one.observations[step] != two.observations[step]:
+                return "seen"
+            results = {_result(one, step), _result(two, step)}
+            # Two events may be paid alike.
+            alike = one.rewards[step] != usual[0][0] and one.observations[step + 1] != two.observations[step + 1]
+            if len(results) > 1 or alike:
+                apart = "paid"
+                break
+    return apart
+
+
+def _result(trace: Trace, step: int) -> tuple[float, bool, bool]:
+    return trace.rewards[step], trace.terminated[step], trace.truncated[step]
+
+
+def _outcome(trace: Trace, start: int) -> tuple[Any, ...]:
+    return trace.steps, *trace.rewards[start:]
+
+
+def _kept(trace: Trace) -> Rollout:
+    """The same episode with its frames."""
+    return msgspec.structs.replace(trace.rollout.cut(trace.steps), keep=trace.steps + 1)
+
+
+def _span(ranges: list[tuple[int, int]]) -> int:
+    return max((high - low for low, high in ranges), default=0)
+
+
+def _ranges(frames: Sequence[Any]) -> list[tuple[int, int]]:
+    """The lowest and highest value of each channel of some pictures."""
+    shown = [frame for frame in frames if frame.ndim == 3]
+    if len(shown) < len(frames) or len({frame.shape for frame in frames}) != 1:
+        return [(int(frame.min()), int(frame.max())) for frame in frames if frame.size]
+    channels = range(shown[0].shape[2])
+    return [
+        (min(int(frame[..., at].min()) for frame in shown), max(int(frame[..., at].max()) for frame in shown))
+        for at in channels
+    ]
 
 
 def _always_changes(trace: Trace) -> bool:

@@ -9,10 +9,22 @@ If `info["is_success"]` reports wins, the check compares the return of each win 
 same seed. It warns if no win has a positive last reward, a positive return, or a higher return than doing nothing.
 Step costs are fine: they make a win cheaper than idling to the end.
 
+A reward that is zero in all play and all searches, while no success is reported, is an error if the code returns zero
+wherever it returns a reward, and the contract counts a positive return as a win. Otherwise it is a warning: play may
+not have come to the reward. With `--policy FILE` the policy's episodes count, too.
+
+The exploration also looks for loops: actions that lead back to the same picture and pay each time. A loop is farmable
+if repeating it in a plain episode earns clearly more than success on that seed within half of the longest episode.
+
+Failing pays more if one held action, or a loss that pays more than the step that wins, earns clearly more than every
+success on its seed that takes half as long, and than the step that wins, and no success earns clearly more than it. It
+is an error if at least three successes show it, else a warning. Varied play that fails and collects more than a short
+success does not count: a better success may collect the same.
+
 ## Why is this bad?
 One NaN turns every weight of a network into NaN. A rare reward of a million outweighs everything else that an agent
 could learn, and a reward that grows with time teaches the agent to wait. An agent has no reason to learn a win that
-pays nothing.
+pays nothing, or less than failing. It learns what pays most, not what was meant.
 
 ## Example
 ```python
@@ -26,7 +38,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from itertools import pairwise
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 
@@ -34,8 +46,11 @@ from envcraft.errors import Skip
 from envcraft.judging.check import Check, Rule
 from envcraft.judging.shrink import repro, shrunk
 from envcraft.model.rollout import Conditions, Rollout
+from envcraft.model.target import Kind
 from envcraft.model.verdict import Finding, Severity
 from envcraft.plugins import hookimpl
+
+from .zero_rewards import pays_nothing
 
 if TYPE_CHECKING:
     from envcraft.judging.subject import Subject
@@ -47,6 +62,10 @@ _PARTS = 8
 _GROWTH = 4.0
 #: Most games pay rewards of this size.
 _USUAL = 1.0
+#: The share by which a return must exceed a success, the fewest repetitions of a loop, and the successes of an error.
+_CLEARLY, _REPEATS, _SUCCESSES = 0.25, 4, 3
+#: The share of the longest episode within which a success comes soon.
+_SOON = 0.5
 
 
 class Reward(Check):
@@ -76,6 +95,20 @@ class Reward(Check):
             "Pay for the success that info reports.",
             Severity.WARNING,
         ),
+        Rule("EC306", "never-pays", "The reward is always zero.", "Return the reward that the game computes."),
+        Rule(
+            "EC307",
+            "farmable",
+            "A repeated loop of actions earns more than any success.",
+            "Pay for progress once, or charge for the way back.",
+            Severity.WARNING,
+        ),
+        Rule(
+            "EC308",
+            "failing-pays-more",
+            "An episode without success earns more than every success.",
+            "Pay more for success than can be earned without it.",
+        ),
     )
 
     def judge(self, subject: Subject) -> Iterator[Finding]:
@@ -88,12 +121,20 @@ class Reward(Check):
                 if finding.code not in seen:
                     seen.add(finding.code)
                     yield shrunk(subject, trace.rollout, finding, lambda played: self.find(subject, played))
-        if "EC303" not in seen and "EC301" not in seen:
-            yield from self._judge_growth(subject, traces)
-        yield from self._judge_wins(subject, traces)
+        grown = [] if {"EC301", "EC303"} & seen else list(self._judge_growth(subject, traces))
+        yield from grown
+        unpaid, failing = self._judge_wins(subject, traces), self._judge_failures(subject, traces)
+        if failing is not None and not grown and (unpaid is None or failing.evidence["earned"] > 0):
+            yield failing
+        elif unpaid is not None:
+            yield unpaid
+        if not grown:
+            yield from self._judge_loops(subject, traces)
+        if "EC302" not in seen and "EC301" not in seen:
+            yield from self._judge_silence(subject, traces)
 
     def confirm(self, subject: Subject, finding: Finding) -> Finding | None:
-        if finding.code in ("EC304", "EC305"):
+        if finding.code not in ("EC301", "EC302", "EC303"):
             return super().confirm(subject, finding)
         conditions = Conditions.from_json(finding.repro.conditions)
         trace = subject.rollout(Rollout(finding.repro.seed, finding.repro.actions, conditions))
@@ -154,12 +195,111 @@ class Reward(Check):
                 growth=min(grown[id(trace)] for trace in long),
             )
 
-    def _judge_wins(self, subject: Subject, traces: list[Trace]) -> Iterator[Finding]:
-        won = list({trace.rollout.key(): trace for trace in traces if trace.ended and trace.reported_success}.values())
+    def _judge_silence(self, subject: Subject, traces: list[Trace]) -> Iterator[Finding]:
+        played = [*traces, *subject.privileged()]
+        outcomes = subject.searches.explorations
+        if any(not trace.usable or any(trace.rewards) or trace.reported_success for trace in played):
+            return
+        if any(outcome.get("paid", 1) or outcome.get("win") for outcome in outcomes):
+            return
+        certain = subject.contract.success.sign and subject.target.kind is Kind.SOURCE and pays_nothing(subject.text)
+        longest = max(traces, key=lambda trace: trace.steps)
+        searched = sum(int(outcome.get("steps") or 0) for outcome in outcomes)
+        finding = self.finding(
+            "EC306",
+            f"the reward of every step is 0 in {len(played)} episodes and {searched:,} "
+            f"steps of exploration, and no success is reported{'; step() returns no other reward' if certain else ''}",
+            line=subject.line_of("step"),
+            repro=repro(longest.rollout.cut(longest.steps)),
+            episodes=len(played),
+            certain=certain,
+        )
+        yield finding if certain else _warning(finding)
+
+    def _judge_loops(self, subject: Subject, traces: list[Trace]) -> Iterator[Finding]:
+        longest = max(trace.steps for trace in traces)
+        best = _best_soon(traces, longest)
+        for number, outcome in enumerate(subject.searches.explorations):
+            actions, size = outcome.get("loop") or [], outcome.get("loop_length") or 0
+            success = best.get(subject.episode_seed(number))
+            if not size or success is None or not subject.affords(len(actions)):
+                continue
+            start, most = actions[:-size], subject.length - len(actions)
+            once = subject.searches.scripted(number, actions, "a loop of actions")
+            gain = sum(once.rewards[-size:])
+            repeats = math.ceil((clearly_more(success.total) - once.total) / gain) + 1 if gain > 0 else 0
+            repeats = max(repeats, _REPEATS)
+            if (
+                not once.usable
+                or gain <= 0
+                or repeats * size > most
+                or not subject.affords(repeats * size + len(start))
+            ):
+                continue
+            trace = subject.searches.scripted(number, [*actions, *actions[-size:] * repeats], "a loop of actions")
+            ended = trace.steps < len(trace.rollout.actions)
+            if not trace.usable or trace.reported_success or ended or trace.total < clearly_more(success.total):
+                continue
+            least = min(sum(trace.rewards[at : at + size]) for at in range(len(start), trace.steps, size))
+            if least <= 0:
+                continue
+            yield self.finding(
+                "EC307",
+                f"repeating {_in_words(actions[-size:])} pays at least {least:g} each time, without success: "
+                f"{trace.total:g} in {trace.steps} steps, more than success on the same seed in {success.steps} steps, "
+                f"{success.total:g}",
+                line=subject.line_of("step"),
+                repro=repro(trace.rollout),
+                loop=actions[-size:],
+                gain=least,
+                earned=trace.total,
+                success=success.total,
+            )
+            return
+
+    def _judge_failures(self, subject: Subject, traces: list[Trace]) -> Finding | None:
+        won = _successes(traces)
+        pays = max((trace.rewards[-1] for trace in won), default=0.0)
+        shown: list[tuple[Trace, Trace]] = []
+        for seed in dict.fromkeys(trace.rollout.seed for trace in won):
+            same = [trace for trace in won if trace.rollout.seed == seed]
+            failed = [trace for trace in subject.played() if trace.rollout.seed == seed and _fails(trace, pays)]
+            idle = subject.contract.noop is not None and not any(_is_idle(trace) for trace in failed)
+            if idle and subject.affords(subject.length):
+                trace = subject.rollout(msgspec.structs.replace(subject.probes.noop(), seed=seed))
+                failed += [trace] if _fails(trace, pays) else []
+            if not failed:
+                return None
+            failure = max(failed, key=lambda trace: trace.total)
+            # A success that comes late shares what waiting for it pays.
+            soon = [trace for trace in same if trace.steps <= failure.steps * _SOON or failure.terminated[-1]]
+            if any(failure.total < clearly_more(max(trace.total, pays)) for trace in soon):
+                return None
+            if any(trace.total > clearly_more(failure.total) for trace in same):
+                return None
+            shown += [(failure, trace) for trace in soon]
+        if not shown:
+            return None
+        failure, success = max(shown, key=lambda pair: pair[0].total - pair[1].total)
+        finding = self.finding(
+            "EC308",
+            f"{failure.rollout.player} earns {failure.total:g} in {failure.steps} steps without success, and success "
+            f"on the same seed {success.total:g} in {success.steps} steps; such are {len(shown)} of {len(won)} "
+            "successes, and none earns clearly more than failing",
+            line=subject.line_of("step"),
+            repro=repro(failure.rollout.cut(failure.steps)),
+            earned=failure.total,
+            success=success.total,
+            successes=len(shown),
+        )
+        return finding if len(shown) >= _SUCCESSES else _warning(finding)
+
+    def _judge_wins(self, subject: Subject, traces: list[Trace]) -> Finding | None:
+        won = _successes(traces)
         if not won or subject.contract.noop is None:
-            return
+            return None
         if any(not trace.total <= 0 or not trace.rewards[-1] <= 0 for trace in won):
-            return
+            return None
         idled: dict[int, Trace] = {}
         for trace in won:
             seed = trace.rollout.seed
@@ -167,9 +307,9 @@ class Reward(Check):
                 idled[seed] = subject.rollout(msgspec.structs.replace(subject.probes.noop(), seed=seed))
             # If idling wins as well, the reward is for losing.
             if not idled[seed].usable or idled[seed].reported_success or trace.total > idled[seed].total:
-                return
+                return None
         shown = min(won, key=lambda trace: trace.steps)
-        yield self.finding(
+        return self.finding(
             "EC305",
             f"winning pays {shown.total:g} in {shown.steps} steps (under {shown.rollout.player}), and doing nothing "
             f"{idled[shown.rollout.seed].total:g} on the same seed; none of {len(won)} won episodes pays more",
@@ -177,6 +317,48 @@ class Reward(Check):
             repro=repro(shown.rollout.cut(shown.steps)),
             won=len(won),
         )
+
+
+def _successes(traces: list[Trace]) -> list[Trace]:
+    """The episodes that end with reported success, each once."""
+    return list({trace.rollout.key(): trace for trace in traces if trace.ended and trace.reported_success}.values())
+
+
+def _best_soon(traces: list[Trace], limit: int) -> dict[int, Trace]:
+    """The success with the highest return on each seed, of those that come soon if there are any."""
+    best: dict[int, Trace] = {}
+    for trace in _successes(traces):
+        known = best.setdefault(trace.rollout.seed, trace)
+        worth = [(each.steps <= limit * _SOON, each.total) for each in (trace, known)]
+        if worth[0] > worth[1]:
+            best[trace.rollout.seed] = trace
+    return best
+
+
+def _fails(trace: Trace, pays: float) -> bool:
+    """Whether an episode ends without success although it holds one action, or with a loss that pays more than the
+    step that wins `pays`.
+    """
+    if not trace.ended or trace.reported_success:
+        return False
+    return len({str(action) for action in trace.actions}) == 1 or (trace.terminated[-1] and trace.rewards[-1] > pays)
+
+
+def _is_idle(trace: Trace) -> bool:
+    return trace.rollout.player == "doing nothing"
+
+
+def clearly_more(earned: float) -> float:
+    """The least return that is clearly more than another."""
+    return earned + max(_CLEARLY * abs(earned), 1e-6)
+
+
+def _in_words(actions: list[Any]) -> str:
+    return str(actions[0]) if len({str(action) for action in actions}) == 1 else str(actions)
+
+
+def _warning(finding: Finding) -> Finding:
+    return msgspec.structs.replace(finding, severity=Severity.WARNING)
 
 
 def _long(traces: list[Trace]) -> list[Trace]:

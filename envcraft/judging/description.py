@@ -103,12 +103,15 @@ def outcome(value: dict[str, Any], action_space: SpaceSpec, most: int) -> Search
         MalformedValue: it does not fit the schema, or a list is too long or has an action outside the space.
     """
     result: SearchOutcome = _convert(value, SearchOutcome)
-    for name, actions in (("crash", result.get("crash")), ("win", result.get("win")), ("best", result.get("best"))):
+    lists = {"crash": result.get("crash"), "win": result.get("win"), "best": result.get("best")}
+    for name, actions in {**lists, "loop": result.get("loop")}.items():
         if len(actions or []) > most:
             raise MalformedValue(f"{name} is a list of more than {most} actions")
         for action in actions or []:
             if wrong := validate_action(action_space, action):
                 raise MalformedValue(f"{name}: {wrong}")
+    if result.get("loop_length", 0) > len(result.get("loop") or []):
+        raise MalformedValue("a loop that is longer than its actions")
     return result
 
 

@@ -322,6 +322,8 @@ class TraceBuilder:
         if watched:
             picture = layout.kind == "array" and is_picture(layout.shape, layout.dtype)
             trace.watched.append(frame_hash(value) if picture else value_hash(value))
+            if picture:
+                self._widen(value)
         trace.micros += step.micros
         trace.costs.append(step.micros)
         trace.opaque |= layout.opaque
@@ -329,6 +331,16 @@ class TraceBuilder:
         self._keep_info(step.info)
         if kept and value is not None:
             self._keep_frame(trace.frames, layout, value)
+
+    def _widen(self, picture: NDArray[np.uint8]) -> None:
+        """Widen the range of each channel by those of a picture."""
+        trace = self.trace
+        low, high = (np.atleast_1d(extreme(picture, axis=(0, 1))).tolist() for extreme in (np.min, np.max))
+        known = trace.ranges or list(zip(low, high, strict=True))
+        # Pictures with other channels: the check api reports them.
+        trace.ranges = [
+            (min(least, each), max(most, every)) for (least, most), each, every in zip(known, low, high, strict=False)
+        ]
 
     def _decode(self, number: int, data: memoryview, digest: bytes) -> Any:
         """The value of some bytes: of a frame its picture; None where none was to be sent."""

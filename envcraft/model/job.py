@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from enum import StrEnum
-from typing import Any, TypedDict
+from typing import Annotated, Any, TypedDict
 
 import msgspec
+
+Count = Annotated[int, msgspec.Meta(ge=0)]
 
 
 class ExitReason(StrEnum):
@@ -61,13 +63,21 @@ class JobResult(msgspec.Struct, frozen=True):
 
 
 class SearchOutcome(TypedDict, total=False):
-    """The result of a search: action lists to a crash, to a win and to the highest return, and its size: its steps, the
-    states that it met, and those that it met first in its second half.
+    """The result of a search: action lists to a crash, to a win and to the highest return, and its size.
+
+    Attributes:
+        loop: actions whose last `loop_length` ones lead back to the same coarse picture, and pay each time.
+        paid: steps with a reward other than 0.
+        states: the states that it met.
+        late_states: those of them that it met first in its second half.
     """
 
     crash: list[Any] | None
     win: list[Any] | None
     best: list[Any] | None
+    loop: list[Any] | None
+    loop_length: Count
+    paid: Count
     steps: int
     states: int
     late_states: int

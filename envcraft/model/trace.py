@@ -135,6 +135,7 @@ class Trace:
         spaces: those that changed.
         opaque: some observation has a type of another package, whose bytes the worker cannot send.
         watched: perceptual hashes of some observations, for a fingerprint.
+        ranges: the lowest and highest value of each channel of these observations, if they are pictures.
         columns: whether the digests of long frames read columns of pixels; None without long frames.
         earlier: the first of two traces under the condition `again`.
         before: the earlier episodes under the condition `recorded`, as many as time allowed.
@@ -165,6 +166,7 @@ class Trace:
     frames: list[NDArray[Any]] = field(default_factory=list)
     rendered: list[NDArray[Any]] = field(default_factory=list)
     watched: list[int] = field(default_factory=list)
+    ranges: list[tuple[int, int]] = field(default_factory=list)
     fault: Fault | None = None
     refused: str = ""
     end: JobResult | None = None
@@ -240,6 +242,7 @@ class Trace:
             info_notes=[note for note in self.info_notes if note[0] <= steps],
             frames=[],
             watched=[],
+            ranges=[],
             after=[],
             fault=fault,
             overwritten=[change for change in self.overwritten if change[1] is not None and change[1] <= steps],

@@ -181,6 +181,8 @@ GOOD = {
     "crowds": CROWDS,
     "mixed": MIXED,
 }
+#: Those that pay nothing, because they are about spaces.
+UNPAID = set(GOOD) - {"short", "bandit", "arms", "goal", "costs", "context", "rounds", "bonus"}
 BAD = {
     "EC109 past the bound": ("EC109", ROUGH.replace("1e-6", "1e-3")),
     "EC104 needs a seed": ("EC104", source("self.total += action", reset="self.total = float(seed % 2)")),
@@ -228,9 +230,12 @@ def reports() -> dict[str, SubjectReport]:
 
 
 @pytest.mark.parametrize("name", GOOD)
-def test_good_environments_have_no_finding_at_all(name: str, reports: dict[str, SubjectReport]) -> None:
+def test_good_environments_have_no_finding_but_that_some_pay_nothing(
+    name: str, reports: dict[str, SubjectReport]
+) -> None:
     report = reports[GOOD[name]]
-    assert not [f"{found.code} {found.message}" for check in report.checks for found in check.findings]
+    found = [f"{found.code} {found.message}" for check in report.checks for found in check.findings]
+    assert [words[:5] for words in found] == ["EC306"] * (name in UNPAID), found
     assert report.verdict is Verdict.PASS
     assert report.steps > 200
 

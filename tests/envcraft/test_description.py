@@ -166,6 +166,12 @@ def test_a_description_of_another_form_is_refused(told: dict[str, Any]) -> None:
         {"win": [[0, 0, 0]] * 5},
         {"steps": "many"},
         {"states": [1]},
+        {"loop": [[9, 9, 9]], "loop_length": 1},
+        {"loop": [[0, 0, 0]] * 5, "loop_length": 1},
+        {"loop": [[0, 0, 0]], "loop_length": 2},
+        {"loop_length": 1},
+        {"loop": [[0, 0, 0]], "loop_length": -1},
+        {"paid": -1},
     ],
 )
 def test_an_outcome_of_another_form_is_refused(told: dict[str, Any]) -> None:

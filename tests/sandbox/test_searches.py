@@ -42,6 +42,34 @@ class Stairs(gym.Env):
         return np.full((200, 300, 3), self.at % 256, np.uint8), float(action == 2), False, False, {{}}
 """
 
+#: Each step from 1 to 0 pays; 5 is the success.
+SPRING = """
+import gymnasium as gym
+import numpy as np
+
+class Spring(gym.Env):
+    observation_space = gym.spaces.Box(0, 255, (84, 84, 3), np.uint8)
+    action_space = gym.spaces.Discrete(3)
+    made = 0
+
+    def picture(self):
+        return np.full((84, 84, 3), 40 * self.at, np.uint8)
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        {reset}
+        self.at = self.highest = 1
+        return self.picture(), {{}}
+
+    def step(self, action):
+        before, highest = self.at, self.highest
+        self.at = max(before + (0, 1, -1)[action], 0)
+        self.highest = max(self.at, highest)
+        {step}
+        won = self.at == 5
+        return self.picture(), float(self.at < before == 1), won, False, {{"is_success": won}}
+"""
+
 
 class Nobody(Channel):
     """A channel that nobody listens to."""
@@ -54,11 +82,13 @@ class Nobody(Channel):
         pass
 
 
-def searched(kind: str, reset: str = "pass", step: str = "pass") -> tuple[search.Outcome, int, Channel]:
+def searched(
+    kind: str, reset: str = "pass", step: str = "pass", source: str = STAIRS
+) -> tuple[search.Outcome, int, Channel]:
     """The outcome of a search, how many instances it made, and its channel."""
     job: Any = {
         "kind": "search",
-        "target": Target("stairs.py", STAIRS.format(reset=reset, step=step).encode()).for_worker(),
+        "target": Target("stairs.py", source.format(reset=reset, step=step).encode()).for_worker(),
         "search": kind,
         "contract": GYMNASIUM.for_worker(),
         "seed": 0,
@@ -94,3 +124,22 @@ def test_an_instance_that_crashed_is_replaced() -> None:
     out, made, _ = searched("greedy", step="assert self.at >= 0")
     assert out.crash == [0]
     assert made == 3
+
+
+def test_a_loop_that_pays_again_is_found() -> None:
+    out, _, _ = searched("explore", source=SPRING)
+    assert out.loop is not None
+    assert {1, 2} <= set(out.loop[-out.loop_length :])
+    assert out.paid > 3
+    assert out.json()["loop"] == out.loop
+
+
+def test_a_loop_that_pays_once_is_none() -> None:
+    out, _, _ = searched("explore", source=SPRING.replace("self.at < before == 1", "self.at > highest"))
+    assert out.paid > 3
+    assert out.loop is None
+
+
+def test_an_exploration_sees_draws() -> None:
+    assert searched("explore", step="self.np_random.random()", source=SPRING)[0].stochastic
+    assert not searched("explore", source=SPRING)[0].stochastic

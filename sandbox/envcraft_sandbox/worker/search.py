@@ -34,6 +34,10 @@ _READINGS = 6
 _EPISODES = 3
 #: Pixels of the longer side of a frame that a coarse picture is made of.
 _SIDE = 96
+#: How often a loop must pay again, the share of the budget for such trials, and the longest loop.
+_AGAIN, _TRIALS, _LONGEST = 3, 0.1, 16
+#: States of an exploration whose random generators are compared with those of its start.
+_DRAWN = 8
 #: Number of plans per round, their steps, and how many steps of the best plan are followed.
 _PLANS, _AHEAD, _FOLLOW = 8, 24, 6
 
@@ -66,6 +70,7 @@ class Node:
     total: float
     visits: int = 0
     ended: bool = False
+    cell: Any = None
 
 
 @dataclass(slots=True)
@@ -79,13 +84,16 @@ class Outcome:
     win_return: float = 0.0
     best: list[Any] = field(default_factory=list)
     best_return: float = float("-inf")
+    loop: list[Any] | None = None
+    loop_length: int = 0
+    paid: int = 0
     states: int = 0
     late_states: int = 0
     exhausted: bool = False
     stochastic: bool = False
 
     def json(self) -> dict[str, Any]:
-        lists = ("crash", "win", "best")
+        lists = ("crash", "win", "best", "loop")
         values = {name: getattr(self, name) for name in self.__slots__}
         return {name: value if name in lists else jsonable(value) for name, value in values.items()}
 
@@ -103,6 +111,8 @@ class Tree:
         self.random = _Random(job["seed"])
         self.limit: int = job["limit"]
         self.until = _monotonic() + job.get("seconds", float("inf"))
+        #: Whether info reports success, or the lack of it.
+        self.reports = False
         #: A search that proves something relies on no habits of games.
         self.exact: bool = job["search"] == "exhaust"
         self.copies: Copies
@@ -164,6 +174,7 @@ class Tree:
         self.frame = observation
         node.path = path
         node.total += reward
+        self.out.paid += reward != 0
         node.ended = bool(terminated) or bool(truncated) or path.length >= self.limit
         self._judge(node, info)
         return not node.ended
@@ -174,6 +185,7 @@ class Tree:
     def _judge(self, node: Node, info: Any) -> None:
         contract = self.subject.contract
         success = info.get(contract.get("success", "is_success")) if isinstance(info, dict) else None
+        self.reports |= success is not None
         won = bool(success) if success is not None else contract.get("sign", True) and node.ended and node.total > 0
         if won and (self.out.win is None or node.path.length < len(self.out.win)):
             self.out.win, self.out.win_return = node.path.actions(), node.total
@@ -195,15 +207,20 @@ def explore(tree: Tree) -> None:
 
     After Go-Explore (Ecoffet et al., 2021, doi:10.1038/s41586-020-03157-9): an archive of states under the key of a
     coarse picture. It prefers states that were rarely left and that have earned much. The search stops at the budget,
-    or at half of it once it knows a win.
+    or at half of it once it knows a win. It is `stochastic` if a random generator has another state at its end.
     """
     root = tree.root()
-    archive: dict[Any, Node] = {_cell(tree.frame): root}
+    generators, shared_generators = State(root.env).generators, _global_generators()
+    root.cell = _cell(tree.frame)
+    archive: dict[Any, Node] = {root.cell: root}
+    node = root
     seen = {_digest(tree.frame)}
+    loops = _Loops(tree)
     while not tree.spent() and not (tree.out.win is not None and 2 * tree.out.steps >= tree.budget):
         start = _choose(tree.random, archive)
         start.visits += 1
         node = tree.branch(start)
+        loops.start(start.cell, node)
         action, hold = None, 0
         for _ in range(tree.random.randint(4, 24)):
             if hold == 0:
@@ -216,8 +233,57 @@ def explore(tree: Tree) -> None:
                 tree.out.late_states += 2 * tree.out.steps > tree.budget
             if not alive or tree.spent():
                 break
-            _remember(tree, archive, _cell(tree.frame), node)
+            cell = _cell(tree.frame)
+            _remember(tree, archive, cell, node)
+            loops.visit(cell, node)
     tree.out.states = len(seen)
+    known = [node, *list(archive.values())[-_DRAWN:]]
+    drawn = any(State(each.env).generators != generators for each in known if each.env is not None)
+    tree.out.stochastic = drawn or _global_generators() != shared_generators
+
+
+class _Loops:
+    """Finds actions that lead back to the same coarse picture and pay each time: the one that pays most per step.
+
+    Loops matter only beside success, so an environment that does not report success has none.
+    """
+
+    def __init__(self, tree: Tree) -> None:
+        self._tree = tree
+        self._rate = 0.0
+        self._left = int(_TRIALS * tree.budget)
+        self._tried: set[Any] = set()
+        self._passed: dict[Any, tuple[int, float]] = {}
+
+    def start(self, cell: Any, node: Node) -> None:
+        """Begin a branch."""
+        self._passed = {cell: (node.path.length, node.total)}
+
+    def visit(self, cell: Any, node: Node) -> None:
+        """Note a state of the branch, and try the loop that it closes."""
+        length, total = self._passed.get(cell, (node.path.length, node.total))
+        self._passed[cell] = node.path.length, node.total
+        steps = node.path.length - length
+        if not (0 < steps <= _LONGEST and node.total - total > self._rate * steps):
+            return
+        cost = _AGAIN * steps
+        if not (self._tree.reports and self._tree.out.copies and cost <= self._left) or (cell, steps) in self._tried:
+            return
+        self._tried.add((cell, steps))
+        self._left -= cost
+        self._try(cell, node, steps)
+
+    def _try(self, cell: Any, node: Node, steps: int) -> None:
+        tree, actions = self._tree, node.path.actions()
+        probe, least = tree.branch(node), float("inf")
+        for _ in range(_AGAIN):
+            before = probe.total
+            if not all(tree.step(probe, action) for action in actions[-steps:]) or _cell(tree.frame) != cell:
+                return
+            least = min(least, probe.total - before)
+        if least > self._rate * steps:
+            self._rate = least / steps
+            tree.out.loop, tree.out.loop_length = actions, steps
 
 
 def _remember(tree: Tree, archive: dict[Any, Node], cell: Any, node: Node) -> None:
@@ -230,6 +296,7 @@ def _remember(tree: Tree, archive: dict[Any, Node], cell: Any, node: Node) -> No
         kept = Node(tree.copies.of(node.env), node.path, node.total)
     else:
         kept = Node(None, node.path, node.total)
+    kept.cell = cell
     kept.visits = known.visits // 2 if known else 0
     archive[cell] = kept
 
