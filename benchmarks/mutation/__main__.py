@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import difflib
 import random
 import sys
 import tempfile
@@ -85,13 +86,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--sandbox", default="auto")
     parser.add_argument("--jobs", type=int, default=2, help="mutants that are judged at a time")
     parser.add_argument("--results", type=Path, help="keep results in this file and continue from it")
-    parser.add_argument("--missed", action="store_true", help="list the mutants that are not caught")
+    parser.add_argument(
+        "--missed", action="store_true", help="list the mutants that are not caught, with the lines that are new"
+    )
     parser.add_argument("--write", type=Path, help="write the mutants into this folder and judge nothing")
     options = parser.parse_args(arguments)
     chosen = [game for game in games() if options.game is None or game.name in options.game]
-    wanted = [
-        Mutant("", game, 0, game.path.read_text("utf-8"), seed) for seed in range(options.seeds) for game in chosen
-    ]
+    texts = {game: game.path.read_text("utf-8") for game in chosen}
+    wanted = [Mutant("", game, 0, text, seed) for seed in range(options.seeds) for game, text in texts.items()]
     wanted += mutants(options.operator or list(OPERATORS), chosen, options.sample, options.seed)
     if options.write:
         options.write.mkdir(parents=True, exist_ok=True)
@@ -104,10 +106,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         console = Console(width=140)
         console.print(by_operator(results, budget))
         console.print(by_rule(results, budget))
-        for result in results:
-            if options.missed and result.operator and result.counts and not result.caught:
+        for mutant, result in zip(wanted, results, strict=True) if options.missed else ():
+            if result.operator and result.counts and not result.caught:
                 codes = " ".join([*result.errors, *(f"({code})" for code in result.warnings)])
                 print(f"missed: {result.operator} {result.game} {result.number}: {codes or 'nothing'}")
+                for line in difflib.ndiff(texts[mutant.game].splitlines(), mutant.text.splitlines()):
+                    if line.startswith("+ ") and line.strip() != "+":
+                        print(f"    {line}")
         exceeded += broken(results, budget)
     print(*exceeded, sep="\n")
     return int(bool(exceeded))
@@ -116,7 +121,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _judged(wanted: Sequence[Mutant], budget: str, options: argparse.Namespace) -> list[Result]:
     """Judge what the results file does not have yet."""
     known, code = read(options.results), code_digest()
-    keys = {mutant: key(mutant.text, budget, mutant.seed, code) for mutant in wanted}
+    keys = {mutant: key(mutant.operator, mutant.text, budget, mutant.seed, code) for mutant in wanted}
     missing = [mutant for mutant, own in keys.items() if own not in known]
     started = time.monotonic()
     with contextlib.ExitStack() as stack:
@@ -134,7 +139,7 @@ def _judged(wanted: Sequence[Mutant], budget: str, options: argparse.Namespace) 
             for number, done in enumerate(as_completed(running), 1):
                 result = done.result()
                 append(options.results, result)
-                known[result.sha256, budget, result.seed, code] = result
+                known[result.key] = result
                 each = (time.monotonic() - started) / number
                 codes = " ".join(result.errors) or ("equivalent" if result.equivalent else "nothing")
                 print(
@@ -144,12 +149,7 @@ def _judged(wanted: Sequence[Mutant], budget: str, options: argparse.Namespace) 
                 )
         finally:
             threads.shutdown(cancel_futures=True)
-    # Texts that two operators make alike are judged once.
-    return [
-        msgspec.structs.replace(known[own], operator=mutant.operator, game=mutant.game.name, number=mutant.number)
-        for mutant, own in keys.items()
-        if own in known
-    ]
+    return [known[own] for own in keys.values()]
 
 
 class _Judging:
@@ -171,7 +171,7 @@ class _Judging:
             mutant.operator,
             mutant.game.name,
             mutant.number,
-            *key(mutant.text, self.budget, mutant.seed, self.code),
+            *key(mutant.operator, mutant.text, self.budget, mutant.seed, self.code)[1:],
             errors=sorted(codes[Severity.ERROR]),
             warnings=sorted(codes[Severity.WARNING] - codes[Severity.ERROR]),
             verdict=report.verdict.value,

@@ -47,6 +47,11 @@ class Result(msgspec.Struct, frozen=True):
     peers: dict[str, str] = {}
 
     @property
+    def key(self) -> Key:
+        """The key of :func:`key`."""
+        return self.operator, self.sha256, self.budget, self.seed, self.code
+
+    @property
     def loads(self) -> bool:
         """Whether the file can be imported and its class constructed."""
         return not any(code.startswith("EC00") and code != "EC009" for code in self.errors)
@@ -67,12 +72,16 @@ class Result(msgspec.Struct, frozen=True):
         return not self.errors and any(map(OPERATORS[self.operator].names, self.warnings))
 
 
-def key(text: str, budget: str, seed: int, code: str) -> tuple[str, str, int, str]:
-    """What a result depends on."""
-    return hashlib.sha256(text.encode()).hexdigest(), budget, seed, code
+#: What a result depends on: the operator, and the digest of the text, budget, seed and code as in `Result`.
+Key = tuple[str, str, str, int, str]
 
 
-def read(path: Path | None) -> dict[tuple[str, str, int, str], Result]:
+def key(operator: str, text: str, budget: str, seed: int, code: str) -> Key:
+    """What the result of a mutant depends on."""
+    return operator, hashlib.sha256(text.encode()).hexdigest(), budget, seed, code
+
+
+def read(path: Path | None) -> dict[Key, Result]:
     """The results that a file has, by their keys. A line that was cut off by an interruption is left out."""
     found = {}
     for line in path.read_bytes().splitlines() if path is not None and path.exists() else []:
@@ -80,7 +89,7 @@ def read(path: Path | None) -> dict[tuple[str, str, int, str], Result]:
             result = msgspec.json.decode(line, type=Result)
         except msgspec.DecodeError:
             continue
-        found[result.sha256, result.budget, result.seed, result.code] = result
+        found[result.key] = result
     return found
 
 

@@ -264,4 +264,4 @@ def test_results_are_read_again(tmp_path: Path) -> None:
         file.write(b'{"operator": "cut off')
     assert list(read(path).values()) == [result]
     assert read(tmp_path / "none.jsonl") == {}
-    assert key("a", "quick", 0, "code") != key("b", "quick", 0, "code")
+    assert result.key != key("drawn_once", "another text", "quick", 0, "code")
