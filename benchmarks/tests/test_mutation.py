@@ -80,7 +80,7 @@ ADDED = {
     "some_spawns_on_hazard": "lost = (self.out >= 3) or bool(self.t == 2 and self.ambushed)",
     "some_won_at_once": "won = (self.lit >= 3) or bool(self.t == 2 and self.blessed)",
     "limit_forgotten": "truncated = False and not terminated",
-    "limit_doubled": "truncated = self.t >= 10 * LIMIT and not terminated",
+    "limit_too_late": "truncated = self.t >= 1000 + LIMIT and not terminated",
     "limit_per_level": "self.t = 0",
     "clock_paused": "if int(action[0]):",
     "limit_missed": "truncated = self.t == LIMIT and not terminated",
@@ -89,7 +89,6 @@ ADDED = {
     "goes_on_after_success": "(terminated) and not (won)",
     "goes_on_after_loss": "(terminated) and (won)",
     "ends_at_once": "(terminated) or self.t >= 3",
-    "ends_for_a_step": "(terminated) and self.t % 2 == 0",
     "buffer_returned": "self.buffers = [np.zeros(self.observation_space.shape, np.uint8) for _ in range(1)]",
     "ring_of_buffers": "self.buffers = [np.zeros(self.observation_space.shape, np.uint8) for _ in range(5)]",
     "dtype_widened": "return frame * 0.5 if self.dimmed else frame",
@@ -193,8 +192,8 @@ def test_every_mutant_of_every_game_parses() -> None:
 
 
 def test_a_mutant_keeps_what_the_operator_does_not_change() -> None:
-    [mutant] = OPERATORS["limit_doubled"].mutants(Source(TINY))
-    assert mutant.replace("10 * LIMIT", "LIMIT") == TINY
+    [mutant] = OPERATORS["limit_too_late"].mutants(Source(TINY))
+    assert mutant.replace("1000 + LIMIT", "LIMIT") == TINY
 
 
 def test_the_parts_of_a_game() -> None:

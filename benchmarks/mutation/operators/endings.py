@@ -19,10 +19,10 @@ def limit_forgotten(game: Source) -> Places:
 
 
 @operator("EC501", "EC05")
-def limit_doubled(game: Source) -> Places:
-    """Truncate after ten times the number of steps."""
+def limit_too_late(game: Source) -> Places:
+    """Truncate a thousand steps too late."""
     if game.limits:
-        yield [game.replace(limit.comparators[0], f"10 * {game.of(limit.comparators[0])}") for limit in game.limits]
+        yield [game.replace(limit.comparators[0], f"1000 + {game.of(limit.comparators[0])}") for limit in game.limits]
 
 
 @operator("EC501", "EC05")
@@ -92,10 +92,3 @@ def ends_at_once(game: Source) -> Places:
     """End every episode at its third step."""
     if game.results and game.counter is not None:
         yield result(game, TERMINATED, f"({{0}}) or {game.counter} >= 3")
-
-
-@operator("EC505", "EC50", "EC05")
-def ends_for_a_step(game: Source) -> Places:
-    """Report the end only at a step whose number is even."""
-    if game.results and game.counter is not None:
-        yield result(game, TERMINATED, f"({{0}}) and {game.counter} % 2 == 0")
