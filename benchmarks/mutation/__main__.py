@@ -79,7 +79,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.mutation", description=__doc__)
     parser.add_argument("--budget", action="append", choices=list(BUDGETS), help="default: standard")
     parser.add_argument("--operator", action="append", choices=list(OPERATORS), help="default: all")
-    parser.add_argument("--game", action="append", choices=[game.name for game in games()], help="default: all")
+    parser.add_argument("--game", action="append", help="default: all")
+    parser.add_argument("--folder", type=Path, help="mutate the games of this folder that pass, and not the usual ones")
     parser.add_argument("--sample", type=int, help="up to so many mutants of each operator")
     parser.add_argument("--seed", type=int, default=0, help="of the sample and of the validations")
     parser.add_argument("--seeds", type=int, default=_SEEDS, help="values of --seed for the unchanged games")
@@ -91,7 +92,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("--write", type=Path, help="write the mutants into this folder and judge nothing")
     options = parser.parse_args(arguments)
-    chosen = [game for game in games() if options.game is None or game.name in options.game]
+    chosen = [game for game in games(options.folder) if options.game is None or game.name in options.game]
     texts = {game: game.path.read_text("utf-8") for game in chosen}
     wanted = [Mutant("", game, 0, text, seed) for seed in range(options.seeds) for game, text in texts.items()]
     wanted += mutants(options.operator or list(OPERATORS), chosen, options.sample, options.seed)
@@ -103,10 +104,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     exceeded = []
     for budget in options.budget or ["standard"]:
         results = _judged(wanted, budget, options)
+        if options.folder:
+            results = _of_passing(results)
         console = Console(width=140)
         console.print(by_operator(results, budget))
         console.print(by_rule(results, budget))
-        for mutant, result in zip(wanted, results, strict=True) if options.missed else ():
+        by_name = {(mutant.operator, mutant.game.name, mutant.number): mutant for mutant in wanted}
+        for result in results if options.missed else ():
+            mutant = by_name[result.operator, result.game, result.number]
             if result.operator and result.counts and not result.caught:
                 codes = " ".join([*result.errors, *(f"({code})" for code in result.warnings)])
                 print(f"missed: {result.operator} {result.game} {result.number}: {codes or 'nothing'}")
@@ -116,6 +121,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         exceeded += broken(results, budget)
     print(*exceeded, sep="\n")
     return int(bool(exceeded))
+
+
+def _of_passing(results: Sequence[Result]) -> list[Result]:
+    """The results on the games that pass, and on their mutants."""
+    failing = {result.game for result in results if not result.operator and result.verdict != "pass"}
+    return [result for result in results if result.game not in failing]
 
 
 def _judged(wanted: Sequence[Mutant], budget: str, options: argparse.Namespace) -> list[Result]:

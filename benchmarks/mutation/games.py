@@ -46,9 +46,10 @@ class Game:
     contract: str = "arcade"
 
 
-def games() -> list[Game]:
-    """All base games, by name."""
-    return sorted(_games(), key=lambda game: game.name)
+def games(folder: Path | None = None) -> list[Game]:
+    """All base games by name, or those of a folder of files under the contract `arcade-native`."""
+    found = _games() if folder is None else (Game(path.stem, path, "arcade-native") for path in folder.glob("*.py"))
+    return sorted(found, key=lambda game: game.name)
 
 
 def _games() -> Iterator[Game]:
