@@ -109,7 +109,7 @@ def action_modified(game: Source) -> Places:
         yield [game.before(returned, f"{game.action}[0] = 0")]
 
 
-@operator(*_API)
+@operator(*_API, "EC21")
 def action_kept(game: Source) -> Places:
     """Keep the action array and act on it one step later, where the caller may have changed it."""
     if game.seeding is not None:
