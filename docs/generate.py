@@ -49,7 +49,7 @@ def main() -> int:
 def page(check: Check) -> str:
     """A check's page: its module's docstring, and its rules."""
     rows = [
-        f"| {linked(check, rule.code)} | `{rule.name}` | {rule.severity} | {rule.summary} | {rule.fix} |"
+        f"| {linked(check, rule.code)} | `{rule.name}` | {rule.status} | {rule.summary} | {rule.fix} |"
         for rule in check.rules
     ]
     head = "| code | name | severity | problem | fix |\n|---|---|---|---|---|\n"
@@ -83,7 +83,7 @@ def table(checks: list[Check]) -> str:
     for check in checks:
         for number, rule in enumerate(check.rules):
             name = "" if number else f"[{check.name}](docs/rules/{check.name}.md){' (opt-in)' * check.opt_in}"
-            note = " (warning)" if rule.severity == "warning" else ""
+            note = "" if rule.status == "error" else f" ({rule.status})"
             lines.append(f"| {name} | {rule.code} | {rule.summary}{note} |")
     return "\n".join(lines) + "\n"
 

@@ -44,7 +44,7 @@ def judge_examples(codes: Iterable[str], sandbox: str = "auto") -> Iterator[tupl
                 driver,
                 [each for each in every if each.gate or each.always or each.name == player],
                 BUDGETS[settings.get("budget", "quick")],
-                severity=SeverityPolicy(comments=True),
+                severity=SeverityPolicy(comments=True, select=() if check.rule(code).default else (code,)),
                 policy=PolicyFile("policy.py", example.policy) if example.policy else None,
                 parallel_jobs=1,
             )

@@ -30,6 +30,9 @@ class Rule(msgspec.Struct, frozen=True):
         fix: the usual fix, in one sentence.
         severity: ``error`` fails the check, ``warning`` does not.
         waiver: the setting of a contract that waives it, if that is not ``without``: ``render = "optional"``.
+        confirmed_by: codes of errors that earlier checks report for the same defect. After one of them, this rule
+            reports nothing.
+        default: whether the rule reports anything unless ``--select`` or a severity names it.
     """
 
     code: str
@@ -38,6 +41,13 @@ class Rule(msgspec.Struct, frozen=True):
     fix: str
     severity: Severity = Severity.ERROR
     waiver: str = ""
+    confirmed_by: tuple[str, ...] = ()
+    default: bool = True
+
+    @property
+    def status(self) -> str:
+        """The severity, and a note if the rule is off by default."""
+        return self.severity.value if self.default else f"{self.severity.value}, off by default"
 
 
 class Check(ABC):

@@ -7,7 +7,7 @@ import os
 import queue
 import threading
 import time
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Collection, Generator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING
 
@@ -226,7 +226,9 @@ def judge(
                 report = CheckReport(check.name, Verdict.SKIP, reason=blocked)
             else:
                 yield CheckStarted(target.path, check.name)
-                report = run_check(check, subject, fail_fast=plan.fail_fast, severity=plan.severity)
+                report = run_check(
+                    check, subject, fail_fast=plan.fail_fast, severity=plan.severity, without=_confirmed(check, done)
+                )
             if plan.fail_fast and report.verdict is Verdict.FAIL:
                 blocked = blocked or f"--fail-fast ends at the first error, and {check.name} has one"
             if check.gate and (report.verdict is Verdict.ERROR or _stops(check, report)):
@@ -241,6 +243,13 @@ def judge(
         if look is not None:
             look(subject)
         yield SubjectFinished(report_on(plan, subject, done, started))
+
+
+def _confirmed(check: Check, done: list[CheckReport]) -> set[str]:
+    """The codes of a check whose defect an error of an earlier check has shown, even if a comment ignores it."""
+    found = [finding for report in done for finding in [*report.findings, *(one.finding for one in report.ignored)]]
+    errors = {finding.code for finding in found if finding.severity is Severity.ERROR}
+    return {rule.code for rule in check.rules if errors.intersection(rule.confirmed_by)}
 
 
 def report_on(plan: Plan, subject: Subject, checks: list[CheckReport], started: float) -> SubjectReport:
@@ -329,6 +338,7 @@ def run_check(
     trace: Trace | None = None,
     fail_fast: bool = False,
     severity: SeverityPolicy = SeverityPolicy(),  # noqa: B008
+    without: Collection[str] = (),
 ) -> CheckReport:
     """Run one check and return its report.
 
@@ -340,13 +350,15 @@ def run_check(
         trace: judge only this trace, instead of the rollouts that the check requests.
         fail_fast: stop at the first finding that is an error.
         severity: which findings count, and how.
+        without: codes whose findings are left out.
     """
     started = time.monotonic()
     report = CheckReport(check.name, Verdict.PASS)
     try:
         judged = check.judge(subject) if trace is None else check.find(subject, trace)
         for finding in judged:
-            _take(report, check, subject, finding, severity)
+            if finding.code not in without:
+                _take(report, check, subject, finding, severity)
             if fail_fast and _failed(report):
                 break
     except Skip as skip:

@@ -28,18 +28,32 @@ def rules_of(checks: Iterable[Check]) -> dict[str, Rule]:
     return {rule.code: rule for check in checks for rule in check.rules}
 
 
-def select_checks(only: str | None, skip: str | None) -> list[Check]:
-    """The checks that ``--checks`` and ``--skip`` leave, and those that always run. Raises UsageError."""
+def select_checks(only: str | None, skip: str | None, select: tuple[str, ...] = ()) -> list[Check]:
+    """The checks that ``--checks`` and ``--skip`` leave, and those that always run.
+
+    Args:
+        only: the value of ``--checks``.
+        skip: the value of ``--skip``.
+        select: codes or their first characters; a check with no such rule is left out.
+
+    Raises:
+        UsageError: a name or a code does not exist, or no check is left.
+    """
     checks = all_checks()
     names = [check.name for check in checks]
     wanted, unwanted = split(only), split(skip)
     for name in [*wanted, *unwanted]:
         if name not in names:
             raise UsageError(f"there is no check {did_you_mean(name, names)}")
+    codes = list(rules_of(checks))
+    for code in select:
+        if not any(known.startswith(code) for known in codes):
+            raise UsageError(f"there is no rule {did_you_mean(code, codes)}")
     kept = [
         check
         for check in checks
         if check.name not in unwanted
+        and (not select or check.always or check.gate or any(rule.code.startswith(select) for rule in check.rules))
         and (check.name in wanted or check.always or check.gate or (only is None and not check.opt_in))
     ]
     if not [check for check in kept if not check.always]:

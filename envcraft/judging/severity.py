@@ -29,15 +29,23 @@ class SeverityPolicy(msgspec.Struct, frozen=True):
         table: ``error``, ``warning`` or ``off`` by code, or by the name of a check for all of its codes.
         strict: whether every warning is an error, and a check that leaves its question open fails.
         comments: whether comments in the target's file can ignore findings.
+        select: the rules that report, by codes or their first characters; () for those that do by default. Gates, and
+            checks that always run, report in any case.
     """
 
     table: dict[str, str] = {}
     strict: bool = False
     comments: bool = False
+    select: tuple[str, ...] = ()
 
     def apply(self, check: Check, finding: Finding) -> Finding | None:
         """Return a finding with the severity that it has under this policy; None if it is left out."""
         value = self.table.get(finding.code, self.table.get(check.name))
+        if self.select and not (check.gate or check.always):
+            if not finding.code.startswith(self.select):
+                return None
+        elif finding.code not in self.table and any(r.code == finding.code and not r.default for r in check.rules):
+            return None
         if value is None or (value != Severity.ERROR and not check.waivable(finding.code)):
             value = finding.severity.value
         if value == OFF:

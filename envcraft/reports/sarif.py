@@ -85,7 +85,7 @@ def _rule(rule: Rule) -> dict[str, Any]:
             "text": f"{rule.summary}\n\nFix: {rule.fix}\n\nMore: envcraft explain {rule.code}",
             "markdown": f"{rule.summary}\n\n**Fix:** {rule.fix}\n\n**More:** `envcraft explain {rule.code}`",
         },
-        "defaultConfiguration": {"level": rule.severity.value},
+        "defaultConfiguration": {"enabled": rule.default, "level": rule.severity.value},
         "properties": {"tags": ["environment", "reinforcement-learning"], "problem.severity": rule.severity.value},
     }
 

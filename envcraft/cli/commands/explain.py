@@ -39,7 +39,7 @@ def explain(name: str, example: bool) -> None:
 
 
 def _page(rule: Rule, check: Check, guide: Guide | None) -> str:
-    head = f"**{rule.code} {rule.name}** ({rule.severity}, check `{check.name}`)\n\n{rule.summary}\n\n"
+    head = f"**{rule.code} {rule.name}** ({rule.status}, check `{check.name}`)\n\n{rule.summary}\n\n"
     if guide is None:
         return f"{head}Usual fix: {rule.fix}\n\n---\n\n{check.page}"
     return (

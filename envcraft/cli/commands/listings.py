@@ -28,7 +28,7 @@ def checks(form: str) -> None:
     for check in found:
         for number, rule in enumerate(check.rules):
             name = f"{check.name}{' (opt-in)' * check.opt_in}"
-            table.add_row("" if number else name, rule.code, rule.severity.value, rule.summary)
+            table.add_row("" if number else name, rule.code, rule.status, rule.summary)
     _print(table)
 
 

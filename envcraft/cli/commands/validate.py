@@ -23,7 +23,7 @@ from envcraft.contracts.lookup import contract_named
 from envcraft.errors import ExitCode, UsageError
 from envcraft.judging.budget import BUDGETS
 from envcraft.judging.driver import Limits, driver_for
-from envcraft.judging.selection import all_checks, driver_named, rules_of, select_checks
+from envcraft.judging.selection import all_checks, driver_named, rules_of, select_checks, split
 from envcraft.judging.severity import SeverityPolicy, severity_table
 from envcraft.judging.worker_pool import WorkerPool
 from envcraft.model.events import Finished
@@ -35,6 +35,9 @@ from envcraft.reports.reporter import Reporter, reporter_named
 
 class _ValidateCommand(Configured):
     """Lists the report formats of all plugins in the help."""
+
+    # The setting of this name selects environments to train on.
+    apart = frozenset({"select"})
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         super().format_options(ctx, formatter)
@@ -73,6 +76,12 @@ class _ValidateCommand(Configured):
     metavar="FORMAT:FILE",
     help="Write another report in this format to this file. Can be repeated.",
 )
+@click.option(
+    "--select",
+    metavar="CODES",
+    help="Report only these rules, such as EC204,EC05: a code, or its first characters for several. Rules that are off "
+    "by default report only if they are selected.",
+)
 @click.option("--environments-only", is_flag=True, help="Skip named files that define no environment.")
 @click.option("--strict", is_flag=True, help="Warnings are errors, and checks that leave their question open fail.")
 @click.option("--exit-zero", is_flag=True, help="Exit with 0 even if an environment fails.")
@@ -98,6 +107,7 @@ def validate(
     form: str,
     output: str | None,
     also: tuple[str, ...],
+    select: str | None,
     environments_only: bool,
     strict: bool,
     exit_zero: bool,
@@ -111,7 +121,8 @@ def validate(
                  2 usage error                 3 an environment could not be judged
     """
     wanted, promised = read_reports(form, output, also), contract_named(contract)
-    severity = SeverityPolicy(severity_table(Path.cwd()), strict, comments=True)
+    codes = tuple(code.upper() for code in split(select))
+    severity = SeverityPolicy(severity_table(Path.cwd()), strict, comments=True, select=codes)
     changes = {"kwargs": read_kwargs(kwargs), "wrappers": read_wrappers(wrap)}
     files, unusable = _files(targets, env_class, environments_only, changes)
     if not files and (unusable or not environments_only):
@@ -124,7 +135,7 @@ def validate(
         stack.callback(driver.close)
         pool = stack.enter_context(WorkerPool(driver, Limits(), len(files)))
         # Slow work comes here, while the first worker starts.
-        selected = select_checks(checks, skip)
+        selected = select_checks(checks, skip, codes)
         streams = [sys.stdout if path in (None, "-") else stack.enter_context(_report_file(path)) for _, path in wanted]
         with uninterrupted():
             from envcraft.cli.progress import Progress
