@@ -43,6 +43,7 @@ DEFAULT_PLUGINS: dict[str, tuple[str, ...]] = {
     "envcraft_checks.instadeath": ("envcraft_checks",),
     "envcraft_checks.resources": ("envcraft_checks",),
     "envcraft_checks.difficulty": ("envcraft_checks",),
+    "envcraft_checks.lint": ("envcraft_checks",),
     "envcraft_checks.sandbox": ("envcraft_checks",),
     "envcraft_dask.plugin": ("envcraft_executors",),
     "envcraft_dqn.plugin": ("envcraft_checks", "envcraft_commands"),

@@ -1,0 +1,171 @@
+"""# lint
+
+## What it does
+Reads the syntax tree of a file: which functions `reset()`, `step()` and the constructor may call, and where values go
+in them. It runs nothing, so it also judges lines that no play has reached. What is certain from the code is an error;
+what is only suspicious is a warning, or off by default.
+
+The check runs after the others. If play has shown a defect of the same kind, for example EC204 for a draw from a
+global generator, that finding has the reproduction, and this check does not repeat it. A rule that is off by default
+reports only if `--select` names its code.
+
+Only branches under `if self.render_mode == "human"` and functions that nothing calls are left out. These are accepted:
+a generator made from `self.np_random` or from the seed, the clock for a frame rate or telemetry in info, sets that
+serve membership tests or are sorted, class attributes and globals that nothing writes, a table that only remembers
+results, a copy of a buffer. Sets of numbers, or of tuples of numbers, have the same order in each process.
+
+## Why is this bad?
+Play reaches what random actions and searches reach. A draw from a global generator on the fifth level, or a list that
+all instances share, shows only to the agent that gets there, after days of training.
+
+## Example
+```python
+class Orchard(gym.Env):
+    picked = []                        # one list for all instances
+
+    def step(self, action):
+        if self.level == 5:
+            self.wind = random.random()    # EC050: use self.np_random.random()
+        self.picked.append(self.tree)      # EC053: create the list in reset()
+```
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import TYPE_CHECKING
+
+from envcraft.errors import Skip
+from envcraft.judging.check import Check, Rule
+from envcraft.model.target import Kind, parse
+from envcraft.model.verdict import Finding, Severity
+from envcraft.plugins import hookimpl
+
+from .linting.clock import clocks
+from .linting.effects import effects, swallowed
+from .linting.generators import generators
+from .linting.leftovers import leftovers
+from .linting.logic import contradictions, divisions, floats
+from .linting.order import orders
+from .linting.program import Program, Suspect
+from .linting.sharing import aliases, shared
+
+if TYPE_CHECKING:
+    from envcraft.judging.subject import Subject
+
+#: The most lines of one rule that a finding names.
+_LINES = 20
+
+_FINDERS: tuple[tuple[str, Callable[[Program], Iterator[Suspect]]], ...] = (
+    ("EC050", generators),
+    ("EC051", clocks),
+    ("EC052", orders),
+    ("EC053", shared),
+    ("EC053", leftovers),
+    ("EC054", aliases),
+    ("EC055", effects),
+    ("EC056", floats),
+    ("EC057", divisions),
+    ("EC058", swallowed),
+    ("EC059", contradictions),
+)
+
+
+class Lint(Check):
+    name = "lint"
+    rules = (
+        Rule(
+            "EC050",
+            "unseeded-draw",
+            "The code draws random numbers that no seed of reset() controls.",
+            "Draw from self.np_random, seeded by super().reset(seed=seed).",
+            confirmed_by=("EC201", "EC202", "EC204", "EC206", "EC207"),
+        ),
+        Rule(
+            "EC051",
+            "clock-in-game",
+            "The code reads the clock and uses the time in the game.",
+            "Count steps instead of reading the time.",
+            confirmed_by=("EC201", "EC205"),
+        ),
+        Rule(
+            "EC052",
+            "hash-order",
+            "The code uses an order or a number that depends on hashes or addresses.",
+            "Sort the set before using its order, or keep a list.",
+            confirmed_by=("EC201", "EC202", "EC203"),
+        ),
+        Rule(
+            "EC053",
+            "shared-state",
+            "The code writes to what episodes or instances share.",
+            "Keep state in self, and create it in reset().",
+            confirmed_by=("EC206", "EC207"),
+        ),
+        Rule(
+            "EC054",
+            "shared-array",
+            "The code returns an array that it writes to later, or keeps or changes the caller's action.",
+            "Return a copy, and copy the action.",
+            confirmed_by=("EC110", "EC111"),
+        ),
+        Rule(
+            "EC055",
+            "outside-effect",
+            "The code opens files or sockets, or starts threads or processes.",
+            "Keep everything in the environment's own memory.",
+            Severity.WARNING,
+        ),
+        Rule(
+            "EC056",
+            "exact-float",
+            "A test of the end compares a sum of fractions with ==.",
+            "Compare with >=, or count in whole numbers.",
+            Severity.WARNING,
+            default=False,
+        ),
+        Rule(
+            "EC057",
+            "unguarded-division",
+            "The code divides by a length or a distance that nothing compares with zero.",
+            "Test the divisor, or use max(divisor, 1e-8).",
+            Severity.WARNING,
+            default=False,
+        ),
+        Rule(
+            "EC058",
+            "swallowed-exception",
+            "The code catches every exception and does nothing.",
+            "Catch the exception that you expect, and handle it.",
+            Severity.WARNING,
+        ),
+        Rule(
+            "EC059",
+            "contradiction",
+            "A test of the end can never be true.",
+            "Compare with a value that can be reached.",
+        ),
+    )
+
+    def judge(self, subject: Subject) -> Iterator[Finding]:
+        if subject.target.kind is not Kind.SOURCE:
+            raise Skip("only files are read, not installed packages")
+        try:
+            program = Program(parse(subject.text), subject.env_class)
+            found: dict[str, dict[Suspect, None]] = {}
+            for code, finder in _FINDERS:
+                found.setdefault(code, {}).update(dict.fromkeys(finder(program)))
+        except RecursionError:
+            raise Skip("the code is nested too deeply") from None
+        for code, suspects in found.items():
+            if suspects:
+                first, lines = next(iter(suspects)), sorted({suspect.line for suspect in suspects})
+                others = [str(number) for number in lines if number != first.line]
+                more = f" (also line {', '.join(others[:5])})" if others else ""
+                words = f"line {first.line} {first.words}{more}"
+                yield self.finding(code, words, line=first.line, lines=lines[:_LINES])
+
+
+@hookimpl
+def envcraft_checks() -> list[Check]:
+    return [Lint()]

@@ -1,0 +1,1 @@
+"""What the check ``lint`` reads from a syntax tree: the code that play runs, and one module per kind of defect."""

@@ -1,0 +1,130 @@
+"""Where values go: from a source, through names, attributes, arguments and results, to what play does with them."""
+
+from __future__ import annotations
+
+import ast
+from collections import defaultdict
+from collections.abc import Iterator
+
+from .program import Function, Program, name_of, root
+
+#: Calls that pace, show or log, and change nothing in the game.
+_NEUTRAL = frozenset({
+    "debug", "delay", "error", "flip", "info", "log", "print", "pump", "set_caption", "sleep", "tick",
+    "tick_busy_loop", "wait", "warn", "warning", "write",
+})  # fmt: skip
+_KEEPS = frozenset({"add", "append", "appendleft", "extend", "insert", "put", "update"})
+
+
+class Flow:
+    """Where the value of a node may be, anywhere in some functions. The order of statements does not count.
+
+    Args:
+        program: the file.
+        functions: what runs.
+        source: the node.
+    """
+
+    def __init__(self, program: Program, functions: list[Function], source: ast.AST) -> None:
+        self.program = program
+        self.functions = functions
+        self._source = source
+        self._fields: set[tuple[str, str]] = set()
+        self._names: dict[Function, set[str]] = defaultdict(set)
+        self._results: set[Function] = set()
+        size = -1
+        while size != (size := self._size()):
+            for function in functions:
+                self._spread(function)
+
+    def uses(self) -> Iterator[ast.AST]:
+        """Yield what decides, draws or returns by such a value."""
+        for function in self.functions:
+            for node in function.nodes:
+                match node:
+                    case ast.If(test=test, body=body, orelse=orelse) if self.reaches(test, function):
+                        if not all(self._neutral(one, function) for one in [*body, *orelse]):
+                            yield test
+                    case ast.While(test=test) | ast.IfExp(test=test) if self.reaches(test, function):
+                        yield test
+                    case ast.Expr(value=ast.Call() as call) if self._acts(call, function):
+                        yield call
+                    case ast.Return(value=ast.Tuple(elts=elts)) if function.name in ("step", "reset"):
+                        yield from (one for one in elts[:-1] if self.reaches(one, function))
+
+    def reaches(self, node: ast.AST | None, function: Function) -> bool:
+        """Whether an expression contains such a value."""
+        return node is not None and any(self._is(one, function) for one in ast.walk(node))
+
+    def _is(self, node: ast.AST, function: Function) -> bool:
+        if node is self._source:
+            return True
+        if isinstance(node, ast.Name):
+            return node.id in self._names[function]
+        if isinstance(node, ast.Call) and (called := self._called(node, function)):
+            return called in self._results
+        return bool(field := function.field(node)) and (self.program.bound_to(function), field) in self._fields
+
+    def _size(self) -> int:
+        return len(self._fields) + len(self._results) + sum(map(len, self._names.values()))
+
+    def _spread(self, function: Function) -> None:
+        for target, value, _ in function.bindings:
+            if self.reaches(value, function):
+                self._take(target, function)
+        for node in function.nodes:
+            match node:
+                case ast.AugAssign(target=target, value=value) if self.reaches(value, function):
+                    self._take(root(target), function)
+                case ast.Assign(targets=[ast.Subscript() as target], value=value) if self.reaches(value, function):
+                    self._take(root(target), function)
+                case ast.Return(value=value) if function.name not in ("step", "reset") and self.reaches(
+                    value, function
+                ):
+                    self._results.add(function)
+                case ast.Call():
+                    self._pass_on(node, function)
+
+    def _pass_on(self, call: ast.Call, function: Function) -> None:
+        given = [one for one in call.args if self.reaches(one, function)]
+        named = [one.arg for one in call.keywords if self.reaches(one.value, function)]
+        if not given and not named:
+            return
+        if (called := self._called(call, function)) is not None:
+            parameters = [one.arg for one in called.node.args.args][bool(called.me) :]
+            self._names[called].update(
+                parameters[call.args.index(one)] for one in given if call.args.index(one) < len(parameters)
+            )
+            self._names[called].update(name for name in named if name)
+        elif isinstance(call.func, ast.Attribute) and call.func.attr in _KEEPS:
+            self._take(root(call.func.value), function)
+
+    def _take(self, target: ast.AST, function: Function) -> None:
+        if field := function.field(target):
+            self._fields.add((self.program.bound_to(function), field))
+        elif isinstance(target, ast.Name):
+            self._names[function].add(target.id)
+
+    def _called(self, call: ast.Call, function: Function) -> Function | None:
+        if field := function.field(call.func):
+            return self.program.method(self.program.bound_to(function), field)
+        return self.program.functions.get(call.func.id) if isinstance(call.func, ast.Name) else None
+
+    def _acts(self, call: ast.Call, function: Function) -> bool:
+        name = name_of(call)
+        if name in _NEUTRAL or name in _KEEPS or self._called(call, function) is not None:
+            return False
+        return any(self.reaches(one, function) for one in [*call.args, *call.keywords])
+
+    def _neutral(self, statement: ast.stmt, function: Function) -> bool:
+        """Whether a statement only paces, shows, logs, or keeps such a value."""
+        match statement:
+            case ast.Pass():
+                return True
+            case ast.Expr(value=ast.Call() as call):
+                return name_of(call) in _NEUTRAL
+            case ast.Expr():
+                return True
+            case ast.Assign(targets=[target]) | ast.AugAssign(target=target):
+                return self._is(target, function) or "fps" in name_of(target).lower()
+        return False

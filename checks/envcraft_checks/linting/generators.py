@@ -1,0 +1,185 @@
+"""Random numbers that no seed of reset() controls."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator
+
+from .program import Function, Program, Suspect, bindings, line, name_of
+
+#: The functions of the module random that draw from its global generator.
+_DRAWS = frozenset({
+    "betavariate", "binomialvariate", "choice", "choices", "expovariate", "gammavariate", "gauss", "getrandbits",
+    "lognormvariate", "normalvariate", "paretovariate", "randbytes", "randint", "random", "randrange", "sample",
+    "shuffle", "triangular", "uniform", "vonmisesvariate", "weibullvariate",
+})  # fmt: skip
+#: What of numpy.random draws nothing.
+_NO_DRAWS = frozenset({"default_rng", "get_bit_generator", "get_state", "seed", "set_bit_generator", "set_state"})
+_ENTROPY = frozenset({"os.getpid", "os.urandom", "random.SystemRandom", "uuid.uuid1", "uuid.uuid4"})
+_MAKERS = frozenset({
+    "gymnasium.utils.seeding.np_random", "numpy.random.RandomState", "numpy.random.default_rng", "random.Random",
+})  # fmt: skip
+
+
+def generators(program: Program) -> Iterator[Suspect]:
+    """Find draws from global generators that the file never seeds, and generators that are created without a seed."""
+    play, every = program.play, program.all
+    seeded = {
+        path.rpartition(".")[0]
+        for function in every
+        for node in function.nodes
+        if isinstance(node, ast.Call) and node.args and (path := program.path(node.func, function)).endswith(".seed")
+    }
+    aliases = {
+        function.field(target): path
+        for function in every
+        for target, value, _ in function.bindings
+        if function.field(target)
+        and value is not None
+        and (path := program.path(value, function)) in ("random", "numpy.random")
+    }
+    for function in every:
+        for node in function.nodes:
+            if not isinstance(node, ast.Call):
+                continue
+            path = program.path(node.func, function)
+            if isinstance(node.func, ast.Attribute) and (alias := aliases.get(function.field(node.func.value))):
+                path = f"{alias}.{node.func.attr}"
+            module = path.rpartition(".")[0]
+            if _draws(path) and module not in seeded and (function in play or _kept(program, function, node)):
+                yield Suspect(line(node), f"takes a number that no seed of reset() controls: {path}()")
+            elif function in play and _draws_from_space(node, function) and not _seeds_space(every):
+                yield Suspect(line(node), "samples a space, whose generator reset() does not seed")
+            elif path in _MAKERS and _unseeded(node) and _used(program, function, node):
+                yield Suspect(line(node), f"creates a generator without a seed: {path}()")
+    yield from _fixed(program)
+
+
+def _draws(path: str) -> bool:
+    module, _, name = path.rpartition(".")
+    if path in _ENTROPY:
+        return True
+    if module == "random":
+        return name in _DRAWS
+    if module == "numpy.random":
+        return name.islower() and name not in _NO_DRAWS
+    return module == "secrets"
+
+
+def _kept(program: Program, function: Function, node: ast.AST) -> bool:
+    """Whether a statement of the constructor keeps a value in an attribute."""
+    while not isinstance(node, ast.stmt):
+        node = program.parents[node]
+    return isinstance(node, ast.Assign) and any(function.field(target) for target in node.targets)
+
+
+def _draws_from_space(node: ast.Call, function: Function) -> bool:
+    match node.func:
+        case ast.Attribute(attr="sample", value=ast.Attribute(attr="action_space" | "observation_space") as space):
+            return bool(function.field(space))
+    return False
+
+
+def _seeds_space(functions: list[Function]) -> bool:
+    return any(
+        isinstance(node, ast.Attribute)
+        and node.attr == "seed"
+        and name_of(node.value) in ("action_space", "observation_space")
+        for function in functions
+        for node in function.nodes
+    )
+
+
+def _unseeded(node: ast.Call) -> bool:
+    given = [*node.args, *(keyword.value for keyword in node.keywords)]
+    return all(isinstance(one, ast.Constant) and one.value is None for one in given)
+
+
+def _used(program: Program, function: Function, node: ast.Call) -> bool:
+    """Whether play draws from a new generator, and nothing binds another one to its name."""
+    parent = program.parents[node]
+    if isinstance(parent, ast.Tuple | ast.Subscript):
+        node, parent = parent, program.parents[parent]  # type: ignore[assignment]
+    if isinstance(parent, ast.Attribute):
+        return function in program.play
+    targets = [target for target, _, statement in function.bindings if statement is parent]
+    if not isinstance(parent, ast.Assign) or not targets:
+        return False
+    if field := function.field(targets[0]):
+        values = [value for one in program.methods(program.bound_to(function)) for value in _values(one, field)]
+        return len(values) == 1 and not _seeded_by_gymnasium(program, field) and _drawn(program, field)
+    name = name_of(targets[0])
+    others = [target for target, _, _ in function.bindings if isinstance(target, ast.Name) and target.id == name]
+    return function in program.play and len(others) == 1
+
+
+def _values(function: Function, field: str) -> list[ast.expr | None]:
+    values = [value for target, value, _ in function.bindings if function.field(target) == field]
+    return [value for value in values if not (isinstance(value, ast.Constant) and value.value is None)]
+
+
+def _seeded_by_gymnasium(program: Program, field: str) -> bool:
+    """Whether ``super().reset(seed=seed)`` seeds the attribute."""
+    return field in ("np_random", "_np_random") and any(
+        isinstance(node, ast.Call)
+        and isinstance(node.func, ast.Attribute)
+        and node.func.attr == "reset"
+        and (node.keywords or node.args)
+        for function in program.play
+        for node in function.nodes
+    )
+
+
+def _drawn(program: Program, field: str) -> bool:
+    """Whether play calls a method of the attribute and never seeds it."""
+    called = {
+        node.func.attr
+        for function in program.play
+        for node in function.nodes
+        if isinstance(node, ast.Call)
+        and isinstance(node.func, ast.Attribute)
+        and function.field(node.func.value) == field
+    }
+    return bool(called) and "seed" not in called
+
+
+def _fixed(program: Program) -> Iterator[Suspect]:
+    """Find generators that only the constructor or the module creates with a fixed seed, and play draws from."""
+    built = [function for function in program.all if function not in program.play]
+    for function in built:
+        for target, value, node in function.bindings:
+            field = function.field(target)
+            if (
+                field
+                and isinstance(value, ast.Call)
+                and program.path(value.func, function) in _MAKERS
+                and value.args
+                and isinstance(value.args[0], ast.Constant)
+                and value.args[0].value is not None
+                and sum(len(_values(one, field)) for one in program.methods(program.env)) == 1
+                and _drawn(program, field)
+                and not _seeded_by_gymnasium(program, field)
+            ):
+                yield Suspect(line(node), f"creates self.{field} with a fixed seed, and reset() does not seed it again")
+    loaded = {
+        node.id
+        for function in program.play
+        for node in function.nodes
+        if isinstance(node, ast.Name) and node.id not in function.local
+    }
+    for target, value, node in bindings(program.module_nodes):
+        if not isinstance(target, ast.Name) or target.id not in loaded:
+            continue
+        if isinstance(value, ast.Call) and program.path(value.func) in _MAKERS:
+            yield Suspect(
+                line(node), f"creates the generator {target.id} of the module, which reset() does not create again"
+            )
+            continue
+        for call in ast.walk(node):
+            if isinstance(call, ast.Call) and (
+                _draws(path := program.path(call.func)) or (path in _MAKERS and _unseeded(call))
+            ):
+                yield Suspect(
+                    line(call), f"takes {target.id} from a generator without a seed when the file is imported: {path}()"
+                )
+                break

@@ -1,0 +1,235 @@
+"""Orders that depend on PYTHONHASHSEED or on addresses in memory."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterable, Iterator
+
+from .program import Function, Program, Suspect, line, name_of
+
+#: A file without these has no set, and no hash that it uses itself.
+_WORDS = frozenset({"frozenset", "hash", "id", "set"})
+#: Functions and methods whose result does not depend on the order of their argument.
+_ORDERLESS = frozenset({
+    "Counter", "all", "any", "dict", "difference", "difference_update", "frozenset", "fromkeys", "fsum", "intersection",
+    "isdisjoint", "issubset", "issuperset", "len", "max", "min", "set", "sorted", "sum", "symmetric_difference",
+    "union", "update",
+})  # fmt: skip
+_COPIES = frozenset({"copy", "difference", "intersection", "symmetric_difference", "union"})
+_ENUMS = frozenset({"Enum", "Flag", "StrEnum"})
+_TEXT = frozenset({"capitalize", "format", "join", "lower", "replace", "repr", "str", "strip", "title", "upper"})
+#: Calls of a loop's body that make the order of its turns matter.
+_ORDERED = frozenset({"append", "appendleft", "blit", "extend", "insert", "put"})
+
+
+def orders(program: Program) -> Iterator[Suspect]:
+    """Find sets of strings or objects whose order play uses, and hash() or id() as a number."""
+    if not any(
+        isinstance(node, ast.Set | ast.SetComp) or (isinstance(node, ast.Name) and node.id in _WORDS)
+        for node in program.nodes
+    ):
+        return
+    sets = _Sets(program)
+    places: list[tuple[Function | None, list[ast.AST]]] = [(None, program.module_nodes)]
+    for function, nodes in [*places, *((function, function.nodes) for function in program.all)]:
+        for node in nodes:
+            if (
+                isinstance(node, ast.expr)
+                and (kind := sets.holds(node, function))
+                and _ordered(program, function, node)
+            ):
+                yield Suspect(line(node), f"uses the order of a set of {kind}: {ast.unparse(node)[:40]}")
+            elif (
+                isinstance(node, ast.Call)
+                and len(node.args) == 1
+                and not (function and function.name in ("__eq__", "__hash__"))
+            ):
+                name = program.path(node.func, function)
+                if name == "builtins.hash" and (kind := sets.element(node.args[0], function)):
+                    yield Suspect(line(node), f"uses the hash of {kind} as a number: {ast.unparse(node)[:40]}")
+                elif name == "builtins.id" and isinstance(program.parents[node], ast.BinOp):
+                    yield Suspect(line(node), f"calculates with an address in memory: {ast.unparse(node)[:40]}")
+            elif (
+                isinstance(node, ast.keyword)
+                and node.arg == "key"
+                and program.path(node.value, function) in ("builtins.id", "builtins.hash")
+            ):
+                yield Suspect(line(node.value), f"sorts by {name_of(node.value)}()")
+
+
+class _Sets:
+    """Which expressions are sets whose order varies, because they hold strings, or objects hashed by address."""
+
+    def __init__(self, program: Program) -> None:
+        self.program = program
+        self._open: set[ast.AST] = set()
+
+    def holds(self, node: ast.AST | None, function: Function | None) -> str:
+        """What a set holds: "strings", "objects" or "members of an enumeration"; "" for another order or no set."""
+        match node:
+            case ast.Set(elts=elts):
+                return self._first(elts, function)
+            case ast.SetComp(elt=elt):
+                return self.element(elt, function)
+            case ast.Call(func=ast.Name(id="set" | "frozenset"), args=[one]):
+                return self.items(one, function)
+            case ast.Call(func=ast.Attribute(attr=attr, value=value)) if attr in _COPIES:
+                return self.holds(value, function)
+            case ast.BinOp(op=ast.BitOr() | ast.BitAnd() | ast.Sub() | ast.BitXor(), left=left):
+                return self.holds(left, function)
+            case ast.Name(ctx=ast.Load()) | ast.Attribute(ctx=ast.Load()):
+                return self._of_values(node, function)
+        return ""
+
+    def _of_values(self, node: ast.AST, function: Function | None) -> str:
+        values = self.program.values(node, function)
+        empty = [value for value, _ in values if _empty_set(value)]
+        kinds = [self._once(value, one, self.holds) for value, one in values if not _empty_set(value)]
+        if not values or "" in kinds:
+            return ""
+        return kinds[0] if kinds else self._once(empty[0], function, lambda _, one: self._added(node, one))
+
+    def _added(self, node: ast.AST, function: Function | None) -> str:
+        """What add() puts into a set."""
+        if function is None:
+            return ""
+        field = function.field(node)
+        places = self.program.methods(self.program.bound_to(function)) if field else [function]
+        for one in places:
+            for call in one.nodes:
+                match call:
+                    case ast.Call(func=ast.Attribute(attr="add", value=value), args=[item]):
+                        same = (
+                            one.field(value) == field
+                            if field
+                            else name_of(value) == name_of(node) and isinstance(value, ast.Name)
+                        )
+                        if same and (kind := self.element(item, one)):
+                            return kind
+        return ""
+
+    def element(self, node: ast.AST | None, function: Function | None) -> str:
+        """The kind of one value, if its hash varies."""
+        match node:
+            case ast.Constant(value=str()) | ast.JoinedStr():
+                return "strings"
+            case ast.Tuple(elts=elts):
+                return self._first(elts, function)
+            case ast.Call(func=ast.Name(id=name)) if name in self.program.classes:
+                return "objects" if self._hashed_by_address(name) else ""
+            case ast.Call() if name_of(node) in _TEXT:
+                return "strings"
+            case ast.Attribute(value=ast.Name(id=name)) if name in self.program.classes and node.attr.isupper():
+                bases = {
+                    name_of(base) for one in self.program.lineage(name) for base in self.program.classes[one].bases
+                }
+                return "members of an enumeration" if bases & _ENUMS and "int" not in bases else ""
+            case ast.Name(ctx=ast.Load()):
+                kinds = [
+                    self._once(value, one, self.element)
+                    for value, one in self.program.values(node, function)
+                    if value is not None
+                ]
+                loops = [
+                    loop.iter
+                    for loop in (function.nodes if function else ())
+                    if isinstance(loop, ast.For | ast.comprehension) and name_of(loop.target) == node.id
+                ]
+                kinds += [self._once(one, function, self.items) for one in loops]
+                return kinds[0] if kinds and all(kinds) else ""
+        return ""
+
+    def items(self, node: ast.AST | None, function: Function | None) -> str:
+        """The kind of what an iterable gives."""
+        match node:
+            case ast.Constant(value=str()):
+                return "strings"
+            case ast.List(elts=elts) | ast.Tuple(elts=elts):
+                return self._first(elts, function)
+            case ast.Dict(keys=keys):
+                return self._first([key for key in keys if key is not None], function)
+            case ast.ListComp(elt=elt) | ast.GeneratorExp(elt=elt):
+                return self.element(elt, function)
+            case ast.Call(func=ast.Attribute(attr="keys", value=value)):
+                return self.items(value, function)
+            case ast.Name() | ast.Attribute():
+                kinds = [self._once(value, one, self.items) for value, one in self.program.values(node, function)]
+                if kinds and all(kinds):
+                    return kinds[0]
+        return self.holds(node, function)
+
+    def _first(self, nodes: Iterable[ast.AST], function: Function | None) -> str:
+        """One value whose hash varies is enough to vary the order of all."""
+        return next((kind for node in nodes if (kind := self.element(node, function))), "")
+
+    def _once(self, node: ast.AST | None, function: Function | None, look: object) -> str:
+        """Look at a value, unless this value is being looked at: names may be bound to each other."""
+        if node is None or node in self._open:
+            return ""
+        self._open.add(node)
+        try:
+            return look(node, function)  # type: ignore[operator, no-any-return]
+        finally:
+            self._open.remove(node)
+
+    def _hashed_by_address(self, name: str) -> bool:
+        lineage = self.program.lineage(name)
+        nodes = [self.program.classes[one] for one in lineage]
+        known = all(name_of(base) in (*lineage, "object", "ABC") for node in nodes for base in node.bases)
+        own = any(self.program.method(name, one) for one in ("__hash__", "__eq__"))
+        return known and not own and not any(node.decorator_list for node in nodes)
+
+
+def _empty_set(node: ast.AST | None) -> bool:
+    return isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "set" and not node.args
+
+
+def _ordered(program: Program, function: Function | None, node: ast.AST) -> bool:
+    """Whether the code around an expression uses the order of its items."""
+    parent = program.parents[node]
+    match parent:
+        case ast.For(iter=iterated) if iterated is node:
+            return _order_of_turns(parent)
+        case ast.comprehension(iter=iterated) if iterated is node:
+            whole = program.parents[parent]
+            return isinstance(whole, ast.ListComp | ast.GeneratorExp) and _matters(program, function, whole)
+        case ast.Call(func=ast.Name(id="list" | "tuple" | "iter" | "enumerate")):
+            return node in parent.args and _matters(program, function, parent)
+        case ast.Call(func=ast.Attribute(attr="choice" | "shuffle" | "join" | "sample")):
+            return node in parent.args
+        case ast.Attribute(attr="pop") if isinstance(program.parents[parent], ast.Call):
+            return True
+        case ast.Starred():
+            return isinstance(program.parents[parent], ast.List | ast.Tuple)
+    return False
+
+
+def _matters(program: Program, function: Function | None, node: ast.AST) -> bool:
+    """Whether the order of a list, a tuple or an iterator matters where it is used."""
+    parent = program.parents[node]
+    match parent:
+        case ast.Call() if node in parent.args:
+            return name_of(parent) not in _ORDERLESS
+        case ast.For():
+            return _order_of_turns(parent)
+        case ast.Compare():
+            return False
+        case ast.comprehension():
+            return _matters(program, function, program.parents[parent])
+        case ast.Assign(targets=[ast.Name(id=name)]):
+            nodes = function.nodes if function else program.module_nodes
+            return not any(
+                isinstance(one, ast.Attribute) and one.attr == "sort" and name_of(one.value) == name for one in nodes
+            )
+    return True
+
+
+def _order_of_turns(loop: ast.For) -> bool:
+    for node in (inner for statement in loop.body for inner in ast.walk(statement)):
+        if isinstance(node, ast.Break | ast.Return | ast.Yield):
+            return True
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
+            owner = name_of(node.func.value).lower()
+            if node.func.attr in _ORDERED or "random" in owner or "rng" in owner:
+                return True
+    return False

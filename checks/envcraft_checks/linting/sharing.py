@@ -1,0 +1,298 @@
+"""Objects that episodes, instances or the caller share although each needs its own."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator
+
+from .program import Function, Program, Suspect, line, name_of
+
+_CONTAINERS = frozenset({
+    "Counter", "OrderedDict", "array", "bytearray", "defaultdict", "deque", "dict", "empty", "full", "list", "ones",
+    "set", "zeros",
+})  # fmt: skip
+_CACHES = frozenset({"cache", "cached_property", "lru_cache"})
+_VIEWS = frozenset({"asarray", "ravel", "reshape", "squeeze", "swapaxes", "transpose", "view"})
+
+
+def shared(program: Program) -> Iterator[Suspect]:
+    """Find default arguments, class attributes, globals of the module and caches that play writes."""
+    for function in program.all:
+        yield from _defaults(program, function)
+        yield from _class_level(program, function)
+        yield from _module_level(program, function)
+    yield from _caches(program)
+
+
+def _mutable(node: ast.AST | None) -> bool:
+    if isinstance(node, ast.Call):
+        return name_of(node) in _CONTAINERS
+    return isinstance(node, ast.List | ast.Dict | ast.Set | ast.ListComp | ast.DictComp | ast.SetComp)
+
+
+def _defaults(program: Program, function: Function) -> Iterator[Suspect]:
+    arguments = function.node.args
+    positional = [*arguments.posonlyargs, *arguments.args]
+    pairs = [
+        *zip(positional[::-1], arguments.defaults[::-1], strict=False),
+        *zip(arguments.kwonlyargs, arguments.kw_defaults, strict=True),
+    ]
+    for parameter, default in pairs:
+        name = parameter.arg
+        if not _mutable(default) or any(
+            name_of(target) == name and isinstance(target, ast.Name) for target, _, _ in function.bindings
+        ):
+            continue
+        written = [node for target, node in function.writes if isinstance(target, ast.Name) and target.id == name]
+        for target, value, _ in function.bindings:
+            field = function.field(target)
+            if (
+                field
+                and isinstance(value, ast.Name)
+                and value.id == name
+                and len(program.values(target, function)) == 1
+            ):
+                written += [node for one in program.all for place, node in one.writes if one.field(place) == field]
+        if written:
+            yield Suspect(
+                line(parameter), f"creates the default of {name} once, and line {line(written[0])} writes to it"
+            )
+
+
+def _class_level(program: Program, function: Function) -> Iterator[Suspect]:
+    for target, node in function.writes:
+        field, owner = _attribute(program, function, target)
+        defined, value = program.class_values(owner).get(field, ("", None))
+        if not owner or not _mutable(value) or is_bookkeeping(field) or only_remembers(program, function, field, node):
+            continue
+        through_self = bool(function.field(target)) and function.me != "cls"
+        if not through_self or not _rebound(program, owner, field):
+            yield Suspect(
+                line(node),
+                f"writes to {defined}.{field}, which line {line(value) if value else 0} creates once for all instances",
+            )
+    for target, _, node in [*function.bindings, *_augmented(function)]:
+        field, owner = _attribute(program, function, target)
+        if function.field(target) and function.me != "cls":
+            continue
+        if not owner or field not in program.class_values(owner) or is_bookkeeping(field):
+            continue
+        read = any(_reads(program, one, owner, field, node) for one in program.play)
+        if read and not only_remembers(program, function, field, node):
+            yield Suspect(line(node), f"assigns {owner}.{field}, which all instances share")
+
+
+def _attribute(program: Program, function: Function, node: ast.AST) -> tuple[str, str]:
+    """The attribute and the class of ``self.x``, ``Class.x``, ``type(self).x`` or ``self.__class__.x``."""
+    if field := function.field(node):
+        return field, program.bound_to(function)
+    match node:
+        case ast.Attribute(value=ast.Name(id=name), attr=attr) if (
+            name in program.classes and name not in function.local
+        ):
+            return attr, name
+        case ast.Attribute(value=ast.Call(func=ast.Name(id="type"), args=[ast.Name(id=name)]), attr=attr) if (
+            name == function.me
+        ):
+            return attr, program.bound_to(function)
+        case ast.Attribute(value=ast.Attribute(attr="__class__", value=ast.Name(id=name)), attr=attr) if (
+            name == function.me
+        ):
+            return attr, program.bound_to(function)
+    return "", ""
+
+
+def _augmented(function: Function) -> Iterator[tuple[ast.expr, ast.expr | None, ast.AST]]:
+    for node in function.nodes:
+        if isinstance(node, ast.AugAssign) and isinstance(node.target, ast.Attribute):
+            yield node.target, node.value, node
+
+
+def _reads(program: Program, function: Function, owner: str, field: str, written: ast.AST) -> bool:
+    own = set(ast.walk(written))
+    return any(
+        isinstance(node, ast.Attribute)
+        and isinstance(node.ctx, ast.Load)
+        and node not in own
+        and _attribute(program, function, node) == (field, owner)
+        for node in function.nodes
+    )
+
+
+def is_bookkeeping(name: str) -> bool:
+    """Whether a name says that its value is not the game's state: a cache, or a supply of identifiers."""
+    words = name.lower().strip("_").split("_")
+    return name == "metadata" or not {"cache", "cached", "id", "ids", "memo", "uid"}.isdisjoint(words)
+
+
+def only_remembers(program: Program, function: Function, name: str, node: ast.AST) -> bool:
+    """Whether a write only fills a table or a name that has no value yet."""
+    while node is not function.node:
+        node = program.parents[node]
+        tests = [node.test] if isinstance(node, ast.If) else []
+        for test in tests:
+            match test:
+                case ast.Compare(left=left, ops=[ast.Is() | ast.Eq()], comparators=[ast.Constant(value=None)]) if (
+                    name in _names(left)
+                ):
+                    return True
+                case ast.Compare(ops=[ast.NotIn()], comparators=[table]) if name_of(table) == name:
+                    return not any(
+                        isinstance(one, ast.Call) and name_of(one) in ("add", "append") for one in ast.walk(node)
+                    )
+                case ast.UnaryOp(op=ast.Not(), operand=operand) if name_of(operand) == name:
+                    return True
+        if isinstance(node, ast.ExceptHandler):
+            return True
+    return False
+
+
+def _names(node: ast.AST) -> set[str]:
+    return {name_of(one) for one in ast.walk(node)}
+
+
+def _rebound(program: Program, owner: str, field: str) -> bool:
+    return field in program.field_values(owner)
+
+
+def _module_level(program: Program, function: Function) -> Iterator[Suspect]:
+    for target, node in function.writes:
+        if isinstance(target, ast.Name) and target.id not in function.local and not is_bookkeeping(target.id):
+            value = program.module_values.get(target.id)
+            if _mutable(value) and not only_remembers(program, function, target.id, node):
+                yield Suspect(line(node), f"writes to {target.id} of the module, which all instances share")
+    declared = {name for node in function.nodes if isinstance(node, ast.Global) for name in node.names}
+    for node in function.nodes:
+        if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store) and node.id in declared:
+            read = any(
+                isinstance(one, ast.Name)
+                and one.id == node.id
+                and isinstance(one.ctx, ast.Load)
+                and one.id not in other.local
+                for other in program.play
+                for one in other.nodes
+            )
+            if read and not is_bookkeeping(node.id) and not only_remembers(program, function, node.id, node):
+                yield Suspect(line(node), f"assigns {node.id} of the module, which all instances share")
+
+
+def _caches(program: Program) -> Iterator[Suspect]:
+    """Find methods whose cached result depends on attributes that play changes."""
+    changed = {
+        (program.bound_to(function), function.field(target))
+        for function in program.play
+        for target in [*(one for one, _, _ in function.bindings), *(one for one, _ in function.writes)]
+        if function.field(target)
+    }
+    for function in program.play:
+        if not function.me or not any(name_of(one) in _CACHES for one in function.node.decorator_list):
+            continue
+        owner = program.bound_to(function)
+        read = [field for node in function.nodes if (field := function.field(node)) and (owner, field) in changed]
+        if read:
+            yield Suspect(
+                line(function.node),
+                f"caches {function.name}(), whose result depends on self.{read[0]}, which play changes",
+            )
+
+
+def aliases(program: Program) -> Iterator[Suspect]:
+    """Find buffers that are returned and written later, and actions that step() writes to or reads a step later."""
+    stepping = program.reached("step")
+    written: dict[str, int] = {}
+    for function in stepping:
+        if program.bound_to(function) == program.env:
+            for target, node in function.writes:
+                for field in _returned(program, function, target):
+                    written.setdefault(field, line(node))
+    kept = {function.field(target) for function in stepping for target, _, _ in function.bindings}
+    for name in ("step", "reset"):
+        if (method := program.method(program.env, name)) is not None:
+            for node in method.nodes:
+                if isinstance(node, ast.Return) and isinstance(node.value, ast.Tuple) and node.value.elts:
+                    for field in sorted(_returned(program, method, node.value.elts[0])):
+                        if field in written and field not in kept and _buffer(program, method, field):
+                            yield Suspect(
+                                line(node),
+                                f"returns self.{field} itself, and line {written[field]} writes to it in later steps",
+                            )
+    step = program.method(program.env, "step")
+    if step is not None and len(step.node.args.args) > 1:
+        yield from _action(step, step.node.args.args[1].arg)
+
+
+def _returned(program: Program, function: Function, node: ast.AST, depth: int = 4) -> set[str]:
+    """The attributes whose objects, or views of them, an expression may be."""
+    if depth == 0:
+        return set()
+    if field := function.field(node):
+        return {field}
+    match node:
+        case ast.Name():
+            values = program.values(node, function)
+            return (
+                _returned(program, function, values[0][0], depth - 1)
+                if len(values) == 1 and values[0][0] is not None
+                else set()
+            )
+        case ast.Call(func=ast.Attribute() as called) if field := function.field(called):
+            method = program.method(program.bound_to(function), field)
+            results = (
+                [one.value for one in method.nodes if isinstance(one, ast.Return) and one.value is not None]
+                if method
+                else []
+            )
+            return {one for result in results for one in _returned(program, method, result, depth - 1)}  # type: ignore[arg-type]
+        case ast.Call(func=ast.Attribute(attr=attr) as called, args=args, keywords=[]) if attr in _VIEWS:
+            whole = (
+                args[0]
+                if program.path(called, function).startswith("numpy.")
+                and args
+                and (attr != "asarray" or len(args) == 1)
+                else called.value
+            )
+            return _returned(program, function, whole, depth - 1)
+        case ast.Subscript(value=value, slice=ast.Slice()):
+            return _returned(program, function, value, depth - 1)
+        case ast.Subscript(value=value, slice=ast.Tuple(elts=elts)) if any(isinstance(one, ast.Slice) for one in elts):
+            return _returned(program, function, value, depth - 1)
+        case ast.Dict(values=values):
+            return {one for value in values for one in _returned(program, function, value, depth - 1)}
+    return set()
+
+
+def _buffer(program: Program, method: Function, field: str) -> bool:
+    """Whether an attribute holds an array."""
+    owner = program.bound_to(method)
+    return any(
+        isinstance(value, ast.Call)
+        and one.field(target) == field
+        and program.path(value.func, one).startswith("numpy.")
+        for one in program.methods(owner)
+        for target, value, _ in one.bindings
+    )
+
+
+def _action(step: Function, action: str) -> Iterator[Suspect]:
+    taken = any(isinstance(target, ast.Name) and target.id == action for target, _, _ in step.bindings)
+    array = any(isinstance(node, ast.Subscript) and name_of(node.value) == action for node in step.nodes)
+    if taken or not array:
+        return
+    for target, node in step.writes:
+        if isinstance(target, ast.Name) and target.id == action:
+            yield Suspect(line(node), "writes to the action, which belongs to the caller")
+    for target, value, node in step.bindings:
+        field = step.field(target)
+        if field and isinstance(value, ast.Name) and value.id == action:
+            read = [
+                line(one)
+                for one in step.nodes
+                if step.field(one) == field
+                and isinstance(getattr(one, "ctx", None), ast.Load)
+                and line(one) < line(node)
+            ]
+            if read:
+                yield Suspect(
+                    line(node),
+                    f"keeps the caller's action without a copy, and line {read[0]} reads it in the next step",
+                )

@@ -1,0 +1,171 @@
+"""What the check lint reads from code alone, and when it stays silent."""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+
+import pytest
+from envcraft_checks.lint import Lint
+
+from envcraft.contracts.builtin import ARCADE
+from envcraft.errors import Skip, UsageError
+from envcraft.judging.budget import BUDGETS
+from envcraft.judging.engine import Plan, validate
+from envcraft.judging.selection import driver_named, select_checks
+from envcraft.judging.severity import SeverityPolicy
+from envcraft.judging.subject import Subject
+from envcraft.judging.worker_pool import WorkerPool
+from envcraft.model.events import Finished
+from envcraft.model.target import Kind, Target
+from envcraft.model.verdict import SubjectReport, Verdict
+from evaluation.fixtures import FIXTURES, fixtures
+
+GAME = """
+import functools, math, random, time
+import numpy as np
+import gymnasium as gym
+LIMIT = 5
+class Game(gym.Env):
+    shared = []
+    def __init__(self):
+        self.count = 0
+        self.canvas = np.zeros(4)
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        {reset}
+        return self.see(), {{}}
+    def step(self, action):
+        {step}
+        return self.see(), 0.0, {ended}, False, {{}}
+    def see(self):
+        {see}
+    {more}
+"""
+
+
+def codes(**parts: str) -> set[str]:
+    """The codes that lint reports, also those that are off by default, on a game with these statements."""
+    filled = {"reset": "pass", "step": "pass", "ended": "False", "see": "return np.zeros(4)", "more": "", **parts}
+    return found(GAME.format(**filled))
+
+
+def found(source: str) -> set[str]:
+    ast.parse(source)
+    with subject_of(Target("game.py", source.encode())) as subject:
+        return {finding.code for finding in Lint().judge(subject)}
+
+
+def subject_of(target: Target) -> Subject:
+    return Subject(target, ARCADE, WorkerPool(driver_named("process", probe=False)).lease(), BUDGETS["quick"])
+
+
+@pytest.mark.parametrize(
+    ("code", "parts"),
+    [
+        ("EC050", {"step": "self.x = random.random()"}),
+        ("EC050", {"step": "self.x = np.random.default_rng().random()"}),
+        ("EC050", {"reset": "self.x = self.more()", "more": "def more(self): return np.random.rand()"}),
+        ("EC050", {"step": "self.x = self.action_space.sample()"}),
+        ("EC051", {"step": "self.x = time.time()", "see": "return np.full(4, self.x)"}),
+        ("EC051", {"step": "late = time.monotonic() > 5", "ended": "bool(late)", "see": "return np.zeros(4)"}),
+        ("EC052", {"step": "self.x = list({'a', 'b'})[0]"}),
+        ("EC052", {"step": "self.x = hash('a') % 7"}),
+        ("EC053", {"step": "self.shared.append(1)"}),
+        ("EC053", {"step": "self.count += 1", "ended": "self.count > 9"}),
+        ("EC053", {"step": "self.note()", "more": "def note(self, seen=[]): seen.append(1)"}),
+        ("EC053", {"step": "global LIMIT; LIMIT += 1", "ended": "LIMIT > 9"}),
+        (
+            "EC053",
+            {
+                "reset": "self.x = 0",
+                "step": "self.x += 1; self.f()",
+                "more": "@functools.cache\n    def f(self): return self.x",
+            },
+        ),
+        ("EC054", {"see": "self.canvas[:] = 1; return self.canvas"}),
+        ("EC054", {"step": "self.x = action[0]; action[0] = 1"}),
+        ("EC055", {"step": "open('x', 'w')"}),
+        ("EC056", {"reset": "self.x = 0.0", "step": "self.x += 0.1; done = self.x == 1.0", "ended": "done"}),
+        ("EC057", {"step": "self.x = 1 / math.hypot(action[0], action[1])"}),
+        ("EC058", {"step": "\n        try: self.see()\n        except Exception: pass"}),
+        (
+            "EC059",
+            {"reset": "self.x = 0", "step": "self.x = min(self.x + 1, LIMIT); done = self.x > LIMIT", "ended": "done"},
+        ),
+    ],
+)
+def test_each_rule_reads_what_play_may_never_reach(code: str, parts: dict[str, str]) -> None:
+    assert codes(**parts) == {code}
+
+
+@pytest.mark.parametrize(
+    "parts",
+    [
+        {"reset": "self.rng = random.Random(seed)", "step": "self.x = self.rng.random()"},
+        {"more": "def unused(self): return random.random()"},
+        {"step": "if self.render_mode == 'human': self.x = random.random()"},
+        {"step": "start = time.time(); print(time.time() - start)"},
+        {"step": "self.x = sorted({'a', 'b'})[0] if 'a' in {'a', 'b'} else ''"},
+        {"step": "self.x = [cell for cell in {(1, 2), (3, 4)}]"},
+        {"reset": "self.shared = []", "step": "self.shared.append(1)"},
+        {"reset": "self.count = 0", "step": "self.count += 1", "ended": "self.count > 9"},
+        {"step": "self.note()", "more": "def note(self, seen=None): seen = seen or []; seen.append(1)"},
+        {"see": "self.canvas[:] = 1; return self.canvas.copy()"},
+        {"step": "action = action.copy(); action[0] = 1"},
+        {"step": "d = math.hypot(action[0], 1.0); self.x = 1 / d if d else 0.0"},
+        {"step": "\n        try: self.x = {}['a']\n        except KeyError: pass"},
+        {"reset": "self.x = 0", "step": "self.x = min(self.x + 1, LIMIT); done = self.x >= LIMIT", "ended": "done"},
+    ],
+)
+def test_what_only_looks_alike_is_not_reported(parts: dict[str, str]) -> None:
+    assert codes(**parts) == set()
+
+
+@pytest.mark.parametrize("fixture", [one for one in fixtures() if not one.codes], ids=lambda one: one.path.stem)
+def test_no_good_fixture_has_an_error(fixture: object) -> None:
+    path: Path = fixture.path  # type: ignore[attr-defined]
+    header = path.read_text("utf-8").partition("\n")[0]
+    assert all(f"warning {code}" in header for code in found(path.read_text("utf-8")) - {"EC056", "EC057"})
+
+
+def judged(path: Path, checks: str | None = None, select: tuple[str, ...] = ()) -> SubjectReport:
+    target = Target(str(path), path.read_bytes())
+    chosen = select_checks(checks, None, select)
+    severity = SeverityPolicy(select=select)
+    *_, last = validate(Plan([target], ARCADE, driver_named("process"), chosen, BUDGETS["quick"], severity=severity))
+    assert isinstance(last, Finished)
+    return last.report.reports[0]
+
+
+def test_what_play_has_shown_is_not_said_twice() -> None:
+    game = FIXTURES / "determinism" / "bad" / "random_module_shuffle.py"
+    alone = judged(game, "lint")
+    assert [finding.code for check in alone.checks for finding in check.findings] == ["EC050"]
+    both = judged(game, "determinism,lint")
+    assert {finding.code for check in both.checks for finding in check.findings} == {"EC204"}
+    assert next(check.verdict for check in both.checks if check.check == "lint") is Verdict.PASS
+
+
+def test_only_selected_rules_report(tmp_path: Path) -> None:
+    path = tmp_path / "game.py"
+    source = (FIXTURES / "determinism" / "bad" / "random_module_shuffle.py").read_text("utf-8")
+    path.write_text(
+        source.replace("def step(self, action):", "def step(self, action):\n        1 / np.linalg.norm(action)")
+    )
+    reported = {
+        select: {finding.code for check in judged(path, "lint", select).checks for finding in check.findings}
+        for select in ((), ("EC05",), ("EC057",), ("EC050",))
+    }
+    assert reported == {(): {"EC050"}, ("EC05",): {"EC050", "EC057"}, ("EC057",): {"EC057"}, ("EC050",): {"EC050"}}
+    assert [check.name for check in select_checks(None, None, ("EC2",))] == ["source", "determinism", "sandbox"]
+    with pytest.raises(UsageError, match="there is no rule 'EC999'"):
+        select_checks(None, None, ("EC999",))
+
+
+def test_installed_and_deeply_nested_code_is_skipped() -> None:
+    with subject_of(Target("CartPole-v1", kind=Kind.ID)) as subject, pytest.raises(Skip, match="only files"):
+        list(Lint().judge(subject))
+    deep = "class Game:\n    def reset(self): pass\n    def step(self, action): return " + "+".join("1" * 3000)
+    with subject_of(Target("game.py", deep.encode())) as subject, pytest.raises(Skip, match="nested too deeply"):
+        list(Lint().judge(subject))
