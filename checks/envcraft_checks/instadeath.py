@@ -28,7 +28,6 @@ import statistics
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-from envcraft.judging import actions
 from envcraft.judging.check import Check, Rule
 from envcraft.judging.shrink import repro
 from envcraft.judging.statistics import Exact, settle
@@ -150,12 +149,16 @@ def _usual(subject: Subject) -> float:
 
 def _short(subject: Subject, seed: int) -> Rollout:
     length = subject.contract.at_once
+    from envcraft.judging import actions
+
     return Rollout(seed, actions.random_actions(subject.action_space, seed, length), player="random play")
 
 
 def _over_at_once(subject: Subject, suspects: list[Trace]) -> list[Trace]:
     """Those of some short episodes that end at once on the same seed under other actions, too."""
     space = subject.action_space
+    from envcraft.judging import actions
+
     first = subject.joint_actions[0]
     episodes = []
     for trace in suspects:

@@ -123,6 +123,9 @@ class Reward(Check):
                     yield shrunk(subject, trace.rollout, finding, lambda played: self.find(subject, played))
         grown = [] if {"EC301", "EC303"} & seen else list(self._judge_growth(subject, traces))
         yield from grown
+        if {"EC301", "EC302"} & seen:
+            # Returns that are no numbers compare with nothing.
+            return
         unpaid, failing = self._judge_wins(subject, traces), self._judge_failures(subject, traces)
         if failing is not None and not grown and (unpaid is None or failing.evidence["earned"] > 0):
             yield failing
@@ -130,8 +133,7 @@ class Reward(Check):
             yield unpaid
         if not grown:
             yield from self._judge_loops(subject, traces)
-        if "EC302" not in seen and "EC301" not in seen:
-            yield from self._judge_silence(subject, traces)
+        yield from self._judge_silence(subject, traces)
 
     def confirm(self, subject: Subject, finding: Finding) -> Finding | None:
         if finding.code not in ("EC301", "EC302", "EC303"):

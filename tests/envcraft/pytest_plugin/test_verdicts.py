@@ -13,12 +13,14 @@ import pytest
 
 from envcraft.errors import SandboxUnavailable
 from envcraft.judging.check import Check
-from envcraft.judging.selection import all_checks
+from envcraft.judging.selection import all_checks, default_checks
 from envcraft.judging.severity import SeverityPolicy
 from envcraft.model.verdict import Finding, Severity, Verdict
 from tests.envcraft.pytest_plugin.stand_in import Canned, Run, failing, outcomes
 
 pytest_plugins = ["pytester"]
+#: Each is a test of an environment.
+CHECKS = len(default_checks())
 
 
 def test_real_runs_and_the_commands_that_they_print(
@@ -88,7 +90,7 @@ def test_real_runs_and_the_commands_that_they_print(
 def test_skip_carries_the_reason_and_the_place(walk: Path, run: Run, canned: Canned) -> None:
     canned.set("difficulty", Verdict.SKIP, reason="the search\nsettled nothing")
     result = run("games", "-rs", "--durations=1", "--durations-min=0.1")
-    result.assert_outcomes(passed=10, skipped=1)
+    result.assert_outcomes(passed=CHECKS - 1, skipped=1)
     result.stdout.fnmatch_lines(
         ["1.25s setup * games/walk.py::difficulty", "SKIPPED * games/walk.py:8: the search settled nothing"]
     )
@@ -97,7 +99,7 @@ def test_skip_carries_the_reason_and_the_place(walk: Path, run: Run, canned: Can
 def test_what_could_not_judge_is_an_error(walk: Path, run: Run, canned: Canned) -> None:
     canned.set("reward", Verdict.ERROR, reason="the worker stopped answering; try again")
     result = run("games", "--junit-xml=junit.xml")
-    result.assert_outcomes(passed=10, errors=1)
+    result.assert_outcomes(passed=CHECKS - 1, errors=1)
     result.stdout.fnmatch_lines(
         [
             "the check reward could not judge games/walk.py, which is no failure*: the worker stopped *",
@@ -139,19 +141,19 @@ def test_a_check_that_breaks_is_an_error(walk: Path, run: Run, monkeypatch: pyte
 def test_warnings_are_shown_and_fail_nothing_unless_a_filter_wants_it(walk: Path, run: Run, canned: Canned) -> None:
     canned.set("determinism", Verdict.PASS, Finding("EC209", Severity.WARNING, "all seeds give one level", 12))
     result = run("games")
-    result.assert_outcomes(passed=11, warnings=1)
+    result.assert_outcomes(passed=CHECKS, warnings=1)
     result.stdout.fnmatch_lines(
         ["games/walk.py::determinism", "*games/walk.py:12: EnvCraftWarning: EC209 * one level (fix: *)"]
     )
     result = run("games", "-W", "error::envcraft.pytest_plugin.EnvCraftWarning")
-    result.assert_outcomes(passed=10, failed=1)
+    result.assert_outcomes(passed=CHECKS - 1, failed=1)
     assert "Traceback" not in result.stdout.str()
 
 
 def test_severities_of_the_project_and_comments_apply(walk: Path, run: Run, canned: Canned) -> None:
     config = walk.parent.parent / "pyproject.toml"
     config.write_text('[tool.envcraft.severity]\nEC209 = "error"\n')
-    run("games").assert_outcomes(passed=11)
+    run("games").assert_outcomes(passed=CHECKS)
     assert canned.plans[-1].severity == SeverityPolicy({"EC209": "error"}, comments=True)
     config.write_text('[tool.envcraft.severity]\nEC2O9 = "error"\n')
     result = run("games")
