@@ -13,8 +13,8 @@ compares them after the next reset. It reads the spaces again after the reset, a
 end; equal ones may be new objects.
 
 The check searches for exceptions: it plays random actions, holds single actions, plays every action at every step in
-rotation, tries rare actions on copies of states (those of the longest episode, and the last ones on the way to a win),
-and explores from states that few actions have left.
+rotation, goes on playing after a success, a reward or a loss, tries rare actions on copies of states (those of the
+longest episode, and the last ones on the way to a win), and explores from states that few actions have left.
 
 ## Why is this bad?
 Agents batch, store and replay the values that an environment returns. One frame of another shape at the end of an
@@ -232,6 +232,7 @@ class Api(Check):
         if subject.renders:
             yield subject.rollout(rendered)
         yield from itertools.chain(episodes.whole[1:], episodes.all, episodes.rotations)
+        yield from subject.searches.onward
         found = subject.searches.best()
         yield from [*subject.searches.explored(), *subject.privileged()]
         before = probes.earlier(base.cut(5), None, episodes.idle)

@@ -13,7 +13,8 @@ actions if the state cannot be copied. The check then plays the actions that the
 
 A game is unsolvable only if a search visited all reachable states without a positive outcome, and no whole episode
 reaches another state, since a hidden timer might open a door. A game is trivial if one held action, or the first moves
-of a greedy player, win on nearly every seed. If the budget settles neither, the check is skipped with the reason.
+of a greedy player, win on nearly every seed. This is a warning if wins are known only by the sign of a return that
+mostly pays for each step. If the budget settles neither, the check is skipped with the reason.
 
 Where no proof is possible, but the exploration met no new state in its second half, a game without a positive outcome
 gets a warning. Another warning names the lines that `step()` can run, that pay, win or end the episode, and that no
@@ -46,7 +47,7 @@ from envcraft.judging.statistics import Proportion, lead, settle
 from envcraft.model.verdict import Finding, Severity
 from envcraft.plugins import hookimpl
 
-from .instawin import BY_SIGN
+from .instawin import BY_SIGN, as_warning, counts_survival
 
 if TYPE_CHECKING:
     from envcraft.judging.coverage import Range
@@ -271,7 +272,7 @@ class Difficulty(Check):
 
             verdict, rate = settle(won, subject.contract.consistently, subject.budget.looks, prefetch, affords)
             if verdict is True and not self._beaten(subject, trace):
-                return self.finding(
+                found = self.finding(
                     "EC802",
                     f"holding {action} wins {rate}, more than {100 * subject.contract.consistently:g}%"
                     f"{BY_SIGN if trace.reported_success is None else ''}",
@@ -279,6 +280,7 @@ class Difficulty(Check):
                     repro=repro(trace.rollout.cut(trace.steps)),
                     rate=rate.evidence(),
                 )
+                return as_warning(found) if trace.reported_success is None and counts_survival(trace) else found
         return None
 
     def _beaten(self, subject: Subject, trace: Trace) -> bool:

@@ -3,7 +3,7 @@
 ## What it does
 Plays at random until it is settled whether random play consistently wins, that is in more than 80% of episodes. A win
 is `is_success` if info reports it; otherwise it is a positive return at a terminated end that no other play clearly
-exceeds.
+exceeds. If that return is mostly a payment for each step, it counts survival and not wins: the finding is a warning.
 
 The check also compares the returns of all policies: if each earns the same positive return, the reward does not depend
 on play. If info reports success, this counts only after an episode with success. Play that reaches no end counts as
@@ -23,14 +23,17 @@ if self.steps > 20:                      # EC601: surviving for 20 steps wins, a
 
 from __future__ import annotations
 
+import statistics
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
+
+import msgspec
 
 from envcraft.errors import Skip
 from envcraft.judging.check import Check, Rule
 from envcraft.judging.shrink import repro
 from envcraft.judging.statistics import settle
-from envcraft.model.verdict import Finding
+from envcraft.model.verdict import Finding, Severity
 from envcraft.plugins import hookimpl
 
 if TYPE_CHECKING:
@@ -38,6 +41,8 @@ if TYPE_CHECKING:
     from envcraft.model.trace import Trace
 
 _CLEARLY = 1.25
+#: The share of a return that payments for each step make up if it counts survival.
+_MOSTLY = 0.8
 #: Policies that must be paid the same on one seed.
 _POLICIES = 4
 BY_SIGN = ": each ends with a positive return; info reports no success"
@@ -83,7 +88,7 @@ class InstaWin(Check):
             if best > max(_CLEARLY * usual, usual + 1e-9):
                 return
         shortest = min(wins, key=lambda trace: trace.steps)
-        yield self.finding(
+        found = self.finding(
             "EC601",
             f"random play wins {rate}, more than {100 * consistently:g}%, in at least {shortest.steps} steps"
             f"{BY_SIGN if by_sign else ''}",
@@ -91,6 +96,7 @@ class InstaWin(Check):
             repro=repro(shortest.rollout.cut(shortest.steps)),
             rate=rate.evidence(),
         )
+        yield as_warning(found) if by_sign and all(map(counts_survival, wins)) else found
 
     def _judge_paid(self, subject: Subject) -> Iterator[Finding]:
         traces = self._paid_alike(subject)
@@ -152,6 +158,16 @@ class InstaWin(Check):
 def wins_known(subject: Subject) -> bool:
     """Whether wins are known: from the sign of the return, or from the info of some episode."""
     return subject.contract.success.sign or any(trace.reported_success is not None for trace in subject.played())
+
+
+def counts_survival(trace: Trace) -> bool:
+    """Whether the return is mostly a payment for each step, whatever the agent does."""
+    return statistics.median(trace.rewards) * trace.steps >= _MOSTLY * trace.total > 0
+
+
+def as_warning(finding: Finding) -> Finding:
+    """The same finding as a warning, since the sign of a return is all that says what a win is."""
+    return msgspec.structs.replace(finding, severity=Severity.WARNING)
 
 
 def _paid(trace: Trace, steps: int) -> float:

@@ -217,7 +217,8 @@ class Observation(Check):
             return None
         if any(_last_change(trace) < _NEARLY * last for trace in busy):
             return None
-        others = [*subject.episodes.rotations, *subject.episodes.more_held(), *subject.searches.explored()]
+        others = [*subject.episodes.rotations, *subject.episodes.more_held(last + _STILL)]
+        others += [*subject.searches.explored(), *subject.searches.onward]
         if any(trace.opaque or _last_change(trace) > last for trace in others):
             return None
         longest = max(frozen, key=lambda trace: trace.steps)

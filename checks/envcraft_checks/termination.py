@@ -1,14 +1,18 @@
 """# termination
 
 ## What it does
-Plays random, held, idle and mixed episodes to the contract's limit. Each episode must end by itself by then. The end at
-the limit must be `truncated`, not `terminated`. Flags must be booleans of Python or NumPy. Some episode must last long
-enough to play. Gymnasium leaves open what `step` does after an episode's end, so flags that become false again are only
-a warning.
+Plays random, held, idle and mixed episodes to the contract's limit, and goes on after a success, a large reward or a
+loss. Each episode must end by itself by then. The end at the limit must be `truncated`, not `terminated`. Flags must be
+booleans of Python or NumPy. Some episode must last long enough to play. Gymnasium leaves open what `step` does after an
+episode's end, so flags that become false again are only a warning.
 
 An end of its own before the contract's limit may be a rule of the game, such as a torch that burns out. The check takes
 it for a time limit with swapped flags if all episodes that reach this step are terminated and all that end sooner are
 truncated.
+
+Under a contract with a limit, success ends the episode. One that goes on is a defect if nothing but time passes after
+its success: for at least 30 steps of any play no reward is paid, or doing nothing is paid again at each step. Success
+that is reported for a while, as on a plate that opens a door, is fine.
 
 ## Why is this bad?
 An episode that never ends fills a replay memory with one situation and hangs evaluations. A time limit that is
@@ -42,6 +46,8 @@ if TYPE_CHECKING:
 
 _FLAGS = ("bool", "numpy.bool")
 _PLAYABLE = 5
+#: Steps of an episode that goes on after its success.
+_AFTER_SUCCESS = 30
 #: Steps without a change after which a held action is played to the end of its episode.
 _STILL = 30
 
@@ -70,10 +76,16 @@ class Termination(Check):
             "Keep both flags unchanged until reset().",
             Severity.WARNING,
         ),
+        Rule(
+            "EC506",
+            "success-does-not-end",
+            "The episode goes on after its success.",
+            "Set terminated at the step whose info reports success.",
+        ),
     )
 
     def judge(self, subject: Subject) -> Iterator[Finding]:
-        traces = [*subject.played(), *subject.episodes.rotations[:4]]
+        traces = [*subject.played(), *subject.episodes.rotations[:4], *subject.searches.onward]
         usable = [trace for trace in traces if trace.usable and trace.steps]
         if not usable:
             raise Skip("no episode has a step")
@@ -84,6 +96,7 @@ class Termination(Check):
         if limit is not None:
             yield from self._judge_limit(subject, usable, limit)
             yield from self._judge_own_limit(subject, usable, limit)
+            yield from self._judge_success(subject)
         yield from self._judge_short(subject, usable)
         yield from self._judge_after(subject, usable)
 
@@ -160,6 +173,29 @@ class Termination(Check):
                 sooner=len(short),
             )
 
+    def _judge_success(self, subject: Subject) -> Iterator[Finding]:
+        later = [(trace, step) for trace in subject.searches.onward if (step := _success(trace))]
+        later = [(trace, step) for trace, step in later if trace.steps - step >= _AFTER_SUCCESS]
+        if len(later) < 2 or any(trace.terminated[-1] for trace, _ in later) or not later[0][0].reported_success:
+            return
+        (idle, step), *_ = later
+        paid = {reward for trace, at in later for reward in trace.rewards[at:]}
+        again = set(idle.rewards[step:])
+        if len(paid) == 1 and max(paid) <= 0 and all(trace.reported_success for trace, _ in later):
+            words = "and nothing is paid any more"
+        elif len(again) == 1 and min(again) > 0 and subject.contract.noop is not None:
+            words = f"and doing nothing is paid {min(again):g} at each further step"
+        else:
+            return
+        yield self.finding(
+            "EC506",
+            f"info reports success at step {step}, the episode goes on for {idle.steps - step} more steps, {words}",
+            line=subject.line_of("step"),
+            repro=repro(idle.rollout.cut(step + _AFTER_SUCCESS)),
+            step=step,
+            episodes=len(later),
+        )
+
     def _is_mistaken(self, trace: Trace) -> bool:
         """Whether an episode terminates without success, where its limit should truncate it."""
         return trace.ended and not trace.truncated[-1] and not trace.reported_success
@@ -212,6 +248,12 @@ class Termination(Check):
                 line=subject.line_of("step"),
                 repro=repro(rollout),
             )
+
+
+def _success(trace: Trace) -> int:
+    """The first step whose info reports success; 0 if none does."""
+    key = trace.rule.key
+    return next((step for step in range(1, trace.steps + 1) if trace.info(step).get(key)), 0)
 
 
 @hookimpl

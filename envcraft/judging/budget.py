@@ -25,6 +25,7 @@ class Budget(msgspec.Struct, frozen=True):
         beside: steps of a second instance that is stepped alongside.
         session: of many short episodes on one instance: the seeds, the steps of an episode, how often one of them is
             repeated, and the steps of the last one.
+        onward: steps of the episodes that go on after an event, and the number of these episodes.
         explore: the fewest and the most steps of a search for crashes and wins, and the seeds that are searched.
         exhaust: the most steps of a search through all reachable states.
         sweep: the most steps spent on rare actions along the longest episode and the best one.
@@ -47,6 +48,7 @@ class Budget(msgspec.Struct, frozen=True):
     wins: int
     beside: int
     session: tuple[int, int, int, int]
+    onward: tuple[int, int]
     explore: tuple[int, int, int]
     exhaust: int
     sweep: int
@@ -62,10 +64,10 @@ BUDGETS = {
         Budget(
             "quick",
             steps=5_000,
-            play=2_600,
+            play=2_400,
             random=2,
             sticky=1,
-            held=8,
+            held=7,
             rotations=0,
             inspected=100,
             probes=(1, 60),
@@ -73,7 +75,8 @@ BUDGETS = {
             wins=3,
             beside=60,
             session=(40, 2, 12, 15),
-            explore=(700, 2_000, 1),
+            onward=(200, 2),
+            explore=(650, 2_000, 1),
             exhaust=2_000,
             sweep=0,
             policy=1,
@@ -95,7 +98,8 @@ BUDGETS = {
             wins=10,
             beside=60,
             session=(100, 3, 16, 60),
-            explore=(1_400, 6_000, 2),
+            onward=(1_400, 3),
+            explore=(900, 6_000, 2),
             exhaust=20_000,
             sweep=4_000,
             policy=2,
@@ -105,7 +109,7 @@ BUDGETS = {
         Budget(
             "thorough",
             steps=100_000,
-            play=60_000,
+            play=57_000,
             random=24,
             sticky=12,
             held=20,
@@ -116,6 +120,7 @@ BUDGETS = {
             wins=20,
             beside=200,
             session=(200, 3, 24, 200),
+            onward=(5_600, 12),
             explore=(3_000, 40_000, 6),
             exhaust=100_000,
             sweep=40_000,

@@ -78,11 +78,11 @@ class Episodes:
                 return
             yield self._cache.rollout(rollout)
 
-    def more_held(self) -> list[Trace]:
-        """The other joint actions, each held on the first seed, as long as the budget allows."""
+    def more_held(self, least: int = 0) -> list[Trace]:
+        """The other joint actions, each held on the first seed, as long as the budget allows, or for `least` steps."""
         held = [trace.rollout.actions[0] for trace in self.held]
         others = [action for action in self._probes.joint_actions if action not in held]
-        length = max(min(self.steps_left // max(len(others), 1), _HOLD), _SHORTEST)
+        length = max(min(max(self.steps_left // max(len(others), 1), least), _HOLD), _SHORTEST)
         return self._play([self._probes.hold(action).cut(length) for action in others])
 
     def past_end(self, rollout: Rollout) -> Rollout:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import itertools
+from collections.abc import Callable, Iterator
 from functools import cached_property, lru_cache
 from typing import Any
 
@@ -70,6 +71,16 @@ class Probes:
         order = actions.rotation(self.joint_actions, offset, seed, self.length)
         return Rollout(seed, order, player="every action in turn")
 
+    def onward(self, path: Rollout) -> Iterator[Rollout]:
+        """Yield whole episodes that begin with the actions of `path`: then nothing, random play or held actions."""
+        left = max(self.length - len(path.actions), 0)
+        if self.contract.noop is not None:
+            yield _then(path, actions.held_action(self.contract.noop, left), "doing nothing")
+        for number in itertools.count(1):
+            seed = self.episode_seed(number)
+            yield _then(path, actions.random_actions(self.space, seed, left), "random play")
+            yield _then(path, actions.sticky_actions(self.space, seed, left), "random play with held actions")
+
     def policy(self, number: int) -> Rollout:
         """The privileged policy on the episode seed `number`."""
         return Rollout(self.episode_seed(number), [], player="the policy", policy=True, max_steps=self.length)
@@ -109,6 +120,10 @@ class Probes:
             drawn = _draw(draw, self.space, seed, length) if few else draw(self.space, seed, length)
             self._known[wanted] = Rollout(seed, drawn, player=player)
         return self._known[wanted]
+
+
+def _then(path: Rollout, later: list[Action], player: str) -> Rollout:
+    return Rollout(path.seed, path.actions + later, player=f"{player} after {len(path.actions)} steps")
 
 
 @lru_cache(maxsize=256)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+import statistics
 from collections.abc import Sequence
 from functools import cached_property
 
@@ -23,6 +25,8 @@ _LATER, _LAST = 0.3, 0.2
 _PATH = 0.01
 #: The longest such episode at least.
 _SHORT_PATH = 80
+#: The fewest steps after an event that are worth an episode.
+_ONWARD = 30
 #: The fewest seeds of a proof: one of them may be a bad level.
 _PROVEN = 2
 
@@ -48,6 +52,7 @@ class Searches:
         # All shared episodes come first, so that the steps that are left do not depend on which check is first.
         _ = self._episodes.all, self._episodes.rotations
         left = self._episodes.steps_left - self._episodes.reserve - int(_LATER * self._budget.steps)
+        left -= self._budget.onward[0]
         return max(min(left // seeds, most), least)
 
     @cached_property
@@ -76,6 +81,43 @@ class Searches:
         """The best episode that exploration finds, a win before all others. Rare states lie on its way."""
         usable = [trace for trace in self.explored() if trace.usable and trace.steps]
         return max(usable, key=lambda trace: (trace.positive, trace.total), default=None)
+
+    @cached_property
+    def onward(self) -> list[Trace]:
+        """Play that goes on after something happened: a success, a large reward, a loss. Some defects only show there.
+
+        The first episode has as many steps as it can, since a limit may be counted anew from the event.
+        """
+        left, most = self._budget.onward
+        paths = self._events(left // most - _ONWARD)
+        traces: list[Trace] = []
+        for number in range(most if paths else 0):
+            path, later = paths[number % len(paths)], most - number - 1
+            rollout = next(itertools.islice(self._probes.onward(path), number, None))
+            length = left // (later + 1) if number else left - later * (_ONWARD + max(map(_length, paths)))
+            if length < len(path.actions) + _ONWARD:
+                break
+            traces.append(self._cache.rollout(rollout.cut(length)))
+            left -= traces[-1].steps
+        return traces
+
+    def _events(self, longest: int) -> list[Rollout]:
+        """The actions up to an event in the first `longest` steps, where the episode goes on: a success, or else the
+        soonest large reward, the soonest loss, and the last large reward of the best play.
+        """
+        explored = [trace for trace in self.explored() if trace.usable]
+        won = [trace.rollout.cut(trace.steps) for trace in explored if trace.positive and not trace.ended]
+        if won:
+            return [path for path in [min(won, key=_length)] if _length(path) <= longest]
+        played = [*explored, *self._episodes.all]
+        paid = [(trace, steps) for trace in played if (steps := _extremes(trace, 1, longest))]
+        lost = [(trace, steps) for trace in played if (steps := _extremes(trace, -1, longest))]
+        found = [min(events, key=lambda each: each[1][0]) for events in (paid, lost) if events]
+        paths = [trace.rollout.cut(steps[0]) for trace, steps in found]
+        if paid:
+            trace, steps = max(paid, key=lambda each: sum(each[0].rewards[: each[1][-1]]))
+            paths.append(trace.rollout.cut(steps[-1]))
+        return list({path.key(): path for path in paths}.values())
 
     def horizon(self, number: int = 0) -> SearchOutcome:
         """Play the episode by rolling-horizon search, to its end or a win: ``best`` has the actions."""
@@ -141,3 +183,20 @@ class Searches:
 
     def _run(self, kind: str, number: int, budget: int) -> SearchOutcome:
         return self._cache.search(Search(kind, self._probes.episode_seed(number), budget))
+
+
+def _length(rollout: Rollout) -> int:
+    return len(rollout.actions)
+
+
+def _extremes(trace: Trace, sign: int, longest: int) -> list[int]:
+    """Those of the first `longest` steps that have the reward furthest above the usual one, or below it if `sign` is
+    -1, where the episode goes on; none if all rewards are the usual one.
+    """
+    rewards = trace.rewards[: min(trace.steps - trace.ended, longest)]
+    if not trace.usable or not rewards:
+        return []
+    usual = statistics.median(trace.rewards)
+    offsets = [sign * (reward - usual) for reward in rewards]
+    most = max(offsets)
+    return [step for step, offset in enumerate(offsets, 1) if offset == most] if most > 0 else []
