@@ -46,6 +46,7 @@ from envcraft.judging.shrink import repro
 from envcraft.model.rollout import ClockShift, Conditions, Episode, Rollout
 from envcraft.model.verdict import Finding, Severity
 from envcraft.plugins import hookimpl
+from envcraft.text import plural
 
 if TYPE_CHECKING:
     from envcraft.judging.subject import Subject
@@ -462,7 +463,7 @@ class Determinism(Check):
             "EC203": "under another PYTHONHASHSEED",
             "EC204": "with the global random generators in another state",
             "EC205": "under another clock",
-            "EC206": "after other episodes on the same instance",
+            "EC206": f"after {plural(len(conditions.before), 'other episode')} on the same instance",
             "EC207": "with a second instance stepped alongside",
             "EC208": "with render() between the steps",
             "EC210": "under another clock",
@@ -470,7 +471,7 @@ class Determinism(Check):
             "EC215": "with one action array that the caller overwrites for each step",
             "EC216": "with actions of another integer type",
             "EC218": "with actions as lists",
-            "EC211": "after other episodes on the same instance",
+            "EC211": f"after {plural(len(conditions.before), 'other episode')} on the same instance",
         }[code]
         line = subject.line_of("step" if divergence.step else "reset")
         return self.finding(

@@ -9,8 +9,9 @@ Plays many short episodes on one instance, and reports what the process uses mor
 - work (EC913): lines of Python, if after 10,000 episodes each would run three times as many, or time.
 
 One and the same episode is repeated, so a cache that has seen it does not grow. Memory counts once its garbage is
-collected. Growth must be steady in a session of its own, where the episode is reset 72 times and then stepped in 24
-episodes. A queue of bounded length that is not full yet is no leak, and what `reset()` clears is none either.
+collected. Growth must be steady in a session of its own, where the episode is reset 72 times, then stepped in 24
+episodes, and then played to its end 24 times if it is short. A queue of bounded length that is not full yet is no leak,
+and what `reset()` clears is none either.
 
 ## Why is this bad?
 Training runs 10,000 episodes and more in one process, often in many processes on one machine. Hours after its start it
@@ -30,7 +31,7 @@ from __future__ import annotations
 import itertools
 import statistics
 from collections.abc import Callable, Iterator, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from envcraft.errors import Skip
 from envcraft.judging.check import Check, Rule
@@ -89,13 +90,15 @@ class ResourceUse(Check):
 
     def judge(self, subject: Subject) -> Iterator[Finding]:
         session = subject.session
-        resets, repeated, usual = session.resets, session.repeated, _usual(subject)
-        before = session.trace.before
+        before, usual = session.trace.before, _usual(subject)
+        played = Played(session.resets, session.repeated, session.whole, usual)
+        groups = (*played[:3], session.varied)
+        steps = _steps([*session.repeated, *session.varied])
         suspected = {
-            "EC910": _memory(resets, repeated, usual) > _TOO_MANY,
-            "EC911": _handles(resets, repeated) > 0 or _handles(session.varied, []) > 0,
-            "EC912": _files(resets, repeated) > 0 or _files(session.varied, []) > 0,
-            "EC913": _more_lines(before) or _slower(_resets(before)) or _slower(_steps([*repeated, *session.varied])),
+            "EC910": played.memory > _TOO_MANY,
+            "EC911": any(map(_handles, groups)),
+            "EC912": any(map(_files, groups)),
+            "EC913": _more_lines(before) or _slower(_resets(before)) or _slower(steps),
         }
         if any(suspected.values()):
             trace = subject.rollout(_session(subject))
@@ -103,7 +106,7 @@ class ResourceUse(Check):
             yield from (finding for finding in findings if finding is not None)
         elif not session.complete:
             reason = "an episode raised" if session.trace.fault is not None else "the episodes took too long"
-            raise Skip(f"{len(repeated)} episodes could be measured: {reason}")
+            raise Skip(f"{len(session.repeated)} episodes could be measured: {reason}")
 
     def confirm(self, subject: Subject, finding: Finding) -> Finding | None:
         return self._confirmed(subject, subject.rollout(_session(subject)), finding.code, _usual(subject))
@@ -112,67 +115,87 @@ class ResourceUse(Check):
         """Judge one rule by the session that confirms growth."""
         measured = [episode for episode in trace.before if episode.resources is not None]
         resets, episodes = measured[_FIRST : _FIRST + _RESETS], measured[_FIRST + _RESETS :]
-        judge = {"EC910": self._memory, "EC911": self._handles, "EC912": self._files, "EC913": self._work}[code]
-        found = judge(resets, episodes, usual)
+        played = Played(resets, episodes[:_EPISODES], episodes[_EPISODES:], usual)
+        found = {"EC910": self._memory, "EC911": self._handles, "EC912": self._files, "EC913": self._work}[code](played)
         if found is None:
             return None
         words, line, evidence = found
         return self.finding(code, words, line=subject.line_of(line), repro=repro(trace.rollout), **evidence)
 
-    def _memory(self, resets: list[Trace], episodes: list[Trace], usual: float) -> _Found | None:
-        growth = _memory(resets, episodes, usual)
-        queues = [[_used(trace).queued for trace in traces] for traces in (resets, episodes)]
+    def _memory(self, played: Played) -> _Found | None:
+        growth = played.memory
+        queues = [[_used(trace).queued for trace in traces] for traces in played[:3]]
         filling = any(queued and queued[-1] > queued[len(queued) // 3] for queued in queues)
         if growth <= _TOO_MANY or filling:
             return None
-        reset, step = _memory_of(resets), _memory_per_step(resets, episodes)
+        reset, step, usual = _memory_of(played.resets), played.memory_per_step, played.usual
         parts = [f"each reset() keeps {_bytes(reset)}"] * (reset > growth / 10)
         parts += [f"each step keeps {_bytes(step)}"] * (step * usual > growth / 10)
+        if reset + step * usual < growth:
+            usual = played.whole[0].steps
+            parts = [f"each whole episode keeps {_bytes(growth)}"]
         words = f"memory grows: {' and '.join(parts)}"
         words += f", which is {_bytes(growth * _TRAINING)} after {_TRAINING:,} episodes of {usual:.0f} steps"
-        line = "reset" if reset > step * usual else "step"
+        line = "reset" if reset > growth / 2 else "step"
         return words, line, {"per_reset": round(reset), "per_step": round(step), "per_episode": round(growth)}
 
-    def _handles(self, resets: list[Trace], episodes: list[Trace], usual: float) -> _Found | None:
-        growth = _handles(resets, episodes)
-        if not growth:
+    def _handles(self, played: Played) -> _Found | None:
+        if not (growing := [traces for traces in played[:3] if _handles(traces)]):
             return None
-        used = [_used(trace) for trace in [*resets, *episodes]]
+        used = [_used(trace) for trace in growing[0]]
         threads, files = ([getattr(each, name) for each in used] for name in ("threads", "descriptors"))
         kind, values = ("threads", threads) if threads[-1] > threads[0] else ("open files", files)
         words = f"{kind} grow with each episode: from {values[0]} to {values[-1]} in {len(values)} episodes"
-        return words, "reset", {"first": values[0], "last": values[-1], "episodes": len(values)}
+        line = "reset" if growing[0] is played.resets else "step"
+        return words, line, {"first": values[0], "last": values[-1], "episodes": len(values)}
 
-    def _files(self, resets: list[Trace], episodes: list[Trace], usual: float) -> _Found | None:
-        if not _files(resets, episodes):
+    def _files(self, played: Played) -> _Found | None:
+        if not (growing := [traces for traces in played[:3] if _files(traces)]):
             return None
-        used = [_used(trace) for trace in [*resets, *episodes]]
-        first, last = used[0], used[-1]
-        words = f"{len(used)} episodes of at most {_STEPS} steps write {last.files - first.files} files and "
-        words += _bytes(last.written - first.written)
-        line = "reset" if _files(resets, []) else "step"
-        return words, line, {"files": last.files - first.files, "bytes": last.written - first.written}
+        first, last = _used(growing[0][0]), _used(growing[0][-1])
+        files, size, more = last.files - first.files, last.written - first.written, len(growing[0]) - 1
+        words = f"{more} more episodes of {growing[0][-1].steps} steps write {files} more files and {_bytes(size)} more"
+        line = "reset" if growing[0] is played.resets else "step"
+        return words, line, {"files": files, "bytes": size, "episodes": more}
 
-    def _work(self, resets: list[Trace], episodes: list[Trace], usual: float) -> _Found | None:
-        if _more_lines(episodes):
-            lines = [_used(episodes[number]).lines for number in _COUNTED]
-            words = (
-                f"each episode runs more code than the one before: {_STEPS} steps run {lines[0]:,} lines of Python, "
-            )
-            words += f"and the same ones {_COUNTED[-1]} episodes later {lines[-1]:,}"
+    def _work(self, played: Played) -> _Found | None:
+        if _more_lines(played.episodes):
+            lines = [_used(played.episodes[number]).lines for number in _COUNTED]
+            words = f"each episode runs more code than the one before: {_STEPS} steps run {lines[0]:,} lines of Python"
+            words += f", and the same ones {_COUNTED[-1]} episodes later {lines[-1]:,}"
             return words, "step", {"first": lines[0], "last": lines[-1], "episodes": _COUNTED[-1]}
-        for line, costs in (("reset", _resets(resets)), ("step", _steps(episodes))):
+        for line, costs in (("reset", _resets(played.resets)), ("step", _steps(played.episodes))):
             if _slower(costs):
-                first, *_, last = _medians(costs)
-                words = (
-                    f"{line}() takes longer in each episode than in the one before: {first / 1e3:.2g} ms at first, and "
-                )
-                words += f"{last / 1e3:.2g} ms after {len(costs)} calls"
-                return words, line, {"first": first / 1e6, "last": last / 1e6, "calls": len(costs)}
+                first, *_, last = (median / 1e3 for median in _medians(costs))
+                words = f"{line}() takes longer in each episode than in the one before: {first:.2g} ms at first, and "
+                words += f"{last:.2g} ms after {len(costs)} calls"
+                return words, line, {"first": first / 1e3, "last": last / 1e3, "calls": len(costs)}
         return None
 
 
 _Found = tuple[str, str, dict[str, float]]
+
+
+class Played(NamedTuple):
+    """Repetitions of one episode without and with its steps, those of a whole episode, and the usual steps of one."""
+
+    resets: Sequence[Trace]
+    episodes: Sequence[Trace]
+    whole: Sequence[Trace]
+    usual: float
+
+    @property
+    def memory(self) -> float:
+        """The bytes by which memory grows with each episode."""
+        return max(_memory_of(self.resets) + self.usual * self.memory_per_step, _memory_of(self.whole))
+
+    @property
+    def memory_per_step(self) -> float:
+        steps = statistics.mean(trace.steps for trace in self.episodes) if self.episodes else 0
+        reset = _memory_of(self.resets)
+        more = _memory_of(self.episodes) - reset
+        # Lists and dictionaries grow in jumps.
+        return more / steps if steps and more > reset / 10 else 0.0
 
 
 def steady(values: Sequence[float]) -> float:
@@ -191,7 +214,9 @@ def _session(subject: Subject) -> Rollout:
     first = subject.probes.random(0)
     actions = first.actions[:_STEPS]
     episodes = [Episode(first.seed, actions, lines=number in _COUNTED) for number in range(_EPISODES)]
-    before = [Episode(first.seed, [])] * (_FIRST + _RESETS) + episodes
+    short = subject.session.short
+    whole = [Episode(short.seed, short.actions)] * _EPISODES if short is not None else []
+    before = [Episode(first.seed, [])] * (_FIRST + _RESETS) + episodes + whole
     return first.cut(0).under(Conditions(before=before, recorded=True))
 
 
@@ -206,7 +231,7 @@ def _used(trace: Trace) -> Resources:
 
 
 def _bytes(size: float) -> str:
-    power = next(power for power in range(4) if size < 1024 ** (power + 1) or power == 3)
+    power = next(power for power in range(4) if size < 999.5 * 1024**power or power == 3)
     return f"{size / 1024**power:.3g} {('bytes', 'KiB', 'MiB', 'GiB')[power]}"
 
 
@@ -221,28 +246,12 @@ def _memory_of(traces: Sequence[Trace]) -> float:
     return max(allocated, resident if resident >= _PAGES else 0.0)
 
 
-def _memory_per_step(resets: Sequence[Trace], episodes: Sequence[Trace]) -> float:
-    steps = statistics.mean(trace.steps for trace in episodes) if episodes else 0
-    return max(_memory_of(episodes) - _memory_of(resets), 0.0) / steps if steps else 0.0
+def _handles(traces: Sequence[Trace]) -> float:
+    return max(_growth(traces, lambda used: used.threads), _growth(traces, lambda used: used.descriptors))
 
 
-def _memory(resets: Sequence[Trace], episodes: Sequence[Trace], usual: float) -> float:
-    """The bytes by which memory grows with each episode of the usual length."""
-    return _memory_of(resets) + usual * _memory_per_step(resets, episodes)
-
-
-def _handles(*sessions: Sequence[Trace]) -> float:
-    return max(
-        _growth(traces, value)
-        for traces in sessions
-        for value in (lambda used: used.threads, lambda used: used.descriptors)
-    )
-
-
-def _files(*sessions: Sequence[Trace]) -> float:
-    return max(
-        _growth(traces, value) for traces in sessions for value in (lambda used: used.files, lambda used: used.written)
-    )
+def _files(traces: Sequence[Trace]) -> float:
+    return max(_growth(traces, lambda used: used.files), _growth(traces, lambda used: used.written))
 
 
 def _more_lines(traces: Sequence[Trace]) -> bool:

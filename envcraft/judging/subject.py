@@ -183,7 +183,7 @@ class Subject:
     @cached_property
     def session(self) -> Session:
         """Many short episodes on one instance."""
-        return Session(self.cache, self.probes, self.budget)
+        return Session(self.cache, self.probes, self.episodes, self.budget)
 
     @cached_property
     def searches(self) -> Searches:
