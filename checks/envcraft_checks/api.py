@@ -32,6 +32,7 @@ def step(self, action):
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 import re
 from collections.abc import Iterator
@@ -39,6 +40,7 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
+from envcraft.errors import Skip
 from envcraft.judging.check import Check, Rule
 from envcraft.judging.shrink import shrunk
 from envcraft.model.contract import OPTIONAL
@@ -234,7 +236,7 @@ class Api(Check):
         yield from itertools.chain(episodes.whole[1:], episodes.all, episodes.rotations)
         yield from subject.searches.onward
         found = subject.searches.best()
-        yield from [*subject.searches.explored(), *subject.privileged()]
+        yield from subject.searches.explored()
         before = probes.earlier(base.cut(5), None, episodes.idle)
         if found is not None:
             before = [*[Episode(found.rollout.seed, found.actions)] * (1 + found.positive), *before]
@@ -245,6 +247,9 @@ class Api(Check):
             yield subject.rollout(subject.inspected(later))
             if subject.renders:
                 yield subject.rollout(later.under(_RENDER))
+        # A policy that goes wrong is not a reason to skip this check.
+        with contextlib.suppress(Skip):
+            yield from subject.privileged()
 
     def _search_crash(self, subject: Subject) -> Trace | None:
         """The rollout of an action sequence that raises, from a search; None if no search ends in an exception."""
