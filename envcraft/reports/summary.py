@@ -16,7 +16,6 @@ from envcraft.text import one_line, plural, printable, relative
 
 #: Words for conditions of a reproduction.
 _CONDITIONS = {
-    "before": "after other episodes",
     "companion": "beside another instance",
     "again": "played twice",
     "clock": "another clock",
@@ -24,6 +23,7 @@ _CONDITIONS = {
     "fresh": "fresh worker",
     "int32": "actions of int32",
     "python": "actions as Python lists or ints",
+    "recorded": "all of them recorded",
     "render": "with render() in between",
     "reuse": "one action array for all steps",
     "unseeded": "reset without a seed",
@@ -71,14 +71,15 @@ def summary_words(report: Report) -> str:
 def repro_words(repro: Repro) -> str:
     """Describe a reproduction: ``seed 0, 41 actions, hash_seed 1``."""
     parts = [f"seed {repro.seed}", plural(len(repro.actions), "action") if repro.actions else "no action"]
-    parts += [f"{_CONDITIONS.get(name, name)} {_condition(value)}".strip() for name, value in repro.conditions.items()]
+    parts += [_condition(name, value) for name, value in repro.conditions.items()]
     return one_line(", ".join(parts))
 
 
-def _condition(value: Any) -> str:
-    if value is True or isinstance(value, dict | list):
-        return ""
-    return str(value)
+def _condition(name: str, value: Any) -> str:
+    if name == "before" and isinstance(value, list):
+        return f"after {plural(len(value), 'other episode')}"
+    words = _CONDITIONS.get(name, name)
+    return words if value is True or isinstance(value, dict | list) else f"{words} {value}"
 
 
 def replay_command(report: Report, item: Numbered) -> str:

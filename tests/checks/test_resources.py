@@ -10,10 +10,14 @@ from envcraft_checks.resources import _slower, steady
 from envcraft.contracts.builtin import ARCADE
 from envcraft.judging.budget import BUDGETS
 from envcraft.judging.engine import Plan, validate
+from envcraft.judging.probes import Probes
 from envcraft.judging.selection import default_checks, driver_named
 from envcraft.model.events import SubjectFinished
+from envcraft.model.rollout import Rollout
 from envcraft.model.target import Target
+from envcraft.model.trace import Trace
 from envcraft.model.verdict import Finding
+from envcraft.spaces.spec import read_space
 
 GAME = (Path(__file__).resolve().parents[2] / "examples" / "sokoban.py").read_text()
 STEP = "        self.steps += 1\n"
@@ -99,3 +103,14 @@ def test_a_leak_through_steps_is_reported_with_few_episodes() -> None:
     (finding,) = found("determinism", step=COUNT, reset="self.np_random.random(int(getattr(self, 'n', 0) > 50))")
     assert finding.code == "EC206"
     assert sum(len(episode["actions"]) for episode in finding.repro.conditions["before"]) < 120
+
+
+@pytest.mark.parametrize(("budget", "wins", "longer"), [("quick", 3, 2), ("standard", 10, 4), ("thorough", 20, 13)])
+def test_short_wins_are_played_several_times_before(budget: str, wins: int, longer: int) -> None:
+    probes = Probes(ARCADE, BUDGETS[budget], 0, read_space(ARCADE.action))
+    for steps, times in ((10, wins), (60, longer), (4 * BUDGETS[budget].earlier + 1, 0)):
+        win = Trace(Rollout(7, [[4, 0, 0]] * steps), rewards=[1.0] * steps, infos=[b'{"is_success": true}'])
+        before = probes.earlier(probes.random(0).cut(9), win, None)
+        assert sum(episode.seed == 7 for episode in before) == times
+        # What every second reset undoes shows after an odd number.
+        assert len(before) % 2 == 1
