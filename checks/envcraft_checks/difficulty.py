@@ -293,7 +293,11 @@ class Difficulty(Check):
     def _judge_greedy(self, subject: Subject) -> Finding | None:
         def won(number: int) -> bool:
             chosen = subject.searches.greedy(number).get("best") or []
-            return bool(chosen) and bool(subject.searches.scripted(number, chosen, "the greedy player").success)
+            if not chosen:
+                return False
+            trace = subject.searches.scripted(number, chosen, "the greedy player")
+            # Where success means that nothing has failed yet, it is reported from the reset on, and proves nothing.
+            return bool(trace.success) and (trace.ended or not trace.info(0).get(trace.rule.key))
 
         verdict, rate = settle(
             won,

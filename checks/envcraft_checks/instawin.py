@@ -5,6 +5,8 @@ Plays at random until it is settled whether random play consistently wins, that 
 is `is_success` if info reports it; otherwise it is a positive return at a terminated end that no other play clearly
 exceeds. If that return is mostly a payment for each step, it counts survival and not wins: the finding is a warning.
 
+Success that info reports at every step of every episode counts as such a win.
+
 The check also compares the returns of all policies: if each earns the same positive return, the reward does not depend
 on play. If info reports success, this counts only after an episode with success. Play that reaches no end counts as
 different if it earns clearly more.
@@ -45,6 +47,8 @@ _CLEARLY = 1.25
 _MOSTLY = 0.8
 #: Policies that must be paid the same on one seed.
 _POLICIES = 4
+#: Episodes, on two seeds at least, whose every info must report success.
+_TOLD = 6
 BY_SIGN = ": each ends with a positive return; info reports no success"
 
 
@@ -64,10 +68,10 @@ class InstaWin(Check):
         if not any(trace.ended for trace in subject.played()):
             raise Skip("no episode ends by itself")
         if wins_known(subject):
-            yield from self._judge_random(subject)
+            yield from self._judge_random(subject) or self._judge_told(subject)
         yield from self._judge_paid(subject)
 
-    def _judge_random(self, subject: Subject) -> Iterator[Finding]:
+    def _judge_random(self, subject: Subject) -> list[Finding]:
         consistently = subject.contract.consistently
         verdict, rate = settle(
             lambda number: bool(subject.random(number).success),
@@ -77,7 +81,7 @@ class InstaWin(Check):
             lambda: subject.affords(subject.random(0).steps),
         )
         if verdict is not True:
-            return
+            return []
         wins = [trace for trace in map(subject.random, range(rate.n)) if trace.success]
         by_sign = not all(trace.reported_success is not None for trace in wins)
         if by_sign:
@@ -86,7 +90,7 @@ class InstaWin(Check):
                 trace.total for trace in [*subject.played(), *subject.searches.explored(), *subject.privileged()]
             )
             if best > max(_CLEARLY * usual, usual + 1e-9):
-                return
+                return []
         shortest = min(wins, key=lambda trace: trace.steps)
         found = self.finding(
             "EC601",
@@ -96,7 +100,23 @@ class InstaWin(Check):
             repro=repro(shortest.rollout.cut(shortest.steps)),
             rate=rate.evidence(),
         )
-        yield as_warning(found) if by_sign and all(map(counts_survival, wins)) else found
+        return [as_warning(found) if by_sign and all(map(counts_survival, wins)) else found]
+
+    def _judge_told(self, subject: Subject) -> list[Finding]:
+        """Report a success that every info of every episode tells, from the reset on."""
+        traces = [trace for trace in [*subject.played(), *subject.searches.explored()] if trace.usable and trace.steps]
+        seeds = {trace.rollout.seed for trace in traces}
+        if len(seeds) < 2 or len(traces) < _TOLD or not all(map(_always_told, traces)):
+            return []
+        first = traces[0]
+        found = self.finding(
+            "EC601",
+            f"info reports success at every step of all {len(traces)} episodes, under every policy",
+            line=subject.line_of("step"),
+            repro=repro(first.rollout.cut(1)),
+            episodes=len(traces),
+        )
+        return [found]
 
     def _judge_paid(self, subject: Subject) -> Iterator[Finding]:
         traces = self._paid_alike(subject)
@@ -153,6 +173,14 @@ class InstaWin(Check):
                 return []
             ended.append(whole)
         return list({trace.rollout.key(): trace for trace in ended}.values())
+
+
+def _always_told(trace: Trace) -> bool:
+    """Whether the infos of all steps that the trace has kept report success, the first and the last one among them."""
+    key = trace.rule.key
+    if not (trace.reported_success and trace.info(1).get(key)):
+        return False
+    return all(trace.info(step).get(key, True) for step in range(1, trace.steps))
 
 
 def wins_known(subject: Subject) -> bool:

@@ -6,6 +6,9 @@ loss. Each episode must end by itself by then. The end at the limit must be `tru
 booleans of Python or NumPy. Some episode must last long enough to play. Gymnasium leaves open what `step` does after an
 episode's end, so flags that become false again are only a warning.
 
+A success must end the episode as `terminated`. If only `truncated` is set, the check compares it with other episodes on
+the seed: one that goes on longer shows that it is no time limit.
+
 An end of its own before the contract's limit may be a rule of the game, such as a torch that burns out. The check takes
 it for a time limit with swapped flags if all episodes that reach this step are terminated and all that end sooner are
 truncated.
@@ -82,6 +85,12 @@ class Termination(Check):
             "The episode goes on after its success.",
             "Set terminated at the step whose info reports success.",
         ),
+        Rule(
+            "EC507",
+            "success-as-truncation",
+            "A success ends the episode as truncated.",
+            "Set terminated when the game is won, and truncated only at the step limit.",
+        ),
     )
 
     def judge(self, subject: Subject) -> Iterator[Finding]:
@@ -94,8 +103,8 @@ class Termination(Check):
             yield shrunk(subject, trace.rollout, finding, lambda played: self._judge_flags(subject, played))
         limit = subject.contract.limit
         if limit is not None:
-            yield from self._judge_limit(subject, usable, limit)
-            yield from self._judge_own_limit(subject, usable, limit)
+            swapped = [*self._judge_limit(subject, usable, limit), *self._judge_own_limit(subject, usable, limit)]
+            yield from swapped or self._judge_truncated(subject, usable)
             yield from self._judge_success(subject)
         yield from self._judge_short(subject, usable)
         yield from self._judge_after(subject, usable)
@@ -196,6 +205,26 @@ class Termination(Check):
             episodes=len(later),
         )
 
+    def _judge_truncated(self, subject: Subject, traces: list[Trace]) -> Iterator[Finding]:
+        """Report a success whose only flag is truncated, though no time limit is there: other play goes on longer."""
+        known = [*traces, *subject.searches.explored()]
+        for trace in known:
+            if not _succeeds_truncated(trace):
+                continue
+            longer = [
+                other for other in known if other.rollout.seed == trace.rollout.seed and other.steps > trace.steps
+            ]
+            if longer:
+                yield self.finding(
+                    "EC507",
+                    f"the success at step {trace.steps} is truncated and not terminated, and it is no time limit: "
+                    f"{longer[0].rollout.player} goes on longer on the same seed",
+                    line=subject.line_of("step"),
+                    repro=repro(trace.rollout.cut(trace.steps)),
+                    step=trace.steps,
+                )
+                return
+
     def _is_mistaken(self, trace: Trace) -> bool:
         """Whether an episode terminates without success, where its limit should truncate it."""
         return trace.ended and not trace.truncated[-1] and not trace.reported_success
@@ -254,6 +283,12 @@ def _success(trace: Trace) -> int:
     """The first step whose info reports success; 0 if none does."""
     key = trace.rule.key
     return next((step for step in range(1, trace.steps + 1) if trace.info(step).get(key)), 0)
+
+
+def _succeeds_truncated(trace: Trace) -> bool:
+    """Whether an episode is only truncated at the first step at which info reports success."""
+    cut = trace.ended and trace.truncated[-1] and not trace.terminated[-1]
+    return cut and bool(trace.reported_success) and trace.steps > 1 and _success(trace) == trace.steps
 
 
 @hookimpl
