@@ -183,7 +183,7 @@ class Termination(Check):
             )
 
     def _judge_success(self, subject: Subject) -> Iterator[Finding]:
-        later = [(trace, step) for trace in subject.searches.onward if (step := _success(trace))]
+        later = [(trace, step) for trace in subject.searches.onward if (step := _success(trace)) > 1]
         later = [(trace, step) for trace, step in later if trace.steps - step >= _AFTER_SUCCESS]
         if len(later) < 2 or any(trace.terminated[-1] for trace, _ in later) or not later[0][0].reported_success:
             return
