@@ -357,8 +357,7 @@ def run_check(
     try:
         judged = check.judge(subject) if trace is None else check.find(subject, trace)
         for finding in judged:
-            if finding.code not in without:
-                _take(report, check, subject, finding, severity)
+            _take(report, check, subject, finding, severity, without)
             if fail_fast and _failed(report):
                 break
     except Skip as skip:
@@ -375,16 +374,27 @@ def run_check(
     return report
 
 
-def _take(report: CheckReport, check: Check, subject: Subject, finding: Finding, severity: SeverityPolicy) -> None:
+def _take(
+    report: CheckReport,
+    check: Check,
+    subject: Subject,
+    finding: Finding,
+    severity: SeverityPolicy,
+    without: Collection[str] = (),
+) -> None:
     """Add a finding to a report, unless the contract, the severities or a comment leave it out."""
-    if finding.code in subject.contract.without or (counted := severity.apply(check, finding)) is None:
-        return
+    ignored = None
     if subject.ignore_comments is not None and check.waivable(finding.code):
-        ignored = subject.ignore_comments.take(counted)
-        if ignored is not None:
-            report.ignored.append(ignored)
-            return
-    report.findings.append(counted)
+        # Also what is left out for another reason: the comment is not unused.
+        ignored = subject.ignore_comments.take(finding)
+    if finding.code in subject.contract.without or finding.code in without:
+        return
+    if (counted := severity.apply(check, finding)) is None:
+        return
+    if ignored is not None:
+        report.ignored.append(msgspec.structs.replace(ignored, finding=counted))
+    else:
+        report.findings.append(counted)
 
 
 def _failed(report: CheckReport) -> bool:

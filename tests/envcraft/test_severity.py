@@ -276,3 +276,21 @@ def test_every_code_of_the_sandbox_must_stay_an_error() -> None:
     assert {f"EC90{number}" for number in range(1, 8)} <= fixed
     assert "EC203" not in fixed
     assert "EC009" not in fixed
+
+
+def test_a_comment_is_used_though_its_finding_is_left_out_for_another_reason() -> None:
+    target = Target("a.py", b"x = 1  # envcraft: ignore[EC701] it is so\n")
+    seen: list[list[tuple[int, str]]] = []
+
+    class Last(After):
+        def judge(self, subject: Subject) -> Iterator[Finding]:
+            assert subject.ignore_comments is not None
+            seen.append([(comment.line, code) for comment, code in subject.ignore_comments.unused()])
+            yield from ()
+
+    policy = SeverityPolicy({"EC701": "off"}, comments=True)
+    plan = Plan([target], ARCADE, StubDriver(), [Pieces(("EC701", 1)), Last()], BUDGETS["quick"], severity=policy)
+    *_, last = validate(plan, 1)
+    assert isinstance(last, Finished)
+    assert seen == [[]]
+    assert last.report.reports[0].checks[0].ignored == []
