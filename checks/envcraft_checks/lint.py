@@ -100,14 +100,14 @@ class Lint(Check):
             "shared-state",
             "The code writes to what episodes or instances share.",
             "Keep state in self, and create it in reset().",
-            confirmed_by=("EC206", "EC207"),
+            confirmed_by=("EC206", "EC207", "EC910", "EC913"),
         ),
         Rule(
             "EC054",
             "shared-array",
             "The code returns an array that it writes to later, or keeps or changes the caller's action.",
             "Return a copy, and copy the action.",
-            confirmed_by=("EC110", "EC111"),
+            confirmed_by=("EC110", "EC111", "EC215"),
         ),
         Rule(
             "EC055",

@@ -82,6 +82,13 @@ def _uses(program: Program, function: Function, field: str) -> bool:
             parent = program.parents[node]
             receiver = isinstance(parent, ast.Attribute) and parent.attr in MUTATORS
             stored = isinstance(parent, ast.Subscript) and isinstance(parent.ctx, ast.Store)
-            if not receiver and not stored and not isinstance(parent, ast.Dict):
+            turns = isinstance(parent, ast.BinOp) and _selects_buffer(program, function, parent)
+            if not receiver and not stored and not turns and not isinstance(parent, ast.Dict):
                 return True
     return False
+
+
+def _selects_buffer(program: Program, function: Function, node: ast.BinOp) -> bool:
+    """Whether a remainder only says which of the environment's buffers takes its turn."""
+    parent = program.parents[node]
+    return isinstance(node.op, ast.Mod) and isinstance(parent, ast.Subscript) and bool(function.field(parent.value))
