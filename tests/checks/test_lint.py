@@ -32,7 +32,7 @@ class Game(gym.Env):
         self.count = 0
         self.canvas = np.zeros(4)
     def reset(self, *, seed=None, options=None):
-        super().reset(seed=seed)
+        {super}
         {reset}
         return self.see(), {{}}
     def step(self, action):
@@ -46,7 +46,15 @@ class Game(gym.Env):
 
 def codes(**parts: str) -> set[str]:
     """The codes that lint reports, also those that are off by default, on a game with these statements."""
-    filled = {"reset": "pass", "step": "pass", "ended": "False", "see": "return np.zeros(4)", "more": "", **parts}
+    filled = {
+        "super": "super().reset(seed=seed)",
+        "reset": "pass",
+        "step": "pass",
+        "ended": "False",
+        "see": "return np.zeros(4)",
+        "more": "",
+        **parts,
+    }
     return found(GAME.format(**filled))
 
 
@@ -67,11 +75,20 @@ def subject_of(target: Target) -> Subject:
         ("EC050", {"step": "self.x = np.random.default_rng().random()"}),
         ("EC050", {"reset": "self.x = self.more()", "more": "def more(self): return np.random.rand()"}),
         ("EC050", {"step": "self.x = self.action_space.sample()"}),
+        ("EC050", {"reset": "self.np_random.random()", "super": "super().reset(seed=0)"}),
         ("EC051", {"step": "self.x = time.time()", "see": "return np.full(4, self.x)"}),
         ("EC051", {"step": "late = time.monotonic() > 5", "ended": "bool(late)", "see": "return np.zeros(4)"}),
         ("EC052", {"step": "self.x = list({'a', 'b'})[0]"}),
         ("EC052", {"step": "self.x = hash('a') % 7"}),
+        ("EC052", {"step": "self.x = {name: self.np_random.random() for name in {'a', 'b'}}"}),
         ("EC053", {"step": "self.shared.append(1)"}),
+        ("EC053", {"step": "type(self).seen = 1", "ended": "self.seen > 9", "more": "seen = 0"}),
+        (
+            "EC053",
+            {"reset": "self.x = self.new()", "step": "self.x.append(1)", "more": "def new(self, x=[]): return x"},
+        ),
+        ("EC053", {"reset": "self.x = getattr(self, 'x', -1) + 1", "ended": "self.x > 9"}),
+        ("EC053", {"reset": "self.hurt = False if not hasattr(self, 'hurt') else self.hurt", "ended": "self.hurt"}),
         ("EC053", {"step": "self.count += 1", "ended": "self.count > 9"}),
         ("EC053", {"step": "self.note()", "more": "def note(self, seen=[]): seen.append(1)"}),
         ("EC053", {"step": "global LIMIT; LIMIT += 1", "ended": "LIMIT > 9"}),
@@ -84,6 +101,7 @@ def subject_of(target: Target) -> Subject:
             },
         ),
         ("EC054", {"see": "self.canvas[:] = 1; return self.canvas"}),
+        ("EC054", {"see": "self.canvas[:2, :] = 1; view = self.canvas[:, 1:]; return view"}),
         ("EC054", {"step": "self.x = action[0]; action[0] = 1"}),
         ("EC055", {"step": "open('x', 'w')"}),
         ("EC056", {"reset": "self.x = 0.0", "step": "self.x += 0.1; done = self.x == 1.0", "ended": "done"}),
@@ -93,6 +111,8 @@ def subject_of(target: Target) -> Subject:
             "EC059",
             {"reset": "self.x = 0", "step": "self.x = min(self.x + 1, LIMIT); done = self.x > LIMIT", "ended": "done"},
         ),
+        ("EC059", {"reset": "self.won = False", "ended": "self.won"}),
+        ("EC059", {"step": "done = action[0] == 1 and False", "ended": "done"}),
     ],
 )
 def test_each_rule_reads_what_play_may_never_reach(code: str, parts: dict[str, str]) -> None:
@@ -116,6 +136,9 @@ def test_each_rule_reads_what_play_may_never_reach(code: str, parts: dict[str, s
         {"step": "d = math.hypot(action[0], 1.0); self.x = 1 / d if d else 0.0"},
         {"step": "\n        try: self.x = {}['a']\n        except KeyError: pass"},
         {"reset": "self.x = 0", "step": "self.x = min(self.x + 1, LIMIT); done = self.x >= LIMIT", "ended": "done"},
+        {"reset": "self.won = False", "step": "self.won = action[0] == 1", "ended": "self.won"},
+        {"reset": "self.best = getattr(self, 'best', 0); self.x = 0", "step": "self.best = max(self.best, self.x)"},
+        {"reset": "first, *self.x = [1, 2, 3]", "step": "self.x.append(1)", "ended": "len(self.x) > 9"},
     ],
 )
 def test_what_only_looks_alike_is_not_reported(parts: dict[str, str]) -> None:

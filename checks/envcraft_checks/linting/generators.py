@@ -53,6 +53,7 @@ def generators(program: Program) -> Iterator[Suspect]:
             elif path in _MAKERS and _unseeded(node) and _used(program, function, node):
                 yield Suspect(line(node), f"creates a generator without a seed: {path}()")
     yield from _fixed(program)
+    yield from _ignored_seed(program)
 
 
 def _draws(path: str) -> bool:
@@ -183,3 +184,14 @@ def _fixed(program: Program) -> Iterator[Suspect]:
                     line(call), f"takes {target.id} from a generator without a seed when the file is imported: {path}()"
                 )
                 break
+
+
+def _ignored_seed(program: Program) -> Iterator[Suspect]:
+    """Find a reset() that never reads its seed, although play draws from ``self.np_random``."""
+    reset = program.method(program.env, "reset")
+    if reset is None or "seed" not in reset.parameters:
+        return
+    read = any(isinstance(node, ast.Name) and node.id in ("locals", "seed") for node in reset.nodes)
+    drawn = any(function.field(node) == "np_random" for function in program.play for node in function.nodes)
+    if drawn and not read:
+        yield Suspect(line(reset.node), "takes a seed that nothing reads, and play draws from self.np_random")

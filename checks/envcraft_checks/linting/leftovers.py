@@ -16,7 +16,9 @@ def leftovers(program: Program) -> Iterator[Suspect]:
     """Find sums and containers that only grow from episode to episode, and flags that nothing takes back."""
     own = [function for function in program.play if program.bound_to(function) == program.env]
     indirect = any(name_of(node) in ("__dict__", "setattr") for one in own for node in one.nodes)
-    if program.method(program.env, "reset") is None or indirect:
+    reset = program.method(program.env, "reset")
+    # A reset() without a seed may go on from episode to episode by design.
+    if reset is None or indirect or "seed" not in reset.parameters:
         return
     yield from _growing(program, own)
     yield from _latches(program, own)
@@ -24,7 +26,13 @@ def leftovers(program: Program) -> Iterator[Suspect]:
 
 def _growing(program: Program, own: list[Function]) -> Iterator[Suspect]:
     resetting = program.reached("reset")
-    renewed = {one.field(target) for one in own for target, _, _ in one.bindings}
+    renewed = {
+        field
+        for one in own
+        for target, value, node in one.bindings
+        if (field := one.field(target)) and not _of_itself(one, field, value)
+        if not only_remembers(program, one, field, node)
+    }
     renewed |= {
         one.field(target)
         for one in resetting
@@ -39,16 +47,32 @@ def _growing(program: Program, own: list[Function]) -> Iterator[Suspect]:
         for node in one.nodes
         if isinstance(node, ast.Attribute) and node.attr not in MUTATORS and one.field(node.value)
     }
-    for function in program.reached("step"):
-        for target, node in function.writes:
+    for function in own:
+        again = [
+            (target, node)
+            for target, value, node in function.bindings
+            if _of_itself(function, function.field(target), value)
+        ]
+        for target, node in [*function.writes, *again]:
             field = function.field(target)
             values = program.field_values(program.env).get(field, ())
             limited = any(isinstance(value, ast.Call) and name_of(value) == "deque" for value, _ in values)
-            if not values or limited or function not in own or field in renewed or is_bookkeeping(field):
+            if not values or limited or field in renewed or is_bookkeeping(field):
                 continue
-            if any(_uses(program, one, field) for one in own):
+            if not only_remembers(program, function, field, node) and any(_uses(program, one, field) for one in own):
                 words = f"changes self.{field}, which reset() never sets, so that it outlives the episode"
                 yield Suspect(line(node), words)
+
+
+def _of_itself(function: Function, field: str, value: ast.AST | None) -> bool:
+    """Whether a value is made of the attribute that it is assigned to."""
+    for node in ast.walk(value) if value is not None else ():
+        match node:
+            case ast.Call(func=ast.Name(id="getattr"), args=[_, ast.Constant(value=str(name)), *_]) if name == field:
+                return True
+            case ast.Attribute() if function.field(node) == field != "":
+                return True
+    return False
 
 
 def _latches(program: Program, own: list[Function]) -> Iterator[Suspect]:
@@ -83,7 +107,9 @@ def _uses(program: Program, function: Function, field: str) -> bool:
             receiver = isinstance(parent, ast.Attribute) and parent.attr in MUTATORS
             stored = isinstance(parent, ast.Subscript) and isinstance(parent.ctx, ast.Store)
             turns = isinstance(parent, ast.BinOp) and _selects_buffer(program, function, parent)
-            if not receiver and not stored and not turns and not isinstance(parent, ast.Dict):
+            if not (
+                receiver or stored or turns or isinstance(parent, ast.Dict) or _only_updates(program, function, node)
+            ):
                 return True
     return False
 
@@ -92,3 +118,15 @@ def _selects_buffer(program: Program, function: Function, node: ast.BinOp) -> bo
     """Whether a remainder only says which of the environment's buffers takes its turn."""
     parent = program.parents[node]
     return isinstance(node.op, ast.Mod) and isinstance(parent, ast.Subscript) and bool(function.field(parent.value))
+
+
+def _only_updates(program: Program, function: Function, node: ast.AST) -> bool:
+    """Whether a value only serves to calculate itself anew, as a record does, also in the test before that."""
+    field = function.field(node)
+    while not isinstance(node, ast.stmt):
+        node = program.parents[node]
+    statements = node.body if isinstance(node, ast.If) and not node.orelse else [node]
+    return all(
+        isinstance(one, ast.Assign) and all(function.field(target) == field for target in one.targets)
+        for one in statements
+    )

@@ -6,6 +6,7 @@ import ast
 import math
 import operator
 from collections.abc import Callable, Iterator
+from functools import cached_property
 
 from .program import Function, Program, Suspect, line, name_of
 
@@ -29,6 +30,8 @@ def contradictions(program: Program) -> Iterator[Suspect]:
         if program.bound_to(function) != program.env:
             continue
         for node in function.nodes:
+            if isinstance(node, ast.BoolOp) and _holds_false(node) and _decides(program, node):
+                yield Suspect(line(node), f"tests {ast.unparse(node)[:60]}, which is never true")
             if isinstance(node, ast.Compare) and len(node.ops) == 1 and _decides(program, node):
                 for field_side, other, kind in (
                     (node.left, node.comparators[0], type(node.ops[0])),
@@ -38,10 +41,38 @@ def contradictions(program: Program) -> Iterator[Suspect]:
                     if field and limit is not None and kind is not None:
                         low, high = ranges.of(field)
                         if _never(kind, low, high, limit):
-                            yield Suspect(
-                                line(node),
-                                f"tests {ast.unparse(node)}, but self.{field} stays within {low:g} and {high:g}",
-                            )
+                            below = kind in (ast.Gt, ast.GtE) or high < limit
+                            bound = f"is never above {high:g}" if below else f"is never below {low:g}"
+                            yield Suspect(line(node), f"tests {ast.unparse(node)}, but self.{field} {bound}")
+    yield from _never_set(program)
+
+
+def _holds_false(node: ast.BoolOp) -> bool:
+    return isinstance(node.op, ast.And) and any(map(_is_false, node.values))
+
+
+def _never_set(program: Program) -> Iterator[Suspect]:
+    """Find flags of success that play reads, and that nothing ever makes true."""
+    own = program.methods(program.env)
+    foreign = {
+        node.attr
+        for node in program.nodes
+        if isinstance(node, ast.Attribute)
+        and isinstance(node.ctx, ast.Store)
+        and not any(one.field(node) for one in own)
+    }
+    for field, values in program.field_values(program.env).items():
+        named = not {"success", "victory", "win", "won"}.isdisjoint(field.lower().split("_"))
+        if not named or field in foreign or not all(_is_false(value) for value, _ in values):
+            continue
+        for function in program.play:
+            for node in function.nodes:
+                if function.field(node) == field and isinstance(getattr(node, "ctx", None), ast.Load):
+                    yield Suspect(line(node), f"reads self.{field}, which nothing ever makes true")
+
+
+def _is_false(node: ast.AST | None) -> bool:
+    return isinstance(node, ast.Constant) and node.value is False
 
 
 def _never(kind: type[ast.cmpop], low: float, high: float, limit: float) -> bool:
@@ -61,7 +92,7 @@ def _decides(program: Program, test: ast.AST) -> bool:
     node = test
     while not isinstance(node, ast.stmt):
         node = program.parents[node]
-        if isinstance(node, ast.IfExp | ast.comprehension):
+        if isinstance(node, ast.IfExp | ast.comprehension | ast.UnaryOp):
             return False
     if isinstance(node, ast.If):
         if test not in set(ast.walk(node.test)):
@@ -117,11 +148,86 @@ class _Ranges:
         known = self.program.class_values(self.program.env)
         if field in known:
             ranges.append(self.range(known[field][1], None))
-        low, high = (
-            min((low for low, _ in ranges), default=math.inf),
-            max((high for _, high in ranges), default=-math.inf),
-        )
+        low = min((low for low, _ in ranges), default=math.inf)
+        high = max((high for _, high in ranges), default=-math.inf)
+        if high == math.inf:
+            high = self._gained(field)
         return (low, high) if low <= high else (-math.inf, math.inf)
+
+    def _gained(self, field: str) -> float:
+        """The most that a sum of constants can reach before the step limit, infinity if nothing limits it."""
+        total, limit = 0.0, self._limit
+        for method in self.methods:
+            for target, value, _ in method.bindings:
+                if method.field(target) == field and (start := self.constant(value, method)) is None:
+                    return math.inf
+                if method.field(target) == field:
+                    total = max(total, start or 0.0)
+        for method in self.methods:
+            for node in method.nodes:
+                if isinstance(node, ast.AugAssign) and method.field(node.target) == field:
+                    step = self.constant(node.value, method)
+                    if step is None or not isinstance(node.op, ast.Add | ast.Sub) or not self._once(node, method):
+                        return math.inf
+                    total += limit * max(step if isinstance(node.op, ast.Add) else -step, 0.0)
+        return total
+
+    @cached_property
+    def _limit(self) -> float:
+        """The number of steps after which an episode ends, as a counter in step() says; infinity if none does."""
+        step = self.program.method(self.program.env, "step")
+        limits = [math.inf]
+        for node in step.node.body if step is not None else ():
+            if step is None or not isinstance(node, ast.AugAssign) or not isinstance(node.op, ast.Add):
+                continue
+            field = step.field(node.target)
+            if self.constant(node.value, step) != 1 or not self._counts_steps(field):
+                continue
+            for test in (one for method in self.methods for one in method.nodes if isinstance(one, ast.Compare)):
+                owner = next(method for method in self.methods if test in method.nodes)
+                end = self.constant(test.comparators[0], owner)
+                compared = isinstance(test.ops[0], ast.GtE | ast.Gt | ast.Eq) and owner.field(test.left) == field
+                if compared and end is not None and len(test.ops) == 1 and _decides(self.program, test):
+                    limits.append(end + 1 if self._unconditional(test, owner) else math.inf)
+        # The latest of several ends, since some may hold only on a condition.
+        return max(limits[1:], default=math.inf)
+
+    def _unconditional(self, test: ast.AST, method: Function) -> bool:
+        """Whether a test holds whatever else is true, unless the episode has ended in another way."""
+        node = test
+        while node is not method.node:
+            node, child = self.program.parents[node], node
+            if isinstance(node, ast.BoolOp) and isinstance(node.op, ast.And):
+                others = [one for one in node.values if one is not child]
+                if not all(isinstance(one, ast.UnaryOp) and isinstance(one.op, ast.Not) for one in others):
+                    return False
+            if isinstance(node, ast.For | ast.While) or (isinstance(node, ast.If) and child in node.body):
+                return False
+        return True
+
+    def _counts_steps(self, field: str) -> bool:
+        """Whether an attribute is 0 at the reset, and changes only by one addition in step()."""
+        resetting = self.program.reached("step")
+        added = [one for method in self.methods for one, _ in method.writes if method.field(one) == field]
+        values = self.program.field_values(self.program.env).get(field, [])
+        zero = all(self.constant(value, method) == 0 and method not in resetting for value, method in values)
+        return bool(values) and zero and len(added) == 1 and field not in self._foreign
+
+    def _once(self, node: ast.AST, method: Function, depth: int = 8) -> bool:
+        """Whether a step runs a statement at most once: no loop holds it, nor the only call of its method."""
+        while node is not method.node:
+            node = self.program.parents[node]
+            if isinstance(node, ast.For | ast.While | ast.comprehension | ast.ListComp | ast.GeneratorExp | ast.Lambda):
+                return False
+        if method.name == "step":
+            return True
+        calls = [
+            (one, caller)
+            for caller in self.program.reached("step")
+            for one in caller.nodes
+            if isinstance(one, ast.Attribute) and one.attr == method.name
+        ]
+        return depth > 0 and len(calls) == 1 and self._once(*calls[0], depth - 1)
 
     def _moved(
         self, start: tuple[float, float], op: ast.operator, by: ast.AST, method: Function | None

@@ -192,6 +192,8 @@ def _ordered(program: Program, function: Function | None, node: ast.AST) -> bool
             return _order_of_turns(parent)
         case ast.comprehension(iter=iterated) if iterated is node:
             whole = program.parents[parent]
+            if any(map(_draws, ast.walk(whole))):
+                return True
             return isinstance(whole, ast.ListComp | ast.GeneratorExp) and _matters(program, function, whole)
         case ast.Call(func=ast.Name(id="list" | "tuple" | "iter" | "enumerate")):
             return node in parent.args and _matters(program, function, parent)
@@ -228,8 +230,14 @@ def _order_of_turns(loop: ast.For) -> bool:
     for node in (inner for statement in loop.body for inner in ast.walk(statement)):
         if isinstance(node, ast.Break | ast.Return | ast.Yield):
             return True
-        if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
-            owner = name_of(node.func.value).lower()
-            if node.func.attr in _ORDERED or "random" in owner or "rng" in owner:
-                return True
+        if _draws(node) or (isinstance(node, ast.Call) and name_of(node) in _ORDERED):
+            return True
     return False
+
+
+def _draws(node: ast.AST) -> bool:
+    """Whether a call draws from what is named like a generator."""
+    if not isinstance(node, ast.Call) or not isinstance(node.func, ast.Attribute):
+        return False
+    owner = name_of(node.func.value).lower()
+    return "random" in owner or "rng" in owner

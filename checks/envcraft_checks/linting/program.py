@@ -51,6 +51,12 @@ class Function:
         """The nodes of the body in the order of the text, without what only a human's window needs."""
         return [node for statement in self.node.body for node in _running(statement)]
 
+    @property
+    def parameters(self) -> list[str]:
+        """The names of the parameters that a caller may give by name."""
+        arguments = self.node.args
+        return [one.arg for one in [*arguments.posonlyargs, *arguments.args, *arguments.kwonlyargs]]
+
     @cached_property
     def local(self) -> frozenset[str]:
         """The names that the function binds itself."""
@@ -309,6 +315,8 @@ def _bound(
         parts = value.elts if isinstance(value, ast.Tuple | ast.List) and len(value.elts) == len(target.elts) else None
         for number, one in enumerate(target.elts):
             yield from _bound(one, parts[number] if parts else None, node)
+    elif isinstance(target, ast.Starred):
+        yield from _bound(target.value, None, node)
     elif isinstance(target, ast.Name | ast.Attribute):
         yield target, value, node
 

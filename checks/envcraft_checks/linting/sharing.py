@@ -53,10 +53,23 @@ def _defaults(program: Program, function: Function) -> Iterator[Suspect]:
                 and len(program.values(target, function)) == 1
             ):
                 written += [node for one in program.all for place, node in one.writes if one.field(place) == field]
+        if any(isinstance(node, ast.Return) and name_of(node.value or node) == name for node in function.nodes):
+            written += _writes_to_result(program, function)
         if written:
             yield Suspect(
                 line(parameter), f"creates the default of {name} once, and line {line(written[0])} writes to it"
             )
+
+
+def _writes_to_result(program: Program, function: Function) -> list[ast.AST]:
+    """Where play writes to an attribute that holds the result of a function."""
+    fields = {
+        field
+        for one in program.all
+        for target, value, _ in one.bindings
+        if isinstance(value, ast.Call) and name_of(value) == function.name and (field := one.field(target))
+    }
+    return [node for one in program.all for target, node in one.writes if one.field(target) in fields]
 
 
 def _class_level(program: Program, function: Function) -> Iterator[Suspect]:
@@ -71,11 +84,13 @@ def _class_level(program: Program, function: Function) -> Iterator[Suspect]:
                 line(node),
                 f"writes to {defined}.{field}, which line {line(value) if value else 0} creates once for all instances",
             )
-    for target, _, node in [*function.bindings, *_augmented(function)]:
+    # What only the constructor assigns is mostly a constant.
+    assigned = [*function.bindings, *_augmented(function)] if function in program.play else []
+    for target, _, node in assigned:
         field, owner = _attribute(program, function, target)
         if function.field(target) and function.me != "cls":
             continue
-        if not owner or field not in program.class_values(owner) or is_bookkeeping(field):
+        if not owner or is_bookkeeping(field):
             continue
         read = any(_reads(program, one, owner, field, node) for one in program.play)
         if read and not only_remembers(program, function, field, node):
@@ -140,10 +155,18 @@ def only_remembers(program: Program, function: Function, name: str, node: ast.AS
                     return not any(
                         isinstance(one, ast.Call) and name_of(one) in ("add", "append") for one in ast.walk(node)
                     )
-                case ast.UnaryOp(op=ast.Not(), operand=operand) if name_of(operand) == name:
+                case ast.UnaryOp(op=ast.Not(), operand=operand) if name_of(operand) == name or _has(operand, name):
                     return True
         if isinstance(node, ast.ExceptHandler):
             return True
+    return False
+
+
+def _has(node: ast.AST, name: str) -> bool:
+    """Whether a test asks for an attribute by ``hasattr``."""
+    match node:
+        case ast.Call(func=ast.Name(id="hasattr"), args=[_, ast.Constant(value=str(asked))]):
+            return asked == name
     return False
 
 
@@ -205,7 +228,12 @@ def aliases(program: Program) -> Iterator[Suspect]:
             for target, node in function.writes:
                 for field in _returned(program, function, target):
                     written.setdefault(field, line(node))
-    kept = {function.field(target) for function in stepping for target, _, _ in function.bindings}
+    kept = {
+        field
+        for function in stepping
+        for target, _, node in function.bindings
+        if (field := function.field(target)) and not only_remembers(program, function, field, node)
+    }
     for name in ("step", "reset"):
         if (method := program.method(program.env, name)) is not None:
             for node in method.nodes:
@@ -252,7 +280,7 @@ def _returned(program: Program, function: Function, node: ast.AST, depth: int = 
                 else called.value
             )
             return _returned(program, function, whole, depth - 1)
-        case ast.Subscript(value=value, slice=ast.Slice()):
+        case ast.Subscript(value=value, slice=ast.Constant() | ast.UnaryOp() | ast.Slice()):
             return _returned(program, function, value, depth - 1)
         case ast.Subscript(value=value, slice=ast.Tuple(elts=elts)) if any(isinstance(one, ast.Slice) for one in elts):
             return _returned(program, function, value, depth - 1)
@@ -264,13 +292,11 @@ def _returned(program: Program, function: Function, node: ast.AST, depth: int = 
 def _buffer(program: Program, method: Function, field: str) -> bool:
     """Whether an attribute holds an array."""
     owner = program.bound_to(method)
-    return any(
-        isinstance(value, ast.Call)
-        and one.field(target) == field
-        and program.path(value.func, one).startswith("numpy.")
-        for one in program.methods(owner)
-        for target, value, _ in one.bindings
-    )
+    for value, one in program.field_values(owner).get(field, ()):
+        item = value.elt if isinstance(value, ast.ListComp) else value
+        if isinstance(item, ast.Call) and program.path(item.func, one).startswith("numpy."):
+            return True
+    return False
 
 
 def _action(step: Function, action: str) -> Iterator[Suspect]:
