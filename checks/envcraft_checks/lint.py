@@ -79,7 +79,7 @@ class Lint(Check):
             "unseeded-draw",
             "The code draws random numbers that no seed of reset() controls.",
             "Draw from self.np_random, seeded by super().reset(seed=seed).",
-            confirmed_by=("EC201", "EC202", "EC204", "EC206", "EC207"),
+            confirmed_by=("EC201", "EC202", "EC204", "EC205", "EC206", "EC207"),
         ),
         Rule(
             "EC051",
@@ -100,7 +100,7 @@ class Lint(Check):
             "shared-state",
             "The code writes to what episodes or instances share.",
             "Keep state in self, and create it in reset().",
-            confirmed_by=("EC206", "EC207", "EC910", "EC913"),
+            confirmed_by=("EC104", "EC107", "EC206", "EC207", "EC910", "EC912", "EC913"),
         ),
         Rule(
             "EC054",

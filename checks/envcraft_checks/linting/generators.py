@@ -48,7 +48,7 @@ def generators(program: Program) -> Iterator[Suspect]:
             module = path.rpartition(".")[0]
             if _draws(path) and module not in seeded and (function in play or _kept(program, function, node)):
                 yield Suspect(line(node), f"takes a number that no seed of reset() controls: {path}()")
-            elif function in play and _draws_from_space(node, function) and not _seeds_space(every):
+            elif function in play and _draws_from_space(program, node, function) and not _seeds_space(every):
                 yield Suspect(line(node), "samples a space, whose generator reset() does not seed")
             elif path in _MAKERS and _unseeded(node) and _used(program, function, node):
                 yield Suspect(line(node), f"creates a generator without a seed: {path}()")
@@ -74,7 +74,10 @@ def _kept(program: Program, function: Function, node: ast.AST) -> bool:
     return isinstance(node, ast.Assign) and any(function.field(target) for target in node.targets)
 
 
-def _draws_from_space(node: ast.Call, function: Function) -> bool:
+def _draws_from_space(program: Program, node: ast.Call, function: Function) -> bool:
+    match program.parents[node]:
+        case ast.BinOp(op=ast.Mult(), right=ast.Constant(value=0)):
+            return False
     match node.func:
         case ast.Attribute(attr="sample", value=ast.Attribute(attr="action_space" | "observation_space") as space):
             return bool(function.field(space))
@@ -192,6 +195,8 @@ def _ignored_seed(program: Program) -> Iterator[Suspect]:
     if reset is None or "seed" not in reset.parameters:
         return
     read = any(isinstance(node, ast.Name) and node.id in ("locals", "seed") for node in reset.nodes)
+    # One fixed level for every seed is a design.
+    fixed = any(isinstance(node, ast.keyword) and node.arg == "seed" for node in reset.nodes)
     drawn = any(function.field(node) == "np_random" for function in program.play for node in function.nodes)
-    if drawn and not read:
+    if drawn and not read and not fixed:
         yield Suspect(line(reset.node), "takes a seed that nothing reads, and play draws from self.np_random")
