@@ -10,7 +10,7 @@ import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
-from envcraft.model.target import Target, imported, parse
+from envcraft.model.target import Target, imports, parse
 
 #: The most marks of a source.
 _MOST = 2_000
@@ -94,8 +94,9 @@ class Coverage:
         #: Whether a job has said what it reached.
         self.known = False
         try:
-            if not target.installed and not _LOOKING.intersection(imported(target.source)):
-                self._functions = list(_functions(parse(target.text)))
+            tree = parse("" if target.installed else target.text)
+            if not _LOOKING.intersection(imports(tree)):
+                self._functions = list(_functions(tree))
         except (SyntaxError, ValueError, RecursionError, MemoryError):
             self._functions = []
         places = {(each.line, each.column) for function in self._functions for each in function.statements}
@@ -120,18 +121,17 @@ class Coverage:
 
     def _from_step(self) -> list[_Function]:
         """The functions that ``step()`` may call: those whose names are mentioned, in turn."""
-        reachable, names = [], {"step"}
-        left = self._functions
-        while True:
-            found = [function for function in left if function.name in names]
-            if not found:
-                break
-            reachable += found
-            left = [function for function in left if function not in found]
-            names |= {name for function in found for name in function.mentions}
-        # Of several functions of one name, some may be those of a class that is not in use.
-        shared = {name for name in names if sum(function.name == name for function in reachable) > 1}
-        return [function for function in reachable if function.name not in shared or self._is_entered(function)]
+        named: dict[str, list[_Function]] = {}
+        for function in self._functions:
+            named.setdefault(function.name, []).append(function)
+        reachable: list[_Function] = []
+        names = ["step"]
+        while names:
+            # Of several functions of one name, some may be those of a class that is not in use.
+            found = named.pop(names.pop(), [])
+            reachable += found if len(found) == 1 else filter(self._is_entered, found)
+            names += {name for function in found for name in function.mentions if name in named}
+        return reachable
 
     def _is_entered(self, function: _Function) -> bool:
         return any((each.line, each.column) in self._reached for each in function.statements)

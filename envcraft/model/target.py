@@ -165,6 +165,11 @@ def imported(source: bytes) -> Iterator[str]:
         tree = parse(source)
     except (SyntaxError, ValueError, RecursionError, MemoryError):
         return
+    yield from imports(tree)
+
+
+def imports(tree: ast.Module) -> Iterator[str]:
+    """The top-level modules that a syntax tree imports anywhere."""
     for node in ast.walk(tree):
         if isinstance(node, ast.Import):
             yield from (alias.name.partition(".")[0] for alias in node.names)

@@ -117,3 +117,10 @@ def test_nothing_is_said_without_play() -> None:
     coverage = Coverage(Target("game.py", source.encode()))
     assert coverage.places
     assert coverage.missed() == []
+
+
+def test_many_functions_take_little_time() -> None:
+    many = "".join(f"def f{number}():\n    'nothing'\n" for number in range(20_000))
+    coverage = Coverage(Target("game.py", (GAME.format(body="        self.x = [f0]") + many).encode()))
+    coverage.add("1" * len(coverage.places))
+    assert coverage.missed() == []
