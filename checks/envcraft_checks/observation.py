@@ -9,20 +9,20 @@ changes rarely, is fine.
 A picture is frozen if it changes for the last time at the same step in episodes of several seeds and policies, and at
 least half of each of these episodes follows that step. No other play may change it later: held actions, all actions in
 rotation, or exploration. A game that gets stuck does so at different steps, and a game that waits for the right action
-receives it from some policy. A picture is also frozen if it stops at an event, such as the first reward: it changes
-before that event, never changes after it in any episode, and the same action is then paid differently at the same
-picture. A game that is over, or stuck, pays the same for ever.
+receives it from some policy. A picture is also frozen if it changes at first, and no more after some step or reward of
+at least three episodes, while the game goes on: the same action is then paid differently at the same picture, or a
+search finds that moves there lead to different states that look the same. A game that is over, or stuck, is neither.
 
 The contrast is too low if no channel of any picture spans more than eight of 255 levels. A dark game has some bright
 pixel, and a game that begins in the dark shows one later. Small pictures may hold codes instead of colours, and so may
 grey ones that no contract prescribes.
 
-An agent is invisible if moves change no picture until they are paid: each move is held for some steps, then all
-episodes do nothing. If three of them are paid or end differently while their pictures are equal up to then, the game
-keeps a position that it does not show; two are a warning. A move that shows late, or matters only while it is pressed,
-is fine.
+An agent is invisible if no picture of episodes that each hold one move differs before their rewards and flags do,
+although moves lead to at least three lasting states of the game, or, if episodes do nothing after their first moves, to
+three different rewards or endings; two are a warning. A move that shows late, or matters only while it is pressed, is
+fine.
 
-State is hidden (a warning) if two thirds of all rewards and terminations follow a picture and an action that had
+State is hidden (a warning) if three quarters of all rewards and terminations follow a picture and an action that had
 another result elsewhere, and the picture does not make the event likelier, in a game that draws no random numbers while
 it is played. Memory games are like that on purpose.
 
@@ -74,10 +74,12 @@ _STILL, _NEARLY = 30, 0.9
 _FROZEN, _AT_EVENT = 4, 3
 #: The most common rewards that may freeze a picture, and the share of steps before that must change it.
 _KINDS, _LIVELY = 5, 0.1
+#: Steps after the last change at which moves are tried, and the fewest states that they lead to.
+_WAIT, _LASTING = 5, 3
 #: The widest range of a channel whose contrast is too low, in levels, and the shortest side of a picture in pixels.
 _FAINT, _SIDE = 8, 32
 #: The fewest events that follow from hidden state, their share of all, and how much likelier a picture may make one.
-_HIDDEN, _MOST, _TOLD = 10, 2 / 3, 2
+_HIDDEN, _MOST, _TOLD = 10, 0.75, 2
 #: Steps of a move that is held, steps of the episode, and the most moves.
 _MOVED, _WAITED, _MOVES = 8, 120, 6
 
@@ -143,7 +145,7 @@ class Observation(Check):
             yield unmoved
         elif (invisible := self._find_invisible(subject)) is not None:
             yield invisible
-        elif (frozen := self._find_frozen(subject, seen) or self._find_frozen_at_event(subject, seen)) is not None:
+        elif (frozen := self._find_frozen(subject, seen) or self._find_frozen_later(subject, seen)) is not None:
             yield frozen
         elif (hidden := self._find_hidden(subject, seen)) is not None:
             yield hidden
@@ -232,16 +234,43 @@ class Observation(Check):
             episodes=len(frozen),
         )
 
-    def _find_frozen_at_event(self, subject: Subject, traces: list[Trace]) -> Finding | None:
-        """Find a picture that stops at the same reward of every episode, while the game goes on."""
-        if not _pictures(subject.observation_space) or not any(_goes_on(trace) for trace in traces):
+    def _find_frozen_later(self, subject: Subject, traces: list[Trace]) -> Finding | None:
+        """Find a picture that stops at an event of the episode, while the game goes on."""
+        if not _pictures(subject.observation_space) or not any(map(_stops, traces)):
             return None
         more = [*subject.episodes.rotations, *subject.searches.explored()]
-        if sum(map(_goes_on, traces)) < _AT_EVENT:
+        if sum(map(_stops, traces)) < _AT_EVENT:
             more += itertools.islice(subject.episodes.more_whole(), _AT_EVENT)
         known = {trace.rollout.key(): trace for trace in [*traces, *more] if trace.usable and not trace.opaque}
         traces = list(known.values())
-        moving = {id(trace) for trace in traces if _goes_on(trace)}
+        stopped = [trace for trace in traces if _stops(trace)]
+        if len(stopped) < _AT_EVENT:
+            return None
+        words, frozen = self._at_reward(traces) or ("", stopped)
+        if not _lively(frozen):
+            return None
+        if sum(map(_goes_on, frozen)) < _AT_EVENT or not words:
+            # The rewards do not show that the game goes on, so its state must.
+            for trace in sorted(frozen, key=_last_change)[:_AT_EVENT]:
+                path = trace.actions[: _last_change(trace) + _WAIT]
+                if not subject.affords(2 * len(path)):
+                    return None
+                if subject.searches.hidden_states(path, trace.rollout.seed) < _LASTING:
+                    return None
+        first = min(frozen, key=_last_change)
+        last = _last_change(first)
+        return self.finding(
+            "EC401",
+            f"the picture freezes{words}: it changes no more in {len(frozen)} episodes, in one from step {last} "
+            f"to step {first.steps}, although the game goes on",
+            line=subject.line_of("step"),
+            repro=repro(first.rollout.cut(first.steps)),
+            step=last,
+            episodes=len(frozen),
+        )
+
+    def _at_reward(self, traces: list[Trace]) -> tuple[str, list[Trace]] | None:
+        """The reward at which the pictures of all episodes stop, in words, and these episodes."""
         counts = Counter(reward for trace in traces for reward in trace.rewards)
         usual, *others = [reward for reward, _ in counts.most_common(_KINDS)]
         kinds = [(f"{reward:g}", {reward}) for reward in others]
@@ -249,23 +278,10 @@ class Observation(Check):
         kinds.append((f"less than {usual:g}", {reward for reward in counts if reward < usual}))
         for (words, kind), number in itertools.product(kinds, range(len(_ORDINALS))):
             events = [(trace, step) for trace in traces if (step := _event(trace, kind, number))]
-            shown = [(trace, step) for trace, step in events if id(trace) in moving]
-            before = [_changed(trace, step) for trace, event in events for step in range(1, event)]
-            if len(shown) < _AT_EVENT or sum(before) < max(_LIVELY * len(before), _AT_EVENT):
-                continue
-            if any(_last_change(trace) > step + 1 for trace, step in events):
-                continue
-            first, step = min(shown, key=lambda event: event[1])
-            return self.finding(
-                "EC401",
-                f"the picture freezes at the {_ORDINALS[number]} reward of {words}: it does not change after it in any "
-                f"of {len(events)} episodes (from step {step} of one of them to step {first.steps}), although the same "
-                "action is then paid differently",
-                line=subject.line_of("step"),
-                repro=repro(first.rollout.cut(first.steps)),
-                step=step,
-                episodes=len(events),
-            )
+            frozen = [trace for trace, _ in events if _stops(trace)]
+            late = any(_last_change(trace) > step + 1 for trace, step in events)
+            if len(frozen) >= _AT_EVENT and not late and _lively(frozen):
+                return f" at the {_ORDINALS[number]} reward of {words}", frozen
         return None
 
     def _find_faint(self, subject: Subject) -> Finding | None:
@@ -304,8 +320,24 @@ class Observation(Check):
             return None
         moves = _simple_moves(subject)
         held = [trace for trace in subject.held() if trace.rollout.actions[0] in moves and not trace.opaque]
-        if len(held) < _AT_EVENT or _first_apart(held) != "paid":
+        if len(held) < _AT_EVENT or _first_apart(held) == "seen":
             return None
+        states = subject.searches.hidden_states([], subject.episode_seed(0))
+        if states >= _LASTING:
+            longest = max(held, key=lambda trace: trace.steps)
+            return self.finding(
+                "EC407",
+                f"moves lead to {states} states of the game with the same pictures, and no picture of {len(held)} "
+                f"episodes that hold one move differs before its rewards and flags do, up to step {longest.steps}",
+                line=subject.line_of("step"),
+                repro=repro(longest.rollout.cut(longest.steps)),
+                states=states,
+                compared=len(held),
+            )
+        return self._find_paid_unseen(subject, moves) if _first_apart(held) == "paid" else None
+
+    def _find_paid_unseen(self, subject: Subject, moves: list[Any]) -> Finding | None:
+        """Find moves that rewards or endings show later, and no picture before them."""
         length = min(_WAITED, subject.length)
         if not subject.affords(length * len(moves)):
             return None
@@ -415,16 +447,28 @@ def _enough(frozen: list[Trace]) -> bool:
 _ORDINALS = ("first", "second", "third")
 
 
-def _goes_on(trace: Trace) -> bool:
-    """Whether a game goes on at a frozen picture, under varied actions: one of them is paid differently."""
+def _stops(trace: Trace) -> bool:
+    """Whether a picture changes no more from some step on, under varied actions."""
     last = _last_change(trace)
     if not trace.usable or trace.steps < last + _STILL:
         return False
+    return len({str(action) for action in trace.actions[last : trace.steps]}) > _AT_EVENT
+
+
+def _lively(traces: list[Trace]) -> bool:
+    """Whether pictures change before their last change."""
+    changes = [_changed(trace, step) for trace in traces for step in range(1, _last_change(trace) + 1)]
+    return sum(changes) >= max(_LIVELY * len(changes), _AT_EVENT)
+
+
+def _goes_on(trace: Trace) -> bool:
+    """Whether some action is paid differently after the last change of the picture."""
+    last = _last_change(trace)
     paid: dict[str, set[float]] = defaultdict(set)
     # The reward of the last change may belong to the event.
     for action, reward in zip(trace.actions[last + 1 : trace.steps], trace.rewards[last + 1 :], strict=True):
         paid[str(action)].add(reward)
-    return len(paid) > 1 and any(len(rewards) > 1 for rewards in paid.values())
+    return any(len(rewards) > 1 for rewards in paid.values())
 
 
 def _event(trace: Trace, kind: set[float], number: int) -> int | None:

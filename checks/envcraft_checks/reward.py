@@ -9,9 +9,9 @@ If `info["is_success"]` reports wins, the check compares the return of each win 
 same seed. It warns if no win has a positive last reward, a positive return, or a higher return than doing nothing.
 Step costs are fine: they make a win cheaper than idling to the end.
 
-A reward that is zero in all play and all searches, while no success is reported, is an error if the code returns zero
-wherever it returns a reward, and the contract counts a positive return as a win. Otherwise it is a warning: play may
-not have come to the reward. With `--policy FILE` the policy's episodes count, too.
+A reward that is zero in all play and all searches is an error if the code returns zero wherever it returns a reward,
+and the contract counts a positive return as a win. Otherwise it is a warning if no success is reported: play may not
+have come to the reward. With `--policy FILE` the policy's episodes count, too.
 
 The exploration also looks for loops: actions that lead back to the same picture and pay each time. A loop is farmable
 if repeating it in a plain episode earns clearly more than success on that seed within half of the longest episode.
@@ -126,6 +126,9 @@ class Reward(Check):
         if {"EC301", "EC302"} & seen:
             # Returns that are no numbers compare with nothing.
             return
+        if (silent := self._judge_silence(subject, traces)) is not None:
+            yield silent
+            return
         unpaid, failing = self._judge_wins(subject, traces), self._judge_failures(subject, traces)
         if failing is not None and not grown and (unpaid is None or failing.evidence["earned"] > 0):
             yield failing
@@ -133,7 +136,6 @@ class Reward(Check):
             yield unpaid
         if not grown:
             yield from self._judge_loops(subject, traces)
-        yield from self._judge_silence(subject, traces)
 
     def confirm(self, subject: Subject, finding: Finding) -> Finding | None:
         if finding.code not in ("EC301", "EC302", "EC303"):
@@ -197,26 +199,27 @@ class Reward(Check):
                 growth=min(grown[id(trace)] for trace in long),
             )
 
-    def _judge_silence(self, subject: Subject, traces: list[Trace]) -> Iterator[Finding]:
+    def _judge_silence(self, subject: Subject, traces: list[Trace]) -> Finding | None:
         played = [*traces, *subject.privileged()]
         outcomes = subject.searches.explorations
-        if any(not trace.usable or any(trace.rewards) or trace.reported_success for trace in played):
-            return
-        if any(outcome.get("paid", 1) or outcome.get("win") for outcome in outcomes):
-            return
+        if any(any(trace.rewards) for trace in played) or any(outcome.get("paid", 1) for outcome in outcomes):
+            return None
         certain = subject.contract.success.sign and subject.target.kind is Kind.SOURCE and pays_nothing(subject.text)
+        succeeds = any(trace.reported_success for trace in played) or any(outcome.get("win") for outcome in outcomes)
+        if not certain and (succeeds or not all(trace.usable for trace in played)):
+            return None
         longest = max(traces, key=lambda trace: trace.steps)
         searched = sum(int(outcome.get("steps") or 0) for outcome in outcomes)
         finding = self.finding(
             "EC306",
-            f"the reward of every step is 0 in {len(played)} episodes and {searched:,} "
-            f"steps of exploration, and no success is reported{'; step() returns no other reward' if certain else ''}",
+            f"the reward of every step is 0 in {len(played)} episodes and {searched:,} steps of exploration"
+            f"{'' if succeeds else ', and no success is reported'}{'; step() returns no other' if certain else ''}",
             line=subject.line_of("step"),
             repro=repro(longest.rollout.cut(longest.steps)),
             episodes=len(played),
             certain=certain,
         )
-        yield finding if certain else _warning(finding)
+        return finding if certain else _warning(finding)
 
     def _judge_loops(self, subject: Subject, traces: list[Trace]) -> Iterator[Finding]:
         longest = max(trace.steps for trace in traces)

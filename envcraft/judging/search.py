@@ -17,6 +17,8 @@ from envcraft.model.trace import Trace
 
 #: Steps that a rolling-horizon search may try for each step of the episode.
 _HORIZON = 40
+#: The most steps of a search for hidden states after its path.
+_REACT = 240
 #: Steps of a greedy search, which makes five moves.
 _GREEDY = 10_000
 #: The share of the budget that an exploration leaves to the checks after it, and that a sweep leaves.
@@ -172,6 +174,13 @@ class Searches:
     def sweep_last(self, path: list[Action], seed: int, budget: int) -> SearchOutcome:
         """Try every action on copies of the states at the end of a path, in `budget` steps at most."""
         return self._cache.search(Search("sweep_last", seed, budget, path))
+
+    def hidden_states(self, path: list[Action], seed: int) -> int:
+        """How many states different moves lead to, after a path, that look like doing nothing (the worker's ``react``).
+
+        It is 1 if no move has a lasting effect that the picture does not show, and 0 if that is not known.
+        """
+        return int(self._cache.search(Search("react", seed, len(path) + _REACT, path)).get("states") or 0)
 
     def script(self, number: int, chosen: Sequence[Action], player: str) -> Rollout:
         """A rollout of actions that a search found."""

@@ -1,4 +1,4 @@
-"""EC305 is a warning, so no fixture's header expects it: a win without a reward, and games that resemble one."""
+"""EC305 is a warning, so no fixture's header expects it: a win that pays nothing, and games that resemble one."""
 
 from __future__ import annotations
 
@@ -18,16 +18,19 @@ from evaluation.fixtures import FIXTURES
 GAME = (FIXTURES / "termination" / "good" / "torch_burns_out.py").read_text()
 REWARD = "reward = 4.0 if won else -1.0 if lost else 0.0"
 REWARDS = {
-    REWARD: False,
-    "reward = 0.0": True,
-    "reward = -10.0 if won else 0.0": True,
+    REWARD: "",
+    # No play is paid at all.
+    "reward = 0.0": "EC306",
+    "reward = 0.0 * self.steps if won else 0.0 * action[1]": "EC306",
+    "reward = -self.steps * 0.5 + self.steps / 2": "EC305",
+    "reward = -10.0 if won else 0.0": "EC305",
     # A cost of time: a win ends it sooner.
-    "reward = -0.1": False,
-    "reward = 1.0 if won else -1.0": False,
+    "reward = -0.1": "",
+    "reward = 1.0 if won else -1.0": "",
     # The best is not to lose, and idling loses.
-    "reward = -1.0 if lost else 0.0": False,
+    "reward = -1.0 if lost else 0.0": "",
     # Idling wins.
-    "won, lost = self.steps >= TORCH, self.player in self.pits; reward = -float(lost)": False,
+    "won, lost = self.steps >= TORCH, self.player in self.pits; reward = -float(lost)": "",
 }
 
 
@@ -42,7 +45,7 @@ def reports() -> dict[str, SubjectReport]:
     return dict(zip(REWARDS, last.report.reports, strict=True))
 
 
-@pytest.mark.parametrize(("reward", "unpaid"), REWARDS.items())
-def test_unpaid_wins(reward: str, unpaid: bool, reports: dict[str, SubjectReport]) -> None:
+@pytest.mark.parametrize(("reward", "code"), REWARDS.items())
+def test_unpaid_wins(reward: str, code: str, reports: dict[str, SubjectReport]) -> None:
     codes = {finding.code for check in reports[reward].checks for finding in check.findings}
-    assert codes == ({"EC305"} if unpaid else set())
+    assert codes == ({code} if code else set())

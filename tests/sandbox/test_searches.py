@@ -143,3 +143,21 @@ def test_a_loop_that_pays_once_is_none() -> None:
 def test_an_exploration_sees_draws() -> None:
     assert searched("explore", step="self.np_random.random()", source=SPRING)[0].stochastic
     assert not searched("explore", source=SPRING)[0].stochastic
+
+
+def test_moves_that_no_picture_shows_lead_to_hidden_states() -> None:
+    hidden = SPRING.replace("40 * self.at", "0").replace("won = self.at == 5", "won = False")
+    assert searched("react", source=hidden)[0].states == 3
+    assert searched("react", source=SPRING)[0].states == 1
+
+
+def test_the_last_action_is_no_hidden_state() -> None:
+    still = SPRING.replace("(0, 1, -1)[action]", "0")
+    assert searched("react", step="self.last = action", source=still)[0].states == 1
+
+
+def test_states_that_differ_by_themselves_are_not_known() -> None:
+    own = SPRING.replace("import numpy", "import itertools, numpy").replace(
+        "class", "COUNT = itertools.count()\n\nclass"
+    )
+    assert searched("react", step="self.count = next(COUNT)", source=own)[0].states == 0

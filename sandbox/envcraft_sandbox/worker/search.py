@@ -32,6 +32,8 @@ _hash: Any = xxhash.xxh3_64_intdigest
 _READINGS = 6
 #: Number of whole episodes that check the states of an exhausted search.
 _EPISODES = 3
+#: Steps for which :func:`react` holds a move, and those after it.
+_HELD, _RESTED = 6, 14
 #: Pixels of the longer side of a frame that a coarse picture is made of.
 _SIDE = 96
 #: How often a loop must pay again, the share of the budget for such trials, and the longest loop.
@@ -466,6 +468,44 @@ def sweep_last(tree: Tree) -> None:
     _try_along(tree, len(tree.actions), first=max(len(tree.path) - states, 0))
 
 
+def react(tree: Tree) -> None:
+    """Follow a path, hold each move there for some steps and then do nothing: `states` counts the different states that
+    look like doing nothing throughout.
+
+    A state that only keeps the last action is not different. The moves differ from doing nothing in one component, the
+    one with the most values.
+    """
+    node = tree.root()
+    if not all(tree.step(node, action) for action in tree.path):
+        return
+    idle, *moves = _moves(tree.actions)
+    seen: list[str] = []
+    pictures: list[int] = []
+    for action in [idle, idle, *moves]:
+        branch, shown = tree.branch(node), []
+        for held in [action] * _HELD + [idle] * _RESTED:
+            if tree.spent() or not tree.step(branch, held):
+                break
+            shown.append(_digest(tree.frame))
+        pictures = pictures or shown
+        if len(shown) == _HELD + _RESTED and shown == pictures:
+            seen.append(json.dumps(State(branch.env).values))
+    # Where two branches that did the same differ, a difference says nothing.
+    tree.out.states = len(set(seen)) if seen[:1] == seen[1:2] else 0
+
+
+def _moves(actions: list[Any]) -> list[Any]:
+    """The first action, and those that differ from it in one component, the one with the most values."""
+    if not isinstance(actions[0], list):
+        return actions
+    by_place: dict[int, list[Any]] = {}
+    for action in actions[1:]:
+        places = [at for at, (one, other) in enumerate(zip(action, actions[0], strict=True)) if one != other]
+        if len(places) == 1:
+            by_place.setdefault(places[0], []).append(action)
+    return [actions[0], *max(by_place.values(), key=len, default=[])]
+
+
 def _try_along(tree: Tree, share: int, first: int = 0) -> None:
     """Follow the path and try so many actions, one after another, in each state from the `first` on."""
     node = tree.root()
@@ -523,5 +563,6 @@ _SEARCHES: dict[str, Callable[[Tree], None]] = {
     "greedy": greedy,
     "sweep": sweep,
     "sweep_last": sweep_last,
+    "react": react,
     "horizon": horizon,
 }
