@@ -39,7 +39,7 @@ _SIDE = 96
 #: How often a loop must pay again, the share of the budget for such trials, and the longest loop.
 _AGAIN, _TRIALS, _LONGEST = 3, 0.1, 16
 #: States of an exploration whose random generators are compared with those of its start.
-_DRAWN = 8
+_DRAWN = 2
 #: Number of plans per round, their steps, and how many steps of the best plan are followed.
 _PLANS, _AHEAD, _FOLLOW = 8, 24, 6
 
