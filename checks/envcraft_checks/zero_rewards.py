@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import ast
 
+from envcraft.model.target import parse
+
 _NUMBERS = {"float", "int", "round", "abs", "float32", "float64"}
 _RESULTS = 5
 
@@ -18,8 +20,8 @@ def pays_nothing(text: str) -> bool:
         text: the source. One that cannot be parsed may pay.
     """
     try:
-        tree = ast.parse(text)
-    except (SyntaxError, ValueError, RecursionError):
+        tree = parse(text)
+    except (SyntaxError, ValueError, RecursionError, MemoryError):
         return False
     zeros = _Zeros(tree)
     steps = [node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef) and node.name == "step"]
