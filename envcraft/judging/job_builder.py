@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 #: The share of a job's time after which a search returns what it has, so that slow steps cost no more.
 _SEARCH_SHARE = 0.2
-#: Seconds after which no further recorded episode starts.
+#: Seconds of processor time after which no further recorded episode starts.
 _RECORDED_SECONDS = 10.0
 
 

@@ -147,8 +147,8 @@ class Job(TypedDict):
         search: name of the search.
         path: actions that the search follows first.
         limit: length of an episode in steps.
-        seconds: time after which the search stops, or the measured episode; after it no recorded episode but the last
-            one starts.
+        seconds: time after which the search stops, or the measured episode; after so much processor time no
+            recorded episode but the last one starts.
     """
 
     kind: Literal["describe", "rollout", "search"]

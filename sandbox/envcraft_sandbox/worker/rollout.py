@@ -35,6 +35,8 @@ _Array = np.ndarray
 _ACTED = 3
 #: Seconds of an episode whose job has no time of its own.
 _FOR_EVER = 1e9
+#: How many times longer than their processor time recorded episodes may take.
+_WAITING = 4
 #: Steps of a measured episode that do not depend on its time.
 _FEWEST = 3
 _STRINGS = {str}
@@ -110,11 +112,13 @@ def _episode(subject: Subject, job: Job, conditions: Conditions, resources: Reso
     if "companion" in conditions or "before" in conditions:
         state = _global_state()
         companion = Companion(subject, conditions["companion"]) if "companion" in conditions else None
-        until = _monotonic() + job.get("seconds", _FOR_EVER)
+        allowed = job.get("seconds", _FOR_EVER)
+        # Other programs on the machine do not change processor time, and a game that waits uses none.
+        busy, until = _process_time() + allowed, _monotonic() + _WAITING * allowed
         for earlier in conditions.get("before", ()):
             if resources is None:
                 _play_through(subject, env, earlier)
-            elif _monotonic() < until:
+            elif _process_time() < busy and _monotonic() < until:
                 _record(subject, env, earlier, resources)
         # Nothing else may differ from a plain run, so the global generators start in the same state.
         _restore(state)
