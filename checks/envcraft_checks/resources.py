@@ -9,7 +9,7 @@ Plays many short episodes on one instance, and reports what the process uses mor
 - work (EC913): lines of Python, if after 10,000 episodes each would run three times as many, or time.
 
 One and the same episode is repeated, so a cache that has seen it does not grow. Memory counts once its garbage is
-collected. Growth must be steady in a session of its own, where the episode is reset 72 times, then stepped in 24
+collected. Growth must be steady in a session of its own, where the episode is reset 72 times, then stepped in 24 or 96
 episodes, and then played to its end 24 times if it is short. A queue of bounded length that is not full yet is no leak,
 and what `reset()` clears is none either.
 
@@ -54,9 +54,11 @@ _PAGES = 16 * 1024
 _FEWEST, _UNEVEN = 8, 20
 #: How many times more lines the last episode of a training runs than the first.
 _TIMES = 3
-#: Of the session that confirms growth: resets before those that are measured, measured ones, episodes with steps, and
-#: their steps.
-_FIRST, _RESETS, _EPISODES, _STEPS = 4, 72, 24, 4
+#: Of the session that confirms growth: resets before those that are measured, measured ones, episodes with steps if the
+#: budget allows no more, those that it runs else, and their steps.
+_FIRST, _RESETS, _FEWER, _EPISODES, _STEPS = 4, 72, 24, 96, 4
+#: Blocks that libraries may keep to use them again. Fewer episodes do not show that their number levels off.
+_SPARE = 400
 #: The episodes of it whose lines are counted.
 _COUNTED = (0, 8, 16, 23)
 #: Time is judged as the medians of this many parts. The last one must be several times the first one and so many
@@ -115,7 +117,9 @@ class ResourceUse(Check):
         """Judge one rule by the session that confirms growth."""
         measured = [episode for episode in trace.before if episode.resources is not None]
         resets, episodes = measured[_FIRST : _FIRST + _RESETS], measured[_FIRST + _RESETS :]
-        played = Played(resets, episodes[:_EPISODES], episodes[_EPISODES:], usual)
+        planned = len(trace.rollout.conditions.before) - _FIRST - _RESETS
+        count = planned - (_FEWER if subject.session.short is not None else 0)
+        played = Played(resets, episodes[:count], episodes[count:], usual, _SPARE if count < _EPISODES else 0)
         found = {"EC910": self._memory, "EC911": self._handles, "EC912": self._files, "EC913": self._work}[code](played)
         if found is None:
             return None
@@ -177,23 +181,29 @@ _Found = tuple[str, str, dict[str, float]]
 
 
 class Played(NamedTuple):
-    """Repetitions of one episode without and with its steps, those of a whole episode, and the usual steps of one."""
+    """Repetitions of one episode without and with its steps, and those of a whole episode.
+
+    Attributes:
+        usual: the usual steps of an episode.
+        spare: blocks of memory that are no growth.
+    """
 
     resets: Sequence[Trace]
     episodes: Sequence[Trace]
     whole: Sequence[Trace]
     usual: float
+    spare: int = 0
 
     @property
     def memory(self) -> float:
         """The bytes by which memory grows with each episode."""
-        return max(_memory_of(self.resets) + self.usual * self.memory_per_step, _memory_of(self.whole))
+        return max(_memory_of(self.resets) + self.usual * self.memory_per_step, _memory_of(self.whole, self.spare))
 
     @property
     def memory_per_step(self) -> float:
         steps = statistics.mean(trace.steps for trace in self.episodes) if self.episodes else 0
         reset = _memory_of(self.resets)
-        more = _memory_of(self.episodes) - reset
+        more = _memory_of(self.episodes, self.spare) - reset
         # Lists and dictionaries grow in jumps.
         return more / steps if steps and more > reset / 10 else 0.0
 
@@ -213,9 +223,10 @@ def _session(subject: Subject) -> Rollout:
     """The session that confirms growth: the same episode, first without its steps."""
     first = subject.probes.random(0)
     actions = first.actions[:_STEPS]
-    episodes = [Episode(first.seed, actions, lines=number in _COUNTED) for number in range(_EPISODES)]
+    count = _EPISODES if subject.affords(_EPISODES * _STEPS) else _FEWER
+    episodes = [Episode(first.seed, actions, lines=number in _COUNTED) for number in range(count)]
     short = subject.session.short
-    whole = [Episode(short.seed, short.actions)] * _EPISODES if short is not None else []
+    whole = [Episode(short.seed, short.actions)] * _FEWER if short is not None else []
     before = [Episode(first.seed, [])] * (_FIRST + _RESETS) + episodes + whole
     return first.cut(0).under(Conditions(before=before, recorded=True))
 
@@ -239,9 +250,10 @@ def _growth(traces: Sequence[Trace], value: Callable[[Resources], float]) -> flo
     return steady([value(trace.resources) for trace in traces if trace.resources is not None])
 
 
-def _memory_of(traces: Sequence[Trace]) -> float:
-    """The bytes by which memory grows with each of these episodes."""
-    allocated = _growth(traces, lambda used: used.held + _BLOCK * used.blocks)
+def _memory_of(traces: Sequence[Trace], spare: int = 0) -> float:
+    """The bytes by which memory grows with each of these episodes, where so many blocks do not count."""
+    known = min((_used(trace).blocks for trace in traces if trace.resources is not None), default=0) + spare
+    allocated = _growth(traces, lambda used: used.held + _BLOCK * max(used.blocks - known, 0))
     resident = _growth(traces, lambda used: used.resident)
     return max(allocated, resident if resident >= _PAGES else 0.0)
 

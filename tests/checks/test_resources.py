@@ -77,6 +77,7 @@ HARMLESS = [
     {"step": "self.kept = (getattr(self, 'kept', []) + [(self.steps, 0.5)])[-900:]", "reset": "self.kept = []"},
     {"reset": f"self.kept = getattr(self, 'kept', {QUEUE}); self.kept.append([9] * 99)"},
     {"reset": "self.kept = getattr(self, 'kept', {}); self.kept.setdefault(seed, bytearray(100_000))"},
+    {"step": "self.kept = (getattr(self, 'kept', []) + [(self.steps, 0.5)])[-150:]"},
     {"reset": "open('log', 'w').write(str(seed))"},
     {"reset": "self.scores = getattr(self, 'scores', []) + [0.5]"},
 ]
