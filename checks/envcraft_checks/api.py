@@ -71,6 +71,8 @@ _NAMES = {
 
 #: Messages of graphics libraries on a machine without a screen. They say nothing about the environment.
 _NO_SCREEN = re.compile(r"OpenGL|\bGL context|gladLoad|\bdisplay\b|\bEGL\b|OSMesa|GLFW", re.IGNORECASE)
+#: The most earlier episodes that are played alone.
+_ALONE = 4
 
 
 class Api(Check):
@@ -347,6 +349,11 @@ class Api(Check):
         def find(played: Trace) -> Iterator[Finding]:
             return self.find(subject, played)
 
+        if trace.fault is not None and trace.fault.phase == "before":
+            for played in self._earlier_alone(subject, trace):
+                again = next((each for each in find(played) if each.code == finding.code), None)
+                if again is not None:
+                    return shrunk(subject, played.rollout, again, find, bounded=False)
         step = finding.evidence.get("step", trace.steps)
         rollout = trace.rollout
         apart = rollout.under(msgspec.structs.replace(rollout.conditions, closed=False))
@@ -354,6 +361,12 @@ class Api(Check):
             found = find(subject.rollout(apart.cut(step + 1)))
             rollout = apart if any(each.code == finding.code for each in found) else rollout
         return shrunk(subject, rollout, finding, find, bounded=False)
+
+    def _earlier_alone(self, subject: Subject, trace: Trace) -> Iterator[Trace]:
+        """The first of the earlier episodes of a trace, each on an instance of its own."""
+        before = [each for each in trace.rollout.conditions.before if each.seed is not None and each.actions]
+        for each in before[:_ALONE]:
+            yield subject.rollout(Rollout(each.seed or 0, each.actions, player="an earlier episode"))
 
 
 def _at(step: int) -> str:

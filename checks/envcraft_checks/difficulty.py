@@ -140,7 +140,8 @@ class Difficulty(Check):
         if trivial is not None:
             yield trivial
         elif unsettled:
-            if subject.searches.saturated:
+            crashed = any(outcome.get("crash") for outcome in subject.searches.explorations)
+            if subject.searches.saturated and not crashed:
                 yield self._unseen(subject)
             raise Undecided(unsettled)
 
