@@ -20,8 +20,8 @@ Where no proof is possible, but the exploration met no new state in its second h
 gets a warning. Another warning names the lines that `step()` can run, that pay, win or end the episode, and that no
 play and no search has reached; the worker reports which lines ran. It comes if the exploration met no new state in its
 second half, and at `standard` also if the game was won. Lines behind a count of steps, behind an option of the
-constructor or `render_mode`, in handlers of exceptions and in guards do not count. If the check is skipped without a
-warning, the reason names these lines.
+constructor or `render_mode`, in handlers of exceptions and in guards do not count, nor do penalties. If the check is
+skipped without a warning, the reason names these lines.
 
 ## Why is this bad?
 A game that no agent can win, or that every agent wins, says nothing about an agent.

@@ -271,7 +271,8 @@ class _Suites:
         if isinstance(node.value, ast.Constant) and not node.value.value:
             return frozenset()
         targets = node.targets if isinstance(node, ast.Assign) else [node.target]
-        return frozenset(_EFFECTS[word] for target in targets for word in _words(target) if word in _EFFECTS)
+        effects = {_EFFECTS[word] for target in targets for word in _words(target) if word in _EFFECTS}
+        return frozenset(effects - {"pay"} if _is_penalty(node) else effects)
 
 
 def _is_declaration(node: ast.stmt) -> bool:
@@ -287,9 +288,14 @@ def _returned(value: ast.expr | None) -> frozenset[str]:
         return frozenset()
     _, reward, terminated, _, _ = value.elts
     ends = isinstance(terminated, ast.Constant) and terminated.value is True
-    number = reward.operand if isinstance(reward, ast.UnaryOp) else reward
-    pays = isinstance(number, ast.Constant) and bool(number.value)
+    pays = isinstance(reward, ast.Constant) and bool(reward.value)
     return frozenset([*["end"] * ends, *["pay"] * pays])
+
+
+def _is_penalty(node: ast.Assign | ast.AugAssign | ast.AnnAssign) -> bool:
+    """Whether an assignment takes something away."""
+    taken = isinstance(node, ast.AugAssign) and isinstance(node.op, ast.Sub)
+    return taken or (isinstance(node.value, ast.UnaryOp) and isinstance(node.value.op, ast.USub))
 
 
 def _words(target: ast.expr) -> Iterator[str]:

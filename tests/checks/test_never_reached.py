@@ -43,7 +43,7 @@ def missed(body: str, reached: tuple[int, ...] = (), extra: str = "") -> list[st
 
 
 def test_only_what_was_not_reached_is_named() -> None:
-    body = "if self.lives == 9:\n    reward = 1.0\nelse:\n    reward = -1.0"
+    body = "if self.lives == 9:\n    reward = 1.0\nelse:\n    reward = 2.0"
     assert missed(body) == ["line 2, which pays", "line 4, which pays"]
     assert missed(body, (2,)) == ["line 4, which pays"]
     assert missed(body, (2, 4)) == []
@@ -76,12 +76,15 @@ def test_lines_that_matter_are_named(body: str) -> None:
         "if self.steps >= self.LIMIT:\n    self.done = True",
         "if self.lives > 9:\n    reward = 0.0\n    self.done = False",
         "if self.lives > 9:\n    truncated = True",
+        "if self.lives > 9:\n    reward = -1.0",
+        "if self.lives > 9:\n    reward -= self.lives",
+        "if self.lives > 9:\n    return None, -1.0, False, False, {}",
         "if self.lives > 9:\n    self.score_text = 'nine'",
         "if self.render_mode == 'human':\n    self.score = 1",
-        "if not self.action_space.contains(action):\n    reward = -1.0",
+        "if not self.action_space.contains(action):\n    reward = 1.0",
         "if self.lives > 9:\n    self.done = True\n    raise ValueError(action)",
-        "if self.done:\n    return None, -1.0, True, False, {}",
-        "try:\n    x = action[0]\nexcept IndexError:\n    reward = -1.0",
+        "if self.done:\n    return None, 1.0, True, False, {}",
+        "try:\n    x = action[0]\nexcept IndexError:\n    reward = 1.0",
         "if self.render_mode == 'human':\n    self._unused()",
         "def inner():\n    self.score = 1",
         "x = 1",
