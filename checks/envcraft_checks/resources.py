@@ -22,7 +22,7 @@ stops, because the memory or the open files of one process are used up, or it ge
 def reset(self, *, seed=None, options=None):
     super().reset(seed=seed)
     self.replays.append(self.frames)            # EC910: keeps the frames of all episodes
-    self.log = open("log.txt", "a")             # EC911: the file of the last episode is still open
+    self.logs.append(open("log.txt", "w"))      # EC911: the files of earlier episodes are still open
 ```
 """
 
