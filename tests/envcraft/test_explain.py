@@ -42,6 +42,11 @@ def test_a_check_has_no_example(invoke: Any) -> None:
     assert "there is no rule" in result.stderr
 
 
+@pytest.mark.parametrize(("code", "option"), [("EC851", "--checks learnability"), ("EC804", "--policy policy.py")])
+def test_the_command_names_what_the_rule_needs(invoke: Any, code: str, option: str) -> None:
+    assert option in invoke("explain", code).stdout
+
+
 def test_settings_are_those_of_the_first_lines() -> None:
     example = guide.Example("# contract: gymnasium\n# budget: standard\nimport a\n# contract: arcade\n")
     assert example.settings == {"contract": "gymnasium", "budget": "standard"}

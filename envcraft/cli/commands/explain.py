@@ -49,14 +49,17 @@ def _page(rule: Rule, check: Check, guide: Guide | None) -> str:
         f"## Usual fix\n{rule.fix}\n\n"
         f"## How it is detected\n{guide.detected}\n\n"
         f"## What it misses\n{guide.missed}\n\n---\n\n"
-        f"`envcraft explain {check.name}` explains the whole check. To try the example:\n\n{_commands(rule, guide)}"
+        f"`envcraft explain {check.name}` explains the whole check. To try the example:\n\n"
+        f"{_commands(rule, check, guide)}"
     )
 
 
-def _commands(rule: Rule, guide: Guide) -> str:
+def _commands(rule: Rule, check: Check, guide: Guide) -> str:
     """The commands that judge the example, as a block of code."""
     example, file = guide.code(), f"{rule.code}.py"
     options = [word for name, value in example.settings.items() for word in (f"--{name}", value)]
+    options += ["--checks", check.name] if check.opt_in else []
+    options += [] if rule.default else ["--select", rule.code]
     if example.policy:
         options += ["--policy", "policy.py"]
     return (
