@@ -349,7 +349,7 @@ class Api(Check):
         def find(played: Trace) -> Iterator[Finding]:
             return self.find(subject, played)
 
-        if trace.fault is not None and trace.fault.phase == "before":
+        if trace.fault is not None and trace.fault.phase in ("before", "earlier reset"):
             for played in self._earlier_alone(subject, trace):
                 again = next((each for each in find(played) if each.code == finding.code), None)
                 if again is not None:
@@ -363,8 +363,14 @@ class Api(Check):
         return shrunk(subject, rollout, finding, find, bounded=False)
 
     def _earlier_alone(self, subject: Subject, trace: Trace) -> Iterator[Trace]:
-        """The first of the earlier episodes of a trace, each on an instance of its own."""
+        """The first of the earlier episodes of a trace, or the failing one if it is known, each on an instance of its
+        own.
+        """
         before = [each for each in trace.rollout.conditions.before if each.seed is not None and each.actions]
+        if trace.rollout.conditions.recorded and trace.fault is not None:
+            # An episode whose reset raised is not among the recorded ones.
+            failing = len(trace.before) - (trace.fault.phase == "before")
+            before = trace.rollout.conditions.before[failing : failing + 1]
         for each in before[:_ALONE]:
             yield subject.rollout(Rollout(each.seed or 0, each.actions, player="an earlier episode"))
 

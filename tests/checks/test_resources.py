@@ -115,3 +115,15 @@ def test_short_wins_are_played_several_times_before(budget: str, wins: int, long
         assert sum(episode.seed == 7 for episode in before) == times
         # What every second reset undoes shows after an odd number.
         assert len(before) % 2 == 1
+
+
+@pytest.mark.parametrize("where", ["reset", "step"])
+def test_what_fails_on_one_seed_is_shown_on_that_seed_alone(where: str) -> None:
+    statement = {where: "assert self.seeded != 31", "reset": "self.seeded = seed"}
+    if where == "reset":
+        statement["reset"] = "assert seed != 31"
+    (finding,) = found("api", **statement)
+    assert finding.code == {"reset": "EC104", "step": "EC107"}[where]
+    assert finding.repro.seed == 31
+    assert len(finding.repro.actions) == (where == "step")
+    assert not finding.repro.conditions
