@@ -5,9 +5,18 @@ from __future__ import annotations
 import textwrap
 
 import pytest
+from envcraft_checks.api import Api
+from envcraft_checks.sandbox import SandboxEvents
+from envcraft_checks.source import Source
 
+from envcraft.contracts.builtin import ARCADE
+from envcraft.judging.budget import BUDGETS
 from envcraft.judging.coverage import Coverage
+from envcraft.judging.engine import Plan, validate
+from envcraft.judging.selection import driver_named
+from envcraft.model.events import Finished
 from envcraft.model.target import Target
+from evaluation.fixtures import FIXTURES
 
 GAME = """
 import gymnasium as gym
@@ -127,3 +136,23 @@ def test_many_functions_take_little_time() -> None:
     coverage = Coverage(Target("game.py", (GAME.format(body="        self.x = [f0]") + many).encode()))
     coverage.add("1" * len(coverage.places))
     assert coverage.missed() == []
+
+
+@pytest.mark.parametrize(
+    ("change", "code"), [("extend(b'1')", "EC907"), ("__setitem__(0, 50)", "EC907"), ("clear()", "EC107")]
+)
+def test_a_game_that_writes_to_its_marks_loses_only_its_own_verdict(change: str, code: str) -> None:
+    game = (FIXTURES / "api" / "bad" / "crash_after_three.py").read_text().replace("bars[bar]", "bars[0]")
+    forged = f"[each.{change} for each in type(self).step.__code__.co_consts if type(each).__name__ == 'Reached']"
+    targets = [
+        Target("game.py", game.replace("self.steps += 1", f"self.steps += 1\n        {line}").encode())
+        for line in ("pass", forged)
+    ]
+    plan = Plan(targets, ARCADE, driver_named("process"), [Source(), Api(), SandboxEvents()], BUDGETS["quick"])
+    *_, last = validate(plan)
+    assert isinstance(last, Finished)
+    good, bad = (
+        {finding.code for check in report.checks for finding in check.findings} for report in last.report.reports
+    )
+    assert good == set()
+    assert code in bad
