@@ -18,8 +18,8 @@ if repeating it in a plain episode earns clearly more than success on that seed 
 
 Failing pays more if one held action, or a loss that pays more than the step that wins, earns clearly more than every
 success on its seed that takes half as long, and than the step that wins, and no success earns clearly more than it. It
-is an error if at least three successes show it, else a warning. Varied play that fails and collects more than a short
-success does not count: a better success may collect the same.
+is an error if at least three successes show it, or two whose last steps are punished, else a warning. Varied play that
+fails and collects more than a short success does not count: a better success may collect the same.
 
 ## Why is this bad?
 One NaN turns every weight of a network into NaN. A rare reward of a million outweighs everything else that an agent
@@ -36,6 +36,7 @@ reward = 0.01 * self.steps ** 2      # EC304
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Iterator
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
@@ -276,8 +277,9 @@ class Reward(Check):
             if not failed:
                 return None
             failure = max(failed, key=lambda trace: trace.total)
-            # A success that comes late shares what waiting for it pays.
-            soon = [trace for trace in same if trace.steps <= failure.steps * _SOON or failure.terminated[-1]]
+            # A success that comes late shares what waiting for it pays; a loss that is paid pays in one step.
+            paid = failure.terminated[-1] and failure.rewards[-1] > pays
+            soon = [trace for trace in same if paid or trace.steps <= failure.steps * _SOON]
             if any(failure.total < clearly_more(max(trace.total, pays)) for trace in soon):
                 return None
             if any(trace.total > clearly_more(failure.total) for trace in same):
@@ -297,7 +299,9 @@ class Reward(Check):
             success=success.total,
             successes=len(shown),
         )
-        return finding if len(shown) >= _SUCCESSES else _warning(finding)
+        usual = Counter(reward for trace in traces for reward in trace.rewards).most_common(1)[0][0]
+        punished = len(shown) > 1 and pays < min(usual, 0.0)
+        return finding if punished or len(shown) >= _SUCCESSES else _warning(finding)
 
     def _judge_wins(self, subject: Subject, traces: list[Trace]) -> Finding | None:
         won = _successes(traces)
