@@ -103,6 +103,9 @@ class Returned:
             self._drop(last)
 
     def _read(self, observation: Any) -> Sent:
+        if type(observation) is _Array:
+            # Reading it runs no code of the environment.
+            return self._channel.read(observation)
         now: Sent = self._subject.call("step", self._channel.read, observation)
         return now
 
