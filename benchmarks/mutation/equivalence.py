@@ -41,7 +41,8 @@ def replays(game: Subject) -> Iterator[Rollout]:
     others = [Episode(rollout.seed, rollout.actions) for rollout in found]
     others += [Episode(9_000 + number, probes.random(number).actions) for number in range(3)]
     resets = [Episode(9_100 + number, []) for number in range(_RESETS)]
-    for rollout in [probes.random(0), probes.random(1), *found[:2]]:
+    idle = probes.hold(probes.joint_actions[0])
+    for rollout in [probes.random(0), probes.random(1), probes.sticky(0), idle, *found[:2]]:
         again = Episode(rollout.seed, rollout.actions)
         for conditions in (
             Conditions(reread=True, options=True, closed=True),

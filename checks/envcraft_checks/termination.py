@@ -246,9 +246,10 @@ class Termination(Check):
             length = trace.steps if subject.contract.limit is None else 0
             by_seed.setdefault(trace.rollout.seed, set()).add((trace.total, length))
         # A game of one decision ends at once, and its returns depend on the choice. A truncation this far from the
-        # contract's limit is a defect.
+        # contract's limit is a defect, and so is an end that is never a success.
         cut = subject.contract.limit is not None and any(trace.truncated[-1] for trace in ended)
-        if any(len(totals) > 1 for totals in by_seed.values()) and not cut:
+        lost = all(trace.reported_success is not None and not trace.reported_success for trace in ended)
+        if any(len(totals) > 1 for totals in by_seed.values()) and not cut and not lost:
             return
         longest = max(ended, key=lambda trace: trace.steps)
         yield self.finding(
