@@ -21,6 +21,7 @@ class Operator:
         codes: the codes that name the defect; "EC20" stands for all codes that begin so.
         places: yields the edits for each place of a game where it applies.
         silent: no trace shows the defect, for example a leak, so replay cannot prove a mutant equivalent.
+        warns: a good game may do the same, so the rules that name the defect only warn, and a warning counts.
     """
 
     name: str
@@ -28,6 +29,7 @@ class Operator:
     codes: tuple[str, ...]
     places: Callable[[Source], Places]
     silent: bool = False
+    warns: bool = False
 
     def mutants(self, game: Source) -> list[str]:
         """The texts of the game's mutants, without repetitions."""
@@ -42,11 +44,15 @@ class Operator:
 OPERATORS: dict[str, Operator] = {}
 
 
-def operator(*codes: str, silent: bool = False) -> Callable[[Callable[[Source], Places]], Callable[[Source], Places]]:
+def operator(
+    *codes: str, silent: bool = False, warns: bool = False
+) -> Callable[[Callable[[Source], Places]], Callable[[Source], Places]]:
     """Register a function as an operator: its name and its docstring are the operator's."""
 
     def register(places: Callable[[Source], Places]) -> Callable[[Source], Places]:
-        OPERATORS[places.__name__] = Operator(places.__name__, (places.__doc__ or "").strip(), codes, places, silent)
+        OPERATORS[places.__name__] = Operator(
+            places.__name__, (places.__doc__ or "").strip(), codes, places, silent, warns
+        )
         return places
 
     return register

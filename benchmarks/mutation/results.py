@@ -63,13 +63,14 @@ class Result(msgspec.Struct, frozen=True):
 
     @property
     def caught(self) -> bool:
-        """Whether an error names the defect."""
-        return any(map(OPERATORS[self.operator].names, self.errors))
+        """Whether an error names the defect, or a warning where the rules only warn of such a defect."""
+        operator = OPERATORS[self.operator]
+        return any(map(operator.names, [*self.errors, *(self.warnings if operator.warns else ())]))
 
     @property
     def warned(self) -> bool:
-        """Whether only a warning names the defect."""
-        return not self.errors and any(map(OPERATORS[self.operator].names, self.warnings))
+        """Whether only a warning names the defect, where an error should."""
+        return not self.caught and any(map(OPERATORS[self.operator].names, self.warnings))
 
 
 #: What a result depends on: the operator, and the digest of the text, budget, seed and code as in `Result`.

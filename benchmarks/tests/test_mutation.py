@@ -229,6 +229,11 @@ def test_recall_counts_only_defects_that_are_named() -> None:
     assert recall([]) == 1.0
 
 
+def test_a_warning_counts_only_where_rules_do_no_more() -> None:
+    assert recall([_result("seed_ignored", verdict="pass", warnings=["EC209"])]) == 1.0
+    assert recall([_result("drawn_once", verdict="pass", warnings=["EC401"])]) == 0.0
+
+
 def test_precision_counts_the_games_themselves_too() -> None:
     results = [_result("nan_after_event", "EC301", "EC401"), _result("", "EC401"), _result("drawn_once", "EC401")]
     assert precision(results) == {"EC301": (1, 1), "EC401": (3, 1)}

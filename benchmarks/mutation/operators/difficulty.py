@@ -10,7 +10,7 @@ from benchmarks.mutation.source import Edit, Source, nodes
 _HARD = ("EC80", "EC60", "EC30", "EC05")
 
 
-@operator("EC80", "EC05")
+@operator("EC80", "EC05", warns=True)
 def never_won(game: Source) -> Places:
     """Set the flag of the won game to False where it is set."""
     if game.wins:
@@ -20,7 +20,7 @@ def never_won(game: Source) -> Places:
         ]
 
 
-@operator("EC80", "EC05")
+@operator("EC80", "EC05", warns=True)
 def impossible_test(game: Source) -> Places:
     """Compare with a number that is out of reach in the test of success."""
     for value in game.wins:
@@ -64,7 +64,7 @@ def won_by_button(game: Source) -> Places:
             yield [game.after(game.seeding, "self.held = 0"), game.before(step, held), *edits]
 
 
-@operator("EC80", "EC60", "EC50", "EC30", "EC05")
+@operator("EC80", "EC60", "EC50", "EC30", "EC05", warns=True)
 def success_never_told(game: Source) -> Places:
     """Put False into `info` in any case."""
     yield _told(game, "False")

@@ -72,7 +72,7 @@ def seeded_once(game: Source) -> Places:
         yield [game.replace(game.seeding, text)]
 
 
-@operator(*_ANY)
+@operator(*_ANY, warns=True)
 def seed_ignored(game: Source) -> Places:
     """Seed with a constant."""
     if game.seeding is not None and game.draws:

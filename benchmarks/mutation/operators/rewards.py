@@ -76,7 +76,7 @@ def always_zero(game: Source) -> Places:
         yield result(game, REWARD, "0.0")
 
 
-@operator("EC305", *_PAID)
+@operator("EC305", *_PAID, warns=True)
 def win_unpaid(game: Source) -> Places:
     """Pay nothing at the step of success."""
     if game.results and game.success:
