@@ -7,6 +7,7 @@ from typing import Any
 
 import msgspec
 
+from envcraft.errors import Skip
 from envcraft.judging.engine import Plan, open_subject
 from envcraft.judging.subject import Subject
 from envcraft.judging.worker_pool import WorkerPool
@@ -17,14 +18,23 @@ from envcraft.model.trace import Trace, digest
 _RANDOM, _STICKY = 12, 6
 #: Resets before an episode.
 _RESETS = 40
+#: The longest time of all replays of one mutant, in seconds.
+_SECONDS = 1200.0
 #: Rendered frames that are compared.
 _FRAMES = 40
 
 
 def equivalent(original: Plan, mutant: Plan, pool: WorkerPool) -> bool:
-    """Whether no replay differs. Each plan names one target; contract, budget and seed must be the same."""
+    """Whether no replay differs. Each plan names one target; contract, budget and seed must be the same.
+
+    A mutant that could not be replayed to the end is not equivalent.
+    """
+    original, mutant = (msgspec.structs.replace(plan, time_limit=_SECONDS) for plan in (original, mutant))
     with open_subject(original, original.targets[0], pool) as one, open_subject(mutant, mutant.targets[0], pool) as two:
-        return all(seen(one.rollout(rollout)) == seen(two.rollout(rollout)) for rollout in replays(one))
+        try:
+            return all(seen(one.rollout(rollout)) == seen(two.rollout(rollout)) for rollout in replays(one))
+        except Skip:
+            return False
 
 
 def replays(game: Subject) -> Iterator[Rollout]:
