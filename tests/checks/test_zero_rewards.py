@@ -56,6 +56,14 @@ def test_something_may_be_paid(before: str, reward: str) -> None:
     assert not pays_nothing(_STEP.format(before, reward))
 
 
+def test_a_name_of_another_function_is_another_one() -> None:
+    game = _STEP.format("reward = 0", "reward")
+    assert pays_nothing(game + "    def other(self):\n        reward = 1\n")
+    held = _STEP.format("reward = self.prize", "reward")
+    assert not pays_nothing(held + "    def other(self, gain):\n        self.prize = gain\n")
+    assert not pays_nothing(held + "    def other(self):\n        value = 3\n        self.prize = value\n")
+
+
 def test_code_without_a_step_may_pay() -> None:
     assert not pays_nothing("class Game(Base): pass")
     assert not pays_nothing("def step(: pass")
