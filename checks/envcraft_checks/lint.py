@@ -53,6 +53,8 @@ from .linting.sharing import aliases, shared
 if TYPE_CHECKING:
     from envcraft.judging.subject import Subject
 
+#: A larger file than any game is not read, since some rules compare all places with each other.
+_NODES = 25_000
 #: The most lines of one rule that a finding names.
 _LINES = 20
 
@@ -152,6 +154,8 @@ class Lint(Check):
             raise Skip("only files are read, not installed packages")
         try:
             program = Program(parse(subject.text), subject.env_class)
+            if len(program.nodes) > _NODES:
+                raise Skip(f"the syntax tree has more than {_NODES:,} nodes")
             found: dict[str, dict[Suspect, None]] = {}
             for code, finder in _FINDERS:
                 found.setdefault(code, {}).update(dict.fromkeys(finder(program)))

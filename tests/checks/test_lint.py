@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import ast
+import contextlib
+import time
 from pathlib import Path
 
 import pytest
@@ -185,6 +187,33 @@ def test_only_selected_rules_report(tmp_path: Path) -> None:
     assert [check.name for check in select_checks(None, None, ("EC2",))] == ["source", "determinism", "sandbox"]
     with pytest.raises(UsageError, match="there is no rule 'EC999'"):
         select_checks(None, None, ("EC999",))
+
+
+@pytest.mark.parametrize(
+    "statements",
+    [
+        "type(self).a{0} = self.b{0}",
+        "self.a{0}.append(self.b{0})",
+        "x{0} = x{1} = self.f{0}(time.time())",
+        "done = self.a{0} >= 9; self.a{0} += 1",
+        "self.a{0} = {{n for n in self.a{1}}}; list(self.a{0})",
+        "if self.a{0} not in self.b: self.b[{0}] = 1 / len(self.a{1})",
+    ],
+)
+def test_no_file_takes_long(statements: str) -> None:
+    lines = [statements.format(number, number + 1) for number in range(500)]
+    source = GAME.format(super="pass", reset="pass", ended="done", see="pass", more="", step="\n        ".join(lines))
+    started = time.process_time()
+    with contextlib.suppress(Skip):
+        found(source)
+    assert time.process_time() - started < 20
+
+
+def test_large_numbers_and_large_files_are_left_alone() -> None:
+    huge = "9" * 400
+    assert codes(reset=f"self.x = {huge} * 2", step=f"done = self.x > {huge} * {huge}", ended="done") == set()
+    with pytest.raises(Skip, match="nodes"):
+        codes(step="x = [" + "1, " * 30_000 + "]")
 
 
 def test_installed_and_deeply_nested_code_is_skipped() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import itertools
 from collections.abc import Iterator
 
 from .flow import Flow
@@ -13,6 +14,8 @@ _CLOCKS = frozenset({
     "pygame.time.get_ticks", "time.monotonic", "time.monotonic_ns", "time.perf_counter", "time.perf_counter_ns",
     "time.process_time", "time.time", "time.time_ns",
 })  # fmt: skip
+#: The readings of a file that are followed.
+_READINGS = 10
 _OF_PYGAME = frozenset({"get_fps", "get_rawtime", "get_time", "tick", "tick_busy_loop"})
 
 
@@ -32,7 +35,8 @@ def clocks(program: Program) -> Iterator[Suspect]:
             return "pygame.time.Clock" in made
         return program.path(node.func, function) in _CLOCKS
 
-    for read in [node for function in program.play for node in function.nodes if reads(node, function)]:
+    found = (node for function in program.play for node in function.nodes if reads(node, function))
+    for read in itertools.islice(found, _READINGS):
         if (used := next(Flow(program, program.play, read).uses(), None)) is not None:
             words = (
                 f"reads the clock, {ast.unparse(read)[:40]}, and line {line(used)} uses it: {ast.unparse(used)[:60]}"

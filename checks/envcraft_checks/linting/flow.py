@@ -13,6 +13,8 @@ _NEUTRAL = frozenset({
     "debug", "delay", "error", "flip", "info", "log", "print", "pump", "set_caption", "sleep", "tick",
     "tick_busy_loop", "wait", "warn", "warning", "write",
 })  # fmt: skip
+#: The most rounds in which values spread: each round goes through all statements in order.
+_ROUNDS = 10
 _KEEPS = frozenset({"add", "append", "appendleft", "extend", "insert", "put", "update"})
 
 
@@ -32,10 +34,12 @@ class Flow:
         self._fields: set[tuple[str, str]] = set()
         self._names: dict[Function, set[str]] = defaultdict(set)
         self._results: set[Function] = set()
-        size = -1
-        while size != (size := self._size()):
+        for _ in range(_ROUNDS):
+            size = self._size()
             for function in functions:
                 self._spread(function)
+            if size == self._size():
+                break
 
     def uses(self) -> Iterator[ast.AST]:
         """Yield what decides, draws or returns by such a value."""

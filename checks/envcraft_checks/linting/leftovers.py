@@ -47,6 +47,7 @@ def _growing(program: Program, own: list[Function]) -> Iterator[Suspect]:
         for node in one.nodes
         if isinstance(node, ast.Attribute) and node.attr not in MUTATORS and one.field(node.value)
     }
+    used = _used(program, own)
     for function in own:
         again = [
             (target, node)
@@ -57,9 +58,9 @@ def _growing(program: Program, own: list[Function]) -> Iterator[Suspect]:
             field = function.field(target)
             values = program.field_values(program.env).get(field, ())
             limited = any(isinstance(value, ast.Call) and name_of(value) == "deque" for value, _ in values)
-            if not values or limited or field in renewed or is_bookkeeping(field):
+            if not values or limited or field in renewed or field not in used or is_bookkeeping(field):
                 continue
-            if not only_remembers(program, function, field, node) and any(_uses(program, one, field) for one in own):
+            if not only_remembers(program, function, field, node):
                 words = f"changes self.{field}, which reset() never sets, so that it outlives the episode"
                 yield Suspect(line(node), words)
 
@@ -76,7 +77,7 @@ def _of_itself(function: Function, field: str, value: ast.AST | None) -> bool:
 
 
 def _latches(program: Program, own: list[Function]) -> Iterator[Suspect]:
-    resetting = program.reached("reset")
+    resetting, used = program.reached("reset"), _used(program, own)
     for field, values in program.field_values(program.env).items():
         during = [(value, one) for value, one in values if one in own]
         constants = [value.value for value, _ in values if isinstance(value, ast.Constant)]
@@ -84,9 +85,7 @@ def _latches(program: Program, own: list[Function]) -> Iterator[Suspect]:
         # A number that counts down, or is set before it is read, does no harm for long.
         if len(constants) < len(values) or {*map(repr, constants)} != {"True", "False"} or len(latched) != 1:
             continue
-        if is_bookkeeping(field) or any(one in resetting for _, one in during):
-            continue
-        if not any(_uses(program, one, field) for one in own):
+        if field not in used or is_bookkeeping(field) or any(one in resetting for _, one in during):
             continue
         for function in dict.fromkeys(one for _, one in during):
             for target, _, node in function.bindings:
@@ -97,21 +96,22 @@ def _latches(program: Program, own: list[Function]) -> Iterator[Suspect]:
                     yield Suspect(line(node), words)
 
 
-def _uses(program: Program, function: Function, field: str) -> bool:
-    """Whether a function uses the value of an attribute for more than changing it or telling it in info."""
-    if "info" in function.name:
-        return False
-    for node in function.nodes:
-        if function.field(node) == field and isinstance(getattr(node, "ctx", None), ast.Load):
+def _used(program: Program, own: list[Function]) -> set[str]:
+    """The attributes that these functions read for more than changing them, or telling them in info."""
+    found = set()
+    for function in own:
+        for node in function.nodes if "info" not in function.name else ():
+            field = function.field(node)
+            if not field or field in found or not isinstance(getattr(node, "ctx", None), ast.Load):
+                continue
             parent = program.parents[node]
             receiver = isinstance(parent, ast.Attribute) and parent.attr in MUTATORS
             stored = isinstance(parent, ast.Subscript) and isinstance(parent.ctx, ast.Store)
             turns = isinstance(parent, ast.BinOp) and _selects_buffer(program, function, parent)
-            if not (
-                receiver or stored or turns or isinstance(parent, ast.Dict) or _only_updates(program, function, node)
-            ):
-                return True
-    return False
+            told = receiver or stored or turns or isinstance(parent, ast.Dict)
+            if not told and not _only_updates(program, function, node):
+                found.add(field)
+    return found
 
 
 def _selects_buffer(program: Program, function: Function, node: ast.BinOp) -> bool:

@@ -1,0 +1,245 @@
+"""Between which values an attribute stays, as far as constants and the step limit say."""
+
+from __future__ import annotations
+
+import ast
+import math
+import operator
+from collections.abc import Callable
+from functools import cached_property
+
+from .program import Function, Program, name_of
+
+_OPERATORS: dict[type[ast.operator], Callable[[float, float], float]] = {
+    ast.Add: operator.add,
+    ast.Sub: operator.sub,
+    ast.Mult: operator.mul,
+    ast.Div: operator.truediv,
+    ast.FloorDiv: operator.floordiv,
+}
+#: Larger numbers are left alone.
+_LARGEST = 1e15
+#: Words of names that end or decide an episode: whole ones, and parts of some.
+_WORDS = frozenset({"done", "lost", "over", "win", "wins", "won"})
+_PARTS = ("gameover", "success", "terminat", "truncat", "victory")
+
+
+def decides(program: Program, test: ast.AST) -> bool:
+    """Whether a test decides how an episode ends."""
+    node = test
+    while not isinstance(node, ast.stmt):
+        node = program.parents[node]
+        if isinstance(node, ast.IfExp | ast.comprehension | ast.UnaryOp):
+            return False
+    if isinstance(node, ast.If):
+        if test not in set(ast.walk(node.test)):
+            return False
+        bound = [name_of(target) for one in node.body if isinstance(one, ast.Assign) for target in one.targets]
+    elif isinstance(node, ast.Assign):
+        bound = [name_of(target) for target in node.targets]
+    else:
+        return False
+    names = [name.lower() for name in bound]
+    return any(part in name for name in names for part in _PARTS) or any(_WORDS & {*name.split("_")} for name in names)
+
+
+class Ranges:
+    """The values that attributes of the environment can have, as far as constants say."""
+
+    def __init__(self, program: Program) -> None:
+        self.program = program
+        self.methods = program.methods(program.env)
+        self._known: dict[str, tuple[float, float]] = {}
+        foreign = (
+            node
+            for node in program.nodes
+            if isinstance(node, ast.Attribute) and isinstance(node.ctx, ast.Store | ast.Del)
+        )
+        mine = {target for one in self.methods for target in one.nodes if one.field(target)}
+        #: Attributes that something else than a method of the environment assigns.
+        self._foreign = {node.attr for node in foreign if node not in mine}
+        self._set = any(name_of(node) in ("setattr", "__dict__") for one in self.methods for node in one.nodes)
+
+    def of(self, field: str) -> tuple[float, float]:
+        """The lowest and the highest value of an attribute between two calls."""
+        if field not in self._known:
+            # While it is looked for, it adds nothing to itself: what is assigned first bounds what is made of it.
+            self._known[field] = math.inf, -math.inf
+            self._known[field] = self._judge(field)
+        return self._known[field]
+
+    def _judge(self, field: str) -> tuple[float, float]:
+        if self._set or field in self._foreign:
+            return -math.inf, math.inf
+        ranges = []
+        for method in self.methods:
+            for target, value, statement in method.bindings:
+                if method.field(target) == field and not self._settled(statement, field, method):
+                    ranges.append(self.range(value, method))
+            for node in method.nodes:
+                if (
+                    isinstance(node, ast.AugAssign)
+                    and method.field(node.target) == field
+                    and not self._settled(node, field, method)
+                ):
+                    ranges.append(self._moved((math.inf, -math.inf), node.op, node.value, method))
+        known = self.program.class_values(self.program.env)
+        if field in known:
+            ranges.append(self.range(known[field][1], None))
+        low = min((low for low, _ in ranges), default=math.inf)
+        high = max((high for _, high in ranges), default=-math.inf)
+        if high == math.inf:
+            high = self._gained(field)
+        return (low, high) if low <= high else (-math.inf, math.inf)
+
+    def _gained(self, field: str) -> float:
+        """The most that a sum of constants can reach before the step limit, infinity if nothing limits it."""
+        total, limit = 0.0, self._limit
+        for method in self.methods:
+            for target, value, _ in method.bindings:
+                if method.field(target) == field and (start := self.constant(value, method)) is None:
+                    return math.inf
+                if method.field(target) == field:
+                    total = max(total, start or 0.0)
+        for method in self.methods:
+            for node in method.nodes:
+                if isinstance(node, ast.AugAssign) and method.field(node.target) == field:
+                    step = self.constant(node.value, method)
+                    if step is None or not isinstance(node.op, ast.Add | ast.Sub) or not self._once(node, method):
+                        return math.inf
+                    total += limit * max(step if isinstance(node.op, ast.Add) else -step, 0.0)
+        return total
+
+    @cached_property
+    def _limit(self) -> float:
+        """The number of steps after which an episode ends, as a counter in step() says; infinity if none does."""
+        step = self.program.method(self.program.env, "step")
+        limits = [math.inf]
+        for node in step.node.body if step is not None else ():
+            if step is None or not isinstance(node, ast.AugAssign) or not isinstance(node.op, ast.Add):
+                continue
+            field = step.field(node.target)
+            if self.constant(node.value, step) != 1 or not self._counts_steps(field):
+                continue
+            for test in (one for method in self.methods for one in method.nodes if isinstance(one, ast.Compare)):
+                owner = next(method for method in self.methods if test in method.nodes)
+                end = self.constant(test.comparators[0], owner)
+                compared = isinstance(test.ops[0], ast.GtE | ast.Gt | ast.Eq) and owner.field(test.left) == field
+                if compared and end is not None and len(test.ops) == 1 and decides(self.program, test):
+                    limits.append(end + 1 if self._unconditional(test, owner) else math.inf)
+        # The latest of several ends, since some may hold only on a condition.
+        return max(limits[1:], default=math.inf)
+
+    def _unconditional(self, test: ast.AST, method: Function) -> bool:
+        """Whether a test holds whatever else is true, unless the episode has ended in another way."""
+        node = test
+        while node is not method.node:
+            node, child = self.program.parents[node], node
+            if isinstance(node, ast.BoolOp) and isinstance(node.op, ast.And):
+                others = [one for one in node.values if one is not child]
+                if not all(isinstance(one, ast.UnaryOp) and isinstance(one.op, ast.Not) for one in others):
+                    return False
+            if isinstance(node, ast.For | ast.While) or (isinstance(node, ast.If) and child in node.body):
+                return False
+        return True
+
+    def _counts_steps(self, field: str) -> bool:
+        """Whether an attribute is 0 at the reset, and changes only by one addition in step()."""
+        resetting = self.program.reached("step")
+        added = [one for method in self.methods for one, _ in method.writes if method.field(one) == field]
+        values = self.program.field_values(self.program.env).get(field, [])
+        zero = all(self.constant(value, method) == 0 and method not in resetting for value, method in values)
+        return bool(values) and zero and len(added) == 1 and field not in self._foreign
+
+    def _once(self, node: ast.AST, method: Function, depth: int = 8) -> bool:
+        """Whether a step runs a statement at most once: no loop holds it, nor the only call of its method."""
+        while node is not method.node:
+            node = self.program.parents[node]
+            if isinstance(node, ast.For | ast.While | ast.comprehension | ast.ListComp | ast.GeneratorExp | ast.Lambda):
+                return False
+        if method.name == "step":
+            return True
+        calls = [
+            (one, caller)
+            for caller in self.program.reached("step")
+            for one in caller.nodes
+            if isinstance(one, ast.Attribute) and one.attr == method.name
+        ]
+        return depth > 0 and len(calls) == 1 and self._once(*calls[0], depth - 1)
+
+    def _moved(
+        self, start: tuple[float, float], op: ast.operator, by: ast.AST, method: Function | None
+    ) -> tuple[float, float]:
+        """The range of a sum or a difference with a constant; a value that is added to itself has no bound there."""
+        step = self.constant(by, method)
+        if step is None or not isinstance(op, ast.Add | ast.Sub):
+            return -math.inf, math.inf
+        step = step if isinstance(op, ast.Add) else -step
+        low, high = start
+        if low > high:
+            return (low, math.inf if step > 0 else high) if step >= 0 else (-math.inf, high)
+        return low + step, high + step
+
+    def _settled(self, statement: ast.AST, field: str, method: Function) -> bool:
+        """Whether the next statement clips what this statement assigns."""
+        for block in (getattr(self.program.parents[statement], name, ()) for name in ("body", "orelse")):
+            if isinstance(block, list) and statement in block[:-1]:
+                match block[block.index(statement) + 1]:
+                    case ast.Assign(targets=[target], value=value) if method.field(target) == field:
+                        return max(map(abs, self.range(value, method))) < math.inf
+        return False
+
+    def range(self, node: ast.AST | None, method: Function | None) -> tuple[float, float]:
+        """The lowest and the highest value of an expression."""
+        everything = (-math.inf, math.inf)
+        if (value := self.constant(node, method)) is not None:
+            return value, value
+        match node:
+            case ast.Call(func=ast.Name(id="min" | "max" as name), args=args, keywords=[]) if len(args) > 1:
+                parts = [self.range(one, method) for one in args]
+                pick = min if name == "min" else max
+                return pick(low for low, _ in parts), pick(high for _, high in parts)
+            case ast.Call(func=ast.Attribute(attr="clip"), args=[_, low, high]):
+                return self.range(low, method)[0], self.range(high, method)[1]
+            case ast.Call(func=ast.Name(id="int" | "float" | "round"), args=[one]):
+                return self.range(one, method)
+            case ast.BinOp(op=ast.Mod(), right=right):
+                modulus = self.constant(right, method)
+                return (0, modulus) if modulus is not None and modulus > 0 else everything
+            case ast.BinOp(left=left, op=op, right=right):
+                return self._moved(self.range(left, method), op, right, method)
+            case ast.Attribute() if method is not None and method.field(node) in self._known:
+                return self._known[method.field(node)]
+            case ast.IfExp(body=body, orelse=orelse):
+                first, second = self.range(body, method), self.range(orelse, method)
+                return min(first[0], second[0]), max(first[1], second[1])
+        return everything
+
+    def constant(self, node: ast.AST | None, method: Function | None) -> float | None:
+        """The value of an expression of numbers, and of names that are bound once."""
+        match node:
+            case ast.Constant(value=int() | float() as value) if not isinstance(value, bool):
+                return value if abs(value) < _LARGEST else None
+            case ast.UnaryOp(op=ast.USub(), operand=operand):
+                positive = self.constant(operand, method)
+                return None if positive is None else -positive
+            case ast.BinOp(left=left, op=op, right=right) if type(op) in _OPERATORS:
+                first, second = self.constant(left, method), self.constant(right, method)
+                if first is None or second is None or (second == 0 and isinstance(op, ast.Div | ast.FloorDiv)):
+                    return None
+                result = _OPERATORS[type(op)](first, second)
+                return result if abs(result) < _LARGEST else None
+            case ast.Name() | ast.Attribute():
+                values = self.program.values(node, method)
+                if len(values) == 1 and not self._changes(node, method):
+                    return self.constant(*values[0])
+        return None
+
+    def _changes(self, node: ast.AST, method: Function | None) -> bool:
+        name = name_of(node)
+        if method is not None and method.field(node):
+            return name in self._foreign or any(
+                one.field(target) == name for one in self.methods for target, _ in one.writes
+            )
+        # A name of the module is constant if it is written like one.
+        return not name.isupper()
