@@ -169,7 +169,8 @@ class Api(Check):
         if "EC107" not in seen and (crash := self._search_crash(subject)) is not None:
             # The crash may be none of this check's: one for lack of memory belongs to the check sandbox.
             for finding in itertools.islice(self.find(subject, crash), 1):
-                yield self._smallest(subject, crash, finding)
+                if finding.code not in seen:
+                    yield self._smallest(subject, crash, finding)
 
     def confirm(self, subject: Subject, finding: Finding) -> Finding | None:
         if finding.code in ("EC101", "EC102", "EC103", "EC116", "EC117"):

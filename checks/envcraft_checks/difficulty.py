@@ -47,7 +47,7 @@ from envcraft.judging.statistics import Proportion, lead, settle
 from envcraft.model.verdict import Finding, Severity
 from envcraft.plugins import hookimpl
 
-from .instawin import BY_SIGN, as_warning, counts_survival
+from .instawin import BY_SIGN, counts_survival
 
 if TYPE_CHECKING:
     from envcraft.judging.coverage import Range
@@ -281,7 +281,7 @@ class Difficulty(Check):
                     repro=repro(trace.rollout.cut(trace.steps)),
                     rate=rate.evidence(),
                 )
-                return as_warning(found) if trace.reported_success is None and counts_survival(trace) else found
+                return found.as_warning() if trace.reported_success is None and counts_survival(trace) else found
         return None
 
     def _beaten(self, subject: Subject, trace: Trace) -> bool:

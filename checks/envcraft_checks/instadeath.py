@@ -148,17 +148,17 @@ def _usual(subject: Subject) -> float:
 
 
 def _short(subject: Subject, seed: int) -> Rollout:
-    length = subject.contract.at_once
     from envcraft.judging import actions
 
+    length = subject.contract.at_once
     return Rollout(seed, actions.random_actions(subject.action_space, seed, length), player="random play")
 
 
 def _over_at_once(subject: Subject, suspects: list[Trace]) -> list[Trace]:
     """Those of some short episodes that end at once on the same seed under other actions, too."""
-    space = subject.action_space
     from envcraft.judging import actions
 
+    space = subject.action_space
     first = subject.joint_actions[0]
     episodes = []
     for trace in suspects:

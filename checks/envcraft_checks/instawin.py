@@ -29,13 +29,11 @@ import statistics
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-import msgspec
-
 from envcraft.errors import Skip
 from envcraft.judging.check import Check, Rule
 from envcraft.judging.shrink import repro
 from envcraft.judging.statistics import settle
-from envcraft.model.verdict import Finding, Severity
+from envcraft.model.verdict import Finding
 from envcraft.plugins import hookimpl
 
 if TYPE_CHECKING:
@@ -100,7 +98,7 @@ class InstaWin(Check):
             repro=repro(shortest.rollout.cut(shortest.steps)),
             rate=rate.evidence(),
         )
-        return [as_warning(found) if by_sign and all(map(counts_survival, wins)) else found]
+        return [found.as_warning() if by_sign and all(map(counts_survival, wins)) else found]
 
     def _judge_told(self, subject: Subject) -> list[Finding]:
         """Report a success that every info of every episode tells, from the reset on."""
@@ -191,11 +189,6 @@ def wins_known(subject: Subject) -> bool:
 def counts_survival(trace: Trace) -> bool:
     """Whether the return is mostly a payment for each step, whatever the agent does."""
     return statistics.median(trace.rewards) * trace.steps >= _MOSTLY * trace.total > 0
-
-
-def as_warning(finding: Finding) -> Finding:
-    """The same finding as a warning, since the sign of a return is all that says what a win is."""
-    return msgspec.structs.replace(finding, severity=Severity.WARNING)
 
 
 def _paid(trace: Trace, steps: int) -> float:

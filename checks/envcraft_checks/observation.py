@@ -312,7 +312,7 @@ class Observation(Check):
             repro=repro(known.rollout.cut(20)),
             span=max(spans),
         )
-        return finding if promised else msgspec.structs.replace(finding, severity=Severity.WARNING)
+        return finding if promised else finding.as_warning()
 
     def _find_invisible(self, subject: Subject) -> Finding | None:
         """Find moves that no picture shows before they are paid."""
@@ -369,7 +369,7 @@ class Observation(Check):
             outcomes=len(outcomes),
             compared=len(same),
         )
-        return finding if len(outcomes) > 2 else msgspec.structs.replace(finding, severity=Severity.WARNING)
+        return finding if len(outcomes) > 2 else finding.as_warning()
 
     def _find_hidden(self, subject: Subject, traces: list[Trace]) -> Finding | None:
         """Find state that is not drawn and decides about most rewards, where chance does not."""

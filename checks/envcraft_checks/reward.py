@@ -220,7 +220,7 @@ class Reward(Check):
             episodes=len(played),
             certain=certain,
         )
-        return finding if certain else _warning(finding)
+        return finding if certain else finding.as_warning()
 
     def _judge_loops(self, subject: Subject, traces: list[Trace]) -> Iterator[Finding]:
         longest = max(trace.steps for trace in traces)
@@ -301,7 +301,7 @@ class Reward(Check):
         )
         usual = Counter(reward for trace in traces for reward in trace.rewards).most_common(1)[0][0]
         punished = len(shown) > 1 and pays < min(usual, 0.0)
-        return finding if punished or len(shown) >= _SUCCESSES else _warning(finding)
+        return finding if punished or len(shown) >= _SUCCESSES else finding.as_warning()
 
     def _judge_wins(self, subject: Subject, traces: list[Trace]) -> Finding | None:
         won = _successes(traces)
@@ -364,10 +364,6 @@ def clearly_more(earned: float) -> float:
 
 def _in_words(actions: list[Any]) -> str:
     return str(actions[0]) if len({str(action) for action in actions}) == 1 else str(actions)
-
-
-def _warning(finding: Finding) -> Finding:
-    return msgspec.structs.replace(finding, severity=Severity.WARNING)
 
 
 def _long(traces: list[Trace]) -> list[Trace]:

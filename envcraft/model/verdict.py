@@ -56,6 +56,10 @@ class Finding(msgspec.Struct, frozen=True):
     evidence: dict[str, Any] = {}
     repro: Repro = Repro()
 
+    def as_warning(self) -> Finding:
+        """The same finding with the severity warning."""
+        return msgspec.structs.replace(self, severity=Severity.WARNING)
+
 
 class Ignored(msgspec.Struct, frozen=True):
     """A finding that a comment of the author ignores, with the reason that the comment gives and its line."""
