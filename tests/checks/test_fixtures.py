@@ -39,7 +39,9 @@ def test_judged_as_expected(fixture: Fixture, reports: dict[str, SubjectReport])
         warned = {finding.code for check in report.checks for finding in check.findings}
         named = re.findall(r"warning (EC\d{3})", fixture.path.read_text("utf-8").partition("\n")[0])
         # EC505 warns of any environment that can be stepped after the end of an episode.
-        assert warned - {"EC505"} == set(named), "\n".join(findings)
+        assert warned - {"EC505"} <= set(named), "\n".join(findings)
+        # A policy may come to what no other play sees.
+        assert fixture.policy or set(named) <= warned, "\n".join(findings)
 
 
 @pytest.mark.parametrize("check", sorted({fixture.check for fixture in fixtures()}))
