@@ -78,6 +78,10 @@ def _draws_from_space(program: Program, node: ast.Call, function: Function) -> b
     match program.parents[node]:
         case ast.BinOp(op=ast.Mult(), right=ast.Constant(value=0)):
             return False
+        case ast.Assign(targets=[target]):
+            filled = [place for place, call in function.writes if name_of(call) == "fill"]
+            if any(ast.dump(place) == ast.dump(target).replace("Store()", "Load()") for place in filled):
+                return False
     match node.func:
         case ast.Attribute(attr="sample", value=ast.Attribute(attr="action_space" | "observation_space") as space):
             return bool(function.field(space))
