@@ -186,7 +186,9 @@ class Reward(Check):
                 long.append(trace)
                 if (ratio := growth(trace.rewards)) is not None:
                     grown[id(trace)] = ratio
-        if long and all(id(trace) in grown for trace in long):
+        # One action that is held soon changes nothing more, so a penalty for waiting grows in such episodes alone.
+        varied = any(action != trace.actions[0] for trace in long for action in trace.actions)
+        if varied and all(id(trace) in grown for trace in long):
             longest = max(long, key=lambda trace: trace.steps)
             sizes = [abs(reward) for reward in longest.rewards]
             yield self.finding(
