@@ -236,9 +236,9 @@ class Observation(Check):
 
     def _find_frozen_later(self, subject: Subject, traces: list[Trace]) -> Finding | None:
         """Find a picture that stops at an event of the episode, while the game goes on."""
-        if not _pictures(subject.observation_space) or not any(map(_stops, traces)):
+        if not _pictures(subject.observation_space) or not any(map(_stops, [*traces, *subject.searches.onward])):
             return None
-        more = [*subject.episodes.rotations, *subject.searches.explored()]
+        more = [*subject.episodes.rotations, *subject.searches.explored(), *subject.searches.onward]
         if sum(map(_stops, traces)) < _AT_EVENT:
             more += itertools.islice(subject.episodes.more_whole(), _AT_EVENT)
         known = {trace.rollout.key(): trace for trace in [*traces, *more] if trace.usable and not trace.opaque}
