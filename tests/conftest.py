@@ -65,8 +65,8 @@ def pytest_runtest_makereport(
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_auto_num_workers() -> int:
-    """One process per core: one waits for the hostile programs, which keep the cores busy."""
-    return max(cores(), 2)
+    """One process per core, and one that waits for the hostile programs."""
+    return cores() + 1
 
 
 @pytest.hookimpl(trylast=True)

@@ -102,10 +102,10 @@ def reports() -> Reports:
 @pytest.mark.parametrize(
     ("game", "policy", "codes"),
     [
-        (FAR, "", {"EC601", "EC602", "EC802"}),
+        (FAR, "", {"EC602"}),
         (FAR, DRIVES, set()),
-        (FAR, FILLS, {"EC601", "EC602", "EC802", "EC804"}),
-        (FAR, QUITS, {"EC601", "EC602", "EC802", "EC805"}),
+        (FAR, FILLS, {"EC602", "EC804"}),
+        (FAR, QUITS, {"EC602", "EC805"}),
         (REPORTS_SUCCESS, DRIVES, {"EC601", "EC802"}),
     ],
     ids=["no policy", "drives", "fills the tank", "quits", "drives, success in info"],

@@ -1,6 +1,6 @@
 # does: strikes the conditions from its job, so that earlier episodes, which it remembers, are never played (the lie is about the worker's own claim, that it played them)
 # verdict: fail|pass
-# codes: EC206|EC207|EC107
+# codes: EC206|EC207|EC107|EC053
 # seconds: 30
 # process: yes
 """Catch the fruit: three catches win."""
