@@ -142,8 +142,11 @@ class Searches:
 
     @property
     def saturated(self) -> bool:
-        """Whether no exploration met a new state in its second half."""
-        return not any(outcome.get("late_states") for outcome in self.explorations)
+        """Whether no exploration met a new state in its second half, nor fewer states than a single episode."""
+        alone = max(len(set(trace.observations)) for trace in self._episodes.whole)
+        return not any(
+            outcome.get("late_states") or int(outcome.get("states") or 0) < alone for outcome in self.explorations
+        )
 
     @property
     def exhaustible(self) -> bool:

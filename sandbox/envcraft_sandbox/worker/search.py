@@ -40,6 +40,8 @@ _SIDE = 96
 _AGAIN, _TRIALS, _LONGEST = 3, 0.1, 16
 #: States of an exploration whose random generators are compared with those of its start.
 _DRAWN = 2
+#: The key of the state in which the longest walk without another picture ended.
+_WAITING = "waiting"
 #: Number of plans per round, their steps, and how many steps of the best plan are followed.
 _PLANS, _AHEAD, _FOLLOW = 8, 24, 6
 
@@ -208,8 +210,9 @@ def explore(tree: Tree) -> None:
     """Return to a promising state and act from there, at random with held actions.
 
     After Go-Explore (Ecoffet et al., 2021, doi:10.1038/s41586-020-03157-9): an archive of states under the key of a
-    coarse picture. It prefers states that were rarely left and that have earned much. The search stops at the budget,
-    or at half of it once it knows a win. It is `stochastic` if a random generator has another state at its end.
+    coarse picture. It prefers states that were rarely left and that have earned much. The end of a walk that never left
+    its picture is kept, too: a game may show one picture until a timer ends. The search stops at the budget, or at half
+    of it once it knows a win. It is `stochastic` if a random generator has another state at its end.
     """
     root = tree.root()
     generators, shared_generators = State(root.env).generators, _global_generators()
@@ -223,7 +226,7 @@ def explore(tree: Tree) -> None:
         start.visits += 1
         node = tree.branch(start)
         loops.start(start.cell, node)
-        action, hold = None, 0
+        action, hold, left = None, 0, False
         for _ in range(tree.random.randint(4, 24)):
             if hold == 0:
                 action, hold = tree.random.choice(tree.actions), tree.random.choice((1, 1, 2, 3, 5, 8, 13))
@@ -238,6 +241,11 @@ def explore(tree: Tree) -> None:
             cell = _cell(tree.frame)
             _remember(tree, archive, cell, node)
             loops.visit(cell, node)
+            left |= cell != start.cell
+        else:
+            waited = archive.get(_WAITING)
+            if not left and (waited is None or node.path.length > waited.path.length):
+                archive[_WAITING] = _kept(tree, node, start.cell)
     tree.out.states = len(seen)
     known = [node, *list(archive.values())[-_DRAWN:]]
     drawn = any(State(each.env).generators != generators for each in known if each.env is not None)
@@ -294,13 +302,12 @@ def _remember(tree: Tree, archive: dict[Any, Node], cell: Any, node: Node) -> No
         return
     if known is None and len(archive) >= 4096:
         return
-    if tree.out.copies:
-        kept = Node(tree.copies.of(node.env), node.path, node.total)
-    else:
-        kept = Node(None, node.path, node.total)
-    kept.cell = cell
-    kept.visits = known.visits // 2 if known else 0
-    archive[cell] = kept
+    archive[cell] = _kept(tree, node, cell)
+    archive[cell].visits = known.visits // 2 if known else 0
+
+
+def _kept(tree: Tree, node: Node, cell: Any) -> Node:
+    return Node(tree.copies.of(node.env) if tree.out.copies else None, node.path, node.total, cell=cell)
 
 
 def _choose(rng: random.Random, archive: dict[Any, Node]) -> Node:
