@@ -65,6 +65,8 @@ _OTHER_HASHES = 20_241
 _OTHER_STATE = 1_000_003
 #: Repetitions before equality counts: a number drawn from a small range may be the same by chance.
 _REPEATS = 7
+#: Repetitions of a condition, one of which must differ again.
+_CONFIRMED = 3
 #: The most runs that reduce earlier episodes.
 _TRIES = 24
 #: Repetitions of the reset alone, which may draw only one random number.
@@ -301,6 +303,11 @@ class Determinism(Check):
         for code, conditions, _ in alone:
             if (again := _diverge(base, subject.rollout(rollout.under(conditions), alone=True), info)) is not None:
                 reported = True
+                runs = (subject.rerun(rollout.under(conditions)) for _ in range(_CONFIRMED))
+                if all(_diverge(base, run, info) is None for run in runs):
+                    # It differs by chance, which no condition controls, such as numbers from the operating system.
+                    yield self._found(subject, "EC201", rollout, Conditions(again=True), again)
+                    return
                 if again.field == "info":
                     code = _TELEMETRY.get(code, code)
                 if conditions.before:
