@@ -11,7 +11,13 @@ from evaluation.fixtures import ROOT
 
 MAKEFILE = set(re.findall(r"-m (benchmarks\.\w+)", (ROOT / "Makefile").read_text("utf-8")))
 #: Programs that other benchmarks start, or that write a file of the documentation.
-HELPERS = {"benchmarks.bare", "benchmarks.peers", "benchmarks.family_picture", "benchmarks.third_party"}
+HELPERS = {
+    "benchmarks.bare",
+    "benchmarks.peers",
+    "benchmarks.family_picture",
+    "benchmarks.real_world",
+    "benchmarks.third_party",
+}
 #: Those without options.
 PLAIN = {"benchmarks.demo", "benchmarks.picture"}
 
