@@ -31,7 +31,7 @@ from evaluation.judge import failing, judge_fixtures
 _LOST = 0.05
 _OUTCOMES = ("caught", "missed", "false alarm", "wrong reason")
 #: The words that a peer's complaint must contain to be about the topic of a check.
-_ABOUT = {
+TOPICS = {
     "source": ".",
     "api": ".",
     "determinism": "determin|seed|random|equivalent|differ",
@@ -40,7 +40,9 @@ _ABOUT = {
     "termination": "terminat|truncat|done|bool",
     "instawin": "win|success",
     "instadeath": "terminat|death|loses",
+    "resources": "memory|thread|file|leak|slow",
     "difficulty": "solv|trivial|polic",
+    "lint": ".",
 }
 
 
@@ -59,7 +61,7 @@ def peer_outcome(fixture: Fixture, complaint: str) -> str:
         return "false alarm" if complaint else ""
     if not complaint:
         return "missed"
-    return "caught" if re.search(_ABOUT[fixture.check], complaint, re.IGNORECASE) else "wrong reason"
+    return "caught" if re.search(TOPICS[fixture.check], complaint, re.IGNORECASE) else "wrong reason"
 
 
 @dataclass
@@ -111,7 +113,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _judge(chosen: list[Fixture], sandbox: str, budget: str, counts: dict[tuple[str, str], Counter[str]]) -> Cost:
     """Judge all fixtures at one budget; the outcomes of the last budget stay in `counts`."""
     cost, before = Cost(), _processor_seconds()
-    for check in _ABOUT:
+    for check in TOPICS:
         counts[check, "EnvCraft"] = Counter()
     for number, (fixture, report) in enumerate(judge_fixtures(chosen, sandbox, budget=budget), 1):
         reached = outcome(fixture, failing(report))
@@ -155,7 +157,7 @@ def _print(chosen: list[Fixture], counts: dict[tuple[str, str], Counter[str]], b
     table = Table(title=f"caught / missed / false alarm / wrong reason, at the budget {budget}")
     for column in ("check", "bad", "good", "EnvCraft", *PEERS):
         table.add_column(column)
-    checks = list(_ABOUT)
+    checks = list(TOPICS)
     total: dict[str, Counter[str]] = {name: Counter() for name in ("EnvCraft", *PEERS)}
     for check in checks:
         own = [fixture for fixture in chosen if fixture.check == check]
