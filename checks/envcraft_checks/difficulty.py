@@ -94,16 +94,16 @@ class Difficulty(Check):
     )
 
     def judge(self, subject: Subject) -> Iterator[Finding]:
-        undecided = ""
+        skipped: Skip | None = None
         try:
             yield from self._judge_play(subject)
         except Skip as skip:
-            undecided = str(skip)
+            skipped = skip
         if subject.out_of_time or not all(trace.usable and trace.steps for trace in subject.episodes.whole):
             missed = []
         else:
             missed = subject.coverage.missed()
-        if missed and (subject.searches.saturated or (not undecided and subject.budget.rotations)):
+        if missed and (subject.searches.saturated or (skipped is None and subject.budget.rotations)):
             yield self.finding(
                 "EC809",
                 f"{_listed(missed)} never reached in {subject.steps:,} steps",
@@ -111,10 +111,10 @@ class Difficulty(Check):
                 lines=[[each.first, each.last] for each in missed],
                 steps=subject.steps,
             )
-        elif missed and undecided:
-            undecided += f"; {_listed(missed)} never reached"
-        if undecided:
-            raise Skip(undecided)
+        elif missed and skipped is not None:
+            raise type(skipped)(f"{skipped}; {_listed(missed)} never reached")
+        if skipped is not None:
+            raise skipped
 
     def _judge_play(self, subject: Subject) -> Iterator[Finding]:
         if not any(trace.usable and trace.steps for trace in subject.played()):

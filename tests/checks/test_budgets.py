@@ -84,6 +84,12 @@ def test_a_game_of_1000_steps_stays_within_its_budget(budget: str) -> None:
     assert 0.75 * BUDGETS[budget].steps < report.steps <= BUDGETS[budget].steps
 
 
+def test_a_game_that_no_search_wins_is_undecided() -> None:
+    difficulty = next(check for check in judged(CATCH, "quick").checks if check.check == "difficulty")
+    assert difficulty.verdict == "skip"
+    assert difficulty.undecided
+
+
 @pytest.mark.parametrize("code", DEFECTS)
 def test_a_defect_of_a_long_game_stays_within_its_budget(code: str) -> None:
     report = judged(DEFECTS[code], "standard")
