@@ -210,9 +210,9 @@ def explore(tree: Tree) -> None:
     """Return to a promising state and act from there, at random with held actions.
 
     After Go-Explore (Ecoffet et al., 2021, doi:10.1038/s41586-020-03157-9): an archive of states under the key of a
-    coarse picture. It prefers states that were rarely left and that have earned much. The end of a walk that never left
-    its picture is kept, too: a game may show one picture until a timer ends. The search stops at the budget, or at half
-    of it once it knows a win. It is `stochastic` if a random generator has another state at its end.
+    coarse picture. It prefers states that were rarely left and that have earned much. Before it knows a second picture,
+    it keeps the end of its longest walk: a game may show one picture until a timer ends. The search stops at the
+    budget, or at half of it once it knows a win. It is `stochastic` if a random generator has another state at its end.
     """
     root = tree.root()
     generators, shared_generators = State(root.env).generators, _global_generators()
@@ -226,13 +226,15 @@ def explore(tree: Tree) -> None:
         start.visits += 1
         node = tree.branch(start)
         loops.start(start.cell, node)
-        action, hold, left = None, 0, False
+        action, hold = None, 0
+        still: set[int] = set()
         for _ in range(tree.random.randint(4, 24)):
             if hold == 0:
                 action, hold = tree.random.choice(tree.actions), tree.random.choice((1, 1, 2, 3, 5, 8, 13))
             hold -= 1
             alive = tree.step(node, action)
             digest = _digest(tree.frame)
+            still.add(digest)
             if digest not in seen:
                 seen.add(digest)
                 tree.out.late_states += 2 * tree.out.steps > tree.budget
@@ -241,10 +243,9 @@ def explore(tree: Tree) -> None:
             cell = _cell(tree.frame)
             _remember(tree, archive, cell, node)
             loops.visit(cell, node)
-            left |= cell != start.cell
         else:
             waited = archive.get(_WAITING)
-            if not left and (waited is None or node.path.length > waited.path.length):
+            if len(archive) <= 2 and still == {digest} and (waited is None or node.path.length > waited.path.length):
                 archive[_WAITING] = _kept(tree, node, start.cell)
     tree.out.states = len(seen)
     known = [node, *list(archive.values())[-_DRAWN:]]
