@@ -25,10 +25,9 @@ from pathlib import Path
 import msgspec
 from rich.console import Console
 
-import benchmarks.mutation.operators  # noqa: F401
 from benchmarks.mutation.equivalence import equivalent
 from benchmarks.mutation.games import Game, games
-from benchmarks.mutation.operator import OPERATORS
+from benchmarks.mutation.operators import OPERATORS
 from benchmarks.mutation.results import Result, append, key, read
 from benchmarks.mutation.source import Source
 from benchmarks.mutation.table import broken, by_operator, by_rule

@@ -8,9 +8,8 @@ from pathlib import Path
 
 import pytest
 
-import benchmarks.mutation.operators  # noqa: F401
 from benchmarks.mutation.games import games
-from benchmarks.mutation.operator import OPERATORS
+from benchmarks.mutation.operators import OPERATORS
 from benchmarks.mutation.results import Result, append, key, read
 from benchmarks.mutation.source import Source
 from benchmarks.mutation.table import broken, by_operator, by_rule, precision, recall

@@ -63,13 +63,13 @@ class InstaDeath(Check):
         Rule(
             "EC702",
             "degenerate-seeds",
-            "On many seeds the episode is over at once, whatever is done.",
+            "On many seeds the episode is over at once under every action.",
             "Draw the start again in reset() until it is neither won nor lost.",
         ),
         Rule(
             "EC703",
             "some-degenerate-seeds",
-            "On some seeds the episode is over at once, whatever is done.",
+            "On some seeds the episode is over at once under every action.",
             "Draw the start again in reset() until it is neither won nor lost.",
             Severity.WARNING,
         ),
@@ -122,7 +122,7 @@ class InstaDeath(Check):
         won = sum(bool(trace.success) for trace in suspects)
         return self.finding(
             "EC702" if rate.low > _FEW and rate.estimate >= _MANY else "EC703",
-            f"on {rate} seeds the episode is over within {_AT_ONCE} steps, whatever is done ({won} are won), while it "
+            f"on {rate} seeds the episode is over within {_AT_ONCE} steps under every action ({won} are won), while it "
             f"lasts {usual:.0f} steps on others",
             line=subject.line_of("reset"),
             repro=repro(alone[0].rollout.cut(alone[0].steps)),

@@ -187,7 +187,7 @@ def wins_known(subject: Subject) -> bool:
 
 
 def counts_survival(trace: Trace) -> bool:
-    """Whether the return is mostly a payment for each step, whatever the agent does."""
+    """Whether the return is mostly a payment for each step, under any play."""
     return statistics.median(trace.rewards) * trace.steps >= _MOSTLY * trace.total > 0
 
 

@@ -337,7 +337,7 @@ def run_check(
     subject: Subject,
     trace: Trace | None = None,
     fail_fast: bool = False,
-    severity: SeverityPolicy = SeverityPolicy(),  # noqa: B008
+    severity: SeverityPolicy = SeverityPolicy(),
     without: Collection[str] = (),
 ) -> CheckReport:
     """Run one check and return its report.

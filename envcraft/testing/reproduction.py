@@ -21,7 +21,7 @@ def note_episode(
     env: gymnasium.Env[Any, Any],
     seed: int,
     actions: Sequence[Any],
-    conditions: Conditions = Conditions(),  # noqa: B008
+    conditions: Conditions = Conditions(),
     contract: str = "gymnasium",
 ) -> None:
     """Let Hypothesis print the command that plays an episode, if the running test fails."""

@@ -41,7 +41,7 @@ def _is_number(game: Source, bound: ast.expr) -> bool:
 
 @operator("EC60", "EC80", "EC05")
 def won_by_waiting(game: Source) -> Places:
-    """Win at step 20, whatever is played."""
+    """Win at step 20 under every action."""
     if game.counter is not None and (edits := game.ends_when(game.wins, f"{game.counter} >= 20")):
         yield edits
 

@@ -107,7 +107,7 @@ def _used(program: Program, function: Function, node: ast.Call) -> bool:
     """Whether play draws from a new generator, and nothing binds another one to its name."""
     parent = program.parents[node]
     if isinstance(parent, ast.Tuple | ast.Subscript):
-        node, parent = parent, program.parents[parent]  # type: ignore[assignment]
+        parent = program.parents[parent]
     if isinstance(parent, ast.Attribute):
         return function in program.play
     targets = [target for target, _, statement in function.bindings if statement is parent]

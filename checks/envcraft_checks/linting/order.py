@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import ast
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 
 from .program import Function, Program, Suspect, line, name_of
 
@@ -162,13 +162,15 @@ class _Sets:
         """One value whose hash varies is enough to vary the order of all."""
         return next((kind for node in nodes if (kind := self.element(node, function))), "")
 
-    def _once(self, node: ast.AST | None, function: Function | None, look: object) -> str:
+    def _once(
+        self, node: ast.AST | None, function: Function | None, look: Callable[[ast.AST, Function | None], str]
+    ) -> str:
         """Look at a value, unless this value is being looked at: names may be bound to each other."""
         if node is None or node in self._open:
             return ""
         self._open.add(node)
         try:
-            return look(node, function)  # type: ignore[operator, no-any-return]
+            return look(node, function)
         finally:
             self._open.remove(node)
 

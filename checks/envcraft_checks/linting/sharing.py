@@ -265,12 +265,10 @@ def _returned(program: Program, function: Function, node: ast.AST, depth: int = 
             )
         case ast.Call(func=ast.Attribute() as called) if field := function.field(called):
             method = program.method(program.bound_to(function), field)
-            results = (
-                [one.value for one in method.nodes if isinstance(one, ast.Return) and one.value is not None]
-                if method
-                else []
-            )
-            return {one for result in results for one in _returned(program, method, result, depth - 1)}  # type: ignore[arg-type]
+            if method is None:
+                return set()
+            results = [one.value for one in method.nodes if isinstance(one, ast.Return) and one.value is not None]
+            return {one for result in results for one in _returned(program, method, result, depth - 1)}
         case ast.Call(func=ast.Attribute(attr=attr) as called, args=args, keywords=[]) if attr in _VIEWS:
             whole = (
                 args[0]
