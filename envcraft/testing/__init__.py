@@ -18,10 +18,10 @@ Example::
 
 from __future__ import annotations
 
-try:
-    import hypothesis as _hypothesis  # noqa: F401
-except ImportError as error:
-    raise ImportError("envcraft.testing needs hypothesis: `pip install 'envcraft-rl[test]'`") from error
+import importlib.util
+
+if importlib.util.find_spec("hypothesis") is None:
+    raise ImportError("envcraft.testing needs hypothesis: `pip install 'envcraft-rl[test]'`")
 
 from envcraft.testing.machine import GymnasiumStateMachine
 from envcraft.testing.strategies import Episode, Step, actions, episodes, seeds
