@@ -27,7 +27,10 @@ class AreaResize(gymnasium.Wrapper[Any, Any, Any, Any]):
     def __init__(self, env: Any, height: int, width: int) -> None:
         super().__init__(env)
         self._size = (height, width)
-        self.observation_space = spaces.Box(0, 255, (height, width, 3), np.uint8)
+        own: tuple[int, ...] = getattr(getattr(env, "observation_space", None), "shape", None) or ()
+        if len(own) == 3 and own[2] == 3:
+            # Other observations are not resized, and their space stays what it is.
+            self.observation_space = spaces.Box(0, 255, (height, width, 3), np.uint8)
 
     def reset(self, **kwargs: Any) -> Any:
         result = self.env.reset(**kwargs)

@@ -8,6 +8,21 @@ from __future__ import annotations
 
 from typing import Any, Literal, NotRequired, TypedDict
 
+
+class Project(TypedDict):
+    """The files that a file needs besides itself.
+
+    Attributes:
+        module: the dotted name of the file.
+        path: the path of the file.
+        files: the other files by path, as Base64. Paths have slashes and start at the project's root.
+    """
+
+    module: str
+    path: str
+    files: dict[str, str]
+
+
 #: The text of a file.
 SourceTarget = TypedDict(
     "SourceTarget",
@@ -18,6 +33,7 @@ SourceTarget = TypedDict(
         "class": NotRequired[str | None],
         "kwargs": NotRequired[dict[str, Any]],
         "wrappers": NotRequired[list[str]],
+        "project": NotRequired[Project],
     },
 )
 #: A class, or a function that makes environments, of an installed module.
@@ -131,7 +147,8 @@ class Job(TypedDict):
         actions: of the rollout; of a search the actions that it chooses from.
         max_steps: number of steps at most, of a rollout whose actions are not in the job and of a search.
         options: passed to ``reset``.
-        policy: chooses the actions inside the worker.
+        policy: chooses the actions inside the worker. With `actions` these are taken, and the policy says in each
+            state what it would do.
         interactive: the host chooses each action (ASK).
         every_step: send each step at once.
         count_waits: measure the episode: count the calls that give up the processor, and the processor time of steps.

@@ -64,7 +64,8 @@ def _bounds(values: Any) -> Any:
 def _number(value: float) -> float | str:
     """A number for JSON: infinities, and integers of more than 64 bits, become strings."""
     if isinstance(value, int):
-        return value if -(2**63) <= value < 2**63 else str(value)
+        # The bounds of a Box of bool are bools.
+        return int(value) if -(2**63) <= value < 2**63 else str(value)
     return value if math.isfinite(value) else repr(value)
 
 

@@ -93,6 +93,8 @@ class BubblewrapDriver(Driver):
 
 @functools.cache
 def _probe() -> Availability:
+    if sys.platform != "linux":
+        return Availability(False, "it needs Linux", "run EnvCraft in a Linux container or virtual machine")
     if shutil.which("bwrap") is None:
         return Availability(False, "bwrap is not installed", "install the package bubblewrap")
     try:

@@ -206,7 +206,7 @@ class ForkServerWorker(Worker):
             except OSError:
                 data = b""
             if not data or len(self._received) > MAX_MESSAGE:
-                raise WorkerLost("the worker hung up; run again, or see `envcraft doctor`")
+                raise WorkerLost("the worker closed the connection; run again, or see `envcraft doctor`")
             self._received += data
 
 

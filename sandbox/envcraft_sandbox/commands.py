@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import platform
+import sys
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING
 
@@ -32,7 +34,7 @@ _REMEDIES = {
 def doctor(form: str, runtime: str | None) -> None:
     """Check which sandboxes work here and how to fix them.
 
-    Starts a worker in each sandbox and lists its active layers, its missing layers and the next step for each.
+    The command starts a worker in each sandbox. It lists the active layers, the missing layers, and how to add each.
 
     \b
     Exit status: 0 some sandbox works    3 none does
@@ -54,7 +56,12 @@ def doctor(form: str, runtime: str | None) -> None:
     auto = next((each.name for each in results if each.works), None)
     broken = [{"plugin": each.plugin, "error": each.error} for each in loaded.broken]
     if form == "json":
-        report = {"sandboxes": [asdict(each) for each in results], "auto": auto, "broken": broken}
+        report = {
+            "platform": _platform(),
+            "sandboxes": [asdict(each) for each in results],
+            "auto": auto,
+            "broken": broken,
+        }
         click.echo(json.dumps(report, indent=2))
     else:
         _show(results, auto, broken)
@@ -133,6 +140,10 @@ def build(base: str | None, packages: str | None) -> None:
     click.echo(f"{tag} {digest}")
 
 
+def _platform() -> dict[str, str]:
+    return {"system": platform.system(), "release": platform.release(), "python": platform.python_version()}
+
+
 def _show(results: list[Examined], auto: str | None, broken: list[dict[str, str]]) -> None:
     from rich.console import Console
     from rich.markup import escape
@@ -146,7 +157,13 @@ def _show(results: list[Examined], auto: str | None, broken: list[dict[str, str]
             lines.append(f"missing: {'; '.join(each.missing)}" + (f". {each.fix}" if each.fix else ""))
         works = "[green]yes[/]" if each.works else "[red]no[/]"
         table.add_row(escape(each.name), each.isolation, works, escape("\n".join(lines)))
+    console.print("Python {python} on {system} {release}".format(**_platform()))
     console.print(table)
+    if sys.platform != "linux":
+        console.print(
+            "Landlock, seccomp and namespaces exist only on Linux. Here a sandbox protects against accidents, not "
+            "against malice: run generated code in a Linux container or virtual machine."
+        )
     if auto is None:
         console.print("No sandbox works on this machine, so EnvCraft cannot validate anything.")
     else:

@@ -13,6 +13,7 @@ import os
 import platform
 import select
 import socket
+import sys
 import threading
 import time
 import weakref
@@ -133,6 +134,10 @@ class DockerDriver(Driver):
 
     def _check(self) -> None:
         """Raises EngineError if no container can be launched."""
+        if sys.platform != "linux":
+            # An engine here runs in a virtual machine, and a worker's socket does not cross into one.
+            fix = "run EnvCraft itself in a Linux container or virtual machine"
+            raise EngineError("the sandbox needs an engine that shares this machine's kernel", fix)
         info = self._info
         if info.get("OSType") != "linux" or info.get("KernelVersion") != platform.release():
             raise EngineError("the container engine runs on another machine", "use an engine that runs on this one")

@@ -7,6 +7,7 @@ call filter it protects against accidents but not against malice.
 from __future__ import annotations
 
 import os
+import sys
 from collections.abc import Callable
 
 from envcraft.judging.driver import Availability, Driver, Isolation, Limits, Worker
@@ -30,7 +31,9 @@ class ProcessDriver(Driver):
 
     def probe(self) -> Availability:
         if os.name != "posix":
-            return Availability(False, "it needs a POSIX system", "use the docker sandbox")
+            return Availability(
+                False, "it needs a POSIX system", "run EnvCraft in a Linux container or virtual machine"
+            )
         return Availability(True, layers=["own process", "scrubbed environment"])
 
     def launch(self, *, hash_seed: int, limits: Limits) -> Worker:
@@ -42,6 +45,9 @@ class ProcessDriver(Driver):
         return launch.start(argv, self._variables(hash_seed, str(folder)), limits, self.name, folder)
 
     def shared_layout(self) -> Driver:
+        # Only Linux has the descriptors by which this process ends what a zygote forked.
+        if sys.platform != "linux":
+            return self
         return ZygoteDriver(self, self._zygote)
 
     def _zygote(self, hash_seed: int) -> Started:

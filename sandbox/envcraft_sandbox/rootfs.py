@@ -144,8 +144,8 @@ def _check_installed(packages: Iterable[Package]) -> None:
                 wrong.append(f"{package} ({package.place}) is installed as {version}")
     if wrong:
         raise UsageError(
-            f"the base host copies the libraries of {sys.executable}: {'; '.join(wrong)}; install that with pip, "
-            "or use a base with pip of its own"
+            f"the base host copies the libraries of {sys.executable}: {'; '.join(wrong)}; install the packages "
+            "with pip, or use a base image that has pip"
         )
 
 

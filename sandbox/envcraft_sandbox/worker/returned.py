@@ -40,7 +40,7 @@ class Returned:
 
     Args:
         subject: reads the observations again.
-        everything: hold all observations, whatever they are and whoever refers to them.
+        everything: hold all observations, of every type, even if nothing else refers to them.
     """
 
     def __init__(self, subject: Subject, everything: bool) -> None:

@@ -25,6 +25,7 @@ from .subject import Fault, Subject
 # Bound before any untrusted module can replace them.
 _perf_counter = time.perf_counter
 _process_time = time.process_time
+_thread_time = time.thread_time
 _monotonic = time.monotonic
 _getrusage = resource.getrusage
 _seed, _seed_numpy = random.seed, np.random.seed
@@ -120,8 +121,9 @@ def _episode(subject: Subject, job: Job, conditions: Conditions, resources: Reso
                 _play_through(subject, env, earlier)
             elif _process_time() < busy and _monotonic() < until:
                 _record(subject, env, earlier, resources)
-        # Nothing else may differ from a plain run, so the global generators start in the same state.
-        _restore(state)
+        if not conditions.get("unseeded"):
+            # Nothing else may differ from a plain run, so the global generators start in the same state.
+            _restore(state)
     perturb = Perturb(conditions.get("perturb"))
     policy = Policy(subject, job["policy"], env) if "policy" in job else None
 
@@ -161,6 +163,9 @@ def _episode(subject: Subject, job: Job, conditions: Conditions, resources: Reso
         if policy:
             chosen = policy.choose()
             channel.action(chosen)
+            if actions:
+                # The policy only advises.
+                chosen = actions[number]
         elif interactive:
             chosen = channel.ask()
         else:
@@ -171,14 +176,14 @@ def _episode(subject: Subject, job: Job, conditions: Conditions, resources: Reso
         perturb()
         was = _bytes(action, reread) if acted else None
         channel.steps += 1
-        waits, cpu = (_waits(), _process_time()) if measured else (0, 0.0)
+        waits, cpu = (_waits(), _thread_time()) if measured else (0, 0.0)
         started = _perf_counter()
         result = subject.call("step", env.step, action)
         seconds = _perf_counter() - started
         if measured:
             waited = _waits() > waits
             channel.waits += waited
-            channel.busy += seconds if waited else _process_time() - cpu
+            channel.busy += seconds if waited else _thread_time() - cpu
         if not (isinstance(result, tuple) and len(result) == 5):
             raise Fault({"phase": "step", "malformed": _shape_of(result), "line": None})
         if was is not None and _bytes(action, reread) != was:
@@ -221,6 +226,22 @@ def _waits() -> int:
     return _getrusage(resource.RUSAGE_THREAD).ru_nvcsw
 
 
+class _Stopwatch:
+    """Times a call: the processor time, which other programs on the machine do not change, or all time if it waits.
+
+    It is the time of the thread: under a limit of processor time, Linux counts that of the process in whole ticks.
+    """
+
+    seconds = 0.0
+
+    def __enter__(self) -> None:
+        self._waits, self._cpu, self._started = _waits(), _thread_time(), _perf_counter()
+
+    def __exit__(self, *_: object) -> None:
+        cpu, seconds = _thread_time() - self._cpu, _perf_counter() - self._started
+        self.seconds = seconds if _waits() > self._waits else cpu
+
+
 def _global_state() -> tuple[Any, Any]:
     return _getstate(), _get_state()
 
@@ -247,26 +268,23 @@ def _record(subject: Subject, env: Any, episode: EpisodePlan, resources: Resourc
     channel.phase("before")
     lines = Lines()
     counting = lines if episode.get("lines") else contextlib.nullcontext()
-    started = _perf_counter()
-    with counting:
+    clock = _Stopwatch()
+    with counting, clock:
         result = subject.call("earlier reset", env.reset, seed=episode["seed"])
-    seconds = _perf_counter() - started
     if not (isinstance(result, tuple) and len(result) == 2):
         raise Fault({"phase": "earlier reset", "malformed": _shape_of(result), "line": None})
     observation, info = result
-    subject.call("earlier reset", channel.step, Kind.RESET, observation, 0.0, False, False, _info(info), seconds)
+    subject.call("earlier reset", channel.step, Kind.RESET, observation, 0.0, False, False, _info(info), clock.seconds)
     for value in episode["actions"]:
         # What the last step returned is freed before this one.
         del result, observation, info
-        started = _perf_counter()
-        with counting:
+        with counting, clock:
             result = subject.step("before", env, value)
-        seconds = _perf_counter() - started
         if not (isinstance(result, tuple) and len(result) == 5):
             raise Fault({"phase": "before", "malformed": _shape_of(result), "line": None})
         observation, reward, terminated, truncated, info = result
         subject.call(
-            "before", channel.step, Kind.STEPS, observation, reward, terminated, truncated, _info(info), seconds
+            "before", channel.step, Kind.STEPS, observation, reward, terminated, truncated, _info(info), clock.seconds
         )
         if _true(terminated) or _true(truncated):
             break

@@ -5,7 +5,9 @@ from __future__ import annotations
 import ast
 import hashlib
 import inspect
+import os
 import random
+import re
 import sys
 import threading
 import time
@@ -27,10 +29,15 @@ from . import targets
 from .channel import Channel, jsonable
 
 _POLICY = "envcraft_policy"
+#: The highest number of frames per second that is passed on.
+_FASTEST = 1_000
 #: Packages whose frames are not part of the subject.
 _OWN = ("envcraft_sandbox", "envcraft_protocol")
 #: Maximum number of module names in a description.
 _MAX_MODULES = 5_000
+#: Maximum length of a name in a description.
+_MAX_NAME = 1_000
+_METHODS = ("__init__", "reset", "step", "render", "close")
 _monotonic = time.monotonic
 
 
@@ -51,6 +58,7 @@ class Subject:
         self.action_spec: dict[str, Any] | None = self.contract.get("action")
         self.target = targets.open_target(job["target"], job.get("marks", ()))
         self._creator: Any = None
+        self._folder = os.getcwd()
 
     def call(self, phase: str, function: Callable[..., Any], *args: Any, **kwargs: Any) -> Any:
         """Call untrusted code, or code that examines its values. Any exception, also SystemExit, becomes a Fault of
@@ -117,7 +125,7 @@ class Subject:
         known = set(sys.modules)
         if isinstance(self.target, targets.Source):
             # A library's warning about this machine, such as about missing fonts, is not output of the file.
-            warnings.filterwarnings("ignore", module=rf"(?!{targets.SUBJECT}\Z)")
+            warnings.filterwarnings("ignore", module=rf"(?!{re.escape(self.target.name)}\Z)")
         started = _monotonic()
         self.load()
         seconds = _monotonic() - started
@@ -188,14 +196,20 @@ class Subject:
             return
         loaded["line"] = _line(kind)
         loaded["lines"] = {
-            name: _line(getattr(kind, name))
-            for name in ("__init__", "reset", "step", "render", "close")
-            if name in dir(kind) and self._defines(kind, name)
+            name: _line(getattr(kind, name)) for name in _METHODS if name in dir(kind) and self._defines(kind, name)
+        }
+        loaded["inherited"] = {
+            name: f"{owner.__module__}.{owner.__qualname__}"[:_MAX_NAME]
+            for name in _METHODS
+            if name not in loaded["lines"] and (owner := _owner(kind, name)) not in (None, kind, object)
         }
         if not isinstance(self.target, targets.Source):
             loaded["class"] = kind.__qualname__
             loaded["module"] = kind.__module__
-            loaded["sha256"] = _digest_of(_source_file(kind))
+            file = _source_file(kind)
+            loaded["sha256"] = _digest_of(file)
+            if file is not None:
+                loaded["file"] = file[-_MAX_NAME:]
 
     def _defines(self, kind: type, name: str) -> bool:
         """Whether the file that findings name defines a method, not the file of a base class."""
@@ -219,6 +233,8 @@ class Subject:
                 # Marks move the columns that a traceback underlines.
                 frame.colno = self.target.column(frame.lineno, frame.colno)
                 frame.end_colno = self.target.column(frame.end_lineno, frame.end_colno)
+            # Each worker may have its project in another folder.
+            frame.filename = frame.filename.removeprefix(f"{self._folder}{os.sep}")
         return {
             "phase": phase,
             "type": type_name(error),
@@ -246,18 +262,20 @@ def attributes(env: Any) -> dict[str, Any]:
 
 
 def _rendering(env: Any, creator: Any, given: dict[str, Any]) -> dict[str, Any]:
-    """What the constructor did with the render mode, and whether the metadata says how fast frames follow."""
+    """What the constructor did with the render mode, and what the metadata says on how fast frames follow."""
     try:
         parameters = list(inspect.signature(creator).parameters.values())
     except (ValueError, TypeError):
         parameters = []
     metadata = getattr(env, "metadata", None)
     kept = getattr(env.unwrapped, "render_mode", None)
+    rate = metadata.get("render_fps") if isinstance(metadata, dict) else None
     return {
         "takes": any(each.name == "render_mode" or each.kind is each.VAR_KEYWORD for each in parameters),
         "given": rendering(creator, given).get("render_mode"),
         "kept": kept[:100] if isinstance(kept, str) else None if kept is None else type_name(kept),
-        "rate": isinstance(metadata, dict) and metadata.get("render_fps") is not None,
+        "rate": rate is not None,
+        "fps": float(rate) if isinstance(rate, int | float) and 0 < rate <= _FASTEST else None,
     }
 
 
@@ -280,6 +298,11 @@ def _line(value: Any) -> int | None:
         return named[-1] if named else None
     code = _code(value)
     return code.co_firstlineno if code is not None else None
+
+
+def _owner(kind: type, name: str) -> type | None:
+    """The class that a class has a method from."""
+    return next((each for each in kind.__mro__ if name in vars(each)), None)
 
 
 def _code(function: Any) -> CodeType | None:

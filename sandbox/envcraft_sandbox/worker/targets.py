@@ -21,16 +21,23 @@ import gymnasium
 from envcraft_protocol import jobs
 from envcraft_protocol.classes import concrete_classes, is_environment, rendering
 
+from . import project
 from .marks import Marked, Reached
 
 #: The name of the module that a source is executed in.
 SUBJECT = "envcraft_subject"
 #: Minimum length of the common prefix of an id and a package that is imported because of it.
 _ALIKE = 3
+#: Maximum number of environments that a message names.
+_MOST_NAMED = 20
 
 
 class NoSuchEnvironment(LookupError):
     """The module has no such class, or no package registers the id."""
+
+
+class NoSuchWrapper(LookupError):
+    """No module has the wrapper that the target names."""
 
 
 class Target(ABC):
@@ -63,7 +70,7 @@ class Target(ABC):
 
     def wrap(self, env: Any) -> Any:
         for name in self._wrappers:
-            env = attribute(name)(env)
+            env = _wrapper(name)(env)
         return env
 
 
@@ -72,8 +79,13 @@ class Source(Target):
 
     def __init__(self, spec: jobs.SourceTarget, places: Sequence[Sequence[int]] = ()) -> None:
         super().__init__(spec)
-        self.filename = spec["filename"]
+        self._project = spec.get("project")
+        self.filename = self._project["path"] if self._project else spec["filename"]
         self.module: ModuleType | None = None
+        #: The name that the module has.
+        self.name = SUBJECT
+        if self._project is not None and project.in_package(self._project):
+            self.name = self._project["module"]
         self.wanted: str | None = spec.get("class")
         self._source: str = spec["source"]
         self._places = tuple((line, column) for line, column in places)
@@ -84,7 +96,21 @@ class Source(Target):
             self._marked = _compiled(self._source, self.filename, self._places)
             self.reached = self._marked.reached
             self.reached.forget()
-            self.module = _executed(SUBJECT, self._source, self._marked)
+            self.module = self._executed(self._marked)
+
+    def _executed(self, marked: Marked) -> ModuleType:
+        if self._project is None:
+            return _executed(SUBJECT, self._source, marked)
+        project.lay_out(self._project, self._source)
+        if self.name == SUBJECT:
+            return _executed(SUBJECT, self._source, marked)
+        _remember(self.filename, self._source)
+        module = project.import_target(self._project, marked.code)
+        if module is None:
+            self.name = SUBJECT
+            around = self._project["module"].rpartition(".")[0]
+            return _executed(SUBJECT, self._source, marked, {"__package__": around})
+        return module
 
     def column(self, line: int | None, column: int | None) -> int | None:
         return self._marked.column(line, column) if self._marked is not None else column
@@ -117,8 +143,9 @@ class Installed(Target):
         if callable(found):
             return found
         module = sys.modules[self._module]
-        near = [name for name, value in list(vars(module).items()) if is_environment(value)]
-        raise NoSuchEnvironment(f"{self._module} has no class {self._name}{_suggest(self._name, near)}")
+        names = [name for name, value in list(vars(module).items()) if is_environment(value)]
+        there = f"; its environments are {', '.join(names[:_MOST_NAMED])}" if names else "; it has no environment"
+        raise NoSuchEnvironment(f"{self._module} has no class {self._name}{_suggest(self._name, names) or there}")
 
 
 class Registered(Target):
@@ -161,9 +188,14 @@ def _executed(name: str, source: str, marked: Marked, extra: dict[str, Any] | No
     module.__file__ = filename
     module.__dict__.update(extra or {})
     sys.modules[name] = module
-    linecache.cache[filename] = (len(source), None, source.splitlines(keepends=True), filename)
+    _remember(filename, source)
     exec(marked.code, module.__dict__)  # noqa: S102 (that is what a sandbox is for)
     return module
+
+
+def _remember(filename: str, source: str) -> None:
+    """Let tracebacks and `inspect` find the lines of a source."""
+    linecache.cache[filename] = (len(source), None, source.splitlines(keepends=True), filename)
 
 
 @lru_cache(maxsize=2)
@@ -179,6 +211,21 @@ def attribute(name: str) -> Any:
     for part in path.split("."):
         found = getattr(found, part)
     return found
+
+
+def _wrapper(name: str) -> Any:
+    """The wrapper that ``module:func`` names. Raises NoSuchWrapper."""
+    module = name.partition(":")[0]
+    try:
+        return attribute(name)
+    except ModuleNotFoundError as error:
+        if error.name is None or not f"{module}.".startswith(f"{error.name}."):
+            raise
+        raise NoSuchWrapper(f"the module {module} of the wrapper {name} is not installed") from None
+    except AttributeError:
+        known = [each for each, value in list(vars(sys.modules[module]).items()) if callable(value)]
+        func = name.partition(":")[2]
+        raise NoSuchWrapper(f"{module} has no wrapper {func}{_suggest(func, known)}") from None
 
 
 def find_spec(wanted: str) -> Any:
