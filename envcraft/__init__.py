@@ -13,6 +13,7 @@ TYPE_CHECKING = False
 if TYPE_CHECKING:
     from typing import Any
 
+    from envcraft.api.validation import CheckFailed, check_env, validate
     from envcraft.corpus.executors import ExecutorPlugin
     from envcraft.corpus.export.exporter import Exporter
     from envcraft.demonstrations.player import Player
@@ -37,6 +38,7 @@ if TYPE_CHECKING:
 #: The module of each public name.
 _MODULES = {
     "Check": "judging.check",
+    "CheckFailed": "api.validation",
     "Conditions": "model.rollout",
     "Contract": "model.contract",
     "Driver": "judging.driver",
@@ -61,6 +63,7 @@ _MODULES = {
     "UsageError": "errors",
     "Verdict": "model.verdict",
     "Worker": "judging.driver",
+    "check_env": "api.validation",
     # The entry point of registered ids, which exported data sets name too.
     "create": "environments.registration",
     "hookimpl": "plugins",
@@ -68,13 +71,14 @@ _MODULES = {
     "make_vec": "environments.vector",
     "names": "environments.sources",
     "register": "environments.registration",
+    "validate": "api.validation",
 }
 
 __all__ = [
-    "Check", "Conditions", "Contract", "Driver", "EnvCraftError", "ExecutorPlugin", "Exporter", "Family",
+    "Check", "CheckFailed", "Conditions", "Contract", "Driver", "EnvCraftError", "ExecutorPlugin", "Exporter", "Family",
     "Finding", "Generated", "Generator", "Player", "Reporter", "Repro", "Rollout", "Rule", "Severity", "Skip",
-    "Stage", "Subject", "Trace", "Undecided", "UsageError", "Verdict", "Worker", "__version__", "create",
-    "hookimpl", "make", "make_vec", "names", "register",
+    "Stage", "Subject", "Trace", "Undecided", "UsageError", "Verdict", "Worker", "__version__", "check_env", "create",
+    "hookimpl", "make", "make_vec", "names", "register", "validate",
 ]  # fmt: skip
 
 

@@ -10,7 +10,7 @@ class ExitCode(IntEnum):
 
     PASS = 0  #: every subject passes
     FAIL = 1  #: at least one subject fails
-    USAGE = 2  #: wrong use (Click's own)
+    USAGE = 2  #: usage error (Click's own)
     ERROR = 3  #: something could not be judged; never counted as a bad environment
 
 
@@ -21,9 +21,17 @@ class EnvCraftError(Exception):
 
 
 class UsageError(EnvCraftError):
-    """A name or an option does not exist, or options contradict each other."""
+    """A name or an option does not exist, or options contradict each other.
+
+    Attributes:
+        setting: the option whose value is wrong, without dashes, such as ``contract``; "" if it is not known.
+    """
 
     exit_code = ExitCode.USAGE
+
+    def __init__(self, message: str, setting: str = "") -> None:
+        super().__init__(message)
+        self.setting = setting
 
 
 class SandboxUnavailable(EnvCraftError):

@@ -18,13 +18,14 @@ if TYPE_CHECKING:
 
     from envcraft.corpus.executors import ExecutorPlugin
     from envcraft.corpus.export.exporter import Exporter
-    from envcraft.demonstrations.player import Player
+    from envcraft.demonstrations.player import Player, PlayerLoader
     from envcraft.environments.families import Family
     from envcraft.generation.generators import Generator
     from envcraft.generation.stages import Stage
     from envcraft.judging.check import Check
     from envcraft.judging.driver import Driver
     from envcraft.model.contract import Contract
+    from envcraft.model.pool import Pool
     from envcraft.reports.reporter import Reporter
 
 hookspec = pluggy.HookspecMarker("envcraft")
@@ -76,8 +77,18 @@ def envcraft_stages() -> list[Stage]:
 
 
 @hookspec
+def envcraft_pools() -> list[Pool]:
+    """Add pools of ingredients, whose coverage a report on a corpus shows."""
+
+
+@hookspec
 def envcraft_players() -> list[Player]:
-    """Add players for ``envcraft demos --player``."""
+    """Add players for ``envcraft demos --player``. With ``advise`` they also label the states of other players."""
+
+
+@hookspec
+def envcraft_player_loaders() -> list[PlayerLoader]:
+    """Add kinds of players that come from files, such as trained policies. Constructing a loader imports no library."""
 
 
 @hookspec

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
+import contextlib
+from collections.abc import Callable, Collection, Iterator
 from pathlib import Path
 from typing import Any, ClassVar
 
 import click
+from click.core import ParameterSource
 
 from envcraft.config import settings
 from envcraft.errors import UsageError
@@ -37,6 +39,7 @@ class Configured(click.Command):
             for param in self.params
             if isinstance(param, click.Option)
             for option in param.opts
+            if option.startswith("--")
         }
 
     def make_context(
@@ -45,7 +48,12 @@ class Configured(click.Command):
         options = {name: param for name, param in self._options().items() if name not in self.apart}
         repeated = {str(param.name) for param in self.params if isinstance(param, click.Option) and param.multiple}
         extra["default_map"] = configuration(Path.cwd(), options, repeated, _settings_of_all_commands)
-        return super().make_context(info_name, args, parent, **extra)
+        with _blaming_the_file():
+            return super().make_context(info_name, args, parent, **extra)
+
+    def invoke(self, ctx: click.Context) -> Any:
+        with _blaming_the_file(ctx):
+            return super().invoke(ctx)
 
 
 def _settings_of_all_commands() -> set[str]:
@@ -68,7 +76,47 @@ class PartlyConfigured(click.Command):
         extra["default_map"] = {
             name: value for key, value in table.items() if (name := key.replace("-", "_")) in shared
         }
-        return super().make_context(info_name, args, parent, **extra)
+        with _blaming_the_file():
+            return super().make_context(info_name, args, parent, **extra)
+
+    def invoke(self, ctx: click.Context) -> Any:
+        with _blaming_the_file(ctx):
+            return super().invoke(ctx)
+
+
+@contextlib.contextmanager
+def _blaming_the_file(ctx: click.Context | None = None) -> Iterator[None]:
+    """Let an error about a value of ``[tool.envcraft]`` name the file and the setting, not an option.
+
+    Args:
+        ctx: the command's context, None while it is made: Click's error has it then.
+
+    Raises:
+        UsageError: such a value is wrong.
+    """
+    try:
+        yield
+    except click.BadParameter as error:
+        if error.param is None or not _configured(ctx or error.ctx, error.param):
+            raise
+        option = max(error.param.opts, key=len)
+        raise UsageError(f"{_place(option.removeprefix('--'))}: {error.message}") from None
+    except UsageError as error:
+        options = {option: param for param in ctx.command.params for option in param.opts} if ctx is not None else {}
+        option = f"--{error.setting}"
+        if option not in options or not _configured(ctx, options[option]):
+            raise
+        raise UsageError(f"{_place(error.setting)}: {str(error).removeprefix(f'{option} ')}") from None
+
+
+def _configured(ctx: click.Context | None, param: click.Parameter) -> bool:
+    """Whether a parameter has its value from the file."""
+    return ctx is not None and ctx.get_parameter_source(str(param.name)) is ParameterSource.DEFAULT_MAP
+
+
+def _place(setting: str) -> str:
+    path, _ = settings(Path.cwd())
+    return f"{path}: [tool.envcraft] {setting}"
 
 
 def configuration(

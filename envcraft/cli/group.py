@@ -10,7 +10,7 @@ from typing import Any
 
 import click
 
-from envcraft.cli.signals import exit_statuses
+from envcraft.cli.signals import exit_statuses, is_full
 from envcraft.errors import EnvCraftError, ExitCode
 from envcraft.registry import did_you_mean, named, offered
 from envcraft.version import __version__
@@ -52,10 +52,13 @@ class PluginGroup(click.Group):
             return super().invoke(ctx)
         except EnvCraftError as error:
             click.echo(f"Error: {' '.join(str(error).split())}", err=True)
-            ctx.exit(error.exit_code)
+            # A full disk is no usage error, whichever file could not be written.
+            ctx.exit(ExitCode.ERROR if error.__context__ and is_full(error.__context__) else error.exit_code)
         except (click.ClickException, click.exceptions.Exit, click.Abort, BrokenPipeError):
             raise
         except Exception as error:
+            if is_full(error):
+                raise
             # Python would exit with 1, which means that an environment fails.
             import traceback
 

@@ -7,6 +7,7 @@ from typing import Any, TypeVar
 
 import click
 
+from envcraft.cli import completion
 from envcraft.judging.budget import BUDGETS
 from envcraft.judging.driver import Isolation
 from envcraft.judging.selection import split
@@ -33,6 +34,7 @@ def sandbox_options(sandbox: str | None = "auto") -> Callable[[_F], _F]:
             default=sandbox,
             show_default=sandbox or "as recorded",
             metavar="NAME",
+            shell_complete=completion.sandboxes,
             help="The sandbox that runs the environments: auto, docker, bubblewrap or process.",
         ),
         runtime_option,
@@ -47,6 +49,30 @@ def sandbox_options(sandbox: str | None = "auto") -> Callable[[_F], _F]:
             show_default="one per core",
             help="The number of jobs that run in parallel.",
         ),
+    )
+
+
+def format_option() -> Callable[[_F], _F]:
+    """Add ``--format``, also spelled ``--output-format``."""
+    return click.option(
+        "--format",
+        "--output-format",
+        "form",
+        default="console",
+        show_default=True,
+        metavar="NAME",
+        shell_complete=completion.formats,
+        help="The format of the report.",
+    )
+
+
+def output_option() -> Callable[[_F], _F]:
+    """Add ``--output``."""
+    return click.option(
+        "--output",
+        metavar="FILE",
+        shell_complete=completion.files,
+        help="Write the report to this file; - means standard output.",
     )
 
 
@@ -79,14 +105,16 @@ def check_options(stages: bool = False) -> Callable[[_F], _F]:
             default="arcade",
             show_default=True,
             metavar="NAME",
+            shell_complete=completion.contracts,
             help="The interface that the environments promise; `envcraft contracts` lists them.",
         ),
         click.option(
             "--checks",
             metavar="A,B",
+            shell_complete=completion.checks,
             help="Run only these checks. The check source always runs; an opt-in check runs only if it is named.",
         ),
-        click.option("--skip", metavar="A,B", help="Do not run these checks."),
+        click.option("--skip", metavar="A,B", shell_complete=completion.checks, help="Do not run these checks."),
         click.option(
             "--budget",
             type=_Stages() if stages else click.Choice(list(BUDGETS)),
@@ -105,7 +133,7 @@ def check_options(stages: bool = False) -> Callable[[_F], _F]:
             "--time-limit",
             type=click.FloatRange(0, min_open=True),
             metavar="SECONDS",
-            help="Time for each environment. What is not settled by then is skipped.  "
+            help="Time for each environment. Checks that are not decided by then are skipped.  "
             f"[default: {', '.join(f'{budget.seconds:g} for {name}' for name, budget in BUDGETS.items())}]",
         ),
         click.option("--fail-fast", is_flag=True, help="End each environment at its first error."),

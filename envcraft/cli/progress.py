@@ -27,8 +27,9 @@ from envcraft.model.events import (
     SubjectFinished,
     SubjectStarted,
 )
-from envcraft.model.verdict import Verdict
+from envcraft.model.verdict import Outcome
 from envcraft.reports.console import SIGNS, STYLES
+from envcraft.reports.summary import OUTCOMES
 from envcraft.text import one_line, plural
 
 if TYPE_CHECKING:
@@ -43,13 +44,7 @@ _SPEED_AFTER, _ENOUGH = 1.0, 3
 #: Free columns at the right, so that the terminal's ^C does not wrap the line.
 _FREE = 3
 _SHORTEST_PATH = 16
-_PLAIN_SIGNS = {Verdict.PASS: "+", Verdict.FAIL: "x", Verdict.SKIP: "-", Verdict.ERROR: "!"}
-_WORDS = {
-    Verdict.PASS: "passed",
-    Verdict.FAIL: "failed",
-    Verdict.SKIP: "skipped",
-    Verdict.ERROR: "could not be judged",
-}
+_PLAIN_SIGNS = {**SIGNS, Outcome.PASS: "+", Outcome.FAIL: "x"}
 _DIM = "bright_black"
 
 
@@ -60,7 +55,7 @@ class Row:
     path: str
     since: float
     steps: int = 0
-    settled: dict[str, Verdict] = field(default_factory=dict)
+    settled: dict[str, Outcome] = field(default_factory=dict)
     running: str = ""
 
 
@@ -70,7 +65,7 @@ class Tally:
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self.rows: dict[str, Row] = {}
         self.total = 0
-        self.verdicts: Counter[Verdict] = Counter()
+        self.outcomes: Counter[Outcome] = Counter()
         self._steps = 0
         self._clock = clock
         self._since: float | None = None
@@ -84,7 +79,7 @@ class Tally:
             self.rows[event.path] = Row(one_line(event.path), now)
         elif isinstance(event, SubjectFinished):
             self.rows.pop(event.report.path, None)
-            self.verdicts[event.report.verdict] += 1
+            self.outcomes[event.report.outcome] += 1
             self._steps += event.report.steps
         elif not isinstance(event, Finished) and (row := self.rows.get(event.path)) is not None:
             if isinstance(event, CheckStarted):
@@ -92,12 +87,12 @@ class Tally:
             elif isinstance(event, StepsTaken):
                 row.steps = event.steps
             elif isinstance(event, CheckFinished):
-                row.settled[one_line(event.report.check)] = event.report.verdict
+                row.settled[one_line(event.report.check)] = event.report.outcome
                 row.running = ""
 
     @property
     def done(self) -> int:
-        return self.verdicts.total()
+        return self.outcomes.total()
 
     def seconds(self, row: Row) -> float:
         """Return the seconds since a subject started."""
@@ -122,9 +117,9 @@ class Tally:
     def words(self) -> Iterator[tuple[str, str]]:
         """Return all counts as phrases with a style."""
         yield f"{self.done:,} of {self.total:,} judged", "bold"
-        for verdict, words in _WORDS.items():
-            if self.verdicts[verdict]:
-                yield f"{self.verdicts[verdict]:,} {words}", STYLES[verdict]
+        for outcome, words in OUTCOMES.items():
+            if self.outcomes[outcome]:
+                yield f"{self.outcomes[outcome]:,} {words}", STYLES[outcome]
         if (speed := self.speed()) is not None:
             yield speed_words(speed), _DIM
         if (left := self.left()) is not None:
@@ -216,7 +211,7 @@ class Progress:
         return picture
 
 
-def view(tally: Tally, width: int, height: int, signs: dict[Verdict, str]) -> Text:
+def view(tally: Tally, width: int, height: int, signs: dict[Outcome, str]) -> Text:
     """Draw the subjects in progress and the counts within `width` columns and `height` lines."""
     from rich.text import Text
 
@@ -234,7 +229,7 @@ def view(tally: Tally, width: int, height: int, signs: dict[Verdict, str]) -> Te
     return Text("\n", no_wrap=True, overflow="crop").join(lines[: max(height - 1, 1)])
 
 
-def _alone(tally: Tally, row: Row, width: int, signs: dict[Verdict, str]) -> list[Text]:
+def _alone(tally: Tally, row: Row, width: int, signs: dict[Outcome, str]) -> list[Text]:
     """Draw one subject with its checks."""
     from rich.text import Text
 
@@ -244,7 +239,7 @@ def _alone(tally: Tally, row: Row, width: int, signs: dict[Verdict, str]) -> lis
     facts += [f"{tally.seconds(row):.0f} s"]
     said = f"  {', '.join(facts)}"
     lines = [Text(shortened(row.path, max(width - len(said), _SHORTEST_PATH)), "bold").append(said, _DIM)]
-    names = [Text(f"{signs[verdict]} {name}", STYLES[verdict]) for name, verdict in row.settled.items()]
+    names = [Text(f"{signs[outcome]} {name}", STYLES[outcome]) for name, outcome in row.settled.items()]
     names += [Text(f"{_running(signs)} {row.running}", "bold")] if row.running else []
     for name in names:
         if len(lines) > 1 and lines[-1].cell_len + 2 + name.cell_len <= width:
@@ -254,15 +249,15 @@ def _alone(tally: Tally, row: Row, width: int, signs: dict[Verdict, str]) -> lis
     return lines
 
 
-def _table(tally: Tally, rows: list[Row], width: int, signs: dict[Verdict, str]) -> list[Text]:
+def _table(tally: Tally, rows: list[Row], width: int, signs: dict[Outcome, str]) -> list[Text]:
     """Draw a line for each subject; a narrow terminal drops columns on the right."""
     from rich.text import Text
 
     cells = []
     for row in rows:
         strip = Text()
-        for verdict in row.settled.values():
-            strip.append(signs[verdict], STYLES[verdict])
+        for outcome in row.settled.values():
+            strip.append(signs[outcome], STYLES[outcome])
         strip.append(_running(signs) if row.running else "", "bold")
         speed = tally.speed(row)
         steps = plural(row.steps, "step") if row.steps else ""
@@ -320,7 +315,7 @@ def shortened(text: str, width: int) -> str:
     return f"{head}…{tail}"
 
 
-def _running(signs: dict[Verdict, str]) -> str:
+def _running(signs: dict[Outcome, str]) -> str:
     return "…" if signs is SIGNS else "."
 
 

@@ -1,8 +1,9 @@
-"""Ctrl-C, SIGTERM and closed pipes: when they take effect, and their exit statuses."""
+"""Ctrl-C, SIGTERM, closed pipes and full disks: when they take effect, and their exit statuses."""
 
 from __future__ import annotations
 
 import contextlib
+import errno
 import os
 import signal
 import sys
@@ -11,10 +12,14 @@ from collections.abc import Iterator
 
 import click
 
+from envcraft.errors import ExitCode
+
 #: 128 and SIGINT, as shells report it.
 INTERRUPTED = 130
 #: 128 and SIGPIPE, as shells report a program whose reader has gone.
 CLOSED = 141
+#: No space, no space within the user's quota, and a file that would be larger than the system allows.
+_FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
 
 
 @contextlib.contextmanager
@@ -40,7 +45,7 @@ def uninterrupted() -> Iterator[None]:
 
 @contextlib.contextmanager
 def exit_statuses() -> Iterator[None]:
-    """Exit with 130 on Ctrl-C and with 141 on a closed pipe.
+    """Exit with 130 on Ctrl-C, with 141 on a closed pipe, and with 3 and one sentence if a disk is full.
 
     Click and Rich exit with 1, which means that an environment fails.
     """
@@ -52,16 +57,30 @@ def exit_statuses() -> Iterator[None]:
     except BrokenPipeError:
         _hang_up()
         raise click.exceptions.Exit(CLOSED) from None
+    except OSError as error:
+        if not is_full(error):
+            raise
+        _hang_up()
+        where = error.filename or "the output, or a temporary file,"
+        with contextlib.suppress(OSError):
+            # Standard error may be the same full disk.
+            click.echo(f"Error: {where} cannot be written: {error.strerror}; free some space and try again", err=True)
+        raise click.exceptions.Exit(ExitCode.ERROR) from None
     except SystemExit as end:
         if isinstance(end.__context__, BrokenPipeError):
             raise click.exceptions.Exit(CLOSED) from None
         raise
 
 
+def is_full(error: BaseException) -> bool:
+    """Whether an error says that there is no space to write."""
+    return isinstance(error, OSError) and error.errno in _FULL
+
+
 def _hang_up() -> None:
-    """Discard output to closed pipes, so that the interpreter prints no error while it exits."""
+    """Discard what cannot be written, so that the interpreter prints no error while it exits."""
     for stream in (sys.stdout, sys.stderr):
         try:
             stream.flush()
-        except BrokenPipeError:
+        except OSError:
             os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())

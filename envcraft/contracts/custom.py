@@ -52,6 +52,7 @@ class Table(msgspec.Struct, forbid_unknown_fields=True, rename="kebab"):
     noop: Any = None
     render: bool | str | None = None
     libraries: list[str] | None = None
+    project: bool | None = None
     resize: tuple[int, int] | None = None
     cut: int | None = None
     success: str | None = None
@@ -104,7 +105,7 @@ def _contract(name: str, own: Any, bases: dict[str, Contract], rules: Callable[[
     for field in ("observation", "action"):
         if (described := getattr(table, field)) is not None:
             changes[field] = space(described, field)
-    for field in ("limit", "reward_range", "noop", "consistently", "min_steps_per_second", "at_once"):
+    for field in ("limit", "reward_range", "noop", "project", "consistently", "min_steps_per_second", "at_once"):
         if (value := getattr(table, field)) is not None:
             changes[field] = value
     if table.render is not None:
@@ -131,7 +132,7 @@ def _contract(name: str, own: Any, bases: dict[str, Contract], rules: Callable[[
 def space(described: Any, where: str) -> Any:
     """The JSON description of a space in TOML. Raises ValueError, which names the invalid part."""
     if not isinstance(described, dict):
-        raise ValueError(f"{where} must be a table, and is {described!r}")
+        raise ValueError(f"{where} must be a table, not {described!r}")
     from envcraft.spaces.spec import KINDS
 
     kind = described.get("type")
@@ -178,7 +179,7 @@ def _check(contract: Contract) -> None:
     if not 0 < contract.consistently < 1:
         raise ValueError(f"consistently is {contract.consistently:g}; it must be between 0 and 1")
     if not 0 <= contract.min_steps_per_second < math.inf:
-        raise ValueError(f"min-steps-per-second is {contract.min_steps_per_second:g}; it must be a number from 0 on")
+        raise ValueError(f"min-steps-per-second is {contract.min_steps_per_second:g}; it must be 0 or more")
     for code in contract.without:
         if not re.fullmatch(r"[A-Z]+[0-9]+", code):
             raise ValueError(f"without: {code!r} is not a code such as EC505; `envcraft checks` lists them")
@@ -222,5 +223,5 @@ def _message(error: str, value: Any, kind: Any, where: str) -> str:
             value = value[key or int(index)]
         wanted = " or ".join(_KINDS.get(name, name) for name in expected[1].split(" | ") if name != "null")
         place = ".".join(filter(None, (where, path)))
-        return f"{place or 'it'} must be {wanted}{expected[2] or ''}, and is {value!r}"
+        return f"{place or 'it'} must be {wanted}{expected[2] or ''}, not {value!r}"
     return f"{prefix}{said} at {path}" if path else f"{prefix}{said}"

@@ -19,7 +19,7 @@ from envcraft.errors import EnvCraftError, TargetLost
 from envcraft.judging.selection import all_checks
 from envcraft.model.events import Event, SubjectFinished
 from envcraft.model.target import LazyTargets, Target
-from envcraft.model.verdict import SubjectReport, Verdict
+from envcraft.model.verdict import Outcome, SubjectReport, Verdict
 
 
 def stored_targets(store: Store, environments: Sequence[Environment], folder: str = "") -> LazyTargets[Environment]:
@@ -152,6 +152,13 @@ class Audit:
         """The number of environments with each verdict that occurs."""
         counts = audits.verdict_counts(self.store)
         return {verdict.value: counts[verdict] for verdict in Verdict if verdict in counts}
+
+    def outcomes(self) -> dict[Outcome, int]:
+        """The number of environments with each outcome that occurs: the verdicts, with the undecided ones apart."""
+        counts = {Outcome(verdict): count for verdict, count in self.verdicts().items()}
+        if undecided := audits.undecided(self.store):
+            counts |= {Outcome.PASS: counts[Outcome.PASS] - undecided, Outcome.UNDECIDED: undecided}
+        return {outcome: counts[outcome] for outcome in Outcome if counts.get(outcome)}
 
     def codes(self) -> dict[str, int]:
         """The number of environments with each code, the most frequent code first."""

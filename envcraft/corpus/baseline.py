@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 import msgspec
 
 from envcraft.errors import UsageError
+from envcraft.model.identity import fingerprint
 from envcraft.model.verdict import SCHEMA, Verdict
-from envcraft.reports.summary import fingerprint
 from envcraft.text import one_line
 
 if TYPE_CHECKING:
@@ -25,6 +25,7 @@ class _Finding(msgspec.Struct, frozen=True):
 class _Check(msgspec.Struct, frozen=True):
     check: str
     findings: list[_Finding] = []
+    known: list[_Finding] = []
 
 
 class _Subject(msgspec.Struct, frozen=True):
@@ -91,7 +92,8 @@ def read_baseline(path: str) -> dict[str, Known]:
     for subject in report.reports:
         seen: Counter[str] = Counter()
         for check in subject.checks:
-            for finding in check.findings:
+            # A report that was made with a baseline is a baseline of all that it found.
+            for finding in [*check.known, *check.findings]:
                 key = fingerprint(subject.path, finding.code, seen[finding.code])
                 seen[finding.code] += 1
                 known[key] = Known(subject.path, check.check, finding.code, finding.message, key)

@@ -150,7 +150,7 @@ class _Dispatch:
         self._empty = self._empty or time.monotonic()
         if time.monotonic() - self._empty > _EMPTY:
             raise EnvCraftError(
-                f"the executor {self._name} has had no worker for {_EMPTY:.0f} s: start some, and run this again"
+                f"the executor {self._name} has had no worker for {_EMPTY:.0f} s: start workers, then run this again"
             )
 
     def _begin(self, number: int, named: _Named) -> _Events:

@@ -26,9 +26,9 @@ from envcraft.judging.subject import Subject
 from envcraft.judging.worker_pool import WorkerPool
 from envcraft.model.contract import Contract
 from envcraft.model.events import Event, SubjectFinished
-from envcraft.model.rollout import Rollout
+from envcraft.model.rollout import Action, Rollout
 from envcraft.model.target import Target
-from envcraft.model.trace import Trace
+from envcraft.model.trace import Trace, diverge
 from envcraft.model.verdict import Finding, SubjectReport, Verdict
 
 #: The time limit of an environment is one hour for each so many steps.
@@ -38,6 +38,8 @@ _EPISODE_STEPS = 1_000
 _BUDGET = BUDGETS["standard"]
 
 EventHandler = Callable[[Event], None]
+#: The seed and the actions of an episode.
+Played = tuple[int, list[Action]]
 
 
 class _PlayerCheck(Check):
@@ -53,14 +55,17 @@ class _PlayerCheck(Check):
         """The player's episode with this number, as a trace of a list of actions, or the policy's violation.
 
         Raises:
-            Skip: The episode has no step or breaks off.
+            Skip: The episode has no step or breaks off, or the environment differs by itself.
         """
         trace = self._player.play(subject, number)
         finding = policy_rules.judge_play(self, trace)
         if finding is None and trace.rollout.live:
             # Recorded is what the policy's actions give without the policy.
             plain = subject.rollout(Rollout(trace.rollout.seed, trace.actions, player="the player's actions"))
-            finding, trace = policy_rules.judge_effect(self, trace, plain), plain
+            finding = policy_rules.judge_effect(self, subject, trace, plain)
+            if finding is None and diverge(trace, plain, info=False) is not None:
+                raise Skip(f"the environment differs by itself on seed {trace.rollout.seed}, so no recording is exact")
+            trace = plain
         if finding is not None:
             return finding
         if not trace.usable or not trace.steps:
@@ -107,6 +112,24 @@ class _Evaluate(_PlayerCheck):
             outcomes.append(EpisodeOutcome(trace.steps, trace.total, trace.success))
             subject.cache.clear_traces()
         self._take(subject.target.path, outcomes)
+
+
+class _Advise(_PlayerCheck):
+    """Asks a player for advice on episodes that others played, and passes the actions to `take`."""
+
+    def __init__(
+        self, player: Player, episodes: dict[str, list[Played]], take: Callable[[str, list[list[Action]]], object]
+    ) -> None:
+        super().__init__(player)
+        self._episodes, self._take = episodes, take
+
+    def judge(self, subject: Subject) -> Iterator[Finding]:
+        advice = []
+        for seed, actions in self._episodes[subject.target.path]:
+            advice.append(self._player.advise(subject, seed, actions))
+            subject.cache.clear_traces()
+        self._take(subject.target.path, advice)
+        yield from ()
 
 
 class _Replay(Check):
@@ -324,6 +347,39 @@ def episodes(
         targets, contract, driver, check, count * _EPISODE_STEPS, seed, player, workers, on_event
     ):
         yield number, outcomes.pop(report.path, []), report
+
+
+def advise(
+    targets: Sequence[Target],
+    player: Player,
+    contract: Contract,
+    driver: Driver,
+    played: Sequence[list[Played]],
+    workers: int | None = None,
+) -> Iterator[tuple[int, list[list[Action]], SubjectReport]]:
+    """Ask a player what it would do in each state of episodes that another player played.
+
+    Args:
+        targets: The environments, with different paths.
+        player: The player.
+        contract: The contract under which the episodes were played.
+        driver: The sandbox.
+        played: The episodes in each environment.
+        workers: The number of environments that are played at once; by default one for each core.
+
+    Returns:
+        For each environment, when it is done: its index among the targets, the player's actions in its episodes (none
+        if one failed), and its report.
+
+    Raises:
+        EnvCraftError: The sandbox fails.
+    """
+    advice: dict[str, list[list[Action]]] = {}
+    by_path = {target.path: episodes for target, episodes in zip(targets, played, strict=True)}
+    check = _Advise(player, by_path, advice.__setitem__)
+    steps = max((sum(len(actions) for _, actions in episodes) for episodes in played), default=0)
+    for number, report in _run(targets, contract, driver, check, steps, 0, player, workers, None):
+        yield number, advice.pop(report.path, []), report
 
 
 def _run(

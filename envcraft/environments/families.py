@@ -37,18 +37,23 @@ class Family(ABC):
     Attributes:
         name: The value of ``--family``.
         summary: One line for ``envcraft generate --list``.
+        has_difficulty: Whether :meth:`generate` takes a difficulty.
     """
 
     name: str
     summary: str
+    has_difficulty: bool = False
 
     @abstractmethod
-    def generate(self, count: int, seed: int) -> Iterator[Generated]:
+    def generate(self, count: int, seed: int, difficulty: float | None = None) -> Iterator[Generated]:
         """Generate environments.
 
         Args:
             count: How many; a smaller number gives the first of the same environments.
             seed: The same seed gives the same environments.
+            difficulty: From 0 to 1 for environments that are all equally difficult; with a higher difficulty a good
+                player needs more steps and random play wins less. None lets the family draw one for each
+                environment. A family without :attr:`has_difficulty` always gets None.
 
         Returns:
             The environments, in order.
@@ -85,6 +90,29 @@ def family_named(name: str) -> Family:
     return found
 
 
+def families_named(names: str, difficulty: float | None = None) -> list[Family]:
+    """The families with these names.
+
+    Args:
+        names: One name, or several with commas between them.
+        difficulty: The difficulty that they are to have, if any.
+
+    Raises:
+        UsageError: A name is unknown or repeated, or its family has no difficulty.
+    """
+    found = [family_named(name.strip()) for name in names.split(",")]
+    known: set[str] = set()
+    for family in found:
+        if family.name in known:
+            raise UsageError(f"--family {names} names {family.name} twice")
+        known.add(family.name)
+        if difficulty is not None and not family.has_difficulty:
+            able = [other.name for other in offered("envcraft_families") if other.has_difficulty]
+            others = f"the families with a difficulty are {', '.join(able)}" if able else "no family has one"
+            raise UsageError(f"the family {family.name} has no --difficulty; {others}")
+    return found
+
+
 def simulate(sources: Sequence[EnvSource], autoreset_mode: AutoresetMode, copy: bool) -> VectorEnv:
     """Make a vector of these environments by the simulator of the family that generated them.
 
@@ -93,14 +121,16 @@ def simulate(sources: Sequence[EnvSource], autoreset_mode: AutoresetMode, copy: 
     """
     families = {source.origin.get("family", ""): source.name for source in sources}
     if "" in families:
-        raise UsageError(f"fast=True plays what `envcraft generate` wrote into a corpus, and not {families['']}")
+        raise UsageError(
+            f"fast=True needs environments that `envcraft generate` wrote into a corpus, not {families['']}"
+        )
     if len(families) > 1:
         names = ", ".join(f"{name} of {family}" for family, name in families.items())
-        raise UsageError(f"fast=True plays environments of one family, and these are of several: {names}")
+        raise UsageError(f"fast=True needs environments of one family, not of several: {names}")
     for source in sources:
         if source.contract.adapter:
             raise UsageError(
-                f"fast=True plays {source.name} as its file does, and the contract {source.contract.name} adapts that: "
+                f"fast=True plays {source.name} without an adapter, but the contract {source.contract.name} has one: "
                 "choose another contract, or leave fast out"
             )
     generated = [Generated(one.name.removesuffix(".py"), one.source.decode(), one.origin) for one in sources]

@@ -55,7 +55,7 @@ class _Shown(TraceBuilder):
         self.frame = self._decode(layout, data, digest)
 
     def _take(self, step: Step) -> None:
-        # Whoever receives it may write to it.
+        # The caller may write to it.
         self.observation = self._decode(step.layout, memoryview(bytearray(step.data)), step.digest)
         self.info = step.info
 
@@ -181,6 +181,20 @@ class SubjectEnv(gymnasium.Env[Any, Any]):
     def render(self) -> Any:
         """Return the frame of render() after the last call, or None without ``render_mode="rgb_array"``."""
         return self._episode.shown.frame if self._episode is not None else None
+
+    def finish(self) -> Trace:
+        """End the episode here, and return its trace.
+
+        Raises:
+            ResetNeeded: no episode is running.
+            WorkerLost: the sandbox failed.
+        """
+        episode, self._episode = self._episode, None
+        if episode is None:
+            raise ResetNeeded(f"{self._name}: call reset() first")
+        with contextlib.closing(episode):
+            episode.stop()
+            return episode.finish()
 
     def close(self) -> None:
         """End the episode. A second call does nothing."""

@@ -17,8 +17,10 @@ from envcraft.corpus.store.environments import EnvironmentRow
 from envcraft.corpus.trust import contract_of, last_verdicts
 from envcraft.errors import UsageError
 from envcraft.judging.settings import contract_digest
+from envcraft.judging.verdict_cache import CachedVerdict, cached
 from envcraft.model.contract import Contract
-from envcraft.model.target import read_target
+from envcraft.model.project import with_project
+from envcraft.model.target import Project, read_target
 from envcraft.model.verdict import Verdict, plain
 
 #: The environment variable that names a corpus.
@@ -46,6 +48,7 @@ class EnvSource(msgspec.Struct, frozen=True):
         folder: The folder or corpus to audit for a verdict.
         entry: Its name in the corpus that has the verdict.
         origin: Where it comes from, as the corpus says.
+        project: The files of its project that it needs; None if it needs none.
     """
 
     name: str
@@ -59,6 +62,7 @@ class EnvSource(msgspec.Struct, frozen=True):
     folder: str
     entry: str = ""
     origin: dict[str, Any] = {}
+    project: Project | None = None
 
     def ensure_trusted(self) -> None:
         """Raises Untrusted, with the next step, unless the environment has passed."""
@@ -68,7 +72,13 @@ class EnvSource(msgspec.Struct, frozen=True):
         option = "" if contract == _DEFAULT else f" --contract {contract}"
         step = f"`envcraft audit {self.folder}{option}` judges it"
         if self.verdict is Verdict.FAIL:
-            step = f"`envcraft corpus show {self.folder} {self.entry}` says why"
+            shown = f"corpus show {self.folder} {self.entry}" if self.entry else f"validate {self.path}{option}"
+            step = f"`envcraft {shown}` says why"
+        if self.project is not None and self.project.modules:
+            raise Untrusted(
+                f"{self.name} imports files of its project, and only single files that have passed run in your own "
+                "process: import its class yourself, or trust=True runs it here anyway"
+            )
         raise Untrusted(
             f"{self.name} {self.doubt} under the contract {contract}, and only what has passed runs in your own "
             f"process: {step}, sandbox='auto' runs it in a sandbox, and trust=True runs it here anyway"
@@ -84,7 +94,7 @@ def default_corpus() -> Path | None:
     if value is None:
         return None
     if not isinstance(value, str):
-        raise UsageError(f"{path}: corpus must be the path of a corpus, and is {value!r}")
+        raise UsageError(f"{path}: corpus must be the path of a corpus, not {value!r}")
     return path.parent / value
 
 
@@ -161,8 +171,8 @@ def _row(store: Store, path: Path, name: str | None) -> EnvironmentRow:
 
 
 def _of_file(path: Path, contract: str | None) -> EnvSource:
-    """A file as it is now, with the verdict of the nearest audited folder above it."""
-    target = read_target(str(path))
+    """A file as it is now, with its verdict in the nearest audited folder above it or from ``envcraft validate``."""
+    target = with_project(read_target(str(path)))
     whole = path.resolve()
     for parent in whole.parents:
         if not is_corpus(parent / FOLDER_CORPUS):
@@ -173,11 +183,50 @@ def _of_file(path: Path, contract: str | None) -> EnvSource:
             judged = _judged(
                 store, str(path), str(whole), target.source, target.sha256, env_class, contract, str(parent)
             )
-            return msgspec.structs.replace(judged, entry=entry)
+            return _validated(msgspec.structs.replace(judged, entry=entry, project=target.project), contract)
     chosen = contract_named(contract or _DEFAULT)
-    return EnvSource(
+    source = EnvSource(
         str(path), str(whole), target.source, target.sha256, None, chosen, None, _NO_VERDICT, str(whole.parent)
     )
+    return _validated(msgspec.structs.replace(source, project=target.project), contract)
+
+
+def _validated(audited: EnvSource, contract: str | None) -> EnvSource:
+    """A file with the verdict that ``envcraft validate`` has given, if no audit has, or if that verdict is ``fail``."""
+    wanted = audited.contract.name if audited.verdict is not None else contract
+    by_contract: dict[str, list[CachedVerdict]] = {}
+    for kept in cached(audited.sha256):
+        if wanted in (None, kept.settings.contract) and _current(kept, audited.project):
+            by_contract.setdefault(kept.settings.contract, []).append(kept)
+    if not by_contract:
+        return audited
+    failed = {name for name, given in by_contract.items() if any(one.verdict is Verdict.FAIL for one in given)}
+    # Another budget or seed does not revoke a finding.
+    name = next((name for name in by_contract if name not in failed), next(iter(by_contract)))
+    if name in failed:
+        verdict, doubt, entry = Verdict.FAIL, f"has the verdict {Verdict.FAIL.value}", ""
+    elif audited.verdict is None:
+        verdict, doubt, entry = Verdict.PASS, "", audited.entry
+    else:
+        return audited
+    return msgspec.structs.replace(
+        audited,
+        env_class=audited.env_class or by_contract[name][0].env_class,
+        contract=contract_named(name),
+        verdict=verdict,
+        doubt=doubt,
+        entry=entry,
+    )
+
+
+def _current(kept: CachedVerdict, project: Project | None) -> bool:
+    """Whether the contract of a verdict still promises the same, and the files of the project are the same."""
+    try:
+        contract = contract_named(kept.settings.contract)
+    except UsageError:
+        return False
+    files = project.digests if project is not None and contract.project else {}
+    return contract_digest(contract) == kept.settings.contract_sha256 and kept.project == files
 
 
 def _judged(

@@ -373,8 +373,8 @@ def _ensure_equal_spaces(names: Sequence[str], spaces: Sequence[tuple[Any, Any]]
         for kind, space, first in zip(("observation", "action"), pair, spaces[0], strict=True):
             if space != first:
                 raise UsageError(
-                    f"the {kind} space of {name} is {space}, and that of {names[0]} is {first}: side by side they must "
-                    "be the same"
+                    f"the {kind} space of {name} is {space}, but that of {names[0]} is {first}: the environments of a "
+                    "vector must have the same spaces"
                 )
 
 

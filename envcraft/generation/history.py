@@ -12,11 +12,11 @@ from typing import Any, cast
 
 import msgspec
 
+from envcraft.corpus.stages import in_running_order
 from envcraft.corpus.store import Environment, Store, decode, generation
-from envcraft.generation.stages import Attempt, ConceptState, PolicyAttempt, Result, StageOutcome, ordered
+from envcraft.generation.stages import Attempt, ConceptState, PolicyAttempt, Result, StageOutcome
 from envcraft.judging.settings import Settings
 from envcraft.model.verdict import Severity, SubjectReport
-from envcraft.registry import offered
 
 
 class History:
@@ -219,7 +219,7 @@ def history_data(store: Store, concept: str) -> dict[str, Any]:
         "concept": state.concept,
         "title": state.title,
         "words": len(state.brief.split()),
-        "outcomes": {stage: msgspec.to_builtins(state.outcomes[stage]) for stage in _in_order(state.outcomes)},
+        "outcomes": {stage: msgspec.to_builtins(state.outcomes[stage]) for stage in in_running_order(state.outcomes)},
         "attempts": [
             {
                 "number": attempt.number,
@@ -252,12 +252,6 @@ def history_lines(history: dict[str, Any]) -> list[str]:
     for stage, outcome in history["outcomes"].items():
         lines.append(f"  {stage:10} {outcome['result']}  {outcome['reason']}".rstrip())
     return lines
-
-
-def _in_order(outcomes: Iterable[str]) -> list[str]:
-    """The names of stages in running order, followed by those that no plugin provides any more."""
-    names = [stage.name for stage in ordered(offered("envcraft_stages"))]
-    return sorted(outcomes, key=lambda name: (names.index(name) if name in names else len(names), name))
 
 
 def _errors(report: SubjectReport | None) -> list[tuple[str, str]]:

@@ -4,6 +4,11 @@ from __future__ import annotations
 
 import msgspec
 
+#: The looks of all budgets.
+_LOOKS = (6, 12, 24, 48, 96)
+#: The part of the steps that the episodes of an additional look may take: one in so many.
+_PART = 4
+
 
 class Budget(msgspec.Struct, frozen=True):
     """What ``--budget`` names.
@@ -30,7 +35,7 @@ class Budget(msgspec.Struct, frozen=True):
         exhaust: the most steps of a search through all reachable states.
         sweep: the most steps spent on rare actions along the longest episode and the best one.
         policy: episodes of the privileged policy that are examined step by step.
-        looks: numbers of episodes after which a statistical verdict is looked at.
+        looks: numbers of episodes after which a statistical verdict is looked at; see :meth:`looks_for`.
         length: steps of an episode under a contract without a limit.
         seconds: the longest time of one subject on the clock, unless ``--time-limit`` names another.
     """
@@ -57,6 +62,20 @@ class Budget(msgspec.Struct, frozen=True):
     length: int
     seconds: float = 600.0
 
+    def looks_for(self, steps: int) -> tuple[int, ...]:
+        """Return the numbers of episodes after which a statistical verdict is looked at.
+
+        Short episodes have more looks than `looks`, and all budgets have the same ones in the same order. So a larger
+        budget cannot decide differently where a smaller one has decided.
+
+        Args:
+            steps: the length of an episode.
+
+        Returns:
+            `looks`, and each later look of any budget whose episodes together take at most a quarter of `self.steps`.
+        """
+        return tuple(look for look in _LOOKS if look <= self.looks[-1] or _PART * look * steps <= self.steps)
+
 
 BUDGETS = {
     budget.name: budget
@@ -80,7 +99,7 @@ BUDGETS = {
             exhaust=2_000,
             sweep=0,
             policy=1,
-            looks=(6, 12, 24),
+            looks=_LOOKS[:3],
             length=300,
             seconds=120.0,
         ),
@@ -103,7 +122,7 @@ BUDGETS = {
             exhaust=20_000,
             sweep=4_000,
             policy=2,
-            looks=(6, 12, 24),
+            looks=_LOOKS[:3],
             length=1_000,
         ),
         Budget(
@@ -125,7 +144,7 @@ BUDGETS = {
             exhaust=100_000,
             sweep=40_000,
             policy=3,
-            looks=(6, 12, 24, 48, 96),
+            looks=_LOOKS,
             length=2_000,
             seconds=3_600.0,
         ),

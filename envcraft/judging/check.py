@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
-from envcraft.model.verdict import CheckReport, Finding, Repro, Severity
+from envcraft.model.verdict import CheckReport, Finding, Line, Repro, Severity
 
 if TYPE_CHECKING:
     from envcraft.judging.subject import Subject
@@ -33,6 +33,7 @@ class Rule(msgspec.Struct, frozen=True):
         confirmed_by: codes of errors that earlier checks report for the same defect. After one of them, this rule
             reports nothing.
         default: whether the rule reports anything unless ``--select`` or a severity names it.
+        gate: whether an error of it skips the checks that follow, because they could not run.
     """
 
     code: str
@@ -43,6 +44,7 @@ class Rule(msgspec.Struct, frozen=True):
     waiver: str = ""
     confirmed_by: tuple[str, ...] = ()
     default: bool = True
+    gate: bool = False
 
     @property
     def status(self) -> str:
@@ -114,14 +116,19 @@ class Check(ABC):
 
     def waivable(self, code: str) -> bool:
         """Whether an author may ignore or lower a code of this check: not if other verdicts depend on it."""
-        return not (self.always or (self.gate and self.rule(code).severity is Severity.ERROR))
+        return not (self.always or self.stops(code))
+
+    def stops(self, code: str) -> bool:
+        """Whether nothing else can be judged after a finding of this code."""
+        rule = self.rule(code)
+        return (self.gate or rule.gate) and rule.severity is Severity.ERROR
 
     def finding(
         self,
         code: str,
         message: str,
         *,
-        line: int | None = None,
+        line: int | Line | None = None,
         repro: Repro | None = None,
         **evidence: Any,
     ) -> Finding:
@@ -130,11 +137,13 @@ class Check(ABC):
         Args:
             code: of the rule.
             message: one sentence for the user.
-            line: of the file, if the defect has one.
+            line: of the file, if the defect has one. That of an inherited method names its class in the message.
             repro: the rollout that shows the defect.
             evidence: further data for the report, as JSON values.
         """
         severity = self.rule(code).severity
+        if isinstance(line, Line):
+            message, line = f"{message}; {line.note}" if line.note else message, line.number
         return Finding(code, severity, message, line, evidence, repro if repro is not None else Repro())
 
     @property

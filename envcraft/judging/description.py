@@ -37,18 +37,20 @@ class Effects(TypedDict, total=False):
 
 class Rendering(TypedDict):
     """What the constructor did with the render mode: whether it takes one, which it was `given` and which the instance
-    has; and whether the metadata has the `rate` of the frames.
+    has; and whether the metadata has the `rate` of the frames, with the rate as `fps` if it is a number in reason.
     """
 
     takes: bool
     given: _Name | None
     kept: _Name | None
     rate: bool
+    fps: Annotated[float, msgspec.Meta(gt=0)] | None
 
 
 #: The functional syntax, because ``class`` is a keyword. ``renders`` says whether
-#: the class has a render() of its own. The keys between ``nondeterministic`` and ``modules`` are sent
-#: only for installed environments: the module and digest of the file that defines the class, the type of the
+#: the class has a render() of its own. ``lines`` has the methods that the file of the class defines, and ``inherited``
+#: the classes that the others come from. The keys between ``nondeterministic`` and ``modules`` are sent
+#: only for installed environments: the module, path and digest of the file that defines the class, the type of the
 #: object that was ``made``, and whether that is an ``environment``. ``modules`` are those that the target imports, of a
 #: file without the standard library.
 Description = TypedDict(
@@ -61,6 +63,7 @@ Description = TypedDict(
         "line": int | None,
         "required": list[str],
         "lines": dict[str, int | None],
+        "inherited": dict[str, _Name],
         "observation_space": dict[str, Any],
         "action_space": dict[str, Any],
         "reset": list[str],
@@ -69,6 +72,7 @@ Description = TypedDict(
         "rendering": Rendering,
         "nondeterministic": bool,
         "module": _Name,
+        "file": _Name,
         "sha256": _Digest | None,
         "made": _Name,
         "environment": bool,

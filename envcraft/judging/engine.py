@@ -7,13 +7,13 @@ import os
 import queue
 import threading
 import time
-from collections.abc import Callable, Collection, Generator, Sequence
+from collections.abc import Callable, Collection, Generator, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING
 
 import msgspec
 
-from envcraft.errors import EnvCraftError, Skip, TargetLost, Undecided
+from envcraft.errors import EnvCraftError, Skip, TargetLost, Undecided, UsageError
 from envcraft.judging.budget import Budget
 from envcraft.judging.check import Check
 from envcraft.judging.driver import Driver, Limits, driver_for
@@ -30,11 +30,13 @@ from envcraft.model.events import (
     SubjectFinished,
     SubjectStarted,
 )
+from envcraft.model.identity import fingerprint
 from envcraft.model.target import Kind, PolicyFile, Target
 from envcraft.model.trace import Trace, digest_all
 from envcraft.model.verdict import (
     CheckReport,
     Finding,
+    ProjectFiles,
     Report,
     SandboxReport,
     Severity,
@@ -42,6 +44,7 @@ from envcraft.model.verdict import (
     Verdict,
     overall,
 )
+from envcraft.text import relative
 
 if TYPE_CHECKING:
     from envcraft.judging.ignore_comments import IgnoreComments
@@ -91,7 +94,9 @@ def cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def validate(plan: Plan, workers: int | None = None, pool: WorkerPool | None = None) -> Generator[Event, None, None]:
+def validate(
+    plan: Plan, workers: int | None = None, pool: WorkerPool | None = None, exitfirst: bool = False
+) -> Generator[Event, None, None]:
     """Judge every target and yield the events of the run, the last of which is `Finished`.
 
     A sandbox that fails and a check that raises are ``error`` verdicts, not exceptions. Closing the iterator ends
@@ -104,17 +109,35 @@ def validate(plan: Plan, workers: int | None = None, pool: WorkerPool | None = N
         pool: an open pool, whose first workers start before the call. It must have the plan's limits, its number of
             targets, and a driver that can read what the targets need (:func:`envcraft.judging.driver.driver_for`).
             It is closed at the end.
+        exitfirst: the run ends with the first target that fails, in their order. No later one is in the report.
     """
     reports: dict[int, SubjectReport] = {}
     with contextlib.closing(stream(plan, workers, pool)) as running:
-        for number, event in running:
+        for number, event in _until_failure(running) if exitfirst else running:
             if isinstance(event, SubjectFinished):
                 reports[number] = event.report
             yield event
     ordered = [reports[number] for number in sorted(reports)]
     severity = plan.severity
-    report = Report(plan.contract.name, plan.seed, ordered, budget=plan.budget.name)
+    unjudged = len(plan.targets) - len(ordered) if exitfirst else 0
+    report = Report(plan.contract.name, plan.seed, ordered, budget=plan.budget.name, unjudged=unjudged)
     yield Finished(msgspec.structs.replace(report, severity=severity.table, strict=severity.strict))
+
+
+def _until_failure(events: Iterable[tuple[int, Event]]) -> Generator[tuple[int, Event], None, None]:
+    """Yield events up to the first subject that fails; subjects end in their order, whichever is judged first."""
+    ended: dict[int, SubjectFinished] = {}
+    following = 1
+    for number, event in events:
+        if not isinstance(event, SubjectFinished):
+            yield number, event
+            continue
+        ended[number] = event
+        while (first := ended.pop(following, None)) is not None:
+            yield following, first
+            if first.report.verdict is Verdict.FAIL:
+                return
+            following += 1
 
 
 def stream(
@@ -231,7 +254,7 @@ def judge(
                 )
             if plan.fail_fast and report.verdict is Verdict.FAIL:
                 blocked = blocked or f"--fail-fast ends at the first error, and {check.name} has one"
-            if check.gate and (report.verdict is Verdict.ERROR or _stops(check, report)):
+            if (check.gate and report.verdict is Verdict.ERROR) or _stops(check, report):
                 blocked = f"it did not get past the check {check.name}"
             done.append(report)
             if len(done) == 3 and not blocked:
@@ -277,8 +300,10 @@ def report_on(plan: Plan, subject: Subject, checks: list[CheckReport], started: 
         sandbox=SandboxReport.of(plan.driver.name, available.layers, available.missing, subject.about),
         kind=target.kind,
         module=subject.module,
+        source_file=subject.source_file,
         kwargs=target.kwargs,
         wrappers=list(target.wrappers),
+        project=ProjectFiles(relative(target.project.root), target.project.digests) if target.project else None,
         traces=digest_all(subject.traces),
         fingerprint=subject.fingerprint,
         out_of_time=subject.time_limit.decided,
@@ -364,6 +389,7 @@ def run_check(
         report.verdict, report.reason, report.undecided = Verdict.SKIP, str(skip), isinstance(skip, Undecided)
     except EnvCraftError as error:
         report.verdict, report.reason = Verdict.ERROR, str(error)
+        report.wrong_use = isinstance(error, UsageError)
     except Exception as error:
         report.verdict, report.reason = Verdict.ERROR, f"the check broke: {type(error).__name__}: {error}"
     finally:
@@ -393,8 +419,18 @@ def _take(
         return
     if ignored is not None:
         report.ignored.append(msgspec.structs.replace(ignored, finding=counted))
-    else:
+    elif check.waivable(finding.code) and _known(report, subject.target.path, finding.code, severity.baseline):
+        report.known.append(counted)
+    elif counted not in report.findings:
         report.findings.append(counted)
+
+
+def _known(report: CheckReport, path: str, code: str, baseline: Collection[str]) -> bool:
+    """Whether the next finding of a code is in a baseline."""
+    if not baseline:
+        return False
+    nth = sum(finding.code == code for finding in [*report.known, *report.findings])
+    return fingerprint(path, code, nth) in baseline
 
 
 def _failed(report: CheckReport) -> bool:
@@ -402,8 +438,8 @@ def _failed(report: CheckReport) -> bool:
 
 
 def _stops(check: Check, report: CheckReport) -> bool:
-    """Whether a gate has a finding after which nothing else can be judged, not only a warning that counts as error."""
-    return any(not check.waivable(finding.code) for finding in report.findings)
+    """Whether a check has a finding after which nothing else can be judged."""
+    return any(check.stops(finding.code) for finding in report.findings)
 
 
 def _conclude(plan: Plan, subject: Subject, reports: list[CheckReport]) -> None:

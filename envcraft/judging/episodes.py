@@ -67,6 +67,11 @@ class Episodes:
         return max(trace.steps for trace in self.whole) > _LONG
 
     @property
+    def looks(self) -> tuple[int, ...]:
+        """The numbers of episodes after which a statistical verdict is looked at."""
+        return self._budget.looks_for(max(trace.steps for trace in self.whole))
+
+    @property
     def idle(self) -> Trace | None:
         """The episode of doing nothing; None under a contract that names no such action."""
         return self.whole[1] if len(self.whole) > 1 else None

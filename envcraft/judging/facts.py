@@ -6,9 +6,10 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import msgspec
 
-from envcraft.errors import Skip
+from envcraft.errors import EnvCraftError, Skip
 from envcraft.judging.description import Description
 from envcraft.judging.driver import Isolation
+from envcraft.judging.fit import fitting_contract
 from envcraft.judging.job_runner import JobRunner
 from envcraft.judging.job_scheduler import Placement
 from envcraft.judging.trace_builder import TraceBuilder
@@ -17,7 +18,9 @@ from envcraft.model.job import JobResult
 from envcraft.model.rollout import Rollout
 from envcraft.model.target import Kind, Target, imported
 from envcraft.model.trace import Trace
+from envcraft.model.verdict import Line
 from envcraft.spaces.spec import SpaceSpec, read_space
+from envcraft.text import relative
 
 if TYPE_CHECKING:
     from envcraft_protocol.jobs import Job
@@ -86,6 +89,9 @@ class Facts:
         if self._target.installed:
             return loaded if isolated else []
         named = set(imported(self._target.source))
+        if self._target.project is not None:
+            # Only jobs have the files of the project.
+            named -= self._target.project.modules
         used = [name for name in loaded if name.partition(".")[0] in named]
         return used if isolated else [name for name in used if name in _WELL_KNOWN]
 
@@ -117,6 +123,12 @@ class Facts:
         return reported if reported and self._target.kind is not Kind.SOURCE else None
 
     @property
+    def source_file(self) -> str | None:
+        """The file of an installed class where the worker runs, as the worker reports it."""
+        reported = self._loaded.description.get("file") if self._loaded is not None else None
+        return relative(reported) if reported and self._target.kind is not Kind.SOURCE else None
+
+    @property
     def observation_space(self) -> SpaceSpec:
         """The space that observations are checked against: the contract's, else the environment's own."""
         return self._space("observation_space", self._contract.observation)
@@ -127,11 +139,32 @@ class Facts:
 
         Raises:
             Skip: only the package that defines the space can draw from it.
+            EnvCraftError: the environment has another space than the contract.
         """
         space = self._space("action_space", self._contract.action)
+        if not self.acts_as_promised:
+            fits = fitting_contract(self.load().description, self._contract)
+            raise EnvCraftError(
+                f"the action space is {self._own_action_space}, and the contract {self._contract.name} has {space}; "
+                + (f"name the contract that fits: --contract {fits}" if fits else "declare the contract's space")
+            )
         if not space.known:
             raise Skip(f"no actions can be drawn from the action space, {space}")
         return space
+
+    @property
+    def acts_as_promised(self) -> bool:
+        """Whether the environment has the contract's actions; otherwise it would be judged with actions that are not
+        its own.
+        """
+        own, promised = self._own_action_space, self._contract.action
+        return own is None or promised is None or own == read_space(promised)
+
+    @property
+    def _own_action_space(self) -> SpaceSpec | None:
+        """The action space that the environment declares, None before the file is loaded."""
+        given = self._loaded.description.get("action_space") if self._loaded is not None else None
+        return None if given is None else read_space(given)
 
     @property
     def renders(self) -> bool:
@@ -143,10 +176,12 @@ class Facts:
             return self.load().description.get("renders", False)
         return promised or "rgb_array" in self.load().description.get("render_modes", ())
 
-    def line_of(self, method: str) -> int | None:
+    def line_of(self, method: str) -> Line:
         """Return the line at which the class defines a method, or that of the class if it inherits the method."""
         description = self.load().description
-        return description.get("lines", {}).get(method) or description.get("line")
+        owner = description.get("inherited", {}).get(method)
+        note = f"{method}() is inherited from {owner}" if owner else ""
+        return Line(description.get("lines", {}).get(method) or description.get("line"), note)
 
     def _space(self, name: Literal["observation_space", "action_space"], promised: dict[str, Any] | None) -> SpaceSpec:
         described = promised or self.load().description.get(name)

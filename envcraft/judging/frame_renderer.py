@@ -74,6 +74,7 @@ class FrameRenderer:
             rollout = Rollout(repro.seed, repro.actions, conditions, player="replay", keep=len(repro.actions) + 1)
             # The cache would keep the trace with all its frames.
             trace = self._subject.rerun(rollout)
+            plain = self._plain(self._subject, rollout) if "first" in finding.evidence else []
         except (EnvCraftError, Skip, msgspec.ValidationError):
             # A report without pictures is better than none.
             return []
@@ -81,7 +82,15 @@ class FrameRenderer:
             # The trace did not keep all frames, and the missing ones are probably the last.
             return []
         shown = list(enumerate(frames_of(trace)))[-MOST:]
-        return [Frame(step, png(picture)) for step, frame in shown if (picture := pixels(frame)) is not None]
+        frames = [(step, png(picture)) for step, frame in shown if (picture := pixels(frame)) is not None]
+        expected = {step: png(picture) for step, frame in enumerate(plain) if (picture := pixels(frame)) is not None}
+        return [Frame(step, data, expected[step] if expected.get(step, data) != data else b"") for step, data in frames]
+
+    def _plain(self, subject: Subject, rollout: Rollout) -> list[NDArray[Any]]:
+        """The frames of the same actions without the conditions that make a difference; none if some are missing."""
+        trace = subject.rerun(rollout.under(with_frames(subject, Conditions())))
+        frames = frames_of(trace)
+        return frames if len(frames) == len(trace.observations) else []
 
     def _close(self) -> None:
         if self._subject is not None:

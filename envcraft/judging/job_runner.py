@@ -78,7 +78,8 @@ class JobRunner:
         self.seconds = 0.0
         self.time_limit = time_limit
         imports = set(imported(target.source))
-        self.series = not target.installed and imports <= _RESTORABLE
+        # Modules of a project would stay imported.
+        self.series = not target.installed and target.project is None and imports <= _RESTORABLE
         self._lease = lease
         self._libraries = sorted(imports & set(contract.libraries or ()))
         self._modules: list[str] = []

@@ -28,13 +28,16 @@ def rules_of(checks: Iterable[Check]) -> dict[str, Rule]:
     return {rule.code: rule for check in checks for rule in check.rules}
 
 
-def select_checks(only: str | None, skip: str | None, select: tuple[str, ...] = ()) -> list[Check]:
+def select_checks(
+    only: str | None, skip: str | None, select: tuple[str, ...] = (), ignore: tuple[str, ...] = ()
+) -> list[Check]:
     """The checks that ``--checks`` and ``--skip`` leave, and those that always run.
 
     Args:
         only: the value of ``--checks``.
         skip: the value of ``--skip``.
         select: codes or their first characters; a check with no such rule is left out.
+        ignore: codes or their first characters; a check with no other rule is left out.
 
     Raises:
         UsageError: a name or a code does not exist, or no check is left.
@@ -44,20 +47,31 @@ def select_checks(only: str | None, skip: str | None, select: tuple[str, ...] = 
     wanted, unwanted = split(only), split(skip)
     for name in [*wanted, *unwanted]:
         if name not in names:
-            raise UsageError(f"there is no check {did_you_mean(name, names)}")
+            raise UsageError(
+                f"there is no check {did_you_mean(name, names)}", setting="checks" if name in wanted else "skip"
+            )
     codes = list(rules_of(checks))
-    for code in select:
+    for code in [*select, *ignore]:
         if not any(known.startswith(code) for known in codes):
-            raise UsageError(f"there is no rule {did_you_mean(code, codes)}")
+            setting = "select" if code in select else "ignore"
+            raise UsageError(f"there is no rule {did_you_mean(code, codes)}", setting=setting)
+    for code in ignore:
+        if not any(check.waivable(rule.code) for check in checks for rule in check.rules if rule.code.startswith(code)):
+            raise UsageError(f"{code} cannot be ignored, because other verdicts depend on it")
     kept = [
         check
         for check in checks
         if check.name not in unwanted
         and (not select or check.always or check.gate or any(rule.code.startswith(select) for rule in check.rules))
+        and (not ignore or check.always or check.gate or not all(rule.code.startswith(ignore) for rule in check.rules))
         and (check.name in wanted or check.always or check.gate or (only is None and not check.opt_in))
     ]
-    if not [check for check in kept if not check.always]:
-        raise UsageError("no check is left; leave out some of --skip, and `envcraft checks` lists them all")
+    named = {check.name for check in checks if select and any(rule.code.startswith(select) for rule in check.rules)}
+    if not [check for check in kept if not (check.always or check.gate) or check.name in {*wanted, *named}]:
+        values = {"checks": only, "skip": skip, "select": ",".join(select) or None, "ignore": ",".join(ignore) or None}
+        options = {name: f"--{name} {value!r}" for name, value in values.items() if value is not None}
+        words = f"{' and '.join(options.values())} leave no check to run; `envcraft checks` lists them all"
+        raise UsageError(words, setting=[*options, ""][0])
     return kept
 
 

@@ -29,7 +29,7 @@ _WORDS = {"contract_sha256": "a contract whose digest is", "image": "image or li
 
 
 #: Fields that contracts have had only since corpora were made, with their defaults: these corpora stay usable.
-_LATER = {"min_steps_per_second": 20.0}
+_LATER = {"min_steps_per_second": 20.0, "project": False}
 
 
 class Settings(msgspec.Struct, frozen=True):

@@ -31,17 +31,24 @@ class SeverityPolicy(msgspec.Struct, frozen=True):
         comments: whether comments in the target's file can ignore findings.
         select: the rules that report, by codes or their first characters; () for those that do by default. Gates, and
             checks that always run, report in any case.
+        ignore: the rules that do not report, by codes or their first characters, except those that must stay errors.
+        baseline: the fingerprints of findings that do not count (:func:`envcraft.model.identity.fingerprint`), unless
+            they must stay errors.
     """
 
     table: dict[str, str] = {}
     strict: bool = False
     comments: bool = False
     select: tuple[str, ...] = ()
+    ignore: tuple[str, ...] = ()
+    baseline: frozenset[str] = frozenset()
 
     def apply(self, check: Check, finding: Finding) -> Finding | None:
         """Return a finding with the severity that it has under this policy; None if it is left out."""
+        if self.ignore and finding.code.startswith(self.ignore) and check.waivable(finding.code):
+            return None
         value = self.table.get(finding.code, self.table.get(check.name))
-        if self.select and not (check.gate or check.always):
+        if self.select and not (check.gate or check.always or check.stops(finding.code)):
             if not finding.code.startswith(self.select):
                 return None
         elif finding.code not in self.table and any(r.code == finding.code and not r.default for r in check.rules):

@@ -9,7 +9,7 @@ from math import exp, fsum, inf, lgamma, log, log1p, pi, sqrt, tan
 
 import msgspec
 
-#: Numbers of episodes after which the sequential test looks at the interval.
+#: Numbers of episodes after which the sequential test looks at the interval, unless the caller names others.
 LOOKS = (6, 12, 24)
 #: Number of looks that share the error of the sequential test, even if a budget has fewer looks. A larger budget then
 #: has the same intervals at its first looks, so it cannot decide differently where a smaller one has decided.
@@ -130,7 +130,7 @@ def settle(
         True (above), False (below) or None (undecided), and the proportion.
     """
     hits = done = 0
-    error = _ERROR / max(len(looks), _SHARES)
+    error = error_of_look(looks)
     rate = Exact(0, 0, error)
     for look in looks:
         if affords is None or done:
@@ -146,16 +146,26 @@ def settle(
                 if done == 1:
                     prefetch(range(done, look))
         rate = Exact(hits, done, error)
-        if rate.low > threshold:
-            return True, rate
-        if rate.high < threshold:
-            return False, rate
+        if (verdict := is_above(rate, threshold)) is not None:
+            return verdict, rate
     return None, rate
+
+
+def error_of_look(looks: tuple[int, ...]) -> float:
+    """Return the error of the interval at one look of :func:`settle`, by Bonferroni's correction."""
+    return _ERROR / max(len(looks), _SHARES)
+
+
+def is_above(rate: Proportion, threshold: float) -> bool | None:
+    """Return whether a rate is significantly above (True) or below (False) a threshold; None if it is neither."""
+    if rate.low > threshold:
+        return True
+    return False if rate.high < threshold else None
 
 
 @lru_cache(maxsize=1024)
 def _above(hits: int, n: int, threshold: float, error: float) -> bool:
-    return Exact(hits, n, error).low > threshold
+    return is_above(Exact(hits, n, error), threshold) is True
 
 
 def student(freedom: float) -> float:

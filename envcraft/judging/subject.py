@@ -8,6 +8,8 @@ from functools import cached_property
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
+import msgspec
+
 from envcraft.judging.budget import Budget
 from envcraft.judging.coverage import Coverage
 from envcraft.judging.driver import Isolation
@@ -23,8 +25,9 @@ from envcraft.judging.time_limit import TimeLimit
 from envcraft.judging.worker_pool import Lease
 from envcraft.model.contract import Contract
 from envcraft.model.rollout import Action, Conditions, Rollout, Search
-from envcraft.model.target import PolicyFile, Target
+from envcraft.model.target import PolicyFile, Project, Target
 from envcraft.model.trace import Trace
+from envcraft.model.verdict import Line
 from envcraft.similarity.behavioural import fingerprint
 from envcraft.spaces.spec import SpaceSpec
 
@@ -53,6 +56,7 @@ class Subject:
         coverage: the statements of the file, and which of them were reached in these.
         time_limit: when the last job ends.
         ignore_comments: the comments of the file that ignore findings; None if they are not to be read.
+        left_out: the files of its project, if the contract leaves them out.
     """
 
     def __init__(
@@ -66,6 +70,9 @@ class Subject:
         parallel_jobs: int = 1,
         seconds: float | None = None,
     ) -> None:
+        self.left_out: Project | None = None
+        if target.project is not None and not (contract.project or target.project.named):
+            self.left_out, target = target.project, msgspec.structs.replace(target, project=None)
         self.target = target
         self.contract = contract
         self.lease = lease
@@ -150,22 +157,34 @@ class Subject:
         return self._facts.module
 
     @property
+    def source_file(self) -> str | None:
+        """The file of an installed class, where the worker runs."""
+        return self._facts.source_file
+
+    @property
     def observation_space(self) -> SpaceSpec:
         """The space that observations are checked against: the contract's, else the environment's own."""
         return self._facts.observation_space
 
     @property
     def action_space(self) -> SpaceSpec:
-        """The space that actions are drawn from. Raises Skip where only the package that defines it can do that."""
+        """The space that actions are drawn from. Raises Skip where only the package that defines it can do that, and
+        EnvCraftError if the environment has another space than the contract.
+        """
         return self._facts.action_space
+
+    @property
+    def acts_as_promised(self) -> bool:
+        """Whether the environment has the contract's actions."""
+        return self._facts.acts_as_promised
 
     @property
     def renders(self) -> bool:
         """Whether render() must give frames: the contract, the metadata or an optional render() says so."""
         return self._facts.renders
 
-    def line_of(self, method: str) -> int | None:
-        """The line at which the class defines a method."""
+    def line_of(self, method: str) -> Line:
+        """The line at which the class defines a method, or that of the class if it inherits the method."""
         return self._facts.line_of(method)
 
     # Requests
@@ -290,6 +309,10 @@ class Subject:
     def act(self, number: int) -> Trace:
         """The privileged policy on the episode seed `number`."""
         return self.rollout(self.probes.policy(number))
+
+    def advised(self, seed: int, actions: list[Action]) -> Trace:
+        """An episode of these actions. Its ``chosen`` is what the privileged policy would do in each state."""
+        return self.rollout(Rollout(seed, actions, policy=True, max_steps=len(actions)))
 
     def privileged(self) -> list[Trace]:
         """The actions of the privileged policy on the first seeds, stepped again without it; none without a policy."""

@@ -31,9 +31,11 @@ class Contract(msgspec.Struct, frozen=True, kw_only=True):
         limit: steps after which every episode must have ended, or None.
         reward_range: the lowest and highest reward of one step, in the environment's own units.
         noop: the action that does nothing, or None.
-        render: whether ``render()`` must return the observation. ``"optional"``: only if there is one, whatever the
-            metadata says.
+        render: whether ``render()`` must return the observation. ``"optional"``: only if there is one, even
+            if the metadata say otherwise.
         libraries: modules that an environment may import besides the standard library; None allows all installed.
+        project: whether an environment may import the files of its project, which are its package and the files beside
+            it. Otherwise it must be one file.
         adapter: wrappers that the worker applies: ``{"resize": [height, width], "limit": steps}``.
         success: how a win is defined.
         without: codes of rules that do not apply.
@@ -51,6 +53,7 @@ class Contract(msgspec.Struct, frozen=True, kw_only=True):
     noop: Any = None
     render: bool | Literal["optional"] = False
     libraries: tuple[str, ...] | None = None
+    project: bool = False
     adapter: dict[str, Any] = {}
     success: Success = Success()
     without: tuple[str, ...] = ()

@@ -106,7 +106,8 @@ class Rollout(msgspec.Struct, frozen=True, dict=True):
     """One episode to run.
 
     `player` names the action source in messages. With `policy` the privileged policy chooses up to `max_steps`
-    actions, and with `interactive` a player on the host does; `actions` is empty then. `keep` is the number of
+    actions, and with `interactive` a player on the host does; `actions` is empty then. With `policy` and `actions` the
+    actions are taken, and the policy says in each state what it would do. `keep` is the number of
     observations, from the first, whose frames the trace keeps.
     """
 

@@ -8,6 +8,7 @@ comes from. Importing this module costs nothing, so that commands can look at th
 from __future__ import annotations
 
 import ast
+import base64
 import re
 import threading
 from collections.abc import Callable, Iterator, Sequence
@@ -42,6 +43,38 @@ class Kind(StrEnum):
     ID = "id"  #: a registered id
 
 
+class Project(msgspec.Struct, frozen=True):
+    """The files that a file imports or reads below the folder of its project, as they were when they were read.
+
+    Attributes:
+        root: the folder that imports start from.
+        module: the dotted name of the file below `root`.
+        path: the file's path below `root`, with slashes.
+        files: the bytes of the other files by path.
+        modules: the top-level modules of the project that these files import; relative imports with their dots.
+        named: the user named the module, so that a contract for single files does not leave the project out.
+    """
+
+    root: str
+    module: str
+    path: str
+    files: dict[str, bytes]
+    modules: frozenset[str] = frozenset()
+    named: bool = False
+
+    @property
+    def digests(self) -> dict[str, str]:
+        """The SHA-256 of each file by path."""
+        import hashlib
+
+        return {path: hashlib.sha256(data).hexdigest() for path, data in sorted(self.files.items())}
+
+    def for_worker(self) -> jobs.Project:
+        """The part that the worker needs."""
+        files = {path: base64.b64encode(data).decode("ascii") for path, data in self.files.items()}
+        return {"module": self.module, "path": self.path, "files": files}
+
+
 class Target(msgspec.Struct, frozen=True):
     """One environment to judge.
 
@@ -51,6 +84,7 @@ class Target(msgspec.Struct, frozen=True):
         env_class: picks one of several classes of a file.
         kwargs: what the constructor is given.
         wrappers: ``module:callable`` of what is applied to each instance, the innermost first.
+        project: the files of its project that a file needs; None for a file that needs none.
     """
 
     path: str
@@ -59,6 +93,7 @@ class Target(msgspec.Struct, frozen=True):
     kind: Kind = Kind.SOURCE
     kwargs: dict[str, Any] = {}
     wrappers: tuple[str, ...] = ()
+    project: Project | None = None
 
     @property
     def sha256(self) -> str:
@@ -83,7 +118,7 @@ class Target(msgspec.Struct, frozen=True):
         kwargs, wrappers = self.kwargs, list(self.wrappers)
         if self.kind is Kind.SOURCE:
             filename = Path(self.path).name
-            return {
+            described: jobs.SourceTarget = {
                 "kind": "source",
                 "kwargs": kwargs,
                 "wrappers": wrappers,
@@ -91,6 +126,9 @@ class Target(msgspec.Struct, frozen=True):
                 "source": self.text,
                 "class": self.env_class,
             }
+            if self.project is not None:
+                described["project"] = self.project.for_worker()
+            return described
         if self.kind is Kind.MODULE:
             module, _, name = self.path.partition(":")
             return {"kind": "module", "kwargs": kwargs, "wrappers": wrappers, "module": module, "class": name}

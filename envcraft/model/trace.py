@@ -191,7 +191,7 @@ class Trace:
     @property
     def given(self) -> list[Any]:
         """All actions of the rollout, taken or not."""
-        return self.chosen if self.rollout.live else self.rollout.actions
+        return self.rollout.actions or self.chosen
 
     @property
     def ending(self) -> Ending:
@@ -319,18 +319,22 @@ FIELDS = ("observation", "reward", "terminated", "truncated", "info")
 
 @dataclass(frozen=True)
 class Divergence:
-    """The first step (0 is the reset) and field in which two traces differ, with both values if they are known."""
+    """The first step (0 is the reset) and field in which two traces differ, with both values if they are known.
+
+    `where` names the part of an observation, in words.
+    """
 
     step: int
     field: str
     first: Any = None
     second: Any = None
+    where: str = ""
 
     def __str__(self) -> str:
         at = "the reset" if self.step == 0 else f"step {self.step}"
         first, second = _short(self.first, self.second)
         values = "" if self.first is None else f" ({first}, then {second})"
-        return f"{self.field} differs at {at}{values}"
+        return f"{self.field} differs at {at}{f' {self.where}' if self.where else ''}{values}"
 
 
 def diverge(first: Trace, second: Trace, info: bool = True) -> Divergence | None:

@@ -27,6 +27,20 @@ class Verdict(StrEnum):
     ERROR = "error"
 
 
+class Outcome(StrEnum):
+    """How a summary counts a check or a subject: as its verdict, except that what stays open is undecided.
+
+    A check is undecided if it applies and could not settle its question. A subject is undecided if it passes and one of
+    its checks is undecided.
+    """
+
+    PASS = "pass"
+    FAIL = "fail"
+    UNDECIDED = "undecided"
+    SKIP = "skip"
+    ERROR = "error"
+
+
 class Severity(StrEnum):
     """Whether a finding fails its check (``error``) or not (``warning``)."""
 
@@ -44,6 +58,18 @@ class Repro(msgspec.Struct, frozen=True):
     seed: int = 0
     actions: list[Any] = []
     conditions: dict[str, Any] = {}
+
+
+class Line(msgspec.Struct, frozen=True):
+    """Where a method of the environment is: a line of the target's file.
+
+    Attributes:
+        number: of the method, or of the class if another file defines the method; None if neither is known.
+        note: which class of another file the method is inherited from, in words; "" if it is not.
+    """
+
+    number: int | None
+    note: str = ""
 
 
 class Finding(msgspec.Struct, frozen=True):
@@ -72,8 +98,9 @@ class Ignored(msgspec.Struct, frozen=True):
 class CheckReport(msgspec.Struct):
     """One check's verdict on one subject.
 
-    `reason` says why a check was skipped or ended in an error. With `undecided` the check applies, and its question
-    stayed open. `ignored` findings count nowhere.
+    `reason` says why a check was skipped or ended in an error. With `undecided` the check applies, but its question
+    is still open. `ignored` findings, and those that are `known` from a baseline, count nowhere. `wrong_use` marks a
+    usage error: the target or an option names something that does not exist.
     """
 
     check: str
@@ -83,6 +110,15 @@ class CheckReport(msgspec.Struct):
     reason: str = ""
     undecided: bool = False
     ignored: list[Ignored] = []
+    known: list[Finding] = []
+    wrong_use: bool = False
+
+    @property
+    def outcome(self) -> Outcome:
+        """How summaries count this check."""
+        if self.undecided and self.verdict is Verdict.SKIP:
+            return Outcome.UNDECIDED
+        return Outcome(self.verdict.value)
 
 
 class SandboxReport(msgspec.Struct, frozen=True):
@@ -113,14 +149,22 @@ class SandboxReport(msgspec.Struct, frozen=True):
         return cls(driver, list(layers), list(missing), None if image is None else str(image))
 
 
+class ProjectFiles(msgspec.Struct):
+    """What was judged with a file of a project: the project's folder, and the SHA-256 of each file by path below it."""
+
+    root: str
+    files: dict[str, str]
+
+
 class SubjectReport(msgspec.Struct):
     """All checks' verdicts on one subject; `steps` are environment steps, `seconds` wall time.
 
-    `path`, `kind`, `kwargs` and `wrappers` are those of the target. `module` is the module of an installed class:
-    `source_sha256` and the lines of findings refer to its file. `traces` is a digest of all episodes, empty if none
-    was played. `fingerprint` identifies the behaviour (:func:`envcraft.similarity.behavioural.fingerprint`), empty if
-    it is not known. With `out_of_time` the time limit was over before every question was settled, and with `fail_fast`
-    the validation ended at the first error.
+    `path`, `kind`, `kwargs` and `wrappers` are those of the target. `module` is the module of an installed class and
+    `source_file` its file: `source_sha256` and the lines of findings refer to it. `traces` is a digest of all episodes,
+    empty if none was played. `fingerprint` identifies the behaviour
+    (:func:`envcraft.similarity.behavioural.fingerprint`), empty if it is not known. `project` has the files that the
+    environment imports or reads besides its own. With `out_of_time` the time limit was over before every question was
+    settled, and with `fail_fast` the validation ended at the first error.
     """
 
     path: str
@@ -137,23 +181,38 @@ class SubjectReport(msgspec.Struct):
     sandbox: SandboxReport = SandboxReport()
     kind: Kind = Kind.SOURCE
     module: str | None = None
+    source_file: str | None = None
     kwargs: dict[str, Any] = {}
     wrappers: list[str] = []
+    project: ProjectFiles | None = None
     traces: str = ""
     fingerprint: str = ""
     out_of_time: bool = False
     fail_fast: bool = False
 
     @property
+    def outcome(self) -> Outcome:
+        """How summaries count this subject."""
+        if self.verdict is Verdict.PASS and self.undecided:
+            return Outcome.UNDECIDED
+        return Outcome(self.verdict.value)
+
+    @property
+    def undecided(self) -> list[str]:
+        """The names of the checks that left their questions open."""
+        return [check.check for check in self.checks if check.outcome is Outcome.UNDECIDED]
+
+    @property
     def file(self) -> str:
         """The file or module that the lines of findings refer to."""
-        return self.module or self.path
+        return self.source_file or self.module or self.path
 
 
 class Report(msgspec.Struct):
     """The result of one run of ``envcraft validate``.
 
-    `severity` is the table of severities that the run applied, and with `strict` its warnings are errors.
+    `severity` is the table of severities that the run applied, and with `strict` its warnings are errors. `unjudged`
+    counts the environments that were not judged because an earlier one failed.
     """
 
     contract: str
@@ -164,6 +223,7 @@ class Report(msgspec.Struct):
     budget: str = "standard"
     severity: dict[str, str] = {}
     strict: bool = False
+    unjudged: int = 0
 
     def to_json(self) -> bytes:
         """Encode as indented JSON. NaN and infinities, which JSON lacks, are written as strings."""

@@ -22,9 +22,11 @@ environment nor tests is judged and not imported.
 
 ## Outcomes
 A finding fails its check. pytest prints it with the usual fix, the reproduction, and the commands that show it again.
-A check that does not apply is skipped with its reason. A check that could not judge, or a missing sandbox, is an
-error with the next step, never a failure of the environment. Findings of severity warning are pytest warnings of the
-category `EnvCraftWarning`, so that `-W error::envcraft.pytest_plugin.EnvCraftWarning` turns them into failures. The
+A check that does not apply is skipped with its reason. A check that leaves its question open is also skipped, and its
+reason begins with "undecided". The last line counts the environments that passed, failed or are undecided. A check
+that could not judge, or a missing sandbox, is an error with the next step, never a failure of the environment. Findings
+of severity warning are pytest warnings of the category `EnvCraftWarning`, so that
+`-W error::envcraft.pytest_plugin.EnvCraftWarning` turns them into failures. The
 severities of `pyproject.toml` and comments such as `# envcraft: ignore[EC203] reason` apply as
 [for `envcraft validate`](severity.md). The checks `source` and `sandbox` always run, because every verdict depends on
 them. If they are not selected, another test of the environment shows their findings.
@@ -38,7 +40,7 @@ passes:
 def test_snake(): ...
 ```
 
-gives `test_snake[source]`, `test_snake[api]`, and so on. `target` is a class, whose file is judged, or a TARGET of
+This gives `test_snake[source]`, `test_snake[api]`, and so on. `target` is a class, whose file is judged, or a TARGET of
 `envcraft validate`; a path is relative to pytest's root folder. `checks`, `skip`, `contract`, `budget`, `seed`,
 `sandbox` and `time_limit` are optional. On a test class, or as `pytestmark`, the marker applies to the tests that take
 the fixture `envcraft`.
@@ -73,9 +75,9 @@ envcraft_skip = []
 
 ## Reports
 The test of a check has properties, which JUnit XML contains. Their names begin with `envcraft_`: `subject`, `class`,
-`source_sha256`, `contract`, `budget`, `seed`, `isolation`, `driver`, `steps` (of the whole environment) and `codes`
-(of its findings). The first test of an environment judges it; the durations that pytest reports are still those of
-each check.
+`source_sha256`, `contract`, `budget`, `seed`, `isolation`, `driver`, `steps` and `outcome` (of the whole environment),
+and `codes` (of its findings). The first test of an environment judges it; the durations that pytest reports are still
+those of each check.
 
 ## xdist
 The workers of `-n` share results, so each environment runs once under every `--dist`. With `--dist loadfile` no

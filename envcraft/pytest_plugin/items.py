@@ -12,7 +12,6 @@ from envcraft.model.verdict import Severity, Verdict
 from envcraft.pytest_plugin import words
 from envcraft.pytest_plugin.judging import CASE, Case, Outcome, judge_of
 from envcraft.pytest_plugin.settings import EnvCraftWarning
-from envcraft.text import one_line
 
 _OUTCOME = pytest.StashKey[Outcome]()
 _UNJUDGED = "envcraft_unjudged"
@@ -64,7 +63,7 @@ def conclude(item: pytest.Item) -> None:
     if outcome.verdict is Verdict.FAIL:
         pytest.fail(words.failure(outcome.judged, outcome.reports), pytrace=False)
     if outcome.verdict is Verdict.SKIP:
-        pytest.skip(one_line(outcome.own.reason))
+        pytest.skip(words.skipped(outcome.own))
 
 
 def could_not_judge(message: str) -> BaseException:
@@ -86,4 +85,4 @@ def amend(item: pytest.Item, call: pytest.CallInfo[None], report: pytest.TestRep
         report.duration = outcome.own.seconds
     elif report.skipped and outcome.verdict is Verdict.SKIP:
         path, line, _ = item.reportinfo()
-        report.longrepr = (str(path), (line or 0) + 1, f"Skipped: {one_line(outcome.own.reason)}")
+        report.longrepr = (str(path), (line or 0) + 1, f"Skipped: {words.skipped(outcome.own)}")

@@ -8,9 +8,10 @@ from collections.abc import Iterable, Iterator, Sequence
 from itertools import chain
 
 from envcraft.judging.selection import all_checks, default_checks, rules_of
-from envcraft.model.verdict import CheckReport, Finding, Severity, Verdict
+from envcraft.model.verdict import CheckReport, Finding, Outcome, Severity, Verdict
 from envcraft.pytest_plugin.judging import Judged
-from envcraft.reports.summary import repro_words
+from envcraft.reports.evidence import evidence_lines, source_line
+from envcraft.reports.summary import counted, repro_words
 from envcraft.text import one_line, plural, printable
 
 
@@ -36,6 +37,12 @@ def error(judged: Judged, reports: Iterable[CheckReport]) -> str:
         if report.verdict is Verdict.ERROR
     ]
     return "\n".join([*lines, f"Try it by itself: {command(judged)}"])
+
+
+def skipped(report: CheckReport) -> str:
+    """Return why a check gave no verdict."""
+    undecided = "undecided: " if report.outcome is Outcome.UNDECIDED else ""
+    return undecided + one_line(report.reason)
 
 
 def unjudged(reason: Exception) -> str:
@@ -76,6 +83,7 @@ def properties(judged: Judged, reports: Iterable[CheckReport]) -> Iterator[tuple
         "isolation": report.isolation,
         "driver": report.driver,
         "steps": report.steps,
+        "outcome": report.outcome,
         "codes": " ".join(dict.fromkeys(finding.code for finding in _findings(reports))),
     }
     for name, value in found.items():
@@ -83,23 +91,24 @@ def properties(judged: Judged, reports: Iterable[CheckReport]) -> Iterator[tuple
 
 
 def summary(subjects: Sequence[dict[str, str]]) -> str:
-    """Summarise the number of environments and their isolation, from the properties of each."""
+    """Summarise the outcomes of the environments and their isolation, from the properties of each."""
+    outcomes = ", ".join(words for _, words in counted(Counter(Outcome(one["envcraft_outcome"]) for one in subjects)))
     levels = Counter((subject["envcraft_isolation"], subject["envcraft_driver"]) for subject in subjects)
     isolated = ", ".join(
         f"{isolation} isolation" + (f" by {driver}" if driver != isolation else "") for isolation, driver in levels
     )
     weak = "; this protects against accidents, not against malice: `envcraft doctor` lists what is missing"
     process = any(isolation == "process" for isolation, _ in levels)
-    return f"envcraft: {plural(len(subjects), 'environment')} judged, {isolated}{weak if process else ''}"
+    return f"envcraft: {plural(len(subjects), 'environment')}: {outcomes}; {isolated}{weak if process else ''}"
 
 
 def _block(judged: Judged, finding: Finding) -> str:
-    from envcraft.reports.console import printed
-
     rule = rules_of(all_checks()).get(finding.code)
     lines = [_head(judged, finding), f"  {one_line(finding.message)}"]
+    if line := source_line(judged.report, finding):
+        lines.append(f"  {finding.line} | {line}")
+    lines += [f"  {f'{label}: ' if label else ''}{words}" for label, words in evidence_lines(finding)]
     lines += [f"  fix: {rule.fix}"] if rule else []
-    lines += [f"  printed: {line}" for line in printed(finding)]
     return "\n".join([*lines, f"  reproduction: {repro_words(finding.repro)}"])
 
 

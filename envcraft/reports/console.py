@@ -9,10 +9,12 @@ from itertools import groupby
 from typing import TYPE_CHECKING, TextIO
 
 from envcraft.model.events import Event, Finished, SubjectFinished, SubjectStarted
-from envcraft.model.verdict import CheckReport, Finding, Report, Severity, SubjectReport, Verdict
+from envcraft.model.verdict import CheckReport, Finding, Outcome, Report, Severity, SubjectReport
 from envcraft.plugins import hookimpl
+from envcraft.reports.evidence import evidence_lines, source_line
+from envcraft.reports.pictures import picture_lines, shows_pictures
 from envcraft.reports.reporter import Reporter
-from envcraft.reports.summary import repro_words
+from envcraft.reports.summary import counted, repro_words
 from envcraft.text import one_line, plural
 
 if TYPE_CHECKING:
@@ -21,11 +23,20 @@ if TYPE_CHECKING:
 
     from envcraft.judging.check import Rule
 
-STYLES = {Verdict.PASS: "green", Verdict.FAIL: "red", Verdict.SKIP: "bright_black", Verdict.ERROR: "magenta"}
-_BADGES = {verdict: f"bold white on {style}" for verdict, style in STYLES.items()}
-SIGNS = {Verdict.PASS: "✓", Verdict.FAIL: "✗", Verdict.SKIP: "-", Verdict.ERROR: "!"}
+STYLES = {
+    Outcome.PASS: "green",
+    Outcome.FAIL: "red",
+    Outcome.UNDECIDED: "yellow",
+    Outcome.SKIP: "bright_black",
+    Outcome.ERROR: "magenta",
+}
+_BADGES = {outcome: f"bold white on {style}" for outcome, style in STYLES.items()}
+SIGNS = {Outcome.PASS: "✓", Outcome.FAIL: "✗", Outcome.UNDECIDED: "?", Outcome.SKIP: "-", Outcome.ERROR: "!"}
 _WARNING = "yellow"
-_PRINTED_LINES, _PRINTED_WIDTH = 3, 200
+#: The most lines of one finding, unless all evidence is shown.
+_LINES = 12
+#: The least and the most lines of a picture, and the most of one if all evidence is shown.
+_PICTURE, _LARGE_PICTURE = (3, 6), 20
 
 
 class ConsoleReporter(Reporter):
@@ -37,6 +48,7 @@ class ConsoleReporter(Reporter):
     def __init__(self, output: TextIO, rules: Mapping[str, Rule], console: Console | None = None) -> None:
         super().__init__(output, rules)
         self._given = console
+        self.wants_frames = shows_pictures(output)
         self._findings = 0
         self._numbers: dict[str, int] = {}
         self._waiting: dict[int, SubjectReport] = {}
@@ -66,12 +78,15 @@ class ConsoleReporter(Reporter):
             self._summary(event.report)
 
     def _subject(self, report: SubjectReport) -> None:
+        if self.verbosity < 0 and report.outcome is Outcome.PASS:
+            self._findings += sum(len(check.findings) for check in report.checks)
+            return
         title = _text()
-        title.append(f" {report.verdict.upper():<5}", _BADGES[report.verdict])
+        title.append(f" {report.outcome.upper():<5}", _BADGES[report.outcome])
         title.append("  ").append(one_line(report.path), "bold")
         self._say(title)
         facts = [
-            one_line(report.env_class) if report.env_class else "no class",
+            one_line(".".join(filter(None, [report.module, report.env_class]))) if report.env_class else "no class",
             f"{report.isolation} isolation" + (f" by {report.driver}" if report.driver != report.isolation else ""),
             f"{report.seconds:.1f} s",
             plural(report.steps, "step"),
@@ -81,39 +96,41 @@ class ConsoleReporter(Reporter):
             self._say(
                 _text(f"missing protections on this machine: {one_line('; '.join(missing))}", _WARNING), 2, hang=2
             )
-        for reason, group in groupby(report.checks, lambda check: check.verdict is Verdict.SKIP and check.reason):
+        for (outcome, reason), group in groupby(report.checks, lambda check: (check.outcome, check.reason)):
             checks = list(group)
-            if reason and len(checks) > 1:
+            if outcome in (Outcome.SKIP, Outcome.UNDECIDED) and reason and len(checks) > 1:
                 self._skipped(checks)
             else:
                 for check in checks:
-                    self._check(check, report.file)
+                    self._check(check, report)
         self._say(_text())
 
     def _skipped(self, checks: list[CheckReport]) -> None:
         """Print checks that were skipped for one reason as one paragraph."""
         names = ", ".join(check.check for check in checks)
-        sign = SIGNS[Verdict.SKIP] if self._signs else f"{Verdict.SKIP:<5}"
-        self._say(_text(f"{sign} {names}: {one_line(checks[0].reason)}", STYLES[Verdict.SKIP]), 2, hang=2)
+        outcome = checks[0].outcome
+        sign = SIGNS[outcome] if self._signs else f"{outcome:<5}"
+        self._say(_text(f"{sign} {names}: {_reason(checks[0])}", STYLES[outcome]), 2, hang=2)
 
-    def _check(self, check: CheckReport, path: str) -> None:
-        style = STYLES[check.verdict]
+    def _check(self, check: CheckReport, subject: SubjectReport) -> None:
+        style = STYLES[check.outcome]
         line = _text()
-        line.append(SIGNS[check.verdict] if self._signs else f"{check.verdict:<5}", style).append(" ")
-        line.append(f"{check.check:<12}", "" if check.verdict is not Verdict.SKIP else style)
+        line.append(SIGNS[check.outcome] if self._signs else f"{check.outcome:<5}", style).append(" ")
+        line.append(f"{check.check:<12}", style if check.outcome is Outcome.SKIP else "")
         line.append(f"{check.seconds:6.2f} s", "bright_black")
-        if check.reason:
-            line.append("  ").append(one_line(check.reason), style)
-        self._say(line, 2, hang=len(line.plain) - len(one_line(check.reason)) if check.reason else 0)
+        reason = _reason(check)
+        if reason:
+            line.append("  ").append(reason, style)
+        self._say(line, 2, hang=len(line.plain) - len(reason) if reason else 0)
         for finding in check.findings:
             self._findings += 1
-            self._finding(finding, path)
+            self._finding(finding, subject)
         for ignored in check.ignored:
             reason = one_line(ignored.reason) or "no reason is given"
             words = f"{ignored.finding.code} ignored by line {ignored.line}: {reason}"
             self._say(_text(words, "bright_black"), 4, hang=2)
 
-    def _finding(self, finding: Finding, path: str) -> None:
+    def _finding(self, finding: Finding, subject: SubjectReport) -> None:
         style = "red" if finding.severity is Severity.ERROR else _WARNING
         rule = self.rules.get(finding.code)
         head = _text()
@@ -122,23 +139,46 @@ class ConsoleReporter(Reporter):
             head.append(rule.name, style).append(" ")
         if finding.severity is Severity.WARNING:
             head.append("(warning) ", style)
-        head.append(one_line(path) + (f":{finding.line}" if finding.line else ""), "cyan")
-        self._say(head, 4)
-        self._say(_text(one_line(finding.message)), 6)
+        head.append(one_line(subject.file) + (f":{finding.line}" if finding.line else ""), "cyan")
+        before = [*self._lines(head, 4), *self._lines(_text(one_line(finding.message)), 6)]
+        if source := source_line(subject, finding):
+            before += self._lines(_text(f"{finding.line} | ", "bright_black").append(source), 6, cut=True)
+        after = []
         if rule is not None:
-            self._say(_text().append("fix: ", "green").append(rule.fix), 6, hang=5)
-        for line in printed(finding):
-            self._say(_text().append("printed: ", "bright_black").append(line), 6, hang=9)
-        self._say(_text(f"#{self._findings}: {repro_words(finding.repro)}", "bright_black"), 6, hang=4)
+            after += self._lines(_text().append("fix: ", "green").append(rule.fix), 6, hang=5)
+        after += self._lines(_text(f"#{self._findings}: {repro_words(finding.repro)}", "bright_black"), 6, hang=4)
+        shown = [
+            line
+            for label, words in evidence_lines(finding, self.verbosity > 0)
+            for line in self._lines(_text(f"{label}: " if label else "", "bright_black").append(words), 6, cut=True)
+        ]
+        room = max(_LINES - len(before) - len(after), 0)
+        if self.verbosity <= 0 and len(shown) > room:
+            kept = shown[: max(room - 1, 0)]
+            words = f"{plural(len(shown) - len(kept), 'more line')} of evidence: --verbose shows them"
+            shown = kept + (self._lines(_text(words, "bright_black"), 6, cut=True) if room else [])
+        picture = self._picture(subject, finding, room - len(shown))
+        for line in [*before, *shown, *picture, *after]:
+            self._console.print(line, soft_wrap=True)
+
+    def _picture(self, subject: SubjectReport, finding: Finding, room: int) -> list[Text]:
+        """Draw the observation that differs and the expected one, in at most `room` lines."""
+        least, most = _PICTURE
+        most = _LARGE_PICTURE if self.verbosity > 0 else min(room, most)
+        if self.frames is None or finding.evidence.get("field") != "observation" or most < least:
+            return []
+        frames = self.frames(subject, finding)
+        drawn = picture_lines(frames[-1], most, self._console.width - 6) if frames else []
+        return [_text(" " * 6) + line for line in drawn]
 
     def _summary(self, report: Report) -> None:
-        verdicts = Counter(subject.verdict for subject in report.reports)
+        outcomes = Counter(subject.outcome for subject in report.reports)
         findings = [finding for subject in report.reports for check in subject.checks for finding in check.findings]
         errors = sum(finding.severity is Severity.ERROR for finding in findings)
         line = _text()
-        for verdict, word in zip(Verdict, ("passed", "failed", "skipped", "could not be judged"), strict=True):
-            if verdicts[verdict]:
-                line.append(", " if line.plain else "").append(f"{verdicts[verdict]} {word}", f"bold {STYLES[verdict]}")
+        for outcome, words in counted(outcomes):
+            style = f"bold {STYLES[outcome]}" if outcomes[outcome] else "bright_black"
+            line.append(", " if line.plain else "").append(words, style)
         if not line.plain:
             line.append("nothing judged")
         line.append(
@@ -148,12 +188,16 @@ class ConsoleReporter(Reporter):
         )
         if ignored := sum(len(check.ignored) for subject in report.reports for check in subject.checks):
             line.append(f" {self._dot} {ignored:,} ignored by comments")
+        if known := sum(len(check.known) for subject in report.reports for check in subject.checks):
+            line.append(f" {self._dot} {known:,} known from the baseline")
         if changed := [f"{name} {value}" for name, value in report.severity.items()]:
             line.append(f" {self._dot} severity {one_line(', '.join(changed))}")
         if report.strict:
             line.append(f" {self._dot} strict")
+        if report.unjudged:
+            line.append(f" {self._dot} {report.unjudged:,} not judged after the first failure")
         self._say(line)
-        if findings:
+        if findings and self.verbosity >= 0:
             how = "Show finding #K again: add --format json --output report.json, then envcraft replay report.json "
             self._say(_text(how + "--finding K. Read about a rule: envcraft explain CODE.", "bright_black"))
 
@@ -163,13 +207,20 @@ class ConsoleReporter(Reporter):
 
     def _say(self, text: Text, indent: int = 0, hang: int = 0) -> None:
         """Print a paragraph; on a terminal wrap it with `indent`, and further lines with `hang` more."""
+        for line in self._lines(text, indent, hang):
+            self._console.print(line, soft_wrap=True)
+
+    def _lines(self, text: Text, indent: int = 0, hang: int = 0, cut: bool = False) -> list[Text]:
+        """Lay out a paragraph as :meth:`_say` prints it; with `cut` as one line, which ends at the terminal's edge."""
         console = self._console
         if not self._signs:
             # Replace character by character, so that styles keep their places.
             text.plain = text.plain.encode(console.encoding, "replace").decode(console.encoding)
         if not console.is_terminal:
-            console.print(_text(" " * indent) + text, soft_wrap=True)
-            return
+            return [_text(" " * indent) + text]
+        if cut and self.verbosity <= 0:
+            text.truncate(max(console.width - indent, 20), overflow="ellipsis" if self._signs else "crop")
+            return [_text(" " * indent) + text]
         # A hanging indent must leave room for text.
         hang = hang if indent + hang < console.width // 2 else 2
         lines = text.wrap(console, max(console.width - indent, 20)) or [text]
@@ -177,15 +228,15 @@ class ConsoleReporter(Reporter):
             after = text.plain[len(lines[0].plain) :]
             rest = text[len(text.plain) - len(after.lstrip()) :]
             lines = [lines[0], *rest.wrap(console, max(console.width - indent - hang, 20))]
-        for number, line in enumerate(lines):
+        for line in lines:
             line.rstrip()
-            console.print(_text(" " * (indent + hang * bool(number))) + line, soft_wrap=True)
+        return [_text(" " * (indent + hang * bool(number))) + line for number, line in enumerate(lines)]
 
 
-def printed(finding: Finding) -> list[str]:
-    """Return the last lines that the code printed before the finding; the JSON report has more."""
-    lines = [line for line in str(finding.evidence.get("output", "")).splitlines() if line.strip()]
-    return [one_line(line)[:_PRINTED_WIDTH] for line in lines[-_PRINTED_LINES:]]
+def _reason(check: CheckReport) -> str:
+    """Why a check gave no verdict; of an undecided one it says so."""
+    words = one_line(check.reason)
+    return f"undecided: {words}" if check.outcome is Outcome.UNDECIDED else words
 
 
 def _text(words: str = "", style: str = "") -> Text:

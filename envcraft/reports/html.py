@@ -12,15 +12,24 @@ from typing import Any
 
 from envcraft.model.events import Event, Finished
 from envcraft.model.frame import Frame
-from envcraft.model.verdict import CheckReport, Report, Severity, SubjectReport, Verdict, plain
+from envcraft.model.verdict import CheckReport, Outcome, Report, Severity, SubjectReport, Verdict, plain
 from envcraft.plugins import hookimpl
 from envcraft.reports.reporter import Reporter
 from envcraft.reports.summary import Numbered, numbered, repro_words, summary_words
 from envcraft.text import one_line, plural, printable
 
-_WORDS = {Verdict.FAIL: "failed", Verdict.ERROR: "not judged", Verdict.SKIP: "skipped", Verdict.PASS: "passed"}
+#: Worst first.
+_WORDS = {
+    Outcome.FAIL: "failed",
+    Outcome.ERROR: "not judged",
+    Outcome.UNDECIDED: "undecided",
+    Outcome.SKIP: "skipped",
+    Outcome.PASS: "passed",
+}
 #: With more environments than this, all are folded.
 _UNFOLDED = 3
+#: The most failures at the top of the page; the others are with their environments.
+_FAILURES = 40
 
 
 class HtmlReporter(Reporter):
@@ -49,14 +58,15 @@ class HtmlReporter(Reporter):
             f"default-src 'none'; img-src data:; style-src '{_digest(style)}'; script-src '{_digest(script)}'; "
             "base-uri 'none'; form-action 'none'"
         )
-        counts = Counter(subject.verdict for subject in report.reports)
+        counts = Counter(subject.outcome for subject in report.reports)
         items = numbered(report)
+        self._moments: dict[int, Frame] = {}
         subjects = [
             self._subject(report, subject, [next(items) for check in subject.checks for _ in check.findings])
             for subject in report.reports
         ]
         order = list(_WORDS)
-        ranked = sorted(zip(report.reports, subjects, strict=True), key=lambda pair: order.index(pair[0].verdict))
+        ranked = sorted(zip(report.reports, subjects, strict=True), key=lambda pair: order.index(pair[0].outcome))
         return f"""<!doctype html>
 <html lang="en">
 <head>
@@ -76,7 +86,7 @@ class HtmlReporter(Reporter):
 <dl class="facts">{_facts(contract=report.contract, budget=report.budget, seed=report.seed, EnvCraft=report.envcraft)}\
 </dl>
 </header>
-{_filter(counts)}
+{self._failures(report)}{_filter(counts)}
 <main>
 {"".join(page for _, page in ranked)}</main>
 <footer class="soft">
@@ -89,17 +99,38 @@ class HtmlReporter(Reporter):
 </html>
 """
 
+    def _failures(self, report: Report) -> str:
+        """The findings that are errors, each with its moment: what a reader of the page looks for first."""
+        errors = [item for item in numbered(report) if item.finding.severity is Severity.ERROR]
+        entries = []
+        for item in errors[:_FAILURES]:
+            place = item.subject.file + (f":{item.finding.line}" if item.finding.line else "")
+            frame = self._moments.get(item.number)
+            moment = _pictures(frame, bool(frame.expected), f"The moment of finding {item.number}") if frame else ""
+            moment = f'<div class="moment">{moment}</div>' if moment else ""
+            entries.append(
+                f'<li>{moment}<div><a href="#finding-{item.number}">'
+                f'<span class="fail">{_text(item.finding.code)}</span> <code>{_text(place)}</code></a>'
+                f"<p>{_text(item.finding.message)}</p></div></li>\n"
+            )
+        if not entries:
+            return ""
+        left = len(errors) - len(entries)
+        more = f'<p class="soft">and {left:,} more below</p>' if left else ""
+        listed = f"<ul>\n{''.join(entries)}</ul>{more}"
+        return f'<nav class="failures" aria-label="Failures"><h2>Failures</h2>\n{listed}</nav>\n'
+
     def _subject(self, report: Report, subject: SubjectReport, items: list[Numbered]) -> str:
-        verdict = subject.verdict
+        outcome = subject.outcome
         codes = Counter(item.finding.code for item in items)
         listed = ", ".join(code if count == 1 else f"{code} ({count})" for code, count in codes.items())
         words = " ".join([subject.path, subject.env_class or "", *codes, *(item.finding.message for item in items)])
-        opened = " open" if len(report.reports) <= _UNFOLDED and verdict is not Verdict.PASS else ""
+        opened = " open" if len(report.reports) <= _UNFOLDED and outcome is not Outcome.PASS else ""
         sandbox = subject.isolation
         if subject.driver not in ("", sandbox):
             sandbox += f" by {subject.driver}"
         missing = "; ".join(subject.sandbox.missing)
-        reason = subject.reason if verdict is Verdict.ERROR and not any(map(_broken, subject.checks)) else ""
+        reason = subject.reason if outcome is Outcome.ERROR and not any(map(_broken, subject.checks)) else ""
         facts = _facts(
             **{"class": subject.env_class or "none"},
             steps=f"{subject.steps:,}",
@@ -108,8 +139,8 @@ class HtmlReporter(Reporter):
             **({"not in force": missing} if missing else {}),
             **({"policy": subject.policy} if subject.policy else {}),
         )
-        return f"""<details class="subject" data-verdict="{verdict}" data-words="{_text(words.lower())}"{opened}>
-<summary><span class="verdict {verdict}">{_WORDS[verdict]}</span> <span class="path">{_text(subject.path)}</span> \
+        return f"""<details class="subject" data-verdict="{outcome}" data-words="{_text(words.lower())}"{opened}>
+<summary><span class="verdict {outcome}">{_WORDS[outcome]}</span> <span class="path">{_text(subject.path)}</span> \
 <span class="soft">{_text(listed)}</span></summary>
 <div class="body">
 <dl class="facts">{facts}</dl>
@@ -124,6 +155,8 @@ class HtmlReporter(Reporter):
         warning = finding.severity is Severity.WARNING
         place = f"{item.subject.file}:{finding.line}" if finding.line else ""
         frames = self.frames(item.subject, finding) if self.frames else []
+        if frames:
+            self._moments[item.number] = frames[-1]
         about = (
             f"<p><b>Fix.</b> {_prose(rule.fix)}</p>\n<details><summary>The rule</summary><p>{_prose(rule.summary)}</p>"
             f'<p class="soft">More: <code>envcraft explain {_text(rule.code)}</code></p></details>\n'
@@ -154,11 +187,12 @@ def _film(frames: list[Frame], item: Numbered) -> str:
     """The frames as a film with its controls; without scripts the last one, which is the moment itself."""
     if not frames:
         return ""
-    reels = [[frame.step, base64.b64encode(frame.png).decode()] for frame in frames]
-    step, last = reels[-1]
+    pairs = any(frame.expected for frame in frames)
+    reels = [[frame.step, _base64(frame.png), *([_base64(frame.expected)] if pairs else [])] for frame in frames]
+    step = frames[-1].step
     alternative = f"The last of {plural(len(frames), 'frame')} that lead to finding {item.number}"
-    return f"""<figure class="film">
-<img src="data:image/png;base64,{last}" alt="{alternative}">
+    return f"""<figure class="film{" pair" if pairs else ""}">
+{_pictures(frames[-1], pairs, alternative)}
 <figcaption hidden><button type="button">Play</button>
 <input type="range" min="0" max="{len(frames) - 1}" value="{len(frames) - 1}" aria-label="Frame">
 <output>step {step}</output></figcaption>
@@ -167,19 +201,36 @@ def _film(frames: list[Frame], item: Numbered) -> str:
 """
 
 
-def _bar(counts: Counter[Verdict]) -> str:
+def _pictures(frame: Frame, pairs: bool, alternative: str) -> str:
+    """The frame of a finding, and with `pairs` the expected one beside it, which is the same where none is given."""
+    found = f'<img src="data:image/png;base64,{_base64(frame.png)}" alt="{alternative}">'
+    if not pairs:
+        return found
+    expected = _base64(frame.expected or frame.png)
+    words = f"What the same actions show without the conditions of the finding at step {frame.step}"
+    return (
+        f'<div><span class="soft">found</span>{found}</div>'
+        f'<div><span class="soft">expected</span><img src="data:image/png;base64,{expected}" alt="{words}"></div>'
+    )
+
+
+def _base64(data: bytes) -> str:
+    return base64.b64encode(data).decode()
+
+
+def _bar(counts: Counter[Outcome]) -> str:
     """The verdicts' shares; the sentence above says the same."""
     parts, at = [], 0
-    for verdict in reversed(_WORDS):
-        parts.append(f'<rect class="{verdict}" x="{at}" width="{counts[verdict]}" height="1"/>')
-        at += counts[verdict]
+    for outcome in reversed(_WORDS):
+        parts.append(f'<rect class="{outcome}" x="{at}" width="{counts[outcome]}" height="1"/>')
+        at += counts[outcome]
     shape = f'viewBox="0 0 {max(at, 1)} 1" preserveAspectRatio="none" aria-hidden="true"'
     return f'<svg class="bar" {shape}>{"".join(parts)}</svg>'
 
 
-def _filter(counts: Counter[Verdict]) -> str:
+def _filter(counts: Counter[Outcome]) -> str:
     choices = [("", "all", counts.total())]
-    choices += [(verdict.value, word, counts[verdict]) for verdict, word in _WORDS.items() if counts[verdict]]
+    choices += [(outcome.value, word, counts[outcome]) for outcome, word in _WORDS.items() if counts[outcome]]
     radios = "".join(
         f'<label><input type="radio" name="verdict" value="{value}"{"" if value else " checked"}> '
         f"{word} {count:,}</label>"
@@ -195,7 +246,7 @@ def _filter(counts: Counter[Verdict]) -> str:
 def _check(check: CheckReport) -> str:
     reason = f'<span class="reason">{_text(check.reason)}</span>' if check.reason else ""
     return (
-        f'<li><span class="verdict {check.verdict}">{check.verdict}</span> <span>{_text(check.check)}</span> '
+        f'<li><span class="verdict {check.outcome}">{check.outcome}</span> <span>{_text(check.check)}</span> '
         f'<span class="time">{check.seconds:.2f} s</span> {reason}</li>'
     )
 

@@ -9,7 +9,7 @@ from itertools import islice
 from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
 from envcraft.model.events import Event, Finished
-from envcraft.model.verdict import CheckReport, Report, Severity, SubjectReport, Verdict, plain
+from envcraft.model.verdict import CheckReport, Outcome, Report, Severity, SubjectReport, Verdict, plain
 from envcraft.plugins import hookimpl
 from envcraft.reports.reporter import Reporter
 from envcraft.reports.summary import Numbered, numbered, replay_command, repro_words
@@ -73,7 +73,8 @@ class JUnitReporter(Reporter):
         elif check.verdict is Verdict.ERROR:
             SubElement(case, "error", message=reason, type="error").text = reason
         elif check.verdict is Verdict.SKIP:
-            SubElement(case, "skipped", message=reason)
+            undecided = "undecided: " if check.outcome is Outcome.UNDECIDED else ""
+            SubElement(case, "skipped", message=undecided + reason)
         if items:
             SubElement(case, "system-out").text = "\n\n".join(self._details(report, item) for item in items)
 
@@ -103,6 +104,7 @@ def _properties(report: Report, subject: SubjectReport) -> Iterator[tuple[str, s
     yield "class", subject.env_class or ""
     yield "source_sha256", subject.source_sha256
     yield "verdict", subject.verdict
+    yield "undecided", " ".join(subject.undecided)
     yield "steps", str(subject.steps)
     yield "isolation", subject.isolation
     yield "driver", subject.driver

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from envcraft.model.events import Event, Finished
-from envcraft.model.verdict import CheckReport, Report, Severity, SubjectReport, Verdict, plain
+from envcraft.model.verdict import CheckReport, Outcome, Report, Severity, SubjectReport, Verdict, plain
 from envcraft.plugins import hookimpl
 from envcraft.reports.reporter import Reporter
 from envcraft.reports.summary import Numbered, numbered, replay_command, repro_words, summary_words
@@ -21,9 +21,15 @@ LIMIT = 65_000
 _TABLE = LIMIT // 3
 #: Characters of one field: a message is a sentence, a traceback a page.
 _WORDS, _BLOCK = 1_000, 4_000
-_SIGNS = {Verdict.PASS: "✅", Verdict.FAIL: "❌", Verdict.SKIP: "⏭️", Verdict.ERROR: "⚠️"}
+_SIGNS = {
+    Outcome.PASS: "✅",
+    Outcome.FAIL: "❌",
+    Outcome.UNDECIDED: "❔",
+    Outcome.SKIP: "⏭️",
+    Outcome.ERROR: "⚠️",
+}
 #: Worst first.
-_ORDER = (Verdict.FAIL, Verdict.ERROR, Verdict.SKIP, Verdict.PASS)
+_ORDER = (Outcome.FAIL, Outcome.ERROR, Outcome.UNDECIDED, Outcome.SKIP, Outcome.PASS)
 #: Characters with a meaning in Markdown or HTML.
 _SPECIAL = re.compile(r"[&<>\"'`*_\[\]|~\\#$!]")
 #: GitHub turns these into mentions, references or links; a zero-width space prevents it.
@@ -42,8 +48,8 @@ class MarkdownReporter(Reporter):
             self.write(self._comment(event.report))
 
     def _comment(self, report: Report) -> str:
-        verdicts = {subject.verdict for subject in report.reports}
-        worst = next((verdict for verdict in _ORDER if verdict in verdicts), Verdict.SKIP)
+        outcomes = {subject.outcome for subject in report.reports}
+        worst = next((outcome for outcome in _ORDER if outcome in outcomes), Outcome.SKIP)
         head = f"### {_SIGNS[worst]} EnvCraft: {_text(summary_words(report))}\n\n{_table(report)}\n"
         foot = (
             f"<sub>EnvCraft {_text(report.envcraft)}, contract {_text(report.contract)}, "
@@ -72,11 +78,11 @@ class MarkdownReporter(Reporter):
             yield rank, self._finding(report, item)
         for subject in report.reports:
             for check in _lost(subject):
-                yield 1, _folded(f"{_SIGNS[Verdict.ERROR]} {_text(check.check)} {_code(subject.path)}", check.reason)
+                yield 1, _folded(f"{_SIGNS[Outcome.ERROR]} {_text(check.check)} {_code(subject.path)}", check.reason)
 
     def _finding(self, report: Report, item: Numbered) -> str:
         finding, rule = item.finding, self.rules.get(item.finding.code)
-        sign = _SIGNS[Verdict.FAIL] if finding.severity is Severity.ERROR else "🔸"
+        sign = _SIGNS[Outcome.FAIL] if finding.severity is Severity.ERROR else "🔸"
         name = f" {_text(rule.name)}" if rule else ""
         line = f":{finding.line}" if finding.line else ""
         title = f"{sign} <b>{_text(finding.code)}</b>{name} {_code(f'{item.subject.file}{line}')}"
@@ -91,14 +97,15 @@ class MarkdownReporter(Reporter):
 def _table(report: Report) -> str:
     """List the environments, worst first, as far as there is room."""
     lines = ["| | environment | findings | steps | time |\n|---|---|---|--:|--:|\n"]
-    ranked = sorted(report.reports, key=lambda subject: _ORDER.index(subject.verdict))
+    ranked = sorted(report.reports, key=lambda subject: _ORDER.index(subject.outcome))
     room = _TABLE
     for number, subject in enumerate(ranked):
         codes = Counter(finding.code for check in subject.checks for finding in check.findings)
         words = [code if count == 1 else f"{code} ({count:,})" for code, count in codes.items()]
         words += [f"{check.check} could not judge" for check in _lost(subject)]
+        words += [f"{name} undecided" for name in subject.undecided]
         cells = (
-            _SIGNS[subject.verdict],
+            _SIGNS[subject.outcome],
             _code(subject.path),
             _text(", ".join(words), 300),
             f"{subject.steps:,}",
@@ -107,8 +114,8 @@ def _table(report: Report) -> str:
         row = f"| {' | '.join(cells)} |\n"
         room -= len(row)
         if room < 0:
-            left = Counter(other.verdict for other in ranked[number:])
-            counts = ", ".join(f"{count:,} {_SIGNS[verdict]}" for verdict, count in left.items())
+            left = Counter(other.outcome for other in ranked[number:])
+            counts = ", ".join(f"{count:,} {_SIGNS[outcome]}" for outcome, count in left.items())
             lines.append(f"| | and {left.total():,} more | {counts} | | |\n")
             break
         lines.append(row)

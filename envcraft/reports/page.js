@@ -40,11 +40,13 @@ reveal();
 
 for (const film of document.querySelectorAll(".film")) {
   const [image, button, range, output] = ["img", "button", "input", "output"].map((tag) => film.querySelector(tag));
+  const expected = film.querySelectorAll("img")[1];
   const frames = JSON.parse(film.querySelector("script").textContent);
   let timer = 0;
   const show = (index) => {
-    const [step, png] = frames[index];
+    const [step, png, plain] = frames[index];
     image.src = `data:image/png;base64,${png}`;
+    if (expected) expected.src = `data:image/png;base64,${plain || png}`;
     range.value = index;
     output.value = step ? `step ${step}` : "reset";
   };

@@ -20,6 +20,7 @@ class Reporter(ABC):
     Attributes:
         name: how ``--format`` names it.
         summary: one line for the help.
+        verbosity: -1 for less than usual (``--quiet``), 1 for everything (``--verbose``). The caller may set it.
         wants_frames: whether the reporter can show frames of findings. The caller may then set `frames`, which runs
             the environment again in the sandbox; the reporter may call it until it has handled
             :class:`~envcraft.model.events.Finished`.
@@ -27,6 +28,7 @@ class Reporter(ABC):
 
     name: str
     summary: str = ""
+    verbosity: int = 0
     wants_frames: bool = False
     frames: FrameSource | None = None
 

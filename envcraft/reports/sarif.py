@@ -10,10 +10,11 @@ from urllib.parse import quote
 
 from envcraft.errors import ExitCode
 from envcraft.model.events import Event, Finished
+from envcraft.model.identity import fingerprint
 from envcraft.model.verdict import Finding, Ignored, Report, SubjectReport, Verdict, plain
 from envcraft.plugins import hookimpl
 from envcraft.reports.reporter import Reporter
-from envcraft.reports.summary import Numbered, fingerprint, numbered
+from envcraft.reports.summary import Numbered, numbered
 from envcraft.text import one_line, relative
 
 if TYPE_CHECKING:
@@ -164,6 +165,7 @@ def _artifact(subject: SubjectReport, number: int) -> dict[str, Any]:
             "number": number,
             "class": subject.env_class,
             "verdict": subject.verdict,
+            "undecided": subject.undecided,
             "seconds": subject.seconds,
             "steps": subject.steps,
             "isolation": subject.isolation,

@@ -2,17 +2,25 @@
 
 from __future__ import annotations
 
-import os
 import shlex
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
-from urllib.parse import quote
 
 import msgspec
 
-from envcraft.model.verdict import CheckReport, Finding, Report, Repro, Severity, SubjectReport, Verdict, plain
-from envcraft.text import one_line, plural, printable, relative
+from envcraft.model.verdict import CheckReport, Finding, Outcome, Report, Repro, Severity, SubjectReport, plain
+from envcraft.text import one_line, plural, printable
+
+#: The words of summaries. The first three are always counted, the others if they occur.
+OUTCOMES = {
+    Outcome.PASS: "passed",
+    Outcome.FAIL: "failed",
+    Outcome.UNDECIDED: "undecided",
+    Outcome.SKIP: "skipped",
+    Outcome.ERROR: "could not be judged",
+}
+_COUNTED = 3
 
 #: Words for conditions of a reproduction.
 _CONDITIONS = {
@@ -59,13 +67,22 @@ def numbered(report: Report) -> Iterator[Numbered]:
 
 
 def summary_words(report: Report) -> str:
-    """Summarise a report in one sentence: ``1 passed, 2 failed: 3 findings, 1 warning``."""
-    verdicts = Counter(subject.verdict for subject in report.reports)
-    words = zip(Verdict, ("passed", "failed", "skipped", "could not be judged"), strict=True)
-    counts = ", ".join(f"{verdicts[verdict]:,} {word}" for verdict, word in words if verdicts[verdict])
+    """Summarise a report in one sentence: ``1 passed, 2 failed, 0 undecided: 3 findings, 1 warning``."""
+    counts = ", ".join(words for _, words in counted(Counter(subject.outcome for subject in report.reports)))
     severities = Counter(item.finding.severity for item in numbered(report))
     errors, warnings = severities[Severity.ERROR], severities[Severity.WARNING]
     return f"{counts or 'nothing judged'}: {plural(errors, 'finding')}, {plural(warnings, 'warning')}"
+
+
+def counted(counts: Mapping[Outcome, int]) -> list[tuple[Outcome, str]]:
+    """Return the counts of a summary as phrases: ``2 passed``, ``1 failed``, ``0 undecided``; nothing if all are 0."""
+    if not any(counts.values()):
+        return []
+    return [
+        (outcome, f"{counts.get(outcome, 0):,} {words}")
+        for place, (outcome, words) in enumerate(OUTCOMES.items())
+        if place < _COUNTED or counts.get(outcome)
+    ]
 
 
 def repro_words(repro: Repro) -> str:
@@ -97,21 +114,3 @@ def replay_command(report: Report, item: Numbered) -> str:
 
 def _json(value: Any) -> str:
     return msgspec.json.encode(plain(value)).decode()
-
-
-def fingerprint(path: str, code: str, nth: int) -> str:
-    """Identify a finding across runs.
-
-    Args:
-        path: the subject's path.
-        code: the finding's code.
-        nth: the index among the subject's findings of this code, from 0.
-
-    Returns:
-        A SHA-256 as hex. Lines and measured values are left out, because they change with each edit.
-    """
-    identity = "\0".join((quote(os.fsencode(relative(path))), code, str(nth)))
-    # Slow to import, and needed only for a finding.
-    import hashlib
-
-    return hashlib.sha256(identity.encode("utf-8", "backslashreplace")).hexdigest()

@@ -30,10 +30,10 @@ _ACTION = st.runner().flatmap(lambda machine: plain_actions(action_space(machine
 class GymnasiumStateMachine(RuleBasedStateMachine):
     """Plays an environment in any order, and asserts what holds for every environment of Gymnasium.
 
-    Subclass it with an `env_class`, add ``@invariant()`` methods and ``@rule()`` methods of your own, and give pytest
-    its ``TestCase``. What must hold without any: nothing raises, results have their types, observations are in their
-    space and keep their values, actions are left alone, and an episode is the same when it is played alone on a new
-    instance, whatever a second instance, ``render()`` or earlier episodes did meanwhile.
+    Subclass it with an `env_class`, add your own ``@invariant()`` and ``@rule()`` methods, and give pytest its
+    ``TestCase``. The machine itself asserts that nothing raises, results have their types, observations are in their
+    space and keep their values, and actions do not change. An episode must also be the same when it is played alone
+    on a new instance, without a second instance, ``render()`` or earlier episodes.
 
     The environment runs in the process of the test.
 

@@ -11,8 +11,11 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from envcraft.cli import completion
+from envcraft.cli.commands.audit_reports import read_audit_reports, write
+from envcraft.cli.commands.outputs import report_file
 from envcraft.cli.configured import Configured
-from envcraft.cli.options import check_options, sandbox_options
+from envcraft.cli.options import check_options, format_option, output_option, sandbox_options
 from envcraft.cli.signals import uninterrupted
 from envcraft.contracts.lookup import contract_named
 from envcraft.corpus.executors import LOCAL, executor_named
@@ -27,23 +30,19 @@ from envcraft.version import __version__
 
 if TYPE_CHECKING:
     from envcraft.corpus.audit import Audit
-    from envcraft.corpus.baseline import Difference
     from envcraft.corpus.store import Store
     from envcraft.model.events import Event
 
     Judging = Generator[tuple[int, Event], None, None]
 
-#: The number of codes, and of findings of each kind, that the console shows.
-_SHOWN = 10
-
 
 class _Command(Configured):
     # These options differ from those of `validate`.
-    apart = frozenset({"format", "report"})
+    apart = frozenset({"format", "output", "output-format", "report"})
 
 
 @click.command(cls=_Command, short_help="Judge a corpus or a folder.")
-@click.argument("place", metavar="CORPUS|FOLDER")
+@click.argument("place", metavar="CORPUS|FOLDER", shell_complete=completion.folders)
 @click.option("--store", metavar="DIR", help="The corpus of a folder.  [default: FOLDER/.envcraft]")
 @check_options(stages=True)
 @sandbox_options()
@@ -52,7 +51,7 @@ class _Command(Configured):
     default=LOCAL,
     show_default=True,
     metavar="NAME",
-    help="What runs the judging: local (this process), or an executor of a plugin, such as dask.",
+    help="Where the jobs run: local (this machine), or an executor of a plugin, such as dask.",
 )
 @click.option(
     "--scheduler",
@@ -69,12 +68,25 @@ class _Command(Configured):
 @click.option(
     "--changed",
     is_flag=True,
-    help="Judge only environments that are new, changed since the last complete audit, or not judged.",
+    help="Judge only environments that are new, changed since the last complete audit, or not yet judged.",
 )
-@click.option("--baseline", metavar="REPORT.json", help="Compare the findings with those of an earlier report.")
-@click.option("--report", metavar="DIR", help="Write a report on the whole corpus to this folder.")
+@click.option(
+    "--baseline",
+    metavar="REPORT.json",
+    shell_complete=completion.files,
+    help="Compare the findings with those of an earlier report.",
+)
+@click.option(
+    "--report",
+    "also",
+    multiple=True,
+    metavar="DIR|FORMAT:FILE",
+    help="Write a report on the whole corpus to this folder, or one in a format of `envcraft validate` to this file. "
+    "Can be repeated.",
+)
 @click.option("--previews/--no-previews", default=True, help="Make previews for --report.")
-@click.option("--format", "form", type=click.Choice(["console", "json"]), default="console", show_default=True)
+@format_option()
+@output_option()
 @click.option("--exit-zero", is_flag=True, help="Exit with status 0 even if environments fail.")
 @click.pass_context
 def audit(
@@ -99,9 +111,10 @@ def audit(
     only_failed: bool,
     changed: bool,
     baseline: str | None,
-    report: str | None,
+    also: tuple[str, ...],
     previews: bool,
     form: str,
+    output: str | None,
     exit_zero: bool,
 ) -> None:
     """Judge every environment of a corpus or folder, and store the verdicts.
@@ -110,7 +123,7 @@ def audit(
 
     \b
     Exit status: 0 every environment passes    1 at least one fails
-                 2 usage error                    3 an environment could not be judged
+                 2 usage error                 3 an environment could not be judged
     """
     promised, selected = contract_named(contract), select_checks(checks, skip)
     engine = executor_named(executor)
@@ -118,6 +131,7 @@ def audit(
         raise UsageError(f"--scheduler {scheduler} needs an executor that has a scheduler, such as --executor dask")
     if engine is not None:
         engine.ensure()
+    wanted, report = read_audit_reports(form, output, also)
     if report:
         from pathlib import Path
 
@@ -136,6 +150,8 @@ def audit(
             from envcraft.judging.engine import Plan, stream
             from envcraft.judging.settings import settings_of
 
+        # A file that cannot be written is an error before the judging, not after it.
+        streams = [stack.enter_context(report_file(path)) if path and path != "-" else sys.stdout for _, path in wanted]
         known = read_baseline(baseline) if baseline else None
         ensure(driver)
         stages = [settings_of(promised, selected, driver, BUDGETS[name], seed) for name in budget]
@@ -184,7 +200,7 @@ def audit(
             contract_of_new = promised if previews else None
             write_report(opened, Path(report), folder, contract_of_new, driver, workers, partial(click.echo, err=True))
         difference = compare(run, known) if known is not None else None
-        verdicts = run.verdicts()
+        verdicts, outcomes = run.verdicts(), run.outcomes()
         header = {
             "schema": SCHEMA,
             "envcraft": __version__,
@@ -192,10 +208,7 @@ def audit(
             "seed": seed,
             "budget": ",".join(budget),
         }
-        if form == "json":
-            _write_json(run, header, verdicts, difference)
-        else:
-            _write_summary(run, verdicts, difference)
+        write(run, zip((kind for kind, _ in wanted), streams, strict=True), header, outcomes, difference)
     if verdicts.get("fail") and not exit_zero:
         ctx.exit(ExitCode.FAIL)
     ctx.exit(ExitCode.ERROR if verdicts.get("error") or run.kept else ExitCode.PASS)
@@ -265,61 +278,3 @@ def _judge(run: Audit, judging: Judging, resume: bool) -> None:
             )
             click.echo(f"{judged:,} of {len(run.pending):,} were judged and stored; {again}", err=True)
             raise
-
-
-def _write_json(run: Audit, header: dict[str, Any], verdicts: dict[str, int], difference: Difference | None) -> None:
-    """Write an object like that of ``validate --format json`` with the member ``audit``, one report a line."""
-    import msgspec
-
-    def encoded(value: Any) -> str:
-        return msgspec.json.encode(plain(value)).decode()
-
-    steps, seconds = run.totals()
-    summary = {
-        "number": run.number,
-        "selected": run.selected,
-        "judged": run.judged,
-        "known": run.known,
-        "verdicts": verdicts,
-        "out_of_time": run.out_of_time(),
-        "codes": run.codes(),
-        "shared": run.shared(),
-        "steps": steps,
-        "seconds": seconds,
-        "baseline": difference,
-    }
-    sys.stdout.write(encoded({**header, "audit": summary})[:-1] + ',"reports":[')
-    for number, report in enumerate(run.reports()):
-        sys.stdout.write(f"{',' if number else ''}\n{encoded(report)}")
-    sys.stdout.write("]}\n")
-
-
-def _write_summary(run: Audit, verdicts: dict[str, int], difference: Difference | None) -> None:
-    words = {"pass": "passed", "fail": "failed", "error": "could not be judged"}
-    counts = ", ".join(f"{verdicts[verdict]:,} {words[verdict]}" for verdict in words if verdict in verdicts)
-    steps, seconds = run.totals()
-    click.echo(f"{plural(run.selected, 'environment')}: {counts or 'no verdict'}")
-    click.echo(
-        f"{run.judged:,} judged now, {run.known:,} known; {plural(steps, 'step')} in {seconds:,.0f} s of judging"
-    )
-    if late := run.out_of_time():
-        click.echo(f"{late:,} ran out of time: the next audit judges {'it' if late == 1 else 'them'} again")
-    shared = run.shared()
-    for each in shared:
-        click.echo(f"  {each.words}")
-    codes = {code: times for code, times in run.codes().items() if code not in {each.code for each in shared}}
-    for code, times in list(codes.items())[:_SHOWN]:
-        click.echo(f"  {code}  in {plural(times, 'environment')}")
-    if len(codes) > _SHOWN:
-        click.echo(f"  and {plural(len(codes) - _SHOWN, 'more code')}")
-    if difference is None:
-        return
-    click.echo(
-        f"since the baseline: {len(difference.new):,} new, {len(difference.fixed):,} fixed, "
-        f"{difference.unchanged:,} unchanged, {difference.unknown:,} not compared"
-    )
-    for kind, found in (("new", difference.new), ("fixed", difference.fixed)):
-        for item in found[:_SHOWN]:
-            click.echo(f"  {kind}  {one_line(item.path)}: {item.code} {one_line(item.message)}")
-        if len(found) > _SHOWN:
-            click.echo(f"  and {len(found) - _SHOWN:,} more {kind}; --format json lists all")

@@ -32,7 +32,7 @@ from envcraft.errors import EnvCraftError, ExitCode, UsageError
 from envcraft.generation.history import history_data, history_lines
 from envcraft.judging.selection import all_checks
 from envcraft.model.target import MAX_SOURCE, Target, read_target
-from envcraft.model.verdict import Verdict, plain
+from envcraft.model.verdict import Outcome, plain
 from envcraft.registry import did_you_mean
 from envcraft.text import one_line, plural, printable
 
@@ -107,8 +107,9 @@ def add(
 @_CORPUS
 @click.option(
     "--verdict",
-    type=click.Choice([*(v.value for v in Verdict if v is not Verdict.SKIP), "none"]),
-    help="List only environments with this verdict; none means without a verdict.",
+    type=click.Choice([*(o.value for o in Outcome if o is not Outcome.SKIP), "none"]),
+    help="List only environments with this verdict. undecided lists passes with an undecided check, pass the other "
+    "passes, and none environments without a verdict.",
 )
 @click.option("--code", metavar="CODE", help="List only environments with a finding of this code, such as EC203.")
 @click.option("--name", metavar="GLOB", help="List only environments whose names match a pattern, such as 'games/*'.")
@@ -126,10 +127,8 @@ def list_(corpus: Path, verdict: str | None, code: str | None, name: str | None,
             _write_array(_row(row) for row in rows)
             return
         for row in rows:
-            summary = _row(row)
-            click.echo(
-                f"{summary['verdict'] or 'none':5}  {one_line(summary['name'])}  {' '.join(summary['codes'])}".rstrip()
-            )
+            outcome = Outcome.UNDECIDED if row.undecided else row.verdict or "none"
+            click.echo(f"{outcome:9}  {one_line(row.environment.name)}  {' '.join(row.codes)}".rstrip())
 
 
 def _known(store: Store, code: str) -> None:
@@ -176,7 +175,7 @@ def show(corpus: Path, name: str, source: bool, form: str) -> None:
         click.echo(f"{key:7}  {one_line(value)}".rstrip())
     for settings, judged_report in found:
         words = ", ".join(f"{key} {getattr(settings, key)}" for key in keys[:5])
-        click.echo(f"\n{judged_report.verdict.value}  {words}")
+        click.echo(f"\n{judged_report.outcome.value}  {words}")
         for check in judged_report.checks:
             for finding in check.findings:
                 click.echo(f"  {one_line(finding.code)} {finding.severity.value}: {one_line(finding.message)}")
@@ -339,6 +338,7 @@ def _row(row: Listed) -> dict[str, Any]:
         "class": row.environment.env_class or None,
         "added": row.added,
         "verdict": row.verdict,
+        "undecided": row.undecided,
         "steps": row.steps,
         "seconds": row.seconds,
         "codes": row.codes,

@@ -113,23 +113,47 @@ def diversity(corpus: Path, layers: tuple[str, ...], sample: int, seed: int, for
 @click.option(
     "--folds", type=click.IntRange(2), metavar="K", help="Make K splits of equal size instead of --fractions."
 )
+@click.option(
+    "--by",
+    type=click.Choice(["duplicates", "family"]),
+    default="duplicates",
+    show_default=True,
+    help="What stays together. With family and neither --fractions nor --folds, each family is a split.",
+)
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="The seed of the splits.")
 @_LAYERS
 @_THRESHOLD
 def split(
-    corpus: Path, fractions: str | None, folds: int | None, seed: int, layers: tuple[str, ...], threshold: float
+    corpus: Path,
+    fractions: str | None,
+    folds: int | None,
+    by: str,
+    seed: int,
+    layers: tuple[str, ...],
+    threshold: float,
 ) -> None:
-    """Write splits as JSON that keep duplicates together.
+    """Split the environments without separating duplicates, and print the splits as JSON.
 
-    No environment has a duplicate in another split.
+    No environment has a duplicate in another split. With --by family, all environments of a family are in the same
+    split.
     """
-    from envcraft.corpus.splits import corpus_splits
+    from envcraft.corpus.splits import corpus_splits, families, family_splits
 
-    shares = _shares(fractions, folds)
+    chosen = _chosen(layers)
     with open_store(corpus) as store:
-        found = corpus_splits(store, shares, seed, _chosen(layers), threshold)
-    splits = [{"fraction": share, "environments": names} for share, names in zip(shares, found, strict=True)]
-    _write({"seed": seed, "layers": _chosen(layers), "threshold": threshold, "splits": splits})
+        if by == "family":
+            shares = None if fractions is None and folds is None else _shares(fractions, folds)
+            found = family_splits(store, shares, seed, chosen, threshold)
+            family_of = {name: family for family, names in families(store).items() for name in names}
+        else:
+            shares = _shares(fractions, folds)
+            found = corpus_splits(store, shares, seed, chosen, threshold)
+    splits: list[dict[str, Any]] = []
+    for share, names in zip(shares or [1 / len(found)] * len(found), found, strict=True):
+        splits.append({"fraction": share, "environments": names})
+        if by == "family":
+            splits[-1]["families"] = sorted({family_of[name] for name in names})
+    _write({"seed": seed, "by": by, "layers": chosen, "threshold": threshold, "splits": splits})
 
 
 def _chosen(layers: tuple[str, ...]) -> tuple[str, ...]:

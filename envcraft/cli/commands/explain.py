@@ -6,6 +6,7 @@ import shlex
 
 import click
 
+from envcraft.cli import completion
 from envcraft.cli.play.recorded import Played
 from envcraft.errors import UsageError
 from envcraft.judging.check import Check, Rule
@@ -15,8 +16,8 @@ from envcraft.registry import did_you_mean
 
 
 @click.command()
-@click.argument("name", metavar="CODE|CHECK")
-@click.option("--example", is_flag=True, help="Print only the code of the rule's example, to a file for instance.")
+@click.argument("name", metavar="CODE|CHECK", shell_complete=completion.codes_and_checks)
+@click.option("--example", is_flag=True, help="Print only the code of the rule's example.")
 def explain(name: str, example: bool) -> None:
     """Explain a rule (EC203) or a whole check (determinism)."""
     checks = {check.name: check for check in [*all_checks(), Played()]}

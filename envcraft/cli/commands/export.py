@@ -21,7 +21,7 @@ class _ExportCommand(click.Command):
 
 @click.command(cls=_ExportCommand, short_help="Export a corpus for use elsewhere.")
 @click.argument("corpus", metavar="CORPUS", type=click.Path(path_type=Path))
-@click.option("--to", "form", required=True, metavar="FORMAT", help="The format: one of those below.")
+@click.option("--to", "form", required=True, metavar="FORMAT", help="The format, from the list below.")
 @click.option(
     "--output", required=True, metavar="DIR", type=click.Path(path_type=Path), help="The folder to write, new or empty."
 )

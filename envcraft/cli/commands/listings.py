@@ -49,7 +49,7 @@ def contracts(form: str) -> None:
 @click.command()
 @_FORMAT
 def plugins(form: str) -> None:
-    """List the plugins, their distributions and hooks, and the broken ones."""
+    """List the plugins, their hooks, and the broken plugins."""
     loaded = loaded_plugins()
     hooks = sorted({hook for plugin in loaded.list() for hook in plugin.hooks})
     for hook in hooks:

@@ -30,7 +30,7 @@ _WORDS = re.compile(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])")
 @click.command(cls=PartlyConfigured)
 @click.argument("name")
 @click.option(
-    "--contract", default="arcade", show_default=True, metavar="NAME", help="The contract that the environment keeps."
+    "--contract", default="arcade", show_default=True, metavar="NAME", help="The contract of the environment."
 )
 @click.option(
     "--folder", default="", metavar="DIR", help="Write the files into this folder instead of the working directory."
@@ -99,5 +99,7 @@ def _write(texts: dict[str, str], folder: str) -> list[str]:
         for path in written:
             with contextlib.suppress(OSError):
                 os.unlink(path)
-        raise UsageError(f"{error.filename or folder} cannot be written: {error.strerror}") from None
+        raise UsageError(
+            f"{error.filename or os.path.abspath(folder or os.curdir)} cannot be written: {error.strerror}"
+        ) from None
     return written

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import contextlib
+import io
 from collections.abc import Iterator
-from typing import BinaryIO
+from typing import BinaryIO, TextIO
 
 from envcraft.errors import UsageError
 from envcraft.files import atomic_write
@@ -27,3 +28,14 @@ def output_file(path: str, what: str = "") -> Iterator[BinaryIO]:
         except OSError as error:
             raise UsageError(f"{what}{path} cannot be written: {error.strerror}") from None
         yield stream
+
+
+@contextlib.contextmanager
+def report_file(path: str) -> Iterator[TextIO]:
+    """Open the file of a report as text. Raises UsageError."""
+    with output_file(path, "the report ") as data:
+        stream = io.TextIOWrapper(data, "utf-8")
+        try:
+            yield stream
+        finally:
+            stream.detach()

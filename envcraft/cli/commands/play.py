@@ -85,11 +85,11 @@ def play(
     fps: int,
     output: str | None,
 ) -> None:
-    """Play an environment by keyboard.
+    """Play an environment with the keyboard.
 
     \b
     Exit status: 0 no check reports an error     1 a check reports an error
-                 2 wrong use                     3 the environment could not be played
+                 2 usage error                   3 the environment could not be played
     """
     promised = contract_named(contract)
     found = resolve(target, env_class)
@@ -121,9 +121,14 @@ def play(
 def _screen(window: bool | None, title: str) -> Screen:
     """Open a window or the terminal. Raises UsageError if that is impossible."""
     from envcraft.cli.play.terminal import Terminal
-    from envcraft.cli.play.window import Window, available
+    from envcraft.cli.play.window import Window, available, has_display
 
-    return Window(title) if window or (window is None and available()) else Terminal()
+    if not (window or (window is None and available())):
+        return Terminal()
+    opened = Window(title)
+    if not has_display():
+        raise UsageError("there is no display for --window: DISPLAY and WAYLAND_DISPLAY are not set; use --terminal")
+    return opened
 
 
 class _Session:

@@ -20,6 +20,7 @@ from envcraft.judging.budget import BUDGETS
 from envcraft.judging.check import Check
 from envcraft.judging.driver import Driver, driver_for
 from envcraft.judging.selection import all_checks, default_checks, driver_named
+from envcraft.model.project import with_project
 from envcraft.model.rollout import Conditions, Rollout
 from envcraft.model.target import Kind, Target, kind_of, read_target
 from envcraft.model.verdict import SCHEMA, Finding, Report, Repro, Severity, SubjectReport
@@ -47,7 +48,9 @@ _GIF_SIDE = 336
 @click.option(
     "--repro", metavar="JSON", help="Play this reproduction of a TARGET, as envcraft.testing and reports write it."
 )
-@click.option("--contract", default="arcade", show_default=True, metavar="NAME", help="Of the TARGET of --repro.")
+@click.option(
+    "--contract", default="arcade", show_default=True, metavar="NAME", help="The contract of the TARGET of --repro."
+)
 @click.option("--class", "env_class", metavar="NAME", help="The class of the TARGET of --repro, if it has several.")
 @click.option(
     "--sandbox", default="auto", show_default=True, metavar="NAME", help="The sandbox that runs the environments."
@@ -67,15 +70,15 @@ def replay(
     runtime: str | None,
     anyway: bool,
 ) -> None:
-    """Run the reproductions of a report again, or with --repro one of a target.
+    """Run the reproductions of a report, or one given by --repro.
 
-    Each runs in fresh workers, and the command says whether the defect shows again. With --repro it says how the
-    episode ends, and what is wrong with it by itself.
+    Each reproduction runs in new workers, and the command reports whether the defect shows again. With --repro, it
+    reports how the episode ends, and the defects that this episode alone shows.
 
     \b
     Exit status: 0 every defect shows again    1 some do not
-                 2 wrong use                   3 some could not be replayed
-    With --repro: 0 nothing is wrong           1 the episode shows an error
+                 2 usage error                 3 some could not be replayed
+    With --repro: 0 the episode has no error   1 the episode shows an error
     """
     if repro is not None:
         with contextlib.closing(driver_named(sandbox, runtime=runtime)) as driver:
@@ -128,7 +131,7 @@ def read_repro(text: str) -> Repro:
         read = msgspec.json.decode(text, type=Repro)
         Conditions.from_json(read.conditions)
     except (msgspec.DecodeError, UnicodeEncodeError, RecursionError) as error:
-        raise UsageError(f"--repro is no reproduction ({one_line(error)}); it is {_EXAMPLE}, for instance") from None
+        raise UsageError(f"--repro is not a reproduction ({one_line(error)}), such as {_EXAMPLE}") from None
     if len(read.actions) > _MAX_ACTIONS or not 0 <= read.seed < 2**63:
         raise UsageError("--repro has an invalid seed or too many actions")
     return read
@@ -205,7 +208,7 @@ def _replay_subject(
         yield _could_not(chosen, str(error))
         return
     changed = f"{one_line(recorded.file)} has changed since the report; replay it with --anyway"
-    if target.kind is Kind.SOURCE and target.sha256 != recorded.source_sha256 and not anyway:
+    if target.kind is Kind.SOURCE and not anyway and _digests(target) != _recorded_digests(recorded):
         yield _could_not(chosen, changed)
         return
     plan = msgspec.structs.replace(plan, driver=driver_for(plan.driver, [target]))
@@ -227,15 +230,32 @@ def _replay_subject(
                         write_gif(subject, item.finding, gif)
 
 
+def _digests(target: Target) -> tuple[str, dict[str, str]]:
+    return target.sha256, target.project.digests if target.project is not None else {}
+
+
+def _recorded_digests(recorded: SubjectReport) -> tuple[str, dict[str, str]]:
+    return recorded.source_sha256, recorded.project.files if recorded.project is not None else {}
+
+
 def _target(recorded: SubjectReport, report: str) -> Target:
     """Restore a report's target. Raises UsageError if its file cannot be read or its kind is wrong."""
     if recorded.kind is Kind.SOURCE:
-        source = read_target(_find(recorded.path, report)).source
+        target = _with_project(read_target(_find(recorded.path, report)), recorded)
     elif kind_of(recorded.path) is recorded.kind:
-        source = b""
+        target = Target(recorded.path, kind=recorded.kind)
     else:
         raise UsageError(f"{one_line(recorded.path)} is not a {recorded.kind}")
-    return Target(recorded.path, source, None, recorded.kind, recorded.kwargs, read_wrappers(tuple(recorded.wrappers)))
+    wrappers = read_wrappers(tuple(recorded.wrappers))
+    return msgspec.structs.replace(target, path=recorded.path, kwargs=recorded.kwargs, wrappers=wrappers)
+
+
+def _with_project(target: Target, recorded: SubjectReport) -> Target:
+    """Give a file the files of its project if it was judged with some."""
+    if recorded.project is None:
+        return target
+    root = Path(recorded.project.root).absolute()
+    return with_project(target, root if Path(target.path).absolute().is_relative_to(root) else None)
 
 
 def _find(path: str, report: str) -> str:

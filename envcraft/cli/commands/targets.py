@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import re
 import stat
 from collections.abc import Iterator
 from pathlib import Path
@@ -11,12 +10,10 @@ from pathlib import Path
 import click
 
 from envcraft.errors import UsageError
-from envcraft.model.target import MAX_SOURCE, Kind, Target, kind_of, read_target
+from envcraft.model.project import defined_classes, defined_names, defines_environment, defining_file, with_project
+from envcraft.model.target import Kind, Target, kind_of, read_target
 from envcraft.text import one_line, plural
 
-#: A file in a folder is an environment if it has a class and names Gymnasium or Gym.
-_CLASS = re.compile(rb"^class\s", re.MULTILINE)
-_GYMNASIUM = re.compile(rb"\bgym(nasium)?\b")
 _SKIPPED_FOLDERS = {"__pycache__", "node_modules", "site-packages", "build", "dist"}
 
 
@@ -26,7 +23,7 @@ def resolve(path: str, env_class: str | None = None, environments_only: bool = F
     Args:
         path: a file, a folder, ``package.module:Class`` or a registered id.
         env_class: the class to judge if a file defines several.
-        environments_only: skip a file that does not look like an environment; nothing may be left then.
+        environments_only: skip a file that defines no environment; nothing may be left then.
 
     Raises:
         UsageError: the target does not exist, cannot be read, or holds no environment.
@@ -42,47 +39,67 @@ def resolve(path: str, env_class: str | None = None, environments_only: bool = F
         if env_class is not None:
             words = "names its class" if kind is Kind.MODULE else "has one class"
             raise UsageError(f"{path} {words}; remove --class {env_class}") from None
-        return [Target(path, kind=kind)]
+        return [_module(path) if kind is Kind.MODULE else Target(path, kind=kind)]
     except (OSError, ValueError) as error:
         raise UsageError(f"{path} cannot be read: {getattr(error, 'strerror', None) or error}") from None
     if stat.S_ISREG(mode):
         target = read_target(path, env_class)
-        return [] if environments_only and not _is_environment(target) else [target]
+        if environments_only and not _is_environment(target):
+            return []
+        _require_class(target)
+        return [with_project(target)]
     if not stat.S_ISDIR(mode):
         raise UsageError(f"{path} is neither a file nor a folder; save the environment in a file first")
     found = list(environments_below(path, env_class))
     if not found and not environments_only:
-        raise UsageError(f"{path} holds no environment: no .py file in it defines a class and names gymnasium")
+        raise UsageError(f"{path} holds no environment: no .py file in it defines a subclass of gymnasium.Env")
     return found
 
 
 def environments_below(folder: str, env_class: str | None = None) -> Iterator[Target]:
-    """Yield the environments in a folder by path; report the number of skipped files on stderr at the end."""
-    skipped = []
+    """Yield the environments in a folder by path; report on stderr at the end how many files define none."""
+    passed = []
     for file in _python_files(folder):
         try:
             target = read_target(file, env_class)
         except UsageError:
-            skipped.append(file)
+            passed.append(file)
             continue
         if _is_environment(target):
-            yield target
+            yield with_project(target)
         else:
-            skipped.append(file)
-    if skipped:
-        named = ", ".join(one_line(os.path.relpath(file, folder)) for file in skipped[:3])
-        more = ", …" if len(skipped) > 3 else ""
+            passed.append(file)
+    if passed:
+        named = ", ".join(one_line(os.path.relpath(file, folder)) for file in passed[:3])
+        more = ", …" if len(passed) > 3 else ""
         click.echo(
-            f"skipped {plural(len(skipped), 'file')} in {one_line(folder)} that "
-            f"{'defines' if len(skipped) == 1 else 'define'} no environment class: {named}{more}",
+            f"skipped {plural(len(passed), 'file')} without an environment in {one_line(folder)}: {named}{more}",
             err=True,
         )
 
 
+def _module(name: str) -> Target:
+    """The class that ``package.module:Class`` names, from the working directory, else from what is installed."""
+    module, _, env_class = name.partition(":")
+    found = defining_file(Path.cwd(), module, env_class)
+    if found is None:
+        return Target(name, kind=Kind.MODULE)
+    file, defined = found
+    return with_project(read_target(os.path.relpath(file), defined), Path.cwd())
+
+
 def _is_environment(target: Target) -> bool:
-    """Return whether a file looks like an environment, without running it."""
-    source = target.source
-    return len(source) <= MAX_SOURCE and bool(_CLASS.search(source) and _GYMNASIUM.search(source))
+    return defines_environment(target.source, Path(target.path))
+
+
+def _require_class(target: Target) -> None:
+    """Raise UsageError if a file cannot define the class that ``--class`` names."""
+    wanted, names = target.env_class, None if target.env_class is None else defined_names(target.source)
+    if names is None or wanted in names:
+        return
+    classes = defined_classes(target.source)
+    there = f"; its classes are {', '.join(classes)}" if classes else "; it defines no class"
+    raise UsageError(f"{target.path} defines no class {wanted}{there}", setting="class")
 
 
 def _python_files(folder: str) -> Iterator[str]:

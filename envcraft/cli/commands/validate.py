@@ -3,23 +3,25 @@
 from __future__ import annotations
 
 import contextlib
-import io
 import json
 import os
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
+from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any, TextIO
 
 import click
 import msgspec
 
-from envcraft.cli.commands.outputs import output_file
+from envcraft.cli import completion
+from envcraft.cli.commands.outputs import report_file
 from envcraft.cli.commands.targets import resolve
 from envcraft.cli.configured import Configured
-from envcraft.cli.options import check_options, sandbox_options
+from envcraft.cli.options import check_options, format_option, output_option, sandbox_options
 from envcraft.cli.signals import uninterrupted
 from envcraft.contracts.lookup import contract_named
+from envcraft.corpus.baseline import read_baseline
 from envcraft.errors import ExitCode, UsageError
 from envcraft.judging.budget import BUDGETS
 from envcraft.judging.driver import Limits, driver_for
@@ -31,6 +33,7 @@ from envcraft.model.target import Kind, Target, kind_of, read_policy
 from envcraft.model.verdict import Report, Verdict
 from envcraft.registry import offered
 from envcraft.reports.reporter import Reporter, reporter_named
+from envcraft.text import plural
 
 
 class _ValidateCommand(Configured):
@@ -46,7 +49,7 @@ class _ValidateCommand(Configured):
 
 
 @click.command(cls=_ValidateCommand)
-@click.argument("targets", nargs=-1, required=True, metavar="TARGET...")
+@click.argument("targets", nargs=-1, required=True, metavar="TARGET...", shell_complete=completion.files)
 @check_options()
 @click.option("--class", "env_class", metavar="NAME", help="The environment class, if a file defines several.")
 @click.option("--kwargs", metavar="JSON", help="Arguments of the constructor, as a JSON object.")
@@ -58,17 +61,13 @@ class _ValidateCommand(Configured):
 )
 @sandbox_options()
 @click.option(
-    "--policy", metavar="FILE", help="A Python file with a privileged policy, which the check difficulty plays."
+    "--policy",
+    metavar="FILE",
+    shell_complete=completion.files,
+    help="A Python file with a privileged policy, which the check difficulty plays.",
 )
-@click.option(
-    "--format",
-    "form",
-    default="console",
-    show_default=True,
-    metavar="NAME",
-    help="The format of the report, one of those below.",
-)
-@click.option("--output", metavar="FILE", help="Write the report to this file; - means standard output.")
+@format_option()
+@output_option()
 @click.option(
     "--report",
     "also",
@@ -79,12 +78,34 @@ class _ValidateCommand(Configured):
 @click.option(
     "--select",
     metavar="CODES",
-    help="Report only these rules, such as EC204,EC05: a code, or its first characters for several. Rules that are off "
+    shell_complete=completion.codes,
+    help="Report only these rules: codes or their first characters, such as EC204,EC05. Rules that are off "
     "by default report only if they are selected.",
 )
+@click.option(
+    "--ignore",
+    metavar="CODES",
+    shell_complete=completion.codes,
+    help="Do not report these rules: codes or their first characters.",
+)
+@click.option(
+    "--exclude",
+    multiple=True,
+    metavar="GLOB",
+    help="In folders, skip files if their name or a part of their path matches, such as 'old_*'. Can be repeated.",
+)
+@click.option(
+    "--baseline",
+    metavar="REPORT.json",
+    shell_complete=completion.files,
+    help="Do not count the findings of this earlier report.",
+)
 @click.option("--environments-only", is_flag=True, help="Skip named files that define no environment.")
-@click.option("--strict", is_flag=True, help="Warnings are errors, and checks that leave their question open fail.")
+@click.option("--strict", is_flag=True, help="Treat warnings as errors, and undecided checks as failed.")
+@click.option("-x", "--exitfirst", is_flag=True, help="End the run after the first environment that fails.")
 @click.option("--exit-zero", is_flag=True, help="Exit with 0 even if an environment fails.")
+@click.option("-q", "--quiet", is_flag=True, help="Show no progress. On the console, show only what does not pass.")
+@click.option("-v", "--verbose", is_flag=True, help="Show all evidence of each finding on the console.")
 @click.pass_context
 def validate(
     ctx: click.Context,
@@ -108,9 +129,15 @@ def validate(
     output: str | None,
     also: tuple[str, ...],
     select: str | None,
+    ignore: str | None,
+    exclude: tuple[str, ...],
+    baseline: str | None,
     environments_only: bool,
     strict: bool,
+    exitfirst: bool,
     exit_zero: bool,
+    quiet: bool,
+    verbose: bool,
 ) -> None:
     """Validate environments in a sandbox.
 
@@ -121,10 +148,13 @@ def validate(
                  2 usage error                 3 an environment could not be judged
     """
     wanted, promised = read_reports(form, output, also), contract_named(contract)
-    codes = tuple(code.upper() for code in split(select))
-    severity = SeverityPolicy(severity_table(Path.cwd()), strict, comments=True, select=codes)
+    codes, ignored = (tuple(code.upper() for code in split(given)) for given in (select, ignore))
+    known = read_baseline(baseline) if baseline else ()
+    severity = SeverityPolicy(severity_table(Path.cwd()), strict, True, codes, ignored, frozenset(known))
+    if quiet and verbose:
+        raise UsageError("--quiet and --verbose contradict each other; leave one out")
     changes = {"kwargs": read_kwargs(kwargs), "wrappers": read_wrappers(wrap)}
-    files, unusable = _files(targets, env_class, environments_only, changes)
+    files, unusable = _files(targets, env_class, environments_only, exclude, changes)
     if not files and (unusable or not environments_only):
         ctx.exit(ExitCode.USAGE)
 
@@ -135,12 +165,13 @@ def validate(
         stack.callback(driver.close)
         pool = stack.enter_context(WorkerPool(driver, Limits(), len(files)))
         # Slow work comes here, while the first worker starts.
-        selected = select_checks(checks, skip, codes)
-        streams = [sys.stdout if path in (None, "-") else stack.enter_context(_report_file(path)) for _, path in wanted]
+        selected = select_checks(checks, skip, codes, ignored)
+        streams = [sys.stdout if path in (None, "-") else stack.enter_context(report_file(path)) for _, path in wanted]
         with uninterrupted():
             from envcraft.cli.progress import Progress
             from envcraft.judging.engine import Plan
             from envcraft.judging.engine import validate as judge
+            from envcraft.judging.verdict_cache import record
         pool.ensure()
         plan = Plan(
             files,
@@ -157,6 +188,8 @@ def validate(
         progress = stack.enter_context(Progress(streams[0]))
         rules = rules_of(all_checks())
         reporters = [kind(stream, rules) for (kind, _), stream in zip(wanted, streams, strict=True)]
+        for reporter in reporters:
+            reporter.verbosity = verbose - quiet
         filmed = [reporter for reporter in reporters if reporter.wants_frames]
         if filmed:
             from envcraft.judging.frame_renderer import FrameRenderer
@@ -164,19 +197,23 @@ def validate(
             frames = stack.enter_context(FrameRenderer(plan))
             for reporter in filmed:
                 reporter.frames = frames
-        for event in stack.enter_context(contextlib.closing(judge(plan, workers, pool))):
-            progress.handle(event)
+        for event in stack.enter_context(contextlib.closing(judge(plan, workers, pool, exitfirst))):
+            if not quiet:
+                progress.handle(event)
             for reporter in reporters:
                 reporter.handle(event)
             if isinstance(event, Finished):
                 report = event.report
-    assert report is not None
+        assert report is not None
+        record(plan, report)
     ctx.exit(ExitCode.USAGE if unusable else exit_code(report, exit_zero))
 
 
 def exit_code(report: Report, exit_zero: bool = False) -> ExitCode:
     """Return the exit status of a report; a failure counts more than an error."""
     verdicts = {subject.verdict for subject in report.reports}
+    if any(check.wrong_use for subject in report.reports for check in subject.checks):
+        return ExitCode.USAGE
     if Verdict.FAIL in verdicts and not exit_zero:
         return ExitCode.FAIL
     return ExitCode.ERROR if Verdict.ERROR in verdicts else ExitCode.PASS
@@ -195,7 +232,7 @@ def read_reports(form: str, output: str | None, also: Iterable[str]) -> list[tup
     for words in also:
         name, _, path = words.partition(":")
         if not path:
-            raise UsageError(f"--report {words} must be FORMAT:FILE, such as sarif:report.sarif")
+            raise UsageError(f"--report {words} must be FORMAT:FILE, such as sarif:report.sarif", setting="report")
         found.append((reporter_named(name), path))
     files = [os.path.realpath(path) for _, path in found if path]
     for path in files:
@@ -209,9 +246,9 @@ def read_kwargs(text: str | None) -> dict[str, Any]:
     try:
         value = json.loads(text or "{}")
     except (ValueError, RecursionError) as error:
-        raise UsageError(f"--kwargs {text} is not JSON: {error}") from None
+        raise UsageError(f"--kwargs {text} is not JSON: {error}", setting="kwargs") from None
     if not isinstance(value, dict):
-        raise UsageError(f"--kwargs {text} is not a JSON object; write it like '{{\"size\": 8}}'")
+        raise UsageError(f"--kwargs {text} is not a JSON object; write it like '{{\"size\": 8}}'", setting="kwargs")
     return value
 
 
@@ -219,35 +256,47 @@ def read_wrappers(names: tuple[str, ...]) -> tuple[str, ...]:
     """Read ``--wrap``. Raises UsageError if a name is not ``module:func``."""
     for name in names:
         if kind_of(name) is not Kind.MODULE:
-            raise UsageError(f"--wrap {name} must be MODULE:FUNC, such as gymnasium.wrappers:FlattenObservation")
+            raise UsageError(
+                f"--wrap {name} must be MODULE:FUNC, such as gymnasium.wrappers:FlattenObservation", setting="wrap"
+            )
     return names
 
 
 def _files(
-    targets: tuple[str, ...], env_class: str | None, environments_only: bool, changes: dict[str, Any]
+    targets: tuple[str, ...],
+    env_class: str | None,
+    environments_only: bool,
+    exclude: tuple[str, ...],
+    changes: dict[str, Any],
 ) -> tuple[list[Target], bool]:
-    """Resolve all targets, each once; say whether any was unusable, with the reason on stderr."""
+    """Resolve all targets, each once; say whether any was unusable, with the reason on stderr.
+
+    Raises:
+        UsageError: ``--exclude`` leaves no target.
+    """
+    excluded = 0
     files: dict[str, Target] = {}
     unusable = False
     for path in targets:
         try:
             for target in resolve(path, env_class, environments_only):
+                if exclude and os.path.isdir(path) and is_excluded(target.path, path, exclude):
+                    excluded += 1
+                    continue
                 files.setdefault(target.path, msgspec.structs.replace(target, **changes))
         except UsageError as error:
             click.echo(f"Error: {error}", err=True)
             unusable = True
+    if excluded and not files and not unusable:
+        raise UsageError(f"--exclude leaves none of {plural(excluded, 'environment')}; leave out a pattern")
     return list(files.values()), unusable
 
 
-@contextlib.contextmanager
-def _report_file(path: str) -> Iterator[TextIO]:
-    """Raises UsageError."""
-    with output_file(path, "the report ") as data:
-        stream = io.TextIOWrapper(data, "utf-8")
-        try:
-            yield stream
-        finally:
-            stream.detach()
+def is_excluded(path: str, folder: str, patterns: tuple[str, ...]) -> bool:
+    """Whether a glob pattern matches a file below `folder`: its name, a folder of its path, or its path there."""
+    parts = os.path.relpath(path, folder).split(os.sep)
+    names = {*parts, *("/".join(parts[:depth]) for depth in range(1, len(parts) + 1))}
+    return any(fnmatchcase(name, pattern.rstrip("/")) for pattern in patterns for name in names)
 
 
 def open_output(path: str) -> TextIO:

@@ -36,10 +36,12 @@ class Keys(ABC):
 
     Attributes:
         help: lines that describe the keys.
+        pad: keys with short labels, one for each action or part of one, for buttons on a screen.
         idle: whether an action does nothing, so that the game can continue without a key.
     """
 
     help: list[str]
+    pad: list[tuple[str, str]]
     idle: bool
 
     @abstractmethod
@@ -55,6 +57,7 @@ class Pad(Keys):
     """Five moves and two buttons. In turn-based play, a button combines with the next move."""
 
     help = ["arrows, wasd or hjkl move; space or x, z or c are the buttons", "r next episode, q quit"]
+    pad = [("left", "\u2190"), ("up", "\u2191"), ("down", "\u2193"), ("right", "\u2192"), ("x", "1"), ("z", "2")]
     idle = True
 
     def __init__(self) -> None:
@@ -82,6 +85,7 @@ class Choices(Keys):
         """Take pairs of text and action, at most one for each key."""
         self._actions = {key: action for key, (_, action) in zip(_KEYS, actions, strict=False)}
         self._noop = noop
+        self.pad = [(key, words) for key, (words, _) in zip(_KEYS, actions, strict=False)]
         self.idle = noop is not None
         listed = [f"{key} {words}" for key, (words, _) in zip(_KEYS, actions, strict=False)]
         self.help = [

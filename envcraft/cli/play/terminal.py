@@ -32,7 +32,7 @@ class Terminal(Screen):
 
     def __init__(self) -> None:
         if not (sys.stdin.isatty() and sys.stdout.isatty()):
-            raise UsageError("standard input and output must be a terminal; or play in a --window")
+            raise UsageError("standard input and output must be a terminal; use one, or play in a --window")
         self._input, self._output = sys.stdin.fileno(), sys.stdout.fileno()
         self._before: list[Any] = []
         self._lines: list[str] = []

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import os
+import sys
 import time
 from collections.abc import Sequence
 from types import TracebackType
@@ -21,8 +22,13 @@ _NAMES = {"return": "enter", "enter": "enter"}
 
 def available() -> bool:
     """Whether there is a display, and pygame is installed."""
-    there = any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY", "SDL_VIDEODRIVER"))
-    return there and importlib.util.find_spec("pygame") is not None
+    return has_display() and importlib.util.find_spec("pygame") is not None
+
+
+def has_display() -> bool:
+    """Whether a window can have a display: macOS always has one, other systems name it in a variable."""
+    named = any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY", "SDL_VIDEODRIVER"))
+    return named or sys.platform == "darwin"
 
 
 class Window(Screen):

@@ -93,7 +93,7 @@ class Contents:
         self.rows: Counter[str] = Counter()
         self.groups: dict[str, set[int]] = {name: set() for name in SPLITS}
         self.settings: Counter[tuple[Any, ...]] = Counter()
-        self.passed = self.undecoded = 0
+        self.passed = self.failed = self.undecided = self.undecoded = 0
 
     def add(self, environment: Exported, group: int, split: str) -> None:
         """Count an environment.
@@ -109,7 +109,10 @@ class Contents:
         self.licences.add(environment.origin)
         self.rows[split] += 1
         self.groups[split].add(group)
-        self.passed += environment.verdict == "pass"
+        undecided = bool(environment.undecided)
+        self.undecided += undecided
+        self.passed += environment.verdict == "pass" and not undecided
+        self.failed += environment.verdict == "fail"
         self.settings[
             environment.contract,
             environment.contract_sha256,
@@ -150,6 +153,8 @@ def card(store: Store, contents: Contents, described: Iterable[tuple[str, str, s
         "TITLE": text(contents.title),
         "COUNT": f"{contents.rows.total():,}",
         "PASSED": f"{contents.passed:,}",
+        "FAILED": f"{contents.failed:,}",
+        "UNDECIDED": f"{contents.undecided:,}",
         "SPLITS": table(
             ("split", "environments", "groups"),
             [(name, contents.rows[name], len(contents.groups[name])) for name in SPLITS if contents.rows[name]],
@@ -229,20 +234,21 @@ def _licence(licences: Licences) -> str:
 
 
 def _yields(survey: Survey) -> str:
-    counts = {name: survey.verdicts[name] for name in ("pass", "fail", "error", NONE)}
+    counts = {name: survey.outcomes[name] for name in ("pass", "fail", "undecided", "error", NONE)}
     return (
         f"Of the {survey.total:,} environments in the corpus, {counts['pass']:,} passed, {counts['fail']:,} failed, "
-        f"{counts['error']:,} could not be judged and {counts[NONE]:,} have no verdict. Of those that passed or "
-        f"failed, {_rate(survey.rate)} passed (interval {_interval(survey.rate)})."
+        f"{counts['undecided']:,} are undecided, {counts['error']:,} could not be judged and {counts[NONE]:,} have no "
+        f"verdict. Of those that passed, failed or are undecided, {_rate(survey.rate)} passed (interval "
+        f"{_interval(survey.rate)})."
     )
 
 
 def _checks(survey: Survey) -> str:
-    rows = [
-        (row.name, row.judged, row.verdicts["pass"], _rate(row.rate), _interval(row.rate), row.verdicts["skip"])
-        for row in survey.checks()
-    ]
-    return table(("check", "judged", "passed", "pass rate", "interval", "skipped"), rows)
+    rows = []
+    for row in survey.checks():
+        passed, undecided, skipped = (row.outcomes[outcome] for outcome in ("pass", "undecided", "skip"))
+        rows.append((row.name, row.judged, passed, _rate(row.rate), _interval(row.rate), undecided, skipped))
+    return table(("check", "judged", "passed", "pass rate", "interval", "undecided", "skipped"), rows)
 
 
 def _codes(survey: Survey, rules: dict[str, str]) -> str:

@@ -46,6 +46,13 @@ class Exported:
     image: str | None
 
     @property
+    def undecided(self) -> list[str]:
+        """The checks of a pass that left their questions open."""
+        from envcraft.corpus.store import decode
+
+        return decode(self.report).undecided if self.verdict == "pass" and self.report else []
+
+    @property
     def public(self) -> dict[str, Any]:
         """The origin without the path of the file that was added, which is private."""
         return {key: value for key, value in self.origin.items() if key != "file"}
@@ -94,8 +101,8 @@ class Order:
         """The error for an exporter that has no environment to export."""
         root = self.store.root
         return UsageError(
-            f"no environment of {root} has passed all checks: `envcraft audit {root}` judges them, and --all exports "
-            "the others, too"
+            f"no environment of {root} has passed all checks: `envcraft audit {root}` judges them, and --all also "
+            "exports the others"
         )
 
     def _invalid_name(self, name: str) -> EnvCraftError:

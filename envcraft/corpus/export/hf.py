@@ -30,6 +30,7 @@ COLUMNS = (
     ("class", "string", "the environment's class in the file, if it is known"),
     ("group", "int64", "environments with the same number are copies of each other, and in the same split"),
     ("verdict", "string", "`pass`, `fail`, or `error` if it could not be judged"),
+    ("undecided", "list<string>", "the checks of a pass that left their questions open within the budget"),
     ("codes", "list<string>", "the distinct codes of the findings; `envcraft explain CODE` describes one"),
     ("checks", "list<check>", "each check's `name`, `verdict` and, if it did not judge, the `reason`"),
     ("steps", "int64", "the environment steps of the judging"),
@@ -50,7 +51,7 @@ class DatasetExporter(Exporter):
     """Writes a data set."""
 
     name = "hf"
-    summary = "a data set for the Hugging Face Hub: parquet files with splits that no copy crosses, and a card"
+    summary = "a data set for the Hugging Face Hub: parquet files, in splits that keep duplicates together, and a card"
 
     def export(self, order: Order) -> list[str]:
         missing = [name for name in _NEEDED if importlib.util.find_spec(name) is None]
@@ -125,6 +126,7 @@ def _row(environment: Exported, source: str, group: int) -> dict[str, Any]:
         "sha256": environment.source,
         "group": group,
         "verdict": environment.verdict,
+        "undecided": environment.undecided,
         **judged,
         "contract": environment.contract,
         "contract_sha256": environment.contract_sha256,

@@ -121,6 +121,7 @@ def _entry(environment: Exported, package: str, module: str) -> dict[str, Any]:
         "sha256": environment.source,
         "adapter": contract.adapter,
         "verdict": environment.verdict,
+        "undecided": environment.undecided,
         "contract": environment.contract,
         "contract_sha256": environment.contract_sha256,
         "rules": environment.rules,
@@ -156,11 +157,14 @@ def _write_texts(folder: Path, package: str, entries: list[dict[str, Any]], requ
 
     data = msgspec.json.encode({"schema": 1, "envcraft": __version__, "environments": entries})
     (folder / package / "environments.json").write_bytes(msgspec.json.format(data, indent=1) + b"\n")
-    passed = sum(entry["verdict"] == "pass" for entry in entries)
+    passed = sum(entry["verdict"] == "pass" and not entry["undecided"] for entry in entries)
+    undecided = sum(bool(entry["undecided"]) for entry in entries)
     words = {
         "PACKAGE": package,
         "COUNT": f"{len(entries):,}",
         "PASSED": f"{passed:,}",
+        "FAILED": f"{sum(entry['verdict'] == 'fail' for entry in entries):,}",
+        "UNDECIDED": f"{undecided:,}",
         "VERSION": __version__,
         "FIRST": entries[0]["id"],
         "REQUIREMENTS": ", ".join(f'"{requirement}"' for requirement in requirements),

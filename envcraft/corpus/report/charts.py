@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 #: Inches at 72 dots per inch, so that a point is a pixel.
 _WIDE, _NARROW = 10.0, 5.0
 _ROW = 0.36
-_VERDICTS = ("pass", "fail", "error", "skip")
+_OUTCOMES = ("pass", "fail", "undecided", "error", "skip")
 #: Maximum number of codes in the figure; the table has all.
 CODES = 12
 _STYLE: Any = {
@@ -52,12 +52,13 @@ class Drawn(NamedTuple):
 Draw = Callable[[bool], "Figure"]
 
 
-def cascade(stages: Sequence[Stage], judged: int) -> Drawn:
+def cascade(stages: Sequence[Stage], judged: int, passed: int) -> Drawn:
     """Draw how many environments are left after each check, and how many it removed.
 
     Args:
         stages: of the checks, in order.
         judged: the number of environments with a verdict.
+        passed: the number of those that pass and that no check leaves undecided.
     """
     labels = ["judged", *(stage.name for stage in stages)]
     left = [judged, *(stage.left for stage in stages)]
@@ -78,29 +79,29 @@ def cascade(stages: Sequence[Stage], judged: int) -> Drawn:
         _names(axes, labels, judged * (1.16 if wide else 1.36))
         return figure
 
-    return _both(draw, "cascade", f"Of {judged:,} environments that were judged, {left[-1]:,} pass every check")
+    return _both(draw, "cascade", f"Of {judged:,} environments that were judged, {passed:,} pass")
 
 
 def checks(rows: Sequence[CheckRow]) -> Drawn:
-    """Draw the shares of each check's verdicts."""
+    """Draw the shares of each check's outcomes."""
 
     def draw(wide: bool) -> Figure:
         figure, axes = _rows(len(rows), wide, legend=True)
         at = np.zeros(len(rows))
-        totals = np.array([max(row.verdicts.total(), 1) for row in rows])
-        for verdict in _VERDICTS:
-            share = np.array([row.verdicts[verdict] for row in rows]) / totals
-            axes.barh(range(len(rows)), share, height=0.62, left=at, color=COLOURS[verdict], label=verdict)
+        totals = np.array([max(row.outcomes.total(), 1) for row in rows])
+        for outcome in _OUTCOMES:
+            share = np.array([row.outcomes[outcome] for row in rows]) / totals
+            axes.barh(range(len(rows)), share, height=0.62, left=at, color=COLOURS[outcome], label=outcome)
             at += share
         for place, row in enumerate(rows):
             if row.judged:
                 _beside(axes, 1.0, place, f"{row.rate.estimate:.1%}", 1.0)
         _names(axes, [row.name for row in rows], 1.12 if wide else 1.24)
         box = {"handlelength": 1, "handleheight": 1, "columnspacing": 1.5 if wide else 0.9, "handletextpad": 0.5}
-        axes.legend(loc="lower left", bbox_to_anchor=(-0.01, 1), ncols=4, frameon=False, **box)
+        axes.legend(loc="lower left", bbox_to_anchor=(-0.01, 1), ncols=len(_OUTCOMES), frameon=False, **box)
         return figure
 
-    return _both(draw, "checks", "The shares of each check's verdicts, with the pass rate of the judged environments")
+    return _both(draw, "checks", "The shares of each check's outcomes, with the pass rate of the judged environments")
 
 
 def codes(rows: Sequence[CodeRow], judged: int) -> Drawn:

@@ -7,15 +7,15 @@ nothing but scripts.
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Hashable
 from pathlib import Path
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 import msgspec
 
 from envcraft.corpus.report.data import Entry
 from envcraft.judging.check import Rule
-from envcraft.model.verdict import CheckReport, Finding, Verdict, plain
+from envcraft.model.verdict import CheckReport, Finding, plain
 from envcraft.reports.summary import repro_words
 from envcraft.text import one_line, printable
 
@@ -25,14 +25,17 @@ ROWS, DETAIL = 500, 192 * 1024
 _SOURCE, _EVIDENCE = 400_000, 4_000
 
 
-class Legend:
-    """Numbers for words that occur in many rows."""
+_Word = TypeVar("_Word", bound=Hashable)
+
+
+class Legend(Generic[_Word]):
+    """Numbers for what occurs in many rows."""
 
     def __init__(self) -> None:
-        self.words: list[str] = []
-        self._numbers: dict[str, int] = {}
+        self.words: list[_Word] = []
+        self._numbers: dict[_Word, int] = {}
 
-    def number(self, word: str) -> int:
+    def number(self, word: _Word) -> int:
         if word not in self._numbers:
             self._numbers[word] = len(self.words)
             self.words.append(word)
@@ -40,12 +43,20 @@ class Legend:
 
 
 class Chunks:
-    """Writes the chunks below a folder. Call :meth:`end` after the last environment."""
+    """Writes the chunks below a folder. Call :meth:`end` after the last environment.
+
+    Attributes:
+        verdicts: of environments.
+        codes: of findings.
+        ways: the outcomes of all checks on an environment, as pairs of a check and its outcome.
+    """
 
     def __init__(self, folder: Path, rules: dict[str, Rule]) -> None:
         self._folder = folder
         self._rules = rules
-        self.verdicts, self.checks, self.codes = Legend(), Legend(), Legend()
+        self.verdicts: Legend[str] = Legend()
+        self.codes: Legend[str] = Legend()
+        self.ways: Legend[tuple[tuple[str, str], ...]] = Legend()
         self._rows: list[list[Any]] = []
         self._details: list[bytes] = []
         self._size = 0
@@ -53,7 +64,7 @@ class Chunks:
         folder.mkdir()
 
     def add(
-        self, entry: Entry, source: bytes, lines: int, command: str, preview: bool, duplicates: Sequence[Any]
+        self, entry: Entry, source: bytes, lines: int, preview: bool, facets: list[list[int]], more: dict[str, Any]
     ) -> None:
         """Add an environment.
 
@@ -61,15 +72,15 @@ class Chunks:
             entry: the environment.
             source: its source.
             lines: how many lines its source has.
-            command: the command that judges it again; empty if there is no verdict.
             preview: whether it has a preview.
-            duplicates: the numbers and names of its duplicates.
+            facets: the numbers of its values by facet.
+            more: further fields of its details, whose text is printable.
         """
         report = entry.report
         checks = [] if report is None else report.checks
-        failed = [self.checks.number(check.check) for check in checks if check.verdict is Verdict.FAIL]
+        way = tuple((one_line(check.check), check.outcome.value) for check in checks)
         # All text in it is printable and can be encoded.
-        detail = msgspec.json.encode(self._detail(entry, checks, source, command, duplicates))
+        detail = msgspec.json.encode({**self._detail(entry, checks, source), **more})
         if self._details and self._size + len(detail) > DETAIL:
             self._write_details()
         self._details.append(detail)
@@ -77,14 +88,15 @@ class Chunks:
         self._rows.append(
             [
                 one_line(entry.name),
-                self.verdicts.number(entry.verdict),
-                failed,
+                self.verdicts.number(entry.outcome),
+                self.ways.number(way),
                 [self.codes.number(code) for code in entry.codes],
                 0 if report is None else report.steps,
                 0 if report is None else round(report.seconds, 2),
                 lines,
                 int(preview),
                 self.details,
+                facets,
             ]
         )
         if len(self._rows) == ROWS:
@@ -97,9 +109,7 @@ class Chunks:
         if self._details:
             self._write_details()
 
-    def _detail(
-        self, entry: Entry, checks: list[CheckReport], source: bytes, command: str, duplicates: Sequence[Any]
-    ) -> dict[str, Any]:
+    def _detail(self, entry: Entry, checks: list[CheckReport], source: bytes) -> dict[str, Any]:
         text = source.decode("utf-8", "replace")
         return {
             "number": entry.number,
@@ -110,10 +120,8 @@ class Chunks:
             "origin": [[one_line(key), one_line(_value(value))[:_EVIDENCE]] for key, value in entry.origin.items()],
             "reason": one_line(entry.report.reason) if entry.report else "",
             "isolation": entry.report.isolation if entry.report else "",
-            "checks": [[one_line(c.check), c.verdict.value, c.seconds, one_line(c.reason)] for c in checks],
+            "checks": [[one_line(c.check), c.outcome.value, c.seconds, one_line(c.reason)] for c in checks],
             "findings": [self._finding(check, finding) for check in checks for finding in check.findings],
-            "command": command,
-            "duplicates": duplicates,
             "source": printable(text[:_SOURCE]),
             "cut": len(text) > _SOURCE,
         }

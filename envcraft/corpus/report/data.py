@@ -16,10 +16,13 @@ import numpy as np
 
 from envcraft.corpus.store import Environment, Store, decode, verdicts
 from envcraft.judging.statistics import Proportion
-from envcraft.model.verdict import Severity, SubjectReport, Verdict
+from envcraft.model.verdict import Outcome, Severity, SubjectReport, Verdict
 
 #: The verdict of an environment without a verdict on its present source.
 NONE = "none"
+#: The outcomes that a stage counts, in the order of its fields, and those that remove an environment from the stages.
+_COUNTED = (Outcome.FAIL, Outcome.ERROR, Outcome.SKIP, Outcome.UNDECIDED)
+_REMOVED = (Outcome.FAIL, Outcome.ERROR)
 #: Modified z-scores on a logarithmic scale (Iglewicz and Hoaglin 1993): that of an outlier, and that of one MAD.
 FAR, _MAD = 3.5, 0.6745
 #: The minimum ratio of an outlier to the median, or of the median to it. If most values are alike, the spread is small
@@ -57,6 +60,16 @@ class Entry(msgspec.Struct, frozen=True):
         return NONE if self.report is None else self.report.verdict.value
 
     @property
+    def outcome(self) -> str:
+        """The verdict, with the undecided ones apart (:class:`envcraft.model.verdict.Outcome`)."""
+        return NONE if self.report is None else self.report.outcome.value
+
+    @property
+    def undecided(self) -> list[str]:
+        """The checks that left their questions open."""
+        return [] if self.report is None else self.report.undecided
+
+    @property
     def codes(self) -> list[str]:
         """The distinct codes of its findings, sorted."""
         checks = () if self.report is None else self.report.checks
@@ -83,6 +96,7 @@ class Stage(msgspec.Struct, frozen=True):
         failed: the number that this check fails.
         unjudged: the number that this check could not judge; they do not reach the next check.
         skipped: the number to which this check does not apply; they reach the next check.
+        undecided: the number whose question this check left open; they reach the next check.
     """
 
     name: str
@@ -90,6 +104,7 @@ class Stage(msgspec.Struct, frozen=True):
     failed: int
     unjudged: int
     skipped: int
+    undecided: int
 
     @property
     def left(self) -> int:
@@ -98,25 +113,25 @@ class Stage(msgspec.Struct, frozen=True):
     @property
     def rate(self) -> Proportion:
         """The share that passes of the environments that the check judged."""
-        passed = self.left - self.skipped
+        passed = self.left - self.skipped - self.undecided
         return Proportion(passed, passed + self.failed)
 
 
 class CheckRow(msgspec.Struct):
-    """One check over all environments: the counts by verdict and the total seconds."""
+    """One check over all environments: the counts by outcome and the total seconds."""
 
     name: str
-    verdicts: Counter[str]
+    outcomes: Counter[str]
     seconds: float = 0.0
 
     @property
     def judged(self) -> int:
-        return self.verdicts[Verdict.PASS] + self.verdicts[Verdict.FAIL]
+        return self.outcomes[Outcome.PASS] + self.outcomes[Outcome.FAIL]
 
     @property
     def rate(self) -> Proportion:
         """The share that passes of the environments that the check judged."""
-        return Proportion(self.verdicts[Verdict.PASS], self.judged)
+        return Proportion(self.outcomes[Outcome.PASS], self.judged)
 
 
 class CodeRow(msgspec.Struct):
@@ -135,6 +150,7 @@ class Attempt(msgspec.Struct):
     number: int
     judged: int = 0
     passed: int = 0
+    undecided: int = 0
 
     @property
     def rate(self) -> Proportion:
@@ -199,7 +215,7 @@ class Survey:
 
     Attributes:
         names: of the environments, by number.
-        verdicts: the number of environments by verdict; :data:`NONE` counts those without one.
+        outcomes: the number of environments by outcome; :data:`NONE` counts those without a verdict.
         settings: the number of verdicts by the number of their settings.
         steps: the total of all verdicts.
         seconds: the total of all verdicts.
@@ -208,7 +224,7 @@ class Survey:
 
     def __init__(self, order: Iterable[str]) -> None:
         self.names: list[str] = []
-        self.verdicts: Counter[str] = Counter()
+        self.outcomes: Counter[str] = Counter()
         self.settings: Counter[int] = Counter()
         self.steps = 0
         self.seconds = 0.0
@@ -223,13 +239,13 @@ class Survey:
         self._checks: dict[str, CheckRow] = {}
         self._codes: dict[str, CodeRow] = {}
         self._attempts: dict[int, Attempt] = {}
-        #: The number of environments by the verdicts of their checks, from which the stages are computed.
-        self._ways: Counter[tuple[tuple[str, Verdict], ...]] = Counter()
+        #: The number of environments by the outcomes of their checks, from which the stages are computed.
+        self._ways: Counter[tuple[tuple[str, Outcome], ...]] = Counter()
 
     def take(self, entry: Entry, lines: int) -> None:
         """Count an environment whose source has this number of lines."""
         self.names.append(entry.name)
-        self.verdicts[entry.verdict] += 1
+        self.outcomes[entry.outcome] += 1
         report = entry.report
         if report is None:
             return
@@ -245,10 +261,10 @@ class Survey:
 
     def _take_checks(self, report: SubjectReport) -> None:
         seen = set()
-        self._ways[tuple((check.check, check.verdict) for check in report.checks)] += 1
+        self._ways[tuple((check.check, check.outcome) for check in report.checks)] += 1
         for check in report.checks:
             row = self._checks.setdefault(check.check, CheckRow(check.check, Counter()))
-            row.verdicts[check.verdict.value] += 1
+            row.outcomes[check.outcome.value] += 1
             row.seconds += check.seconds
             for finding in check.findings:
                 known = CodeRow(finding.code, check.check, finding.severity)
@@ -261,7 +277,15 @@ class Survey:
         if isinstance(number, int) and not isinstance(number, bool):
             attempt = self._attempts.setdefault(number, Attempt(number))
             attempt.judged += report.verdict in (Verdict.PASS, Verdict.FAIL)
-            attempt.passed += report.verdict is Verdict.PASS
+            attempt.passed += report.outcome is Outcome.PASS
+            attempt.undecided += report.outcome is Outcome.UNDECIDED
+
+    @property
+    def verdicts(self) -> dict[str, int]:
+        """The number of environments by verdict, in which an undecided environment is a pass."""
+        counts = self.outcomes.copy()
+        counts[Outcome.PASS] += counts.pop(Outcome.UNDECIDED, 0)
+        return {verdict: count for verdict, count in counts.items() if count}
 
     @property
     def total(self) -> int:
@@ -270,13 +294,13 @@ class Survey:
     @property
     def judged(self) -> int:
         """Environments with a verdict."""
-        return self.total - self.verdicts[NONE]
+        return self.total - self.outcomes[NONE]
 
     @property
     def rate(self) -> Proportion:
-        """The share that passes of the environments that pass or fail."""
-        passed = self.verdicts[Verdict.PASS]
-        return Proportion(passed, passed + self.verdicts[Verdict.FAIL])
+        """The share that passes of the environments that pass, fail or are undecided."""
+        passed = self.outcomes[Outcome.PASS]
+        return Proportion(passed, passed + self.outcomes[Outcome.FAIL] + self.outcomes[Outcome.UNDECIDED])
 
     def checks(self) -> list[CheckRow]:
         """Return the rows in the order in which the checks run. Checks that are not installed are last."""
@@ -288,12 +312,12 @@ class Survey:
         """Return the checks as successive filters. A check that did not run counts as one that could not judge."""
         stages, left, ways = [], self.judged, [(dict(way), count) for way, count in self._ways.items()]
         for row in self.checks():
-            met: Counter[Verdict] = Counter()
+            met: Counter[Outcome] = Counter()
             for way, count in ways:
-                met[way.get(row.name, Verdict.ERROR)] += count
-            stages.append(Stage(row.name, left, met[Verdict.FAIL], met[Verdict.ERROR], met[Verdict.SKIP]))
+                met[way.get(row.name, Outcome.ERROR)] += count
+            stages.append(Stage(row.name, left, *(met[outcome] for outcome in _COUNTED)))
             left = stages[-1].left
-            ways = [(way, count) for way, count in ways if way.get(row.name) in (Verdict.PASS, Verdict.SKIP)]
+            ways = [(way, count) for way, count in ways if way.get(row.name, Outcome.ERROR) not in _REMOVED]
         return stages
 
     def codes(self) -> list[CodeRow]:

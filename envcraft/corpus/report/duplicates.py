@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib.util
-from collections.abc import Iterator
 
 import msgspec
 
@@ -49,13 +48,16 @@ class DuplicateSummary(msgspec.Struct):
         """The cluster of an environment, counted from 1; None if it has no duplicate."""
         return self.of.get(number)
 
-    def others(self, number: int) -> Iterator[tuple[int, str]]:
-        """The numbers and names of an environment's duplicates, the best first, at most 12."""
+    def others(self, number: int) -> list[int]:
+        """The numbers of an environment's duplicates, the best first, at most 12."""
         place = self.of.get(number)
-        if place is not None:
-            cluster, numbers = self.clusters[place - 1]
-            found = [item for item in zip(numbers, cluster.members, strict=True) if item[0] != number]
-            yield from found[:_SHOWN]
+        found = [] if place is None else self.clusters[place - 1][1]
+        return [other for other in found if other != number][:_SHOWN]
+
+    def layers_of(self, number: int) -> list[str]:
+        """The layers that connect the cluster of an environment; empty if it has no duplicate."""
+        place = self.of.get(number)
+        return [] if place is None else self.clusters[place - 1][0].layers
 
 
 def available_layers() -> list[str]:

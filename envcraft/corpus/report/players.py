@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import msgspec
 import numpy as np
 
-from envcraft.corpus.store import Store, demonstrations
+from envcraft.corpus.store import Environment, Store, demonstrations
 from envcraft.judging.statistics import Proportion
+from envcraft.text import one_line
+
+#: Episodes of a player that the page of an environment shows.
+_SHOWN = 200
 
 
 class PlayerRow(msgspec.Struct, frozen=True):
@@ -41,6 +46,17 @@ def player_rows(store: Store) -> list[PlayerRow]:
         total = _quantiles([outcome.total for outcome in outcomes])
         rows.append(PlayerRow(name, len(outcomes), steps, total, Proportion(sum(won), len(won))))
     return sorted(rows, key=lambda row: row.steps[1])
+
+
+def played(store: Store, environment: Environment) -> list[dict[str, Any]]:
+    """The recorded episodes of one environment, by player: their steps, returns and successes, the newest first."""
+    by_player: dict[str, dict[str, Any]] = {}
+    for player, outcome in demonstrations.outcomes_of(store, environment.source, environment.env_class):
+        row = by_player.setdefault(player, {"player": one_line(player), "steps": [], "totals": [], "won": []})
+        if len(row["steps"]) < _SHOWN:
+            for column, value in zip(("steps", "totals", "won"), outcome, strict=True):
+                row[column].append(value)
+    return list(by_player.values())
 
 
 def _quantiles(values: Sequence[float]) -> tuple[float, float, float]:

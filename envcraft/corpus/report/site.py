@@ -2,39 +2,56 @@
 
 from __future__ import annotations
 
-import base64
-import hashlib
-import json
 import shutil
 from array import array
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 import msgspec
 
-from envcraft.corpus.report import charts, media, tables
+from envcraft.corpus.records import record
+from envcraft.corpus.report import charts, facets, media, tables
 from envcraft.corpus.report.chunks import ROWS, Chunks
 from envcraft.corpus.report.data import FAR, TIMES, Entry, Survey, entries
 from envcraft.corpus.report.duplicates import DuplicateSummary, summarise
+from envcraft.corpus.report.embedding import Embedding
+from envcraft.corpus.report.history import history
 from envcraft.corpus.report.output import replaced
-from envcraft.corpus.report.players import player_rows
+from envcraft.corpus.report.page import Pages, data
+from envcraft.corpus.report.players import played, player_rows
+from envcraft.corpus.report.pools import PoolCoverage
+from envcraft.corpus.report.results import ResultRow
+from envcraft.corpus.report.words import WordIndex
 from envcraft.corpus.shared import Shared, shared_codes
-from envcraft.corpus.store import Store, now, verdicts
+from envcraft.corpus.stages import in_running_order
+from envcraft.corpus.store import Store, generation, now, verdicts
 from envcraft.judging.check import Check, Rule
-from envcraft.judging.statistics import Proportion
 from envcraft.model.verdict import CheckReport, Finding, Report, Severity, plain
 from envcraft.reports.summary import Numbered, replay_command
 from envcraft.text import one_line, printable
 from envcraft.version import __version__
 
-TEMPLATES = Path(__file__).with_name("templates")
 #: The number of previews on the first page, and of rows in its lists.
 _SHEET, _SLOWEST, _OUTLIERS, _CLUSTERS, _MEMBERS = 24, 10, 20, 10, 6
 #: Previews in one folder.
 _FOLDER = 500
-_WORDS = {"pass": "passed", "fail": "failed", "error": "not judged", "none": "no verdict", "skip": "skipped"}
+#: The first three are always shown, the others if they occur.
+_WORDS = {
+    "pass": "passed",
+    "fail": "failed",
+    "undecided": "undecided",
+    "error": "not judged",
+    "none": "no verdict",
+    "skip": "skipped",
+}
+_SHOWN = 3
+#: The scripts of the pages, in order.
+_SHARED, _ENVIRONMENTS = ("film.js",), ("site.js", "code.js", "episode.js", "environment.js", "play.js", "gallery.js")
 _SETTINGS = ("contract", "budget", "seed", "driver", "rules", "image")
+
+
+Episodes = Callable[[Entry, Path], list[dict[str, Any]]]
 
 
 class Site:
@@ -45,16 +62,32 @@ class Site:
         folder: the folder to write to.
         checks: all checks in the order in which they run.
         files: the folder that the corpus follows; empty if it follows none.
+        live: whether a server with environments to play serves the pages.
+        episodes: records episodes of an environment into the folder, and returns what its page needs to play them.
+        results: of training.
     """
 
-    def __init__(self, store: Store, folder: Path, checks: Sequence[Check], files: str = "") -> None:
+    def __init__(
+        self,
+        store: Store,
+        folder: Path,
+        checks: Sequence[Check],
+        files: str = "",
+        live: bool = False,
+        episodes: Episodes | None = None,
+        results: Sequence[ResultRow] = (),
+    ) -> None:
         self.store, self.folder, self.files = store, folder, files
+        self._live, self._episodes, self._results = live, episodes, results
+        self._stages = in_running_order(stages) if (stages := generation.stages(store)) else []
+        self._facets, self._words, self._embedding = facets.Facets(self._stages), WordIndex(), Embedding()
+        self._pools = PoolCoverage(store)
+        self._settings = verdicts.all_settings(store)
         self._checks = list(checks)
         self.rules: dict[str, Rule] = {rule.code: rule for check in checks for rule in check.rules}
         self.survey = Survey(check.name for check in checks)
         self.settings = {
-            number: {name: getattr(settings, name) for name in _SETTINGS}
-            for number, settings in verdicts.all_settings(store).items()
+            number: {name: getattr(settings, name) for name in _SETTINGS} for number, settings in self._settings.items()
         }
         self.players = player_rows(store)
         self._pictured = array("l")
@@ -78,8 +111,7 @@ class Site:
                 lines = source.count(b"\n") + (not source.endswith(b"\n"))
                 self.survey.take(entry, lines)
                 written.add(entry, lines, duplicates.cluster(entry.number))
-                others = [(number, one_line(name)) for number, name in duplicates.others(entry.number)]
-                chunks.add(entry, source, lines, self._command(entry), self._picture(entry), others)
+                self._add(chunks, entry, source, lines, duplicates)
         chunks.end()
         main = self.survey.settings.most_common(1)
         settings = self.settings[main[0][0]] if main else {}
@@ -87,6 +119,39 @@ class Site:
         clusters = {"layers": duplicates.layers, "clusters": [cluster for cluster, _ in duplicates.clusters]}
         tables.write_summary(self.folder, self.survey, self.rules, {**facts, **clusters, "shared": self._shared()})
         self._pages(chunks, facts, duplicates, notes)
+
+    def _add(self, chunks: Chunks, entry: Entry, source: bytes, lines: int, duplicates: DuplicateSummary) -> None:
+        """Add an environment to the list, with what its page shows, and to the index of words."""
+        known = history(self.store, entry.origin, self._stages)
+        if known is not None:
+            self._pools.add(entry, known)
+        text = source.decode("utf-8", "replace")
+        self._embedding.add(entry, text)
+        self._words.add(
+            entry.number,
+            [text, *((known.title, known.text, known.brief) if known is not None else ())],
+        )
+        more = {
+            "command": self._command(entry),
+            "record": self._record(entry),
+            "duplicates": duplicates.others(entry.number),
+            "layers": duplicates.layers_of(entry.number),
+            "history": None if known is None else known.page(),
+            "players": played(self.store, entry.environment),
+            "corpus": self._title(),
+            "episodes": [] if self._episodes is None else self._episodes(entry, self.folder),
+        }
+        row = self._facets.row(facets.values(entry, known))
+        chunks.add(entry, source, lines, self._picture(entry), row, more)
+
+    def _record(self, entry: Entry) -> str:
+        """The validation record as JSON; empty if there is no verdict."""
+        if entry.report is None or entry.settings is None:
+            return ""
+        name, source, env_class = entry.environment
+        file = name if self.store.follows_folder else str(self.store.place(source).relative_to(self.store.root))
+        made = record(name, file, source, env_class or None, self._settings[entry.settings], entry.report)
+        return printable(msgspec.json.format(msgspec.json.encode(plain(made)), indent=1).decode())
 
     def _shared(self) -> list[Shared]:
         counts = {row.code: row.environments for row in self.survey.codes()}
@@ -123,7 +188,11 @@ class Site:
 
     def _pages(self, chunks: Chunks, facts: dict[str, Any], duplicates: DuplicateSummary, notes: Sequence[str]) -> None:
         survey = self.survey
-        counts = [(word, survey.verdicts[word]) for word in _WORDS if survey.verdicts[word]]
+        counts = [
+            (word, survey.outcomes[word])
+            for place, word in enumerate(_WORDS)
+            if survey.outcomes[word] or (survey.judged and place < _SHOWN)
+        ]
         common = {
             **facts,
             "survey": survey,
@@ -131,31 +200,32 @@ class Site:
             "words": _WORDS,
             "verdicts": counts,
             "rules": self.rules,
+            "facets": self._facets.legend(),
         }
         listed = {
             "total": survey.total,
             "size": ROWS,
             "folder": _FOLDER,
             "verdicts": chunks.verdicts.words,
-            "checks": chunks.checks.words,
+            "ways": [dict(way) for way in chunks.ways.words],
             "codes": [
                 [code, self.rules[code].name if code in self.rules else "", code in self.rules]
                 for code in chunks.codes.words
             ],
             "words": _WORDS,
+            "facets": common["facets"],
+            "parts": self._words.write(self.folder / "data"),
         }
-        pages = Pages()
+        pages = Pages(self.folder, self._live)
+        pages.write("environments.html", (*_SHARED, *_ENVIRONMENTS), **common, info=data(listed))
         pages.write(
-            self.folder / "environments.html", "environments.html", ("film.js", "list.js"), **common, info=_data(listed)
-        )
-        pages.write(
-            self.folder / "index.html",
             "index.html",
-            ("film.js",),
+            _SHARED,
             **common,
             **self._figures(),
             notes=notes,
             players=self.players,
+            results=self._results,
             others=sum(survey.settings.values()) - max(survey.settings.values(), default=0),
             sheet=[(number, survey.names[number], _picture(number)) for number in self._sheet()],
             slowest=[(number, survey.names[number], value) for number, value in survey.measures[0].highest(_SLOWEST)],
@@ -164,6 +234,8 @@ class Site:
             drawn=charts.CODES,
             shared=self._shared(),
             duplicates=duplicates,
+            points=self._embedding.points(),
+            pools=self._pools.rows(),
             clusters=[
                 (cluster, len(numbers), [(number, self._shown(number)) for number in numbers[:_MEMBERS]])
                 for cluster, numbers in duplicates.clusters[:_CLUSTERS]
@@ -178,7 +250,7 @@ class Site:
         if not survey.judged:
             return {"charts": drawn}
         drawn |= {
-            "cascade": charts.cascade(survey.stages(), survey.judged),
+            "cascade": charts.cascade(survey.stages(), survey.judged, survey.outcomes["pass"]),
             "checks": charts.checks(survey.checks()),
             "spread": charts.distributions(survey.measures[:3]),
         }
@@ -200,49 +272,16 @@ class Site:
         return [numbers[place * len(numbers) // count] for place in range(count)]
 
 
-class Pages:
-    """The templates, with the filters and the policy that all pages share."""
-
-    def __init__(self) -> None:
-        import jinja2
-
-        self._environment = jinja2.Environment(
-            loader=jinja2.FileSystemLoader(TEMPLATES),
-            autoescape=True,
-            undefined=jinja2.StrictUndefined,
-            trim_blocks=True,
-            lstrip_blocks=True,
-        )
-        self._environment.filters |= {
-            "count": lambda value: f"{value:,}",
-            "number": number,
-            "share": lambda value: f"{value:.1%}",
-            "interval": interval,
-            "one_line": one_line,
-            "times": times,
-        }
-
-    def write(self, path: Path, template: str, scripts: Sequence[str], **values: Any) -> None:
-        """Render a page. Its content security policy allows only its own scripts.
-
-        Args:
-            path: the file to write.
-            template: the name of the template.
-            scripts: the files whose text is the script of the page.
-            values: the variables of the template.
-        """
-        style = _text("palette.css", Path(__file__).parents[2] / "reports") + _text("style.css")
-        script = "".join(map(_text, scripts))
-        policy = (
-            f"default-src 'none'; img-src 'self' file: data:; style-src '{_digest(style)}'; "
-            # Scripts that an allowed script loads are allowed, too.
-            f"script-src '{_digest(script)}' 'strict-dynamic'; base-uri 'none'; form-action 'none'"
-        )
-        page = self._environment.get_template(template).render(style=style, script=script, policy=policy, **values)
-        path.write_text(printable(page), "utf-8")
-
-
-def build(store: Store, output: Path, checks: Sequence[Check], files: str = "", notes: Sequence[str] = ()) -> Survey:
+def build(
+    store: Store,
+    output: Path,
+    checks: Sequence[Check],
+    files: str = "",
+    notes: Sequence[str] = (),
+    live: bool = False,
+    episodes: Episodes | None = None,
+    results: Sequence[ResultRow] = (),
+) -> Survey:
     """Write the report on a corpus, and replace an earlier one.
 
     Args:
@@ -251,6 +290,9 @@ def build(store: Store, output: Path, checks: Sequence[Check], files: str = "", 
         checks: all checks in the order in which they run.
         files: the folder that the corpus follows; empty if it follows none.
         notes: lines for the first page.
+        live: as for :class:`Site`.
+        episodes: as for :class:`Site`.
+        results: as for :class:`Site`.
 
     Returns:
         The numbers of the report.
@@ -260,43 +302,10 @@ def build(store: Store, output: Path, checks: Sequence[Check], files: str = "", 
         CorpusDamaged: if the corpus is damaged.
     """
     with replaced(output) as folder:
-        site = Site(store, folder, checks, files)
+        site = Site(store, folder, checks, files, live, episodes, results)
         site.write(notes)
         return site.survey
 
 
-def number(value: float) -> str:
-    """A number with about three digits: ``0.042``, ``3.14``, ``1,250``."""
-    if value >= 100 or value == int(value):
-        return f"{value:,.0f}"
-    return f"{value:.1f}" if value >= 10 else f"{value:.3g}"
-
-
-def times(ratio: float) -> str:
-    """A ratio as a factor, or as a fraction such as ``1/64`` if it is below 0.1."""
-    if ratio < 0.1:
-        return f"1/{1 / ratio:,.0f}"
-    return f"{number(ratio) if ratio >= 1 else f'{ratio:.2f}'}\N{MULTIPLICATION SIGN}"
-
-
-def interval(rate: Proportion) -> str:
-    """An interval such as ``96.1 - 97.9%``, with an en dash."""
-    return f"{100 * rate.low:.1f}\N{EN DASH}{100 * rate.high:.1f}%" if rate.n else ""
-
-
 def _picture(place: int) -> str:
     return f"media/{place // _FOLDER}/{place}.webp"
-
-
-def _text(name: str, folder: Path = TEMPLATES) -> str:
-    return (folder / name).read_text("utf-8")
-
-
-def _data(value: Any) -> str:
-    """JSON in which an HTML parser finds no end of a script."""
-    return json.dumps(plain(value)).replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
-
-
-def _digest(text: str) -> str:
-    """The digest of a text as a content security policy names it."""
-    return f"sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}"

@@ -16,7 +16,9 @@ if TYPE_CHECKING:
 #: A fill in one of these colours becomes the class ``f-NAME``, a stroke the class ``s-NAME``.
 COLOURS = {
     name: f"#0{number:x}0{number:x}0{number:x}"
-    for number, name in enumerate(("ink", "soft", "line", "pass", "fail", "error", "skip", "accent", "paper"), 1)
+    for number, name in enumerate(
+        ("ink", "soft", "line", "pass", "fail", "error", "skip", "accent", "paper", "undecided"), 1
+    )
 }
 _NAMES = {colour: name for name, colour in COLOURS.items()}
 _SVG, _XLINK = "{http://www.w3.org/2000/svg}", "{http://www.w3.org/1999/xlink}href"

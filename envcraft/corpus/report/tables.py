@@ -15,12 +15,24 @@ import msgspec
 from envcraft.corpus.report.data import Entry, Survey
 from envcraft.judging.check import Rule
 from envcraft.judging.statistics import Proportion
-from envcraft.model.verdict import plain
+from envcraft.model.verdict import Outcome, plain
 from envcraft.version import __version__
 
 SCHEMA = 1
-STAGES = ("stage", "input", "failed", "not_judged", "skipped", "output", "pass_rate", "low", "high")
-ENVIRONMENTS = ("name", "class", "source", "verdict", "codes", "steps", "seconds", "lines", "added", "cluster")
+STAGES = ("stage", "input", "failed", "not_judged", "skipped", "undecided", "output", "pass_rate", "low", "high")
+ENVIRONMENTS = (
+    "name",
+    "class",
+    "source",
+    "verdict",
+    "undecided",
+    "codes",
+    "steps",
+    "seconds",
+    "lines",
+    "added",
+    "cluster",
+)
 FINDINGS = ("name", "check", "code", "severity", "line", "message")
 CODES = ("code", "name", "check", "severity", "environments", "findings")
 #: First characters of a cell that spreadsheets evaluate as a formula.
@@ -65,7 +77,8 @@ class Tables:
         name, source, env_class = plain(list(entry.environment))
         report = entry.report
         steps, seconds = (report.steps, report.seconds) if report is not None else (None, None)
-        cells = [name, env_class, source, entry.verdict, " ".join(entry.codes), steps, seconds, lines, entry.added]
+        lists = (" ".join(entry.undecided), " ".join(entry.codes))
+        cells = [name, env_class, source, entry.verdict, *lists, steps, seconds, lines, entry.added]
         self._environments.writerow(map(cell, [*cells, cluster]))
         findings = []
         for check in report.checks if report is not None else ():
@@ -75,6 +88,7 @@ class Tables:
                 findings.append(dict(zip(FINDINGS[1:], row, strict=True)))
         record = {
             **dict(zip(ENVIRONMENTS, [*cells, cluster], strict=True)),
+            "undecided": entry.undecided,
             "codes": entry.codes,
             "origin": entry.origin,
             "findings": findings,
@@ -99,7 +113,9 @@ def write_summary(folder: Path, survey: Survey, rules: dict[str, Rule], more: di
     """
     stages = [
         {
-            **dict(zip(STAGES, (s.name, s.entered, s.failed, s.unjudged, s.skipped, s.left), strict=False)),
+            **dict(
+                zip(STAGES, (s.name, s.entered, s.failed, s.unjudged, s.skipped, s.undecided, s.left), strict=False)
+            ),
             **_rate(s.rate),
         }
         for s in survey.stages()
@@ -119,13 +135,17 @@ def write_summary(folder: Path, survey: Survey, rules: dict[str, Rule], more: di
         **more,
         "environments": survey.total,
         "judged": survey.judged,
-        "verdicts": dict(survey.verdicts),
+        "verdicts": survey.verdicts,
+        "undecided": survey.outcomes[Outcome.UNDECIDED],
         "steps": survey.steps,
         "seconds": survey.seconds,
         "stages": stages,
-        "checks": [{"check": row.name, "seconds": row.seconds, **row.verdicts} for row in survey.checks()],
+        "checks": [{"check": row.name, "seconds": row.seconds, **row.outcomes} for row in survey.checks()],
         "codes": codes,
-        "attempts": [{"attempt": a.number, "judged": a.judged, "passed": a.passed} for a in survey.attempts()],
+        "attempts": [
+            {"attempt": a.number, "judged": a.judged, "passed": a.passed, "undecided": a.undecided}
+            for a in survey.attempts()
+        ],
         "measures": [
             {"measure": m.name, **dict(zip(("median", "p90", "highest"), m.quantiles(0.5, 0.9, 1), strict=False))}
             for m in survey.measures

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import importlib.util
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 from envcraft.contracts.lookup import contract_named
@@ -12,7 +12,8 @@ from envcraft.corpus.deduplication import LAYERS
 from envcraft.corpus.report import media
 from envcraft.corpus.report.duplicates import available_layers
 from envcraft.corpus.report.output import check_usable
-from envcraft.corpus.report.site import build
+from envcraft.corpus.report.results import ResultRow
+from envcraft.corpus.report.site import Episodes, build
 from envcraft.corpus.store import FOLDER_CORPUS, Store, verdicts
 from envcraft.errors import UsageError
 from envcraft.judging.driver import Driver
@@ -48,6 +49,9 @@ def write_report(
     driver: Driver | None = None,
     workers: int | None = None,
     message: Callable[[str], None] = lambda text: None,
+    live: bool = False,
+    episodes: Episodes | None = None,
+    results: Sequence[ResultRow] = (),
 ) -> None:
     """Write the report on a corpus.
 
@@ -59,6 +63,9 @@ def write_report(
         driver: the sandbox driver for previews; None to make no previews.
         workers: how many previews to make at the same time; None for as many as there are cores.
         message: called with each line for the user.
+        live: as for :class:`envcraft.corpus.report.site.Site`.
+        episodes: as for :class:`envcraft.corpus.report.site.Site`.
+        results: of training, for the first page.
 
     Raises:
         UsageError: if the report cannot be written.
@@ -79,7 +86,7 @@ def write_report(
                 message(f"{plural(sum(made), 'environment')} played for previews")
     for note in notes:
         message(note)
-    survey = build(store, output, all_checks(), files, notes)
+    survey = build(store, output, all_checks(), files, notes, live, episodes, results)
     message(f"{output / 'index.html'}: {plural(survey.total, 'environment')}")
 
 

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import msgspec
 
 from envcraft.corpus.store.rows import Environment
-from envcraft.corpus.store.store import MAY_BE_LAST, UNSETTLED, Store, now
+from envcraft.corpus.store.store import MAY_BE_LAST, UNDECIDED, UNSETTLED, Store, now
 
 #: The environments that an audit selects, each with the settings whose verdict counts, in the temporary database of the
 #: connection.
@@ -176,6 +176,12 @@ def findings(store: Store) -> Iterator[FindingRow]:
 def verdict_counts(store: Store) -> dict[str, int]:
     """The number of selected environments with each verdict."""
     return dict(_rows(store, "verdicts.verdict, count(*)", "verdicts.id IS NOT NULL GROUP BY verdicts.verdict"))
+
+
+def undecided(store: Store) -> int:
+    """The number of selected environments that pass and have a check that left its question open."""
+    count: int = next(_rows(store, "count(*)", UNDECIDED.format("verdicts")))[0]
+    return count
 
 
 def code_counts(store: Store) -> dict[str, int]:

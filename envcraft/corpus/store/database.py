@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import fcntl
 import os
+import shutil
 import sqlite3
 from collections.abc import Iterator
 from pathlib import Path
@@ -15,6 +16,8 @@ from envcraft.errors import EnvCraftError, UsageError
 DATABASE, LOCK = "corpus.sqlite", "lock"
 #: Files that an interrupted :func:`create` leaves behind.
 UNFINISHED = (f"{DATABASE}.new", f"{DATABASE}.new-journal")
+#: Bytes that SQLite needs for the index of its log.
+_ROOM = 64 * 1024
 #: Errors of SQLite about folders, disks and other processes, not about the content of the database.
 _ENVIRONMENT_ERRORS = {
     sqlite3.SQLITE_PERM,
@@ -49,8 +52,13 @@ def connect(root: Path, write: bool) -> sqlite3.Connection:
     Raises:
         sqlite3.Error: if SQLite cannot open it.
     """
-    db = sqlite3.connect(_uri(root / DATABASE, write), uri=True, isolation_level=None, timeout=30.0)
+    database = root / DATABASE
+    db = sqlite3.connect(_uri(database, write), uri=True, isolation_level=None, timeout=30.0)
     try:
+        if not write and not _is_readable(db) and not _has_log(database):
+            # The index of the log has no room on a full disk. All data is in the database, and a writer has no room.
+            db.close()
+            db = sqlite3.connect(_uri(database, write, fixed=True), uri=True, isolation_level=None)
         db.execute("PRAGMA foreign_keys = ON")
         if write:
             db.execute("PRAGMA journal_mode = WAL")
@@ -62,14 +70,27 @@ def connect(root: Path, write: bool) -> sqlite3.Connection:
     return db
 
 
-def _uri(database: Path, write: bool) -> str:
-    """The URI of a database.
+def _is_readable(db: sqlite3.Connection) -> bool:
+    try:
+        db.execute("PRAGMA schema_version").fetchone()
+    except sqlite3.OperationalError as error:
+        return error.sqlite_errorcode & 0xFF not in (sqlite3.SQLITE_IOERR, sqlite3.SQLITE_FULL, sqlite3.SQLITE_CANTOPEN)
+    return True
+
+
+def _has_log(database: Path) -> bool:
+    """Whether the write-ahead log holds what the database does not."""
+    log = database.with_name(f"{database.name}-wal")
+    return os.path.isfile(log) and os.path.getsize(log) > 0
+
+
+def _uri(database: Path, write: bool, fixed: bool = False) -> str:
+    """The URI of a database; `fixed` says that no process writes to it meanwhile.
 
     A reader also needs the write-ahead log and its index beside the database. If they are missing and the folder is
     read-only, no process can write, and SQLite opens the database as immutable.
     """
-    log = database.with_name(f"{database.name}-wal")
-    fixed = not os.access(database.parent, os.W_OK) and not (os.path.isfile(log) and os.path.getsize(log))
+    fixed = fixed or (not os.access(database.parent, os.W_OK) and not _has_log(database))
     options = "mode=rw" if write else "mode=ro&immutable=1" if fixed else "mode=ro"
     return f"{database.absolute().as_uri()}?{options}"
 
@@ -114,8 +135,10 @@ def lock(root: Path) -> int:
         os.close(descriptor)
         process = f"process {holder}" if holder.isdigit() else "another process"
         raise CorpusBusy(f"{process} is writing to the corpus {root}: wait for it to end, or end it") from None
-    os.truncate(descriptor, 0)
-    os.pwrite(descriptor, str(os.getpid()).encode(), 0)
+    # The number is only for the message of another process, so a full disk may leave it out.
+    with contextlib.suppress(OSError):
+        os.truncate(descriptor, 0)
+        os.pwrite(descriptor, str(os.getpid()).encode(), 0)
     return descriptor
 
 
@@ -131,6 +154,8 @@ def translated(root: Path) -> Iterator[None]:
 def translation(root: Path, error: sqlite3.Error) -> EnvCraftError:
     """The error to raise in place of an error of SQLite."""
     if getattr(error, "sqlite_errorcode", 0) & 0xFF in _ENVIRONMENT_ERRORS:
+        if shutil.disk_usage(root).free < _ROOM:
+            return EnvCraftError(f"the disk is full, so the corpus {root} cannot be written; free some space")
         return EnvCraftError(f"cannot read or write the corpus database {root / DATABASE}: {error}")
     return CorpusDamaged(
         f"the corpus database {root / DATABASE} is damaged ({error})",

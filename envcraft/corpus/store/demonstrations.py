@@ -152,3 +152,21 @@ def outcomes(store: Store) -> Iterator[tuple[str, EpisodeOutcome]]:
     )
     for player, *row in cursor:
         yield player, EpisodeOutcome(*row)
+
+
+def outcomes_of(store: Store, source: str, env_class: str) -> Iterator[tuple[str, EpisodeOutcome]]:
+    """The player and the outcome of each complete episode of an environment, sorted by player, the newest first.
+
+    Args:
+        store: the corpus.
+        source: the SHA-256 of the environment's source.
+        env_class: its class.
+    """
+    cursor = store.db.execute(
+        "SELECT player, episodes.steps, total, success FROM episodes JOIN demonstrations AS d "
+        "ON d.id = episodes.demonstration WHERE ending != 'cut' AND total IS NOT NULL AND source = ? AND class = ? "
+        "ORDER BY player, d.id DESC, number",
+        (source, env_class),
+    )
+    for player, *row in cursor:
+        yield player, EpisodeOutcome(*row)

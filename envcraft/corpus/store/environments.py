@@ -7,13 +7,14 @@ from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 from envcraft.corpus.store.rows import Environment
-from envcraft.corpus.store.store import Store
+from envcraft.corpus.store.store import UNDECIDED, Store
+from envcraft.model.verdict import Outcome
 
 _COLUMNS = "name, source, class, origin"
 #: Each environment with the last verdict on it, which counts only while the source and the class are the same.
 _LISTED = (
     "SELECT name, environments.source, environments.class, origin, added, "
-    "verdicts.verdict AS judged, steps, seconds, "
+    f"verdicts.verdict AS judged, {UNDECIDED.format('verdicts')} AS undecided, steps, seconds, "
     "(SELECT group_concat(code, ' ') FROM (SELECT DISTINCT code FROM findings "
     "WHERE findings.verdict = verdicts.id ORDER BY code)) AS codes "
     "FROM environments LEFT JOIN verdicts ON verdicts.id = environments.verdict "
@@ -40,13 +41,15 @@ class EnvironmentRow(NamedTuple):
 class Listed(NamedTuple):
     """An environment with the last verdict on its present source.
 
-    `verdict`, `steps` and `seconds` are None if there is no verdict; `codes` are those of the findings, sorted.
+    `verdict`, `steps` and `seconds` are None if there is no verdict; `undecided` says whether it is a pass with a check
+    that left its question open; `codes` are those of the findings, sorted.
     """
 
     environment: Environment
     origin: dict[str, Any]
     added: str
     verdict: str | None
+    undecided: bool
     steps: int | None
     seconds: float | None
     codes: list[str]
@@ -113,22 +116,25 @@ def with_source(store: Store, sha256: str, name: str) -> Environment | None:
 
 
 def listed(
-    store: Store, verdict: str | None = None, code: str | None = None, pattern: str | None = None
+    store: Store, outcome: str | None = None, code: str | None = None, pattern: str | None = None
 ) -> Iterator[Listed]:
     """Environments with the last verdict on each, in the order of their names.
 
     Args:
         store: the corpus.
-        verdict: only those with this verdict; ``none`` for those without a verdict.
+        outcome: only those with this outcome (:class:`envcraft.model.verdict.Outcome`); ``none`` for those without a
+            verdict.
         code: only those with a finding of this code.
         pattern: only those whose names match this GLOB pattern.
     """
     conditions, values = ["1"], []
-    if verdict == "none":
+    if outcome == "none":
         conditions.append("judged IS NULL")
-    elif verdict is not None:
-        conditions.append("judged = ?")
-        values.append(verdict)
+    elif outcome == Outcome.UNDECIDED:
+        conditions.append("undecided")
+    elif outcome is not None:
+        conditions.append("judged = ? AND NOT undecided")
+        values.append(outcome)
     if code is not None:
         conditions.append("verdicts.id IN (SELECT verdict FROM findings WHERE code = ?)")
         values.append(code)
@@ -150,6 +156,7 @@ def _row(row: tuple[Any, ...]) -> EnvironmentRow:
 
 
 def _listed(row: tuple[Any, ...]) -> Listed:
-    name, source, env_class, origin, *judged, codes = row
+    name, source, env_class, origin, added, verdict, undecided, steps, seconds, codes = row
     environment = Environment(name, source, env_class)
-    return Listed._make((environment, json.loads(origin), *judged, codes.split() if codes else []))
+    judged = (verdict, bool(undecided), steps, seconds)
+    return Listed(environment, json.loads(origin), added, *judged, codes.split() if codes else [])

@@ -83,6 +83,11 @@ def concepts(store: Store) -> list[str]:
     return [concept for (concept,) in store.db.execute("SELECT id FROM concepts ORDER BY id")]
 
 
+def concept_data(store: Store) -> Iterator[dict[str, Any]]:
+    """The plain data of each concept."""
+    return (json.loads(data) for (data,) in store.db.execute("SELECT data FROM concepts"))
+
+
 def concept(store: Store, number: str) -> ConceptRow | None:
     """The concept with this id; None if there is none."""
     row = store.db.execute("SELECT id, title, text, data FROM concepts WHERE id = ?", (number,)).fetchone()
@@ -107,6 +112,11 @@ def outcomes(store: Store, number: str | None = None) -> list[OutcomeRow]:
         (number,),
     )
     return [OutcomeRow._make((*row, json.loads(facts))) for *row, facts in cursor]
+
+
+def stages(store: Store) -> list[str]:
+    """The stages that have outcomes, sorted."""
+    return [stage for (stage,) in store.db.execute("SELECT DISTINCT stage FROM outcomes ORDER BY stage")]
 
 
 def outcome_results(store: Store) -> Iterator[tuple[str, str, str, str]]:

@@ -10,6 +10,7 @@ import contextlib
 import hashlib
 import json
 import os
+import shutil
 import sqlite3
 from collections.abc import Iterator
 from datetime import UTC, datetime
@@ -40,6 +41,11 @@ MAY_BE_LAST = """(
 
 #: The condition that a verdict is not settled: EnvCraft could not judge, or the clock decided.
 UNSETTLED = "({0}.verdict = 'error' OR coalesce(json_extract({0}.report, '$.out_of_time'), 0))"
+#: The condition that a verdict is a pass with a check that left its question open. The first search is quick, and what
+#: it finds may also be a key in evidence.
+UNDECIDED = """({0}.verdict = 'pass' AND instr({0}.report, '"undecided":true') AND EXISTS (
+    SELECT 1 FROM json_each({0}.report, '$.checks') AS one
+    WHERE json_extract(one.value, '$.undecided') AND json_extract(one.value, '$.verdict') = 'skip'))"""
 
 
 class Store:
@@ -98,6 +104,7 @@ class Store:
         Raises:
             UsageError: if `root` is not empty or cannot be written.
         """
+        fresh = not root.exists()
         try:
             root.mkdir(parents=True, exist_ok=True)
             if is_corpus(root):
@@ -113,6 +120,10 @@ class Store:
                     # It lies in a folder that may be under version control.
                     (root / ".gitignore").write_text("*\n", "utf-8")
                 database.create(root, folder)
+            except BaseException:
+                if fresh:
+                    shutil.rmtree(root, ignore_errors=True)
+                raise
             finally:
                 os.close(lock)
         except OSError as error:

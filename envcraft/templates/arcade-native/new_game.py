@@ -69,7 +69,7 @@ class NewGame(gym.Env[NDArray[np.uint8], NDArray[np.int64]]):
         return frame
 
     def _info(self) -> dict[str, Any]:
-        # Whoever trains an agent reads here whether the episode was won.
+        # Training programs read here whether the episode was won.
         return {"is_success": self.caught == CATCH, "caught": self.caught}
 
     def _drop(self) -> None:

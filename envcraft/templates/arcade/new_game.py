@@ -68,7 +68,7 @@ class NewGame(gym.Env[NDArray[np.uint8], NDArray[np.int64]]):
         return field.repeat(PIXELS, axis=0).repeat(PIXELS, axis=1)
 
     def _info(self) -> dict[str, Any]:
-        # Whoever trains an agent reads here whether the episode was won.
+        # Training programs read here whether the episode was won.
         return {"is_success": self.won, "lamps": LAMPS - len(self.lamps)}
 
     def _walk(self, direction: tuple[int, int], cells: int) -> float:

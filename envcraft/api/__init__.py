@@ -1,0 +1,1 @@
+"""Validation from Python: what ``envcraft.validate`` and ``envcraft.check_env`` do, and what they return."""

@@ -1,0 +1,252 @@
+"""``envcraft.validate`` and ``envcraft.check_env``."""
+
+from __future__ import annotations
+
+import contextlib
+import inspect
+import json
+import os
+import sys
+import warnings
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import msgspec
+
+from envcraft.api.extraction import target_of
+from envcraft.api.report import ShownReport
+from envcraft.cli.commands.targets import resolve
+from envcraft.contracts.lookup import contract_named
+from envcraft.errors import EnvCraftError, UsageError
+from envcraft.judging.budget import BUDGETS
+from envcraft.judging.engine import Plan
+from envcraft.judging.engine import validate as judge
+from envcraft.judging.installed import installed
+from envcraft.judging.selection import driver_named, rules_of, select_checks
+from envcraft.judging.severity import OFF, SeverityPolicy, severity_table
+from envcraft.judging.verdict_cache import record
+from envcraft.model.events import Finished
+from envcraft.model.project import with_project
+from envcraft.model.target import Kind, Target, read_policy
+from envcraft.model.verdict import Finding, Severity, Verdict
+from envcraft.registry import lookup
+
+#: Wrappers that ``gymnasium.make`` adds, which say nothing about the environment.
+_USUAL = ("OrderEnforcing", "PassiveEnvChecker", "TimeLimit")
+#: The codes that the parameters of Gymnasium's check_env leave out.
+_RENDERING, _CLOSING = ("EC112", "EC116", "EC117"), ("EC113",)
+
+
+class CheckFailed(EnvCraftError, AssertionError):
+    """An environment has defects. As other checkers raise AssertionError, this is one.
+
+    Attributes:
+        report: the whole report.
+    """
+
+    def __init__(self, message: str, report: ShownReport) -> None:
+        super().__init__(message)
+        self.report = report
+
+
+def validate(
+    target: str | os.PathLike[str] | type,
+    *,
+    contract: str = "arcade",
+    sandbox: str = "auto",
+    budget: str = "standard",
+    checks: Sequence[str] | None = None,
+    skip: Sequence[str] = (),
+    seed: int = 0,
+    env_class: str | None = None,
+    kwargs: Mapping[str, Any] | None = None,
+    wrappers: Sequence[str] = (),
+    policy: str | None = None,
+    time_limit: float | None = None,
+    fail_fast: bool = False,
+    exitfirst: bool = False,
+    strict: bool = False,
+    workers: int | None = None,
+) -> ShownReport:
+    """Validate environments in a sandbox, as ``envcraft validate`` does.
+
+    Args:
+        target: A file, a folder, ``package.module:Class``, a registered id, a class, or the text of a module. A text
+            has a line break. A class of a script or a notebook is judged from its source.
+        contract: What the environment promises.
+        sandbox: ``auto``, ``docker``, ``bubblewrap`` or ``process``.
+        budget: How much to play: ``quick``, ``standard`` or ``thorough``.
+        checks: The checks to run; None for all.
+        skip: Checks not to run.
+        seed: Seed of all episodes.
+        env_class: The class, if a file or text defines several.
+        kwargs: Arguments of the constructor, which JSON can represent.
+        wrappers: ``module:func`` of each wrapper to apply, the innermost first.
+        policy: A file with a privileged policy for the check ``difficulty``.
+        time_limit: Seconds for each environment; None for the budget's.
+        fail_fast: End each environment at its first error.
+        exitfirst: End the run after the first environment that fails.
+        strict: Treat warnings as errors, and undecided checks as failed.
+        workers: The number of jobs that run in parallel; None for one per core.
+
+    Returns:
+        The report. It prints itself, and notebooks show it as HTML.
+
+    Raises:
+        UsageError: A name does not exist, or the source of a class is not known.
+        SandboxUnavailable: No sandbox of this kind works here.
+    """
+    given = ",".join(checks) if checks is not None else None
+    selected = select_checks(given, ",".join(skip) or None)
+    severity = SeverityPolicy(severity_table(Path.cwd()), strict, comments=True)
+    lookup("budget", budget, BUDGETS)
+    changes = {"kwargs": _json(kwargs or {}), "wrappers": tuple(wrappers)}
+    targets = [msgspec.structs.replace(each, **changes) for each in _targets(target, env_class)]
+    with contextlib.closing(driver_named(sandbox)) as driver:
+        plan = Plan(
+            targets,
+            contract_named(contract),
+            driver,
+            selected,
+            BUDGETS[budget],
+            seed,
+            read_policy(policy) if policy else None,
+            time_limit=time_limit,
+            fail_fast=fail_fast,
+            severity=severity,
+        )
+        report = _judged(plan, workers, exitfirst)
+        record(plan, report)
+        return report
+
+
+def check_env(
+    env: gymnasium.Env[Any, Any] | type | str,
+    warn: bool | None = True,
+    skip_render_check: bool = False,
+    skip_close_check: bool = False,
+    *,
+    contract: str = "gymnasium",
+    sandbox: str = "auto",
+    budget: str = "quick",
+    seed: int = 0,
+    kwargs: Mapping[str, Any] | None = None,
+) -> None:
+    """Check an environment, in place of the functions of this name of Gymnasium and stable-baselines3.
+
+    A new instance of the same class, or of the same registered id, is judged in a sandbox. The instance itself is not
+    stepped. Wrappers around it are left out, with a warning.
+
+    Args:
+        env: An instance, a class, or a registered id.
+        warn: Whether findings of the severity ``warning`` are Python warnings.
+        skip_render_check: Leave out findings about rendering.
+        skip_close_check: Leave out findings about ``close()``.
+        contract: What the environment promises.
+        sandbox: As for :func:`validate`.
+        budget: As for :func:`validate`.
+        seed: Seed of all episodes.
+        kwargs: Arguments of the constructor. An instance of a registered id has its own.
+
+    Raises:
+        CheckFailed: The environment has defects: the message has each finding, and `report` everything. It is an
+            AssertionError.
+        UsageError: The source of the class is not known, or an argument has no JSON.
+        EnvCraftError: The environment could not be judged.
+    """
+    target, given = _checked(env)
+    left_out = [*(_RENDERING if skip_render_check else ()), *(_CLOSING if skip_close_check else ())]
+    table = severity_table(Path.cwd()) | dict.fromkeys(left_out, OFF)
+    target = msgspec.structs.replace(target, kwargs=_json(given if kwargs is None else kwargs))
+    lookup("budget", budget, BUDGETS)
+    with contextlib.closing(driver_named(sandbox)) as driver:
+        promised, selected = contract_named(contract), select_checks(None, None)
+        severity = SeverityPolicy(table, comments=True)
+        plan = Plan([target], promised, driver, selected, BUDGETS[budget], seed, severity=severity)
+        report = _judged(plan)
+    [subject] = report.reports
+    rules = rules_of(plan.checks)
+    found = [(finding, subject.file) for check in subject.checks for finding in check.findings]
+    for finding, file in found:
+        if warn and finding.severity is Severity.WARNING:
+            warnings.warn(_words(finding, file), stacklevel=2)
+    if subject.verdict is Verdict.ERROR:
+        raise EnvCraftError(f"{subject.path} could not be judged: {subject.reason}")
+    errors = [(finding, file) for finding, file in found if finding.severity is Severity.ERROR]
+    if errors:
+        lines = [f"{_words(finding, file)}\n  fix: {rules[finding.code].fix}" for finding, file in errors]
+        raise CheckFailed("\n".join(lines), report)
+
+
+def _judged(plan: Plan, workers: int | None = None, exitfirst: bool = False) -> ShownReport:
+    with contextlib.closing(judge(plan, workers, exitfirst=exitfirst)) as events:
+        [report] = [event.report for event in events if isinstance(event, Finished)]
+    wrong = [check.reason for subject in report.reports for check in subject.checks if check.wrong_use]
+    if wrong:
+        raise UsageError(wrong[0])
+    return ShownReport.of(report)
+
+
+def _words(finding: Finding, file: str) -> str:
+    place = f"{file}:{finding.line}: " if finding.line else f"{file}: "
+    return f"{place}{finding.code} {finding.message}"
+
+
+def _targets(target: str | os.PathLike[str] | type, env_class: str | None) -> list[Target]:
+    if isinstance(target, type):
+        return [_class(target)]
+    if isinstance(target, str) and "\n" in target:
+        return [Target("source.py", target.encode(), env_class)]
+    return resolve(os.fspath(target), env_class)
+
+
+def _checked(env: Any) -> tuple[Target, dict[str, Any]]:
+    """The target of what a caller checks, with the arguments of its constructor."""
+    if isinstance(env, str):
+        return Target(env, kind=Kind.ID), {}
+    if isinstance(env, type):
+        return _class(env), {}
+    if not isinstance(env, gymnasium.Env):
+        raise UsageError(f"{type(env).__name__} is not a gymnasium.Env; pass an environment, its class or its id")
+    layers = []
+    layer: Any = env
+    while isinstance(layer, gymnasium.Wrapper):
+        layers.append(type(layer).__name__)
+        layer = layer.env
+    if others := [name for name in layers if name not in _USUAL]:
+        words = f"the environment is judged without its wrappers: {', '.join(others)}"
+        warnings.warn(words, stacklevel=3)
+    inner, spec = env.unwrapped, env.spec
+    kwargs = {key: value for key, value in (spec.kwargs if spec else {}).items() if key != "render_mode"}
+    target = _class(type(inner))
+    if spec is not None and target.kind is Kind.MODULE:
+        # Its package registers the id, with a limit of steps for example.
+        return Target(f"{type(inner).__module__.partition('.')[0]}:{spec.id}", kind=Kind.ID), kwargs
+    return target, kwargs
+
+
+def _class(kind: type) -> Target:
+    """The target of a class: its module if a worker can import that, else its source."""
+    if not issubclass(kind, gymnasium.Env):
+        raise UsageError(f"{kind.__qualname__} does not derive from gymnasium.Env")
+    try:
+        file = inspect.getsourcefile(kind)
+    except (OSError, TypeError):
+        file = None
+    places = installed()
+    folders = [sys.prefix, sys.base_prefix, *places.paths, *places.folders]
+    if kind.__module__ != "__main__" and file and any(Path(file).is_relative_to(folder) for folder in folders):
+        return Target(f"{kind.__module__}:{kind.__qualname__}", kind=Kind.MODULE)
+    return with_project(target_of(kind))
+
+
+def _json(kwargs: Mapping[str, Any]) -> dict[str, Any]:
+    """Arguments that reach the worker as they are. Raises UsageError."""
+    try:
+        read = json.loads(json.dumps(dict(kwargs)))
+    except (TypeError, ValueError) as error:
+        raise UsageError(f"an argument of the constructor has no JSON: {error}") from None
+    assert isinstance(read, dict)
+    return read

@@ -1,0 +1,51 @@
+"""The report with one line for each finding, as compilers print them, for editors and for grep."""
+
+from __future__ import annotations
+
+from envcraft.model.events import Event, Finished, SubjectFinished
+from envcraft.model.verdict import Finding, Severity, SubjectReport, Verdict
+from envcraft.plugins import hookimpl
+from envcraft.reports.reporter import Reporter
+from envcraft.reports.summary import summary_words
+from envcraft.text import one_line
+
+
+class ConciseReporter(Reporter):
+    """Write ``path:line: code message``, without the line where a finding has none, and a summary at the end.
+
+    A line is written as soon as its subject is judged, so subjects that are judged side by side are not in order.
+    """
+
+    name = "concise"
+    summary = "one line for each finding, as compilers print: path:line: code message"
+
+    def handle(self, event: Event) -> None:
+        if isinstance(event, SubjectFinished):
+            for line in _lines(event.report):
+                self.write(f"{line}\n")
+        elif isinstance(event, Finished) and self.verbosity >= 0:
+            self.write(f"{summary_words(event.report)}\n")
+
+
+def _lines(report: SubjectReport) -> list[str]:
+    file = one_line(report.file)
+    lines = [_line(file, finding) for check in report.checks for finding in check.findings]
+    lost = [
+        f"{file}: error: the check {one_line(check.check)} could not judge: {one_line(check.reason)}"
+        for check in report.checks
+        if check.verdict is Verdict.ERROR
+    ]
+    if report.verdict is Verdict.ERROR and not lost:
+        lost = [f"{file}: error: could not be judged: {one_line(report.reason)}"]
+    return lines + lost
+
+
+def _line(file: str, finding: Finding) -> str:
+    place = f"{file}:{finding.line}" if finding.line else file
+    warning = " (warning)" if finding.severity is Severity.WARNING else ""
+    return f"{place}: {one_line(finding.code)}{warning} {one_line(finding.message)}"
+
+
+@hookimpl
+def envcraft_reporters() -> list[type[Reporter]]:
+    return [ConciseReporter]

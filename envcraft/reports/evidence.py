@@ -1,0 +1,77 @@
+"""What a finding is shown with: the line of the file, the values that differ, the traceback, and what was printed."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from pathlib import Path
+from typing import Any
+
+from envcraft.model.target import MAX_SOURCE, Kind
+from envcraft.model.verdict import Finding, SubjectReport, plain
+from envcraft.text import one_line, printable
+
+_WIDTH = 200
+#: The end of a traceback is where it was raised, and the last lines are what was printed last.
+_TRACEBACK, _PRINTED = 6, 3
+#: Evidence that is shown in a form of its own, or that the message or the reproduction has already.
+_APART = {"traceback", "output", "first", "second", "field", "step"}
+
+
+def source_line(report: SubjectReport, finding: Finding) -> str:
+    """Return the line of the file that a finding names, or "" if there is none or the file has changed since.
+
+    The file is read as text and not run.
+    """
+    if finding.line is None or finding.line < 1 or report.kind is not Kind.SOURCE or report.module is not None:
+        return ""
+    try:
+        with Path(report.path).open("rb") as stream:
+            data = stream.read(MAX_SOURCE + 1)
+    except (OSError, ValueError):
+        return ""
+    if hashlib.sha256(data).hexdigest() != report.source_sha256:
+        return ""
+    lines = data.decode("utf-8", "replace").splitlines()
+    return _cut(lines[finding.line - 1]).rstrip() if finding.line <= len(lines) else ""
+
+
+def evidence_lines(finding: Finding, everything: bool = False) -> list[tuple[str, str]]:
+    """Return lines of evidence, each with its label.
+
+    Args:
+        finding: the finding.
+        everything: all evidence in full, not only the values that differ, and the end of the traceback and of what was
+            printed.
+    """
+    evidence = finding.evidence
+    lines = [
+        (label, _value(evidence[name]))
+        for label, name in (("expected", "first"), ("found", "second"))
+        if evidence.get(name) is not None
+    ]
+    traceback = _lines(evidence.get("traceback"))
+    lines += [("", line) for line in (traceback if everything else traceback[-_TRACEBACK:])]
+    output = _lines(evidence.get("output"))
+    lines += [("printed", line) for line in (output if everything else output[-_PRINTED:])]
+    if everything:
+        lines += [
+            (one_line(name), _value(value))
+            for name, value in evidence.items()
+            if name not in _APART and value is not None
+        ]
+    return lines
+
+
+def _lines(text: Any) -> list[str]:
+    return [_cut(line) for line in str(text or "").splitlines() if line.strip()]
+
+
+def _value(value: Any) -> str:
+    return _cut(value if isinstance(value, str) else json.dumps(plain(value)))
+
+
+def _cut(text: str) -> str:
+    """Return one printable line of bounded length, with its indentation."""
+    line = printable(text.expandtabs(4).replace("\n", " "))
+    return line if len(line) <= _WIDTH else f"{line[: _WIDTH - 1]}…"
