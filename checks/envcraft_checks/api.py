@@ -7,14 +7,14 @@ before the first reset. It also resets once more after an episode, calls `reset(
 do, and constructs an instance after another one was closed. An environment that defines `render` must follow
 Gymnasium's conventions for it.
 
-In every episode the check compares each action before and after `step`, and each observation that the environment
-still refers to with what was returned. In one episode it holds all observations, as a replay memory does, and also
-compares them after the next reset. It reads the spaces again after the reset, after 1, 2, 4, 8 … steps and at the
-end; equal ones may be new objects.
+In every episode the check compares each action before and after `step`, and each observation that the environment still
+refers to with what was returned. In one episode it keeps all observations, as a replay memory does, and also compares
+them after the next reset. It reads the spaces again after the reset, after 1, 2, 4, 8 … steps and at the end. A space
+may be a new object if it is equal.
 
-The check searches for exceptions: it plays random actions, holds single actions, plays every action at every step in
-rotation, goes on playing after a success, a reward or a loss, tries rare actions on copies of states (those of the
-longest episode, and the last ones on the way to a win), and explores from states that few actions have left.
+The check searches for exceptions: it plays random actions, holds single actions, plays all actions in rotation,
+continues after a success, a reward or a loss, tries rare actions on copies of states (those of the longest episode, and
+the last ones on the way to a win), and explores from states in which few actions were tried.
 
 ## Why is this bad?
 Agents batch, store and replay the values that an environment returns. One frame of another shape at the end of an
@@ -82,9 +82,16 @@ class Api(Check):
             "EC101",
             "observation-space",
             "The observation space is not the contract's.",
-            "Declare the contract's space.",
+            "Declare the contract's space, or name the environment's own contract with --contract.",
+            gate=True,
         ),
-        Rule("EC102", "action-space", "The action space is not the contract's.", "Declare the contract's space."),
+        Rule(
+            "EC102",
+            "action-space",
+            "The action space is not the contract's.",
+            "Declare the contract's space, or name the environment's own contract with --contract.",
+            gate=True,
+        ),
         Rule(
             "EC103",
             "reset-parameters",
@@ -129,7 +136,7 @@ class Api(Check):
         Rule(
             "EC113",
             "close-raises",
-            "close() raises: before a reset, or when it is called once or twice.",
+            "close() raises: before a reset, after an episode, or at the second call.",
             "In close(), free only resources that this instance has opened, and allow a second call.",
         ),
         Rule("EC114", "info", "info is not a dict with str keys.", "Return a dict; it may be empty."),
@@ -142,20 +149,24 @@ class Api(Check):
         Rule(
             "EC116",
             "render-conventions",
-            "What Gymnasium expects of an environment that renders is missing.",
+            "The environment lacks metadata or arguments that Gymnasium needs to render it.",
             'Take render_mode, and declare metadata = {"render_modes": ["rgb_array"], "render_fps": 30}.',
             Severity.WARNING,
         ),
         Rule(
             "EC117",
             "render-mode-dropped",
-            "The constructor takes render_mode and does not keep it.",
+            "The constructor takes render_mode and does not store it.",
             "Set `self.render_mode = render_mode`: wrappers such as RecordVideo refuse an environment without it.",
         ),
     )
 
     def judge(self, subject: Subject) -> Iterator[Finding]:
-        yield from self._judge_spaces(subject)
+        spaces = list(self._judge_spaces(subject))
+        yield from spaces
+        if spaces:
+            return
+        yield from self._judge_conventions(subject)
         if "seed" not in subject.load().description.get("reset", ("seed",)):
             return
         seen: set[str] = set()
@@ -173,16 +184,20 @@ class Api(Check):
                     yield self._smallest(subject, crash, finding)
 
     def confirm(self, subject: Subject, finding: Finding) -> Finding | None:
-        if finding.code in ("EC101", "EC102", "EC103", "EC116", "EC117"):
+        if finding.code in ("EC101", "EC102"):
             found = self._judge_spaces(subject)
+        elif finding.code in ("EC103", "EC116", "EC117"):
+            found = self._judge_conventions(subject)
         else:
             conditions = Conditions.from_json(finding.repro.conditions)
             found = self.find(subject, subject.rollout(Rollout(finding.repro.seed, finding.repro.actions, conditions)))
         return next((again for again in found if again.code == finding.code), None)
 
     def _judge_spaces(self, subject: Subject) -> Iterator[Finding]:
+        from envcraft.judging.fit import fitting_contract
         from envcraft.spaces.spec import Unknown, read_space
 
+        """Compare the declared spaces with the contract's."""
         description = subject.load().description
         for code, name, promised in (
             ("EC101", "observation_space", subject.contract.observation),
@@ -194,7 +209,14 @@ class Api(Check):
             if promised is None and isinstance(space, Unknown) and not space.custom:
                 yield self.finding(code, f"{name} is {space}, which is not a Gymnasium space", line=line)
             elif promised is not None and space != (expected := read_space(promised)):
-                yield self.finding(code, f"{name} is {space}, not {expected}", line=line, given=given)
+                fits = fitting_contract(description, subject.contract)
+                hint = f"; the environment fits another contract: --contract {fits}" if fits else ""
+                words = f"{name} is {space}, not {expected}{hint}"
+                yield self.finding(code, words, line=line, given=given, fits=fits)
+
+    def _judge_conventions(self, subject: Subject) -> Iterator[Finding]:
+        """Judge the parameters of reset() and what wrappers that render expect."""
+        description = subject.load().description
         yield from self._judge_rendering(subject)
         if "reset" in description and set(description["reset"]) != {"seed", "options"}:
             missing = " and ".join(name + "=" for name in ("seed", "options") if name not in description["reset"])
@@ -211,7 +233,7 @@ class Api(Check):
         if not rendering["takes"] and (required or modes):
             wrong.append("the constructor does not take render_mode")
         elif given is not None and given != kept:
-            words = f"the constructor takes render_mode={given!r}, and render_mode is {kept!r} then"
+            words = f"the constructor receives render_mode={given!r}, but then render_mode is {kept!r}"
             if required:
                 yield self.finding("EC117", words, line=line, given=given, kept=kept)
             else:
@@ -309,7 +331,7 @@ class Api(Check):
             words = f"step {step} changed its action to {str(now)[:200]}"
             yield self.finding("EC111", words, line=subject.line_of("step"), step=step)
         for change in trace.spaces[:1]:
-            words = f"{change.name} is {change.now} at {_at(change.step)}, and {change.before} before the reset"
+            words = f"{change.name} is {change.now} at {_at(change.step)}, but was {change.before} before the reset"
             if change.now == change.before:
                 words = f"{change.name}, {change.now}, has other bounds at {_at(change.step)} than before the reset"
             line = subject.line_of("step" if change.step else "reset")

@@ -5,8 +5,9 @@ Checks that the game can be won, and that winning takes decisions.
 
 With `--policy FILE` a privileged policy plays in the worker: a class with `act(state)`, which reads the environment's
 attributes from the state, or a function `policy(env)`. The check then steps the policy's actions without the policy. If
-the traces differ, the policy changed the environment. A policy that never wins counts as clearly better than random
-play or doing nothing only if the 95% interval of its lead over both, on the same seeds, lies above zero.
+the traces differ, the policy changed the environment, unless the environment differs by itself. A policy that never
+wins counts as clearly better than random play or doing nothing only if the 95% interval of its lead over both, on the
+same seeds, lies above zero.
 
 Without a policy, or if it does not win, a built-in player searches on copies of the environment's state, or replays
 actions if the state cannot be copied. The check then plays the actions that the search returns.
@@ -14,7 +15,8 @@ actions if the state cannot be copied. The check then plays the actions that the
 A game is unsolvable only if a search visited all reachable states without a positive outcome, and no whole episode
 reaches another state, since a hidden timer might open a door. A game is trivial if one held action, or the first moves
 of a greedy player, win on nearly every seed. This is a warning if wins are known only by the sign of a return that
-mostly pays for each step. If the budget settles neither, the check is skipped with the reason.
+mostly pays for each step. Of the held actions that win the first episode, the five with the shortest ones are judged.
+If the budget settles neither, the check is skipped with the reason.
 
 Where no proof is possible, but the exploration met no new state in its second half, a game without a positive outcome
 gets a warning. Another warning names the lines that `step()` can run, that pay, win or end the episode, and that no
@@ -55,6 +57,8 @@ if TYPE_CHECKING:
     from envcraft.model.trace import Trace
 
 _GREEDY_MOVES = 5
+#: The most held actions that are judged: more would err more often in all than one test may.
+HELD = 5
 #: The most ranges of lines that a message names.
 _RANGES = 4
 #: Episodes without a win after which a policy is compared with random play.
@@ -80,7 +84,7 @@ class Difficulty(Check):
         Rule(
             "EC808",
             "no-success-seen",
-            "No positive outcome was seen in all play and searches.",
+            "No episode and no search has a positive outcome.",
             "Check that the goal can be reached; a privileged policy that wins settles it.",
             Severity.WARNING,
         ),
@@ -166,7 +170,8 @@ class Difficulty(Check):
 
     def _judge_policy(self, subject: Subject) -> Finding | None:
         for trace in subject.rollouts([subject.probes.policy(number) for number in range(subject.budget.policy)]):
-            wrong = policy.judge_play(self, trace) or policy.judge_effect(self, trace, subject.without_policy(trace))
+            wrong = policy.judge_play(self, trace)
+            wrong = wrong or policy.judge_effect(self, subject, trace, subject.without_policy(trace))
             if wrong is not None:
                 return wrong
         return None
@@ -183,12 +188,12 @@ class Difficulty(Check):
         short = {name: found for name, found in leads.items() if found.low <= 0}
         if short:
             words = " and ".join(
-                f"over {name} {found.mean:.3g} (95% interval {found.low:.3g} to {found.high:.3g})"
+                f"its lead over {name} is {found.mean:.3g} (95% interval {found.low:.3g} to {found.high:.3g})"
                 for name, found in short.items()
             )
             yield self.finding(
                 "EC806",
-                f"the policy wins {rate}, and its mean return on those seeds does not clearly lead: {words}",
+                f"the policy wins {rate}, and its mean return on these seeds is not clearly higher: {words}",
                 repro=repro(
                     msgspec.structs.replace(subject.act(0).rollout, actions=subject.act(0).actions, policy=False)
                 ),
@@ -258,8 +263,7 @@ class Difficulty(Check):
         )
 
     def _judge_held(self, subject: Subject) -> Finding | None:
-        # Short episodes settle the question for fewer steps.
-        for trace in sorted((trace for trace in subject.held() if trace.success), key=lambda trace: trace.steps):
+        for trace in _winning(subject.held())[:HELD]:
             action = trace.rollout.actions[0]
 
             def won(number: int, action: Any = action) -> bool:
@@ -271,7 +275,7 @@ class Difficulty(Check):
             def affords(steps: int = trace.steps) -> bool:
                 return subject.affords(steps)
 
-            verdict, rate = settle(won, subject.contract.consistently, subject.budget.looks, prefetch, affords)
+            verdict, rate = settle(won, subject.contract.consistently, subject.episodes.looks, prefetch, affords)
             if verdict is True and not self._beaten(subject, trace):
                 found = self.finding(
                     "EC802",
@@ -303,7 +307,7 @@ class Difficulty(Check):
         verdict, rate = settle(
             won,
             subject.contract.consistently,
-            subject.budget.looks,
+            subject.episodes.looks,
             lambda numbers: subject.prefetch(map(subject.searches.greed, numbers)),
             lambda: subject.affords(_GREEDY_MOVES * len(subject.joint_actions)),
         )
@@ -322,6 +326,19 @@ class Difficulty(Check):
 
 
 _UNSOLVABLE = "unsolvable"
+
+
+def _winning(held: list[Trace]) -> list[Trace]:
+    """The episodes that win, the shortest first, which settle the question for fewer steps; of equal ones, the first.
+
+    Actions that differ in a button without effect play the same episode.
+    """
+    different: dict[tuple[Any, ...], Trace] = {}
+    for trace in held:
+        if trace.success:
+            alone = str(trace.rollout.actions[0]) if trace.opaque else ""
+            different.setdefault((*trace.observations, *trace.rewards, alone), trace)
+    return sorted(different.values(), key=lambda trace: trace.steps)
 
 
 def _listed(missed: list[Range]) -> str:

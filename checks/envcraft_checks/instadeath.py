@@ -39,7 +39,8 @@ if TYPE_CHECKING:
     from envcraft.judging.subject import Subject
     from envcraft.model.trace import Trace
 
-_MOST = 0.5
+#: The share of seeds on which doing nothing loses at once, above which that is a defect.
+MOST = 0.5
 #: The shares of degenerate seeds that are surely exceeded where that is a warning and an error, and the least estimate
 #: of an error.
 _SOME, _FEW, _MANY = 0.02, 0.05, 0.1
@@ -63,13 +64,13 @@ class InstaDeath(Check):
         Rule(
             "EC702",
             "degenerate-seeds",
-            "On many seeds the episode is over at once under every action.",
+            "On many seeds the episode ends at once under every action.",
             "Draw the start again in reset() until it is neither won nor lost.",
         ),
         Rule(
             "EC703",
             "some-degenerate-seeds",
-            "On some seeds the episode is over at once under every action.",
+            "On some seeds the episode ends at once under every action.",
             "Draw the start again in reset() until it is neither won nor lost.",
             Severity.WARNING,
         ),
@@ -89,7 +90,7 @@ class InstaDeath(Check):
             missing = [number for number in numbers if subject.session.idle(number) is None]
             subject.prefetch(subject.probes.noop(number, within) for number in missing)
 
-        verdict, rate = settle(lost, _MOST, subject.budget.looks, prefetch, lambda: subject.affords(within))
+        verdict, rate = settle(lost, MOST, subject.episodes.looks, prefetch, lambda: subject.affords(within))
         # The check termination reports episodes that end before play is possible.
         if verdict is True:
             # The session's episodes follow others, so all are played again.
@@ -99,7 +100,7 @@ class InstaDeath(Check):
                 return
             yield self.finding(
                 "EC701",
-                f"doing nothing loses within {within} steps on {rate} seeds, more than {100 * _MOST:g}%, and at the "
+                f"doing nothing loses within {within} steps on {rate} seeds, more than {100 * MOST:g}%, and at the "
                 f"earliest at step {shortest.steps}",
                 line=subject.line_of("step"),
                 repro=repro(shortest.rollout.cut(shortest.steps)),
@@ -109,11 +110,11 @@ class InstaDeath(Check):
     def _judge_seeds(self, subject: Subject) -> Finding | None:
         varied = subject.session.varied
         suspects = [trace for trace in varied if trace.ended and trace.steps <= _AT_ONCE]
-        if Exact(len(suspects), len(varied)).low <= _SOME:
+        if degenerate_code(Exact(len(suspects), len(varied))) is None:
             return None
         suspects = _over_at_once(subject, suspects)
         rate = Exact(len(suspects), len(varied))
-        if rate.low <= _SOME:
+        if (code := degenerate_code(rate)) is None:
             return None
         seeds, usual = {trace.rollout.seed for trace in suspects}, _usual(subject)
         alone = [subject.rollout(trace.rollout.under(Conditions())) for trace in suspects[:_SHOWN]]
@@ -121,7 +122,7 @@ class InstaDeath(Check):
             return None
         won = sum(bool(trace.success) for trace in suspects)
         return self.finding(
-            "EC702" if rate.low > _FEW and rate.estimate >= _MANY else "EC703",
+            code,
             f"on {rate} seeds the episode is over within {_AT_ONCE} steps under every action ({won} are won), while it "
             f"lasts {usual:.0f} steps on others",
             line=subject.line_of("reset"),
@@ -131,6 +132,13 @@ class InstaDeath(Check):
             usual=usual,
             seeds=sorted(seeds)[:20],
         )
+
+
+def degenerate_code(rate: Exact) -> str | None:
+    """Return the code of a share of degenerate seeds; None if it may be as small as the chance of a few games."""
+    if rate.low <= _SOME:
+        return None
+    return "EC702" if rate.low > _FEW and rate.estimate >= _MANY else "EC703"
 
 
 def _usual(subject: Subject) -> float:

@@ -74,7 +74,7 @@ class InstaWin(Check):
         verdict, rate = settle(
             lambda number: bool(subject.random(number).success),
             consistently,
-            subject.budget.looks,
+            subject.episodes.looks,
             lambda numbers: subject.prefetch(map(subject.probes.random, numbers)),
             lambda: subject.affords(subject.random(0).steps),
         )

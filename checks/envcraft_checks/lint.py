@@ -10,9 +10,10 @@ global generator, that finding has the reproduction, and this check does not rep
 reports only if `--select` names its code.
 
 Only branches under `if self.render_mode == "human"` and functions that nothing calls are left out. These are accepted:
-a generator made from `self.np_random` or from the seed, the clock for a frame rate or telemetry in info, sets that
-serve membership tests or are sorted, class attributes and globals that nothing writes, a table that only remembers
-results, a copy of a buffer. Sets of numbers, or of tuples of numbers, have the same order in each process.
+a generator made from `self.np_random` or from the seed, a constant seed for one level that only `reset()` draws, the
+clock for a frame rate or telemetry in info, sets that serve membership tests or are sorted, class attributes and
+globals that nothing writes, a table that only remembers results, a copy of a buffer. Sets of numbers, or of tuples of
+numbers, have the same order in each process.
 
 ## Why is this bad?
 Play reaches what random actions and searches reach. A draw from a global generator on the fifth level, or a list that
@@ -47,7 +48,7 @@ from .linting.generators import generators
 from .linting.leftovers import leftovers
 from .linting.logic import contradictions, divisions, floats
 from .linting.order import orders
-from .linting.program import Program, Suspect
+from .linting.program import Program, Suspect, in_words
 from .linting.sharing import aliases, shared
 
 if TYPE_CHECKING:
@@ -100,7 +101,7 @@ class Lint(Check):
         Rule(
             "EC053",
             "shared-state",
-            "The code writes to what episodes or instances share.",
+            "The code changes state that episodes or instances share.",
             "Keep state in self, and create it in reset().",
             confirmed_by=("EC104", "EC107", "EC206", "EC207", "EC910", "EC912", "EC913"),
         ),
@@ -129,7 +130,7 @@ class Lint(Check):
         Rule(
             "EC057",
             "unguarded-division",
-            "The code divides by a length or a distance that nothing compares with zero.",
+            "The code divides by a length or a distance without a test for zero.",
             "Test the divisor, or use max(divisor, 1e-8).",
             Severity.WARNING,
             default=False,
@@ -163,11 +164,8 @@ class Lint(Check):
             raise Skip("the code is nested too deeply") from None
         for code, suspects in found.items():
             if suspects:
-                first, lines = next(iter(suspects)), sorted({suspect.line for suspect in suspects})
-                others = [str(number) for number in lines if number != first.line]
-                more = f" (also line {', '.join(others[:5])})" if others else ""
-                words = f"line {first.line} {first.words}{more}"
-                yield self.finding(code, words, line=first.line, lines=lines[:_LINES])
+                words, lines = in_words(suspects)
+                yield self.finding(code, words, line=next(iter(suspects)).line, lines=lines[:_LINES])
 
 
 @hookimpl

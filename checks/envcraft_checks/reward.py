@@ -10,8 +10,8 @@ same seed. It warns if no win has a positive last reward, a positive return, or 
 Step costs are fine: they make a win cheaper than idling to the end.
 
 A reward that is zero in all play and all searches is an error if the code returns zero wherever it returns a reward,
-and the contract counts a positive return as a win. Otherwise it is a warning if no success is reported: play may not
-have come to the reward. With `--policy FILE` the policy's episodes count, too.
+and the contract counts a positive return as a win. Otherwise it is a warning if no success is reported, because play
+may not have reached the reward. With `--policy FILE` the policy's episodes count, too.
 
 The exploration also looks for loops: actions that lead back to the same picture and pay each time. A loop is farmable
 if repeating it in a plain episode earns clearly more than success on that seed within half of the longest episode.
@@ -24,7 +24,7 @@ fails and collects more than a short success does not count: a better success ma
 ## Why is this bad?
 One NaN turns every weight of a network into NaN. A rare reward of a million outweighs everything else that an agent
 could learn, and a reward that grows with time teaches the agent to wait. An agent has no reason to learn a win that
-pays nothing, or less than failing. It learns what pays most, not what was meant.
+pays nothing, or less than failing. It learns what pays most, not what the author wanted.
 
 ## Example
 ```python
@@ -216,7 +216,8 @@ class Reward(Check):
         finding = self.finding(
             "EC306",
             f"the reward of every step is 0 in {len(played)} episodes and {searched:,} steps of exploration"
-            f"{'' if succeeds else ', and no success is reported'}{'; step() returns no other' if certain else ''}",
+            f"{'' if succeeds else ', and no success is reported'}"
+            f"{'; step() returns no other value' if certain else ''}",
             line=subject.line_of("step"),
             repro=repro(longest.rollout.cut(longest.steps)),
             episodes=len(played),
@@ -254,8 +255,8 @@ class Reward(Check):
             yield self.finding(
                 "EC307",
                 f"repeating {_in_words(actions[-size:])} pays at least {least:g} each time, without success: "
-                f"{trace.total:g} in {trace.steps} steps, more than success on the same seed in {success.steps} steps, "
-                f"{success.total:g}",
+                f"{trace.total:g} in {trace.steps} steps, while success on the same seed pays {success.total:g} in "
+                f"{success.steps} steps",
                 line=subject.line_of("step"),
                 repro=repro(trace.rollout),
                 loop=actions[-size:],
@@ -292,9 +293,9 @@ class Reward(Check):
         failure, success = max(shown, key=lambda pair: pair[0].total - pair[1].total)
         finding = self.finding(
             "EC308",
-            f"{failure.rollout.player} earns {failure.total:g} in {failure.steps} steps without success, and success "
-            f"on the same seed {success.total:g} in {success.steps} steps; such are {len(shown)} of {len(won)} "
-            "successes, and none earns clearly more than failing",
+            f"{failure.rollout.player} earns {failure.total:g} in {failure.steps} steps without success, while success "
+            f"on the same seed earns {success.total:g} in {success.steps} steps; {len(shown)} of {len(won)} successes "
+            "earn clearly less than a failure on their seed, and none earns clearly more",
             line=subject.line_of("step"),
             repro=repro(failure.rollout.cut(failure.steps)),
             earned=failure.total,
@@ -323,7 +324,7 @@ class Reward(Check):
         return self.finding(
             "EC305",
             f"winning pays {shown.total:g} in {shown.steps} steps (under {shown.rollout.player}), and doing nothing "
-            f"{idled[shown.rollout.seed].total:g} on the same seed; none of {len(won)} won episodes pays more",
+            f"pays {idled[shown.rollout.seed].total:g} on the same seed; none of the {len(won)} won episodes pays more",
             line=subject.line_of("step"),
             repro=repro(shown.rollout.cut(shown.steps)),
             won=len(won),

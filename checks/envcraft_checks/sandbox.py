@@ -2,8 +2,8 @@
 
 ## What it does
 Reports events that the sandbox stopped while the other checks ran: a call that exceeded its deadline, memory or process
-limits, floods of output, network access, a process that died, messages that the worker does not send. The check always
-runs, since other verdicts have no meaning after such an event.
+limits, floods of output, network access, a process that died, and messages that violate the protocol. The check always
+runs, because other verdicts have no meaning after such an event.
 
 ## Why is this bad?
 An environment that hangs, exhausts memory or ends its process stops the training run that uses it.

@@ -19,15 +19,15 @@ arguments. If the package reports that one of its optional dependencies is not i
 judged.
 
 ## Why is this bad?
-An agent cannot train on an environment that does not load. A library that the next machine lacks, or code that runs for
-minutes at import, breaks every worker of a cluster.
+An agent cannot train on an environment that does not load. A missing library, or code that runs for minutes at import,
+stops every worker of a cluster.
 
 ## Comments
 `# envcraft: ignore[EC203] the order is not seen` ignores a finding: on the line that the finding names, on a line of
 its own above it, or on the first line of the class or function around it. `# envcraft: ignore-file[EC203] ...` ignores
-it in the whole file. Only commands for authors, such as `envcraft validate`, read these comments; audits do not. A
-comment that is malformed, or names an unknown rule or no reason (EC011), and one that ignores nothing (EC012, not at
-the budget `quick`), are warnings.
+it in the whole file. Only commands for authors, such as `envcraft validate`, read these comments; audits do not. Two
+kinds of comments are warnings: a comment that is malformed, names an unknown rule or gives no reason (EC011), and a
+comment that matches no finding (EC012, not at the budget `quick`).
 
 ## Example
 ```python
@@ -42,14 +42,16 @@ class Snake(gym.Env):
 from __future__ import annotations
 
 import ast
+import contextlib
 import re
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
-from envcraft.errors import WorkerLost
+from envcraft.errors import UsageError, WorkerLost
 from envcraft.judging.check import Check, Rule
 from envcraft.judging.driver import Isolation
 from envcraft.model.job import ExitReason
+from envcraft.model.project import with_project
 from envcraft.model.target import parse
 from envcraft.model.verdict import Finding, Severity, Verdict
 from envcraft.plugins import hookimpl
@@ -127,7 +129,7 @@ class Source(Check):
         Rule(
             "EC012",
             "unused-ignore",
-            "A comment ignores a finding that there is not.",
+            "A comment ignores a finding that does not occur.",
             "Remove the code from the comment.",
             Severity.WARNING,
         ),
@@ -161,7 +163,7 @@ class Source(Check):
         settled = {code for code, check in _owners().items() if check.name in passed and check.waivable(code)}
         for comment, code in comments.unused():
             if code in settled and code not in subject.contract.without:
-                words = f"line {comment.line} ignores {code}, and there is no such finding"
+                words = f"line {comment.line} ignores {code}, but {code} does not occur"
                 yield self.finding("EC012", words, line=comment.line)
 
     def _judge_comments(self, subject: Subject) -> Iterator[Finding]:
@@ -182,7 +184,7 @@ class Source(Check):
             elif not comment.reason:
                 wrong.append("it gives no reason")
             if wrong:
-                words = f"the comment in line {comment.line} that ignores findings: {'; '.join(wrong)}"
+                words = f"the ignore comment in line {comment.line} is invalid: {'; '.join(wrong)}"
                 yield self.finding("EC011", words, line=comment.line)
 
     def _parse(self, source: bytes) -> Finding | None:
@@ -200,24 +202,41 @@ class Source(Check):
         return None
 
     def _unknown_imports(self, subject: Subject) -> Iterator[Finding]:
-        tree = parse(subject.text)
-        names = {name for node in ast.walk(tree) for name in imported_modules(node)}
+        project = subject.target.project
+        own = project.modules if project is not None else frozenset()
+        trees = {"": parse(subject.text)}
+        for path, data in sorted(project.files.items()) if project is not None else ():
+            # Importing a file that is not Python raises EC003, with its traceback.
+            with contextlib.suppress(SyntaxError, ValueError, RecursionError, MemoryError):
+                trees |= {f"{path} ": parse(data)} if path.endswith(".py") else {}
+        names = {name for tree in trees.values() for node in ast.walk(tree) for name in imported_modules(node)} - own
         missing, known = subject.find_modules(sorted(names))
         allowed = subject.contract.libraries
         unknown = {
             name for name in names if name in missing or not (allowed is None or name in allowed or is_standard(name))
         }
         python = tuple(int(part) for part in re.findall(r"\d+", str(subject.about.get("python", "")))[:3])
-        wanted = required_imports(tree, unknown, python)
-        for name, line in sorted(wanted.items(), key=lambda item: item[1]):
-            if name in missing and allowed is not None and name in allowed:
-                raise WorkerLost(f"{name} is not installed where the worker runs; install it, then validate again")
-            if name in unknown:
-                near = _nearest(name, [*(allowed or ()), *known])
-                hint = f"; did you mean {near}?" if near else ""
-                yield self.finding(
-                    "EC002", f"line {line} imports {name}, which is not a known library{hint}", line=line, module=name
-                )
+        for file, tree in trees.items():
+            wanted = required_imports(tree, unknown, python)
+            for name, line in sorted(wanted.items(), key=lambda item: item[1]):
+                if name in missing and allowed is not None and name in allowed:
+                    raise WorkerLost(f"{name} is not installed where the worker runs; install it, then validate again")
+                if name in unknown:
+                    words = f"{file}line {line} imports {name}, {self._why_unknown(name, subject, known)}"
+                    yield self.finding("EC002", words, line=None if file else line, module=name)
+
+    def _why_unknown(self, name: str, subject: Subject, known: list[str]) -> str:
+        contract = subject.contract
+        if subject.left_out is not None and name in subject.left_out.modules:
+            return (
+                f"a file of its project, and the contract {contract.name} is for single files; name --contract "
+                f'gymnasium, or set `project = true` in a contract of your own with `base = "{contract.name}"`'
+            )
+        beside = with_project(subject.target).project
+        if beside is not None and name in beside.modules:
+            return "a file of its project; only `envcraft validate` judges a file with its project"
+        near = _nearest(name, [*(contract.libraries or ()), *known])
+        return f"which is not a known library{f'; did you mean {near}?' if near else ''}"
 
     def _judge_loaded(self, subject: Subject, loaded: Loaded) -> Iterator[Finding]:
         fault, end, description = loaded.trace.fault, loaded.end, loaded.description
@@ -238,6 +257,7 @@ class Source(Check):
         if description.get("required"):
             yield self._needs(subject.env_class, description)
         elif fault is not None:
+            _refuse_wrapper(subject, fault)
             words = f"{subject.env_class}() raises {fault}"
             if fault.phase == "spaces":
                 words = f"reading the spaces of a new {subject.env_class} raises {fault}"
@@ -248,6 +268,7 @@ class Source(Check):
         fault, description, name = loaded.trace.fault, loaded.description, subject.target.path
         if fault is not None:
             ask_for_dependency(subject, fault)
+            _refuse_wrapper(subject, fault)
         if loaded.end.reason is not ExitReason.DONE:
             yield self._broken(loaded)
         elif fault is not None and _absent(fault, name):
@@ -255,7 +276,7 @@ class Source(Check):
             advice = "" if "did you mean" in fault.message else _installation_hint(subject)
             raise WorkerLost(f"{fault.message}{advice}")
         elif fault is not None and fault.type.endswith("NoSuchEnvironment"):
-            yield self.finding("EC005", fault.message)
+            raise UsageError(fault.message)
         elif fault is not None and fault.phase == "import":
             yield self.finding("EC003", f"importing raises {fault}", line=fault.line, traceback=fault.traceback)
         elif description.get("required"):
@@ -321,6 +342,12 @@ def _absent(fault: Fault, name: str) -> bool:
         parents = [module.rsplit(".", number)[0] for number in range(module.count(".") + 1)]
         return any(fault.message == f"No module named {parent!r}" for parent in parents)
     return fault.type.endswith("NoSuchEnvironment") and fault.message.startswith("no installed package")
+
+
+def _refuse_wrapper(subject: Subject, fault: Fault) -> None:
+    """Raise UsageError if a wrapper that the user names does not exist."""
+    if subject.target.wrappers and fault.type.endswith("targets.NoSuchWrapper"):
+        raise UsageError(f"--wrap: {fault.message}")
 
 
 def ask_for_dependency(subject: Subject, fault: Fault) -> None:

@@ -1,20 +1,21 @@
 """# speed
 
 ## What it does
-Measures a short episode of random play before the other checks play: 100 steps in a process of its own, or as many as
-5 seconds allow. Whatever looks slow is measured again, and reported only if it is slow both times.
+Measures a short episode of random play before the other checks play: 100 steps in a separate process, or as many as 5
+seconds allow. If the steps look slow, the check measures them again, and reports them only if both measurements are
+slow.
 
 - Steps wait (EC908) if nine in ten of them take a millisecond or more and give up the processor, and the process uses
-  it for less than half of its time. A game that `clock.tick(30)` slows down for people does that. A `reset()` that
-  waits a quarter of a second each time is reported, too.
+  it for less than half of its time. `clock.tick(30)`, which slows a game down for people, has this effect. The check
+  also reports a `reset()` that waits a quarter of a second each time.
 - Steps are slow (EC909) if the environment takes fewer of them a second than the contract requires
-  (`min-steps-per-second`, 20 by default). The most expensive twentieth of the steps does not count, so an asset that
-  is loaded at the first step or a level that is generated now and then is fine. Time is processor time, which other
-  programs on the machine do not change.
+  (`min-steps-per-second`, 20 by default). The most expensive twentieth of the steps does not count, so an environment
+  may load an asset at the first step or sometimes generate a level. The check measures processor time, which does not
+  depend on other programs.
 - Steps whose cost grows (EC909) are reported if they will be that slow at the end of the longest episode.
 
 The validation of a slow environment takes less than a minute, unless `--time-limit` names another time: the remaining
-checks run on the time that is left, and what is not settled by then is skipped.
+checks use the remaining time, and EnvCraft skips those that are not settled by then.
 
 ## Why is this bad?
 Agents need millions of steps. At 20 steps a second a million takes 14 hours. An environment that waits 33 ms at each
@@ -38,6 +39,7 @@ import statistics
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
+from envcraft.errors import Skip
 from envcraft.judging.check import Check, Rule
 from envcraft.judging.shrink import repro
 from envcraft.model.rollout import Conditions, Rollout
@@ -84,19 +86,21 @@ class Speed(Check):
         Rule(
             "EC908",
             "waits",
-            "Steps wait, for the clock or for something else.",
+            "Steps wait for the clock or for another resource.",
             "Sleep and tick only in render_mode human.",
         ),
         Rule(
             "EC909",
             "slow-steps",
-            "Steps take so long that training is not possible, or longer and longer.",
-            "Compute less in each step, and nothing that grows with the episode.",
+            "Steps are too slow for training, or become slower and slower.",
+            "Compute less in each step, independent of the length of the episode.",
             waiver="min-steps-per-second = N",
         ),
     )
 
     def judge(self, subject: Subject) -> Iterator[Finding]:
+        if not subject.acts_as_promised:
+            raise Skip("the action space is not the contract's")
         rollout = subject.probes.random(0)
         trace = subject.measured(rollout.cut(_STEPS), _SECONDS)
         if trace.ended and trace.steps < _STEPS and subject.contract.noop is not None:

@@ -2,24 +2,27 @@
 
 ## What it does
 Plays random, held, idle and mixed episodes to the contract's limit, and goes on after a success, a large reward or a
-loss. Each episode must end by itself by then. The end at the limit must be `truncated`, not `terminated`. Flags must be
-booleans of Python or NumPy. Some episode must last long enough to play. Gymnasium leaves open what `step` does after an
-episode's end, so flags that become false again are only a warning.
+loss. With `--policy FILE` it also plays the actions of the privileged policy. Each episode must end by itself by then.
+The end at the limit must be `truncated`, not `terminated`. Flags must be booleans of Python or NumPy. Some episode must
+last long enough to play. Gymnasium leaves open what `step` does after an episode's end, so flags that become false
+again are only a warning. It is an error if the first step after the end, and no other one, pays more than any step of
+an episode: the reward of the end comes a step late, and no agent receives it.
 
-A success must end the episode as `terminated`. If only `truncated` is set, the check compares it with other episodes on
-the seed: one that goes on longer shows that it is no time limit.
+A success must end the episode as `terminated`. If only `truncated` is set, the check looks for a longer episode on the
+same seed, which shows that the end is not a time limit.
 
-An end of its own before the contract's limit may be a rule of the game, such as a torch that burns out. The check takes
-it for a time limit with swapped flags if all episodes that reach this step are terminated and all that end sooner are
-truncated.
+Where info reports no success, an end at the limit that pays more than any step before it is a goal, such as to survive
+so long, and may be terminated. A game may have a rule that ends it at a fixed step before the contract's limit, such as
+a torch that burns out. The check reports a time limit with swapped flags if all episodes that reach this step are
+terminated and all shorter ones are truncated.
 
-Under a contract with a limit, success ends the episode. One that goes on is a defect if nothing but time passes after
-its success: for at least 30 steps of any play no reward is paid, or doing nothing is paid again at each step. Success
-that is reported for a while, as on a plate that opens a door, is fine.
+Under a contract with a limit, success ends the episode. An episode that continues is a defect if only time passes after
+its success: for at least 30 steps of any play, no reward is paid, or doing nothing earns a reward at each step. A
+temporary success, such as on a plate that opens a door, is fine.
 
 ## Why is this bad?
-An episode that never ends fills a replay memory with one situation and hangs evaluations. A time limit that is
-reported as termination teaches the agent that the future after it is worth nothing.
+An episode that never ends fills a replay memory with one situation and hangs evaluations. A time limit that is reported
+as termination teaches the agent that no further reward can follow.
 
 ## Example
 ```python
@@ -53,6 +56,8 @@ _PLAYABLE = 5
 _AFTER_SUCCESS = 30
 #: Steps without a change after which a held action is played to the end of its episode.
 _STILL = 30
+#: How many times larger than each following one a reward is that is paid once.
+_TIMES = 2
 
 
 class Termination(Check):
@@ -91,10 +96,16 @@ class Termination(Check):
             "A success ends the episode as truncated.",
             "Set terminated when the game is won, and truncated only at the step limit.",
         ),
+        Rule(
+            "EC508",
+            "paid-after-end",
+            "The largest reward is paid at the step after the end.",
+            "Pay for the end in the step that sets terminated.",
+        ),
     )
 
     def judge(self, subject: Subject) -> Iterator[Finding]:
-        traces = [*subject.played(), *subject.episodes.rotations[:4], *subject.searches.onward]
+        traces = [*subject.played(), *subject.episodes.rotations[:4], *subject.searches.onward, *subject.privileged()]
         usable = [trace for trace in traces if trace.usable and trace.steps]
         if not usable:
             raise Skip("no episode has a step")
@@ -191,14 +202,14 @@ class Termination(Check):
         paid = {reward for trace, at in later for reward in trace.rewards[at:]}
         again = set(idle.rewards[step:])
         if len(paid) == 1 and max(paid) <= 0 and all(trace.reported_success for trace, _ in later):
-            words = "and nothing is paid any more"
+            words = "which pay nothing"
         elif len(again) == 1 and min(again) > 0 and subject.contract.noop is not None:
-            words = f"and doing nothing is paid {min(again):g} at each further step"
+            words = f"and doing nothing earns {min(again):g} at each of them"
         else:
             return
         yield self.finding(
             "EC506",
-            f"info reports success at step {step}, the episode goes on for {idle.steps - step} more steps, {words}",
+            f"info reports success at step {step}, but the episode goes on for {idle.steps - step} more steps, {words}",
             line=subject.line_of("step"),
             repro=repro(idle.rollout.cut(step + _AFTER_SUCCESS)),
             step=step,
@@ -217,8 +228,8 @@ class Termination(Check):
             if longer:
                 yield self.finding(
                     "EC507",
-                    f"the success at step {trace.steps} is truncated and not terminated, and it is no time limit: "
-                    f"{longer[0].rollout.player} goes on longer on the same seed",
+                    f"the success at step {trace.steps} is truncated, not terminated, but this is not a time limit: "
+                    f"{longer[0].rollout.player} plays longer on the same seed",
                     line=subject.line_of("step"),
                     repro=repro(trace.rollout.cut(trace.steps)),
                     step=trace.steps,
@@ -226,8 +237,15 @@ class Termination(Check):
                 return
 
     def _is_mistaken(self, trace: Trace) -> bool:
-        """Whether an episode terminates without success, where its limit should truncate it."""
-        return trace.ended and not trace.truncated[-1] and not trace.reported_success
+        """Whether an episode terminates without success, where its limit should truncate it.
+
+        If info reports no success, an end that pays more than any step before it is a goal, such as to survive so long.
+        """
+        if trace.reported_success is None and trace.rule.sign and trace.steps > 1:
+            goal = trace.rewards[-1] > max(0.0, *trace.rewards[:-1])
+        else:
+            goal = bool(trace.reported_success)
+        return trace.ended and not trace.truncated[-1] and not goal
 
     def _others(self, subject: Subject, trace: Trace) -> list[Trace]:
         """The same actions on two other seeds, or on one if the budget does not allow two."""
@@ -261,11 +279,14 @@ class Termination(Check):
         )
 
     def _judge_after(self, subject: Subject, traces: list[Trace]) -> Iterator[Finding]:
+        # An adapter's truncation says nothing about the game, so terminated episodes come first. The steps past the end
+        # of doing nothing are known.
         idle = subject.episodes.idle
-        ended = min((trace for trace in traces if trace.ended), key=lambda trace: trace.steps, default=None)
-        if ended is None:
+        ended = [trace for trace in traces if trace.ended]
+        if not ended:
             return
-        rollout = subject.episodes.past_end((idle if idle is not None and idle.ended else ended).rollout)
+        first = min(ended, key=lambda trace: (not trace.terminated[-1], trace is not idle, trace.steps))
+        rollout = subject.episodes.past_end(first.rollout)
         trace = subject.rollout(rollout)
         alive = [
             step for step, (_, terminated, truncated) in enumerate(trace.after, 1) if not (terminated or truncated)
@@ -277,6 +298,24 @@ class Termination(Check):
                 "false again",
                 line=subject.line_of("step"),
                 repro=repro(rollout),
+            )
+            return
+        yield from self._judge_late(subject, [*traces, *subject.searches.explored()], trace)
+
+    def _judge_late(self, subject: Subject, traces: list[Trace], ended: Trace) -> Iterator[Finding]:
+        """Report an episode whose largest reward is paid once, at the step after its end."""
+        late, *rest = [reward for reward, _, _ in ended.after] or [0.0]
+        largest = max(abs(reward) for trace in traces for reward in trace.rewards)
+        # A limit that truncates may come just before an end of the game's own.
+        if rest and ended.terminated[-1] and abs(late) > max(largest, *(_TIMES * abs(reward) for reward in rest)):
+            yield self.finding(
+                "EC508",
+                f"the step after the end at step {ended.steps} pays {late:g}, and the next one {rest[0]:g}; no step of "
+                f"{len(traces)} episodes pays or costs more than {largest:g}: the reward of the end comes a step late",
+                line=subject.line_of("step"),
+                repro=repro(ended.rollout),
+                late=late,
+                largest=largest,
             )
 
 

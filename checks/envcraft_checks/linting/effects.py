@@ -43,7 +43,7 @@ def swallowed(program: Program) -> Iterator[Suspect]:
     for function in program.play:
         for node in function.nodes:
             if isinstance(node, ast.ExceptHandler) and _broad(node.type) and all(_idle(one) for one in node.body):
-                yield Suspect(line(node), "catches every exception and goes on as if nothing had happened")
+                yield Suspect(line(node), "catches every exception and ignores it")
 
 
 def _broad(kind: ast.expr | None) -> bool:

@@ -54,6 +54,7 @@ def generators(program: Program) -> Iterator[Suspect]:
                 yield Suspect(line(node), f"creates a generator without a seed: {path}()")
     yield from _fixed(program)
     yield from _ignored_seed(program)
+    yield from _constant_seed(program)
 
 
 def _draws(path: str) -> bool:
@@ -199,8 +200,58 @@ def _ignored_seed(program: Program) -> Iterator[Suspect]:
     if reset is None or "seed" not in reset.parameters:
         return
     read = any(isinstance(node, ast.Name) and node.id in ("locals", "seed") for node in reset.nodes)
-    # One fixed level for every seed is a design.
+    # A constant may be one fixed level for every seed, see _constant_seed.
     fixed = any(isinstance(node, ast.keyword) and node.arg == "seed" for node in reset.nodes)
     drawn = any(function.field(node) == "np_random" for function in program.play for node in function.nodes)
     if drawn and not read and not fixed:
         yield Suspect(line(reset.node), "takes a seed that nothing reads, and play draws from self.np_random")
+
+
+def _constant_seed(program: Program) -> Iterator[Suspect]:
+    """Find a reset() that always seeds ``self.np_random`` with one constant, although steps draw from it.
+
+    If only reset() draws, the constant may stand for one fixed level, which is a design.
+    """
+    reset = program.method(program.env, "reset")
+    if reset is None or program.method(program.env, "reset", after=reset.owner) is not None:
+        return
+    arguments = reset.node.args
+    names = {"locals", "seed", *([arguments.kwarg.arg] if arguments.kwarg else [])}
+    if any(isinstance(node, ast.Name) and node.id in names for node in reset.nodes):
+        return
+    if {"np_random", "_np_random"} & program.field_values(program.env).keys():
+        return
+    levels = program.reached("reset")
+    drawn = [
+        node
+        for function in program.reached("step")
+        if function not in levels
+        for node in function.nodes
+        if function.field(node) == "np_random"
+    ]
+    for node in reset.nodes:
+        match node:
+            case ast.Call(
+                func=ast.Attribute(attr="reset", value=ast.Call(func=ast.Name(id="super"))),
+                keywords=[ast.keyword(arg="seed", value=value), *_],
+            ) if drawn and _constant(program, reset, value) and _always(program, reset, node):
+                words = f"always seeds self.np_random with {ast.unparse(value)}, so that each episode draws the same"
+                yield Suspect(line(node), f"{words} numbers in line {line(drawn[0])}")
+
+
+def _constant(program: Program, function: Function, node: ast.expr) -> bool:
+    """Whether an expression is a whole number, or a name that the file binds to one and never again."""
+    bound = program.values(node, function) or [(node, None)]
+    stored = [one for one in program.nodes if isinstance(getattr(one, "ctx", None), ast.Store)]
+    return sum(name_of(one) == name_of(node) != "" for one in stored) <= 1 and all(
+        owner is None and isinstance(value, ast.Constant) and type(value.value) is int for value, owner in bound
+    )
+
+
+def _always(program: Program, function: Function, node: ast.AST) -> bool:
+    """Whether a call of a function's body runs whenever the function does."""
+    while node is not function.node:
+        node = program.parents[node]
+        if not isinstance(node, ast.Expr | ast.Assign | ast.FunctionDef | ast.AsyncFunctionDef):
+            return False
+    return True

@@ -57,7 +57,7 @@ def _never_set(program: Program) -> Iterator[Suspect]:
         for function in program.play:
             for node in function.nodes:
                 if function.field(node) == field and isinstance(getattr(node, "ctx", None), ast.Load):
-                    yield Suspect(line(node), f"reads self.{field}, which nothing ever makes true")
+                    yield Suspect(line(node), f"reads self.{field}, which the code never sets to true")
 
 
 def _is_false(node: ast.AST | None) -> bool:
@@ -116,7 +116,7 @@ def divisions(program: Program) -> Iterator[Suspect]:
 
 
 def _tests(function: Function) -> list[str]:
-    """The text of whatever the function tests or iterates over."""
+    """The text of the expressions that the function tests or iterates over."""
     found: list[ast.AST] = []
     for node in function.nodes:
         match node:

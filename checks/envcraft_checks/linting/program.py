@@ -29,6 +29,15 @@ class Suspect(NamedTuple):
     words: str
 
 
+def in_words(suspects: Iterable[Suspect]) -> tuple[str, list[int]]:
+    """What the first of some suspects does, with the other lines, and all lines in order."""
+    found = list(suspects)
+    first, lines = found[0], sorted({suspect.line for suspect in found})
+    others = [str(number) for number in lines if number != first.line]
+    more = f" (also line {', '.join(others[:5])})" if others else ""
+    return f"line {first.line} {first.words}{more}", lines
+
+
 class Function:
     """A function of the file.
 

@@ -131,7 +131,7 @@ class Ranges:
         return max(limits[1:], default=math.inf)
 
     def _unconditional(self, test: ast.AST, method: Function) -> bool:
-        """Whether a test holds whatever else is true, unless the episode has ended in another way."""
+        """Whether a test holds under all other conditions, unless the episode has ended in another way."""
         node = test
         while node is not method.node:
             node, child = self.program.parents[node], node

@@ -1,0 +1,123 @@
+"""The cause of a difference: what plain repetitions differ by, and which earlier episodes it takes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, NamedTuple
+
+import msgspec
+
+from envcraft.model.rollout import Conditions, Episode, Rollout
+from envcraft_checks.comparing.conditions import LOGICAL, OTHER_STATE, SHIFTED
+from envcraft_checks.comparing.traces import diverge
+
+if TYPE_CHECKING:
+    from envcraft.judging.subject import Subject
+    from envcraft.model.trace import Divergence, Trace
+
+#: Repetitions before equality counts: a number drawn from a small range may be the same by chance.
+REPEATS = 7
+#: The code of a difference in info only, by the code of a difference elsewhere.
+TELEMETRY = {"EC205": "EC210", "EC206": "EC211"}
+#: Runs with a condition changed, one of which differs if that is the cause.
+_CHANGES = 3
+#: The most runs that reduce earlier episodes.
+_TRIES = 24
+#: Repetitions of the reset alone, which may draw only one random number.
+_RESETS = 4
+
+
+class Cause(NamedTuple):
+    """Why an episode differs: the code, the conditions that show it, and the difference."""
+
+    code: str
+    conditions: Conditions
+    divergence: Divergence
+
+
+def redraw(subject: Subject, rollout: Rollout, times: int, info: bool) -> Divergence | None:
+    """How one of `times` repetitions differs from the first run; None if none does."""
+    first = subject.rollout(rollout, alone=True)
+    repeated = (diverge(first, subject.rerun(rollout), info) for _ in range(times))
+    return next((found for found in repeated if found is not None), None)
+
+
+def reset_again(subject: Subject, rollout: Rollout, info: bool) -> Divergence | None:
+    """How a repeated reset differs from the first; None if none does.
+
+    Repetitions share a process, which is quick. Only if one differs, each runs in a process of its own.
+    """
+    first = subject.rerun(rollout, alone=False)
+    repeated = (subject.rerun(rollout, alone=False) for _ in range(_RESETS))
+    differs = any(diverge(first, trace, info) is not None for trace in repeated)
+    return redraw(subject, rollout, REPEATS, info) if differs else None
+
+
+def of_repetitions(subject: Subject, rollout: Rollout, found: Divergence, info: bool) -> Cause:
+    """Name the cause of a difference between plain repetitions: the clock, the global random generators, the process,
+    or the run itself.
+
+    A cause makes all repetitions equal while it is held, and differs when it changes: few repetitions of an episode
+    that rarely differs are equal by chance.
+    """
+    short = rollout.cut(found.step)
+    process = Cause("EC202", Conditions(fresh=True, heap=1), found)
+    clock = Cause(TELEMETRY["EC205"] if found.field == "info" else "EC205", Conditions(clock=SHIFTED), found)
+    reseeded = [
+        Conditions(global_seed=state, perturb=state) for state in range(OTHER_STATE, OTHER_STATE + _CHANGES + 1)
+    ]
+
+    def differ(held: Conditions, others: Iterable[Conditions]) -> bool:
+        first = subject.rerun(short.under(held))
+        return any(diverge(first, subject.rerun(short.under(other)), info) is not None for other in others)
+
+    def moved(held: Conditions) -> list[Conditions]:
+        return [msgspec.structs.replace(held, heap=heap) for heap in range(1, 4)]
+
+    logical = Conditions(clock=LOGICAL)
+    steady = not differ(logical, [logical] * REPEATS)
+    # Addresses change only in some runs, so all repetitions may have had equal ones by chance.
+    addressed = steady and differ(logical, moved(logical))
+    if steady and not addressed and differ(logical, [clock.conditions] * _CHANGES):
+        return clock
+    # Reseeding before each call undoes what else draws from the global generators, such as a constructor that samples
+    # actions until it has played a game.
+    if not differ(reseeded[0], reseeded[:1] * REPEATS + moved(reseeded[0])) and differ(reseeded[0], reseeded[1:]):
+        return Cause("EC204", reseeded[0], found)
+    if steady:
+        return process if addressed else clock
+    for _ in range(REPEATS):
+        twice = subject.rerun(short.under(Conditions(again=True)))
+        within = diverge(twice.earlier, twice, info) if twice.earlier is not None else found
+        if within is not None:
+            return Cause("EC201", Conditions(again=True), within)
+    return process
+
+
+def fewer_episodes(
+    subject: Subject, rollout: Rollout, base: Trace, conditions: Conditions, found: Divergence, info: bool
+) -> tuple[Conditions, Divergence]:
+    """Reduce the earlier episodes to a few that still change the trace: first by all steps, then by halves, quarters …
+    of the episodes at the start or the end.
+    """
+    tries = _TRIES
+
+    def shows(before: list[Episode]) -> bool:
+        nonlocal conditions, found, tries
+        steps = sum(len(episode.actions) for episode in before) + len(rollout.actions)
+        if not before or tries <= 0 or not (subject.affords(steps) or len(before) == 1):
+            return False
+        tries -= 1
+        fewer = Conditions(before=before)
+        again = diverge(base, subject.rollout(rollout.under(fewer), alone=True), info)
+        if again is not None:
+            conditions, found = fewer, again
+        return again is not None
+
+    shows([Episode(episode.seed, []) for episode in conditions.before])
+    part = len(conditions.before) // 2
+    while part:
+        before = conditions.before
+        if len(before) <= part or not (shows(before[part:]) or shows(before[:-part])):
+            part //= 2
+    return conditions, found

@@ -1,0 +1,101 @@
+"""Where two traces differ: the part of an observation, and the line that writes a key of info."""
+
+from __future__ import annotations
+
+import ast
+from typing import TYPE_CHECKING, Any
+
+import msgspec
+
+from envcraft.model.rollout import Conditions, Rollout
+from envcraft.model.target import Kind, parse
+from envcraft_checks.comparing.traces import diverge
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from envcraft.judging.subject import Subject
+    from envcraft.model.trace import Divergence, Trace
+
+#: Pairs of runs until one differs at the same step, because a difference by chance may not show again.
+_TRIES = 3
+
+
+def located(subject: Subject, rollout: Rollout, under: Conditions, found: Divergence) -> Divergence:
+    """Say which part of an observation differs.
+
+    Args:
+        subject: the environment.
+        rollout: the episode, without conditions.
+        under: the conditions under which the observation differs.
+        found: the difference.
+
+    Returns:
+        The difference with its part and both values there; unchanged if another field differs, the observation is no
+        array of numbers, or the budget has too few steps left.
+    """
+    kept = msgspec.structs.replace(rollout.cut(found.step), keep=found.step + 1)
+    for _ in range(_TRIES if found.field == "observation" else 0):
+        if not subject.affords(2 * found.step):
+            break
+        second = subject.rerun(kept.under(under))
+        first = second.earlier if under.again else subject.rerun(kept)
+        again = diverge(first, second, info=False) if first is not None else None
+        if first is not None and again is not None and (again.step, again.field) == (found.step, found.field):
+            values = [_observation(trace, found.step) for trace in (first, second)]
+            if values[0] is None or values[1] is None or values[0].shape != values[1].shape:
+                break
+            return region(found, values[0], values[1])
+    return found
+
+
+def _observation(trace: Trace, step: int) -> NDArray[Any] | None:
+    return trace.frames[step] if len(trace.frames) == len(trace.observations) > step else None
+
+
+def region(found: Divergence, first: NDArray[Any], second: NDArray[Any]) -> Divergence:
+    """Name the part in which two arrays of one shape differ, with both values at its first place."""
+    import dataclasses
+
+    import numpy as np
+
+    from envcraft.spaces.codec import is_picture
+
+    differing = ~((first == second) | ((first != first) & (second != second)))
+    places = np.argwhere(
+        differing.any(axis=2) if first.ndim == 3 and is_picture(first.shape, first.dtype) else differing
+    )
+    if not len(places):
+        return found
+    at = tuple(places[0].tolist())
+    if is_picture(first.shape, first.dtype):
+        (top, left), (bottom, right) = places.min(axis=0).tolist(), places.max(axis=0).tolist()
+        where = f"in rows {top} to {bottom} and columns {left} to {right}, first at {list(at)}"
+    else:
+        where = (
+            f"at {list(at)}" if len(places) == 1 else f"in {len(places)} of {first.size} values, first at {list(at)}"
+        )
+    return dataclasses.replace(found, first=first[at].tolist(), second=second[at].tolist(), where=where)
+
+
+def writing_line(subject: Subject, found: Divergence) -> int | None:
+    """Return the only line of the file that writes the differing key of info; None if none or several do."""
+    if found.field != "info" or not isinstance(found.first, dict) or subject.target.kind is not Kind.SOURCE:
+        return None
+    key = next(iter(found.first), "").split(".")[0]
+    lines = {node.lineno for each in ast.walk(parse(subject.text)) for node in _written(each, key)}
+    return lines.pop() if len(lines) == 1 else None
+
+
+def _written(node: ast.AST, key: str) -> list[ast.expr]:
+    """The values that a node of a syntax tree stores under a key."""
+    if isinstance(node, ast.Dict):
+        pairs = zip(node.keys, node.values, strict=True)
+        return [value for name, value in pairs if isinstance(name, ast.Constant) and name.value == key]
+    if isinstance(node, ast.Assign | ast.AugAssign | ast.AnnAssign) and node.value is not None:
+        targets = node.targets if isinstance(node, ast.Assign) else [node.target]
+        slices = [target.slice for target in targets if isinstance(target, ast.Subscript)]
+        return [part for part in slices if isinstance(part, ast.Constant) and part.value == key]
+    if isinstance(node, ast.Call):
+        return [keyword.value for keyword in node.keywords if keyword.arg == key]
+    return []

@@ -1,0 +1,124 @@
+"""Many seeds, and resets without a seed: episodes that must be equal, and those that must differ."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+import msgspec
+
+from envcraft.judging.shrink import repro
+from envcraft.model.rollout import Conditions, Episode, Rollout
+from envcraft_checks.comparing.causes import TELEMETRY, Cause, fewer_episodes
+from envcraft_checks.comparing.conditions import OTHER_STATE, SHIFTED
+from envcraft_checks.comparing.traces import diverge
+
+if TYPE_CHECKING:
+    from envcraft.judging.check import Check
+    from envcraft.judging.subject import Subject
+    from envcraft.model.verdict import Finding
+
+#: Seeds that are played once more under other conditions.
+_MORE_SEEDS = 8
+#: For resets without a seed: steps of an episode, repetitions of the first, and episodes that must be equal for EC212.
+_UNSEEDED_STEPS, _UNSEEDED_AGAIN, _UNSEEDED = 10, 2, 8
+#: Steps after which seeds are compared first.
+_SEEDED_STEPS = 20
+
+
+def after_many(subject: Subject) -> Iterator[tuple[Rollout, Cause]]:
+    """Compare what the session repeats with the same episode in a process of its own."""
+    last = subject.session.trace
+    plain = last.rollout.under(Conditions())
+    subject.rollout(plain, alone=True)
+    before = [Episode(episode.seed, episode.actions) for episode in last.rollout.conditions.before]
+    repeated = [(number, last.before[number]) for number in subject.session.repetitions]
+    for info in (True, False):
+        # Consecutive episodes also show what every second reset undoes.
+        differing = (
+            number
+            for number, trace in [*repeated, (len(last.before), last)]
+            if diverge(subject.rollout(plain.cut(len(trace.rollout.actions)), alone=True), trace, info) is not None
+        )
+        if (number := next(differing, None)) is None:
+            return
+        short = plain if number == len(last.before) else plain.cut(len(before[number].actions))
+        base = subject.rollout(short, alone=True)
+        under = Conditions(before=before[:number])
+        found = diverge(base, subject.rollout(short.under(under), alone=True), info)
+        if found is None:
+            return
+        code = TELEMETRY["EC206"] if found.field == "info" else "EC206"
+        under, found = fewer_episodes(subject, short, base, under, found, info)
+        yield short, Cause(code, under, found)
+        if code == "EC206":
+            return
+
+
+def differing(subject: Subject, info: bool) -> Rollout | None:
+    """Play some seeds of the session once more, with other global generators and another clock.
+
+    A level that few seeds have may draw from these, and the first seeds may not have it.
+
+    Returns:
+        The first episode that differs, for a comparison by condition; None if none does.
+    """
+    varied = subject.session.varied[:_MORE_SEEDS]
+    if not varied:
+        return None
+    episodes = [Episode(trace.rollout.seed, trace.rollout.actions) for trace in varied]
+    under = Conditions(before=episodes, recorded=True, global_seed=OTHER_STATE, clock=SHIFTED)
+    again = subject.rollout(varied[0].rollout.cut(0).under(under)).before
+    pairs = zip(varied, again, strict=False)
+    return next((one.rollout.under(Conditions()) for one, two in pairs if diverge(one, two, info)), None)
+
+
+def ignored(check: Check, subject: Subject) -> Iterator[Finding]:
+    """Find an environment whose seeds all give the same episode."""
+    first = subject.probes.random(0)
+    # Most seeds differ at once.
+    for length in (_SEEDED_STEPS, subject.budget.probes[1]):
+        seeds = [subject.probes.episode_seed(number) for number in range(3)]
+        same = [msgspec.structs.replace(first.cut(length), seed=seed) for seed in seeds]
+        traces = subject.rollouts(same)
+        if any(diverge(traces[0], trace, info=False) is not None for trace in traces[1:]):
+            return
+    if not any(trace.opaque for trace in traces):
+        yield check.finding(
+            "EC209",
+            f"the seeds {seeds} give the same frames, rewards and flags, which is fine for one fixed level",
+            line=subject.line_of("reset"),
+            repro=repro(same[0].cut(20)),
+            seeds=seeds,
+        )
+
+
+def unseeded(check: Check, subject: Subject, fixed: bool) -> Iterator[Finding]:
+    """Judge unseeded episodes that follow a seeded one. `fixed` says that all seeds give the same episode."""
+    plain = subject.probes.random(0).cut(_UNSEEDED_STEPS)
+
+    def after(count: int) -> Rollout:
+        before = [Episode(plain.seed, plain.actions), *[Episode(None, plain.actions)] * count]
+        return plain.under(Conditions(before=before, unseeded=True))
+
+    first = subject.rollout(after(0))
+    if first.opaque or not first.usable:
+        return
+    again = (subject.rerun(after(0), alone=False) for _ in range(_UNSEEDED_AGAIN))
+    if any(diverge(first, trace, info=False) is not None for trace in again):
+        alone = subject.rerun(after(0))
+        if (found := diverge(alone, subject.rerun(after(0)), info=False)) is not None:
+            words = f"after reset(seed={plain.seed}) and an episode, reset() gives another episode in each run: {found}"
+            small = repro(after(0).cut(found.step))
+            yield check.finding("EC213", words, line=subject.line_of("reset"), repro=small, step=found.step)
+            return
+    later = (subject.rollout(after(count)) for count in range(1, _UNSEEDED + 1))
+    if fixed or not all(diverge(first, trace, info=False) is None for trace in later):
+        return
+    seeded = [msgspec.structs.replace(plain, seed=subject.probes.random(number).seed) for number in range(_UNSEEDED)]
+    traces = subject.rollouts(seeded)
+    different = sum(diverge(traces[0], trace, info=False) is not None for trace in traces)
+    if 2 * different > _UNSEEDED:
+        words = f"after reset(seed={plain.seed}) all {_UNSEEDED + 1} resets without a seed give the same episode, "
+        words += f"while {_UNSEEDED} seeds give {different + 1} different ones"
+        yield check.finding("EC212", words, line=subject.line_of("reset"), repro=repro(after(1)))
