@@ -30,7 +30,7 @@ class TetrisFamily(Family):
     name = "tetris"
     summary = "falling pieces: boards, pieces, controls, clearing, goals and looks drawn at random (contract arcade)"
 
-    def generate(self, count: int, seed: int) -> Iterator[Generated]:
+    def generate(self, count: int, seed: int, difficulty: float | None = None) -> Iterator[Generated]:
         """Generate `count` variants with distinct rules. Each is named after the number of its draw."""
         rng = Random(seed)
         known: set[object] = set()

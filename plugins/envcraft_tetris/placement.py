@@ -23,11 +23,9 @@ _STEPS = 16
 #: Landing height, eroded cells (lines cleared times the piece's cells in them), row transitions, column transitions,
 #: holes, cumulative wells, depth of holes, rows with holes.
 _BCTS = (-12.63, 6.60, -9.22, -19.77, -13.08, -10.49, -1.61, -24.04)
-_LOST, _WON, _PUT_OFF = -1e6, 1e5, -3e3
-#: The goal is put off, so as to play on, while so many rows are free and so many steps are left.
+_LOST, _WON = -1e6, 1e5
+#: A piece may be put aside while so many rows are free. So many steps before the last one, it hurries.
 _ROOM, _REST = 5, 20
-#: For each row in which the column is blocked that is kept free while the goal is put off.
-_BLOCKED = -100.0
 #: Per pair of neighbours of one colour, and per block that is cleared, under the rule that clears groups.
 _PAIR, _CLEARED = 25.0, 40.0
 #: So many of the best placements are told apart by what the next piece would find.
@@ -86,7 +84,7 @@ class Game:
         self._ghost = self._stand_in(env)
         self._controls = self._probe()
         self._hurry = False
-        self._back = self._kept = 0
+        self._back = 0
         self.room = 0
         # Steps that a piece takes to the ground.
         self._fall = 0.7 * self.rows * names.get("FALL_EVERY", (names.get("SLOW", 0) + names.get("FAST", 0)) / 2)
@@ -95,7 +93,6 @@ class Game:
         self._garbage: set[int] = set()
         self._limit = min(names.get("TIME", names["MAX_STEPS"]), names["MAX_STEPS"])
         self._rising = "GARBAGE_EVERY" in names and not hasattr(env, "until_garbage")
-        self._room = min(_ROOM, self.rows // 3) + (3 if self._rising else 0)
         self._each = self._group or self.columns
         self._cells = sum(len(turns[0]) for turns in self._turns) / len(self._turns)
         self.follow(env)
@@ -280,9 +277,11 @@ class Game:
         return _WAIT
 
     def aside(self) -> Move | None:
-        """How to put the piece aside, where that can be done and there is time."""
+        """How to put the piece aside, where that can be done, there is time, and no goal waits."""
         move = self._controls.get("hold")
-        if move is None or self._hurry or self._rising or self._ghost.swapped or self._pressed(move):
+        if move is None or self._missing is not None or self._digs or self._rising:
+            return None
+        if self._hurry or self._ghost.swapped or self._pressed(move):
             return None
         return move
 
@@ -292,7 +291,7 @@ class Game:
         return bool((move[1] and state.get("first_down")) or (move[2] and state.get("second_down")))
 
     def _note(self, ghost: Any) -> None:
-        """See how far the goal is, whether there is a reason to be quick, and whether one to put the goal off."""
+        """See how far the goal is, and whether there is a reason to be quick."""
         self._missing = self._goal - ghost.cleared if self._goal else None
         if self._missing is not None:
             needed = _WASTE * self._missing * self._each / self._cells
@@ -307,14 +306,6 @@ class Game:
             self._hurry = self._rising or (self._digs and late)
         else:
             self._hurry = self._hurry or late
-        put_off = self.room > self._room and not late
-        self._end = _PUT_OFF if put_off else _WON
-        self._kept = self._spare(ghost.board) if put_off and self._missing == 1 and not self._colours else 0
-
-    def _spare(self, board: list[list[int]]) -> int:
-        """The bit of a column to be kept free, so that no row is full: the lowest one, if possible at a side."""
-        tops = [next((y for y, row in enumerate(board) if row[x]), self.rows) for x in range(self.columns)]
-        return 1 << max(range(self.columns), key=lambda x: (tops[x], abs(2 * x - self.columns + 1)))
 
     # -- boards as rows of bits ------------------------------------------------------------------------------------
 
@@ -374,16 +365,15 @@ class Game:
         """What a landing is worth by itself, and the board that it leaves."""
         mask = self._mask(kind, turn, column)
         assert mask is not None
-        after, lost, blocked = list(board), False, 0
+        after, lost = list(board), False
         for down, bits in mask:
             y = row + down
             lost = lost or y < self._top
             if y >= 0:
                 after[y] |= bits
-            blocked += bool(bits & self._kept)
         low, high = row + mask[0][0], row + mask[-1][0]
         height = self.rows - (low + high) / 2
-        bonus, eroded = (_LOST if lost else 0.0) + _BLOCKED * blocked, 0
+        bonus, eroded = _LOST if lost else 0.0, 0
         if self._colours:
             gained, after = self._coloured(kind, turn, row, column, after)
             return bonus + gained + _BCTS[0] * height, after
@@ -391,13 +381,13 @@ class Game:
         cleared = len(lines)
         if lines:
             eroded = cleared * sum(bits.bit_count() for down, bits in mask if row + down in lines)
-            bonus += self._end if self._digs and self._garbage <= set(lines) else 0.0
+            bonus += _WON if self._digs and self._garbage <= set(lines) else 0.0
         if lines and self._plain:
             after = [0] * cleared + [line for line in after if line != self.full]
         elif lines or self._crumbles:
             cleared, after = self._settled(after)
         if self._missing is not None and cleared >= self._missing:
-            bonus += self._end
+            bonus += _WON
         return bonus + _BCTS[0] * height + _BCTS[1] * eroded, after
 
     def _settled(self, board: list[int]) -> tuple[int, list[int]]:
@@ -442,17 +432,16 @@ class Game:
         cleared = self._class._clear(ghost)
         after = self._bits(ghost.board)
         ghost.board = real
-        end = self._end if self._missing is not None and cleared >= self._missing else 0.0
+        end = _WON if self._missing is not None and cleared >= self._missing else 0.0
         return _PAIR * len(group) + _CLEARED * self._group + end, after
 
     def _features(self, board: list[int]) -> float:
-        """The rating of a board; a column that is kept free is no well."""
+        """The rating of a board."""
         full, columns = self.full, self.columns
         above = covered = 0
         across = down = holes = wells = depth = holed = 0
         open_wells = [0] * len(board)
-        for y, row in enumerate(board):
-            line = row | self._kept
+        for y, line in enumerate(board):
             if self.wrap:
                 left, right = (line << 1 | line >> columns - 1) & full, (line >> 1 | line << columns - 1) & full
                 across += (line ^ left).bit_count()

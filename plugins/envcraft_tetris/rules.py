@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from random import Random
 from typing import Any
 
+from envcraft.environments.source_builder import SourceBuilder
 from envcraft_tetris import episode_length
 from envcraft_tetris.axes.board import Board
 from envcraft_tetris.axes.clearing import Clearing
@@ -20,7 +21,6 @@ from envcraft_tetris.axes.pieces import Pieces
 from envcraft_tetris.axes.rewards import Rewards
 from envcraft_tetris.axes.rotation import Rotation
 from envcraft_tetris.axes.supply import Supply
-from envcraft_tetris.source_builder import SourceBuilder
 
 _PLACES = {
     "rectangle": "",

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 from random import Random
 from typing import Any
 
+from envcraft.environments.source_builder import SourceBuilder, paragraph
 from envcraft_tetris.axes.look import Look
 from envcraft_tetris.rules import Rules
 from envcraft_tetris.skeleton import SKELETON
-from envcraft_tetris.source_builder import SourceBuilder, paragraph
 
 #: Limits on the estimated episode length, in steps: the least without input, then the range for random actions.
 SHORTEST_IDLE, SHORTEST, LONGEST = 70, 40, 280

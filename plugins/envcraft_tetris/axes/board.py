@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from random import Random
 
+from envcraft.environments.source_builder import SourceBuilder
 from envcraft_tetris.axes.pieces import Pieces
-from envcraft_tetris.source_builder import SourceBuilder
 
 SHAPES = ("rectangle", "bowl", "pillar", "stairs", "ledges", "islands")
 #: Shapes without walls at the sides, which can wrap around.

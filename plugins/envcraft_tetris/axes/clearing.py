@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from random import Random
 
+from envcraft.environments.source_builder import SourceBuilder
 from envcraft_tetris.axes.board import Board
 from envcraft_tetris.axes.pieces import Pieces
-from envcraft_tetris.source_builder import SourceBuilder
 
 RULES = ("rows", "cascade", "sticky", "sand", "colour")
 #: The minimum group size by number of colours, in pieces. With fewer colours, larger groups form by chance.

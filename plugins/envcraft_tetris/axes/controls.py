@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from random import Random
 
-from envcraft_tetris.source_builder import SourceBuilder
+from envcraft.environments.source_builder import SourceBuilder
 
 #: The functions of controls: the words for the docstring, and the statement. A drop takes effect after all others.
 FUNCTIONS = {

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from random import Random
 
+from envcraft.environments.source_builder import SourceBuilder
 from envcraft_tetris.axes.board import Board
 from envcraft_tetris.axes.clearing import Clearing
 from envcraft_tetris.axes.entry import Entry
@@ -12,7 +13,6 @@ from envcraft_tetris.axes.garbage import Garbage
 from envcraft_tetris.axes.gravity import Gravity
 from envcraft_tetris.axes.pieces import Pieces
 from envcraft_tetris.episode_length import idle_steps
-from envcraft_tetris.source_builder import SourceBuilder
 
 GOALS = ("endless", "lines", "clock", "survive", "dig")
 #: Survival must last longer than an episode without input by this factor, and at most this many steps.

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from random import Random
 
+from envcraft.environments.source_builder import SourceBuilder
 from envcraft_tetris.axes.controls import Controls
-from envcraft_tetris.source_builder import SourceBuilder
 
 PLACES = ("middle", "left", "right", "random", "sweep", "opposite")
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from random import Random
 
+from envcraft.environments.source_builder import SourceBuilder
 from envcraft_tetris.axes.board import Board
 from envcraft_tetris.axes.clearing import Clearing
-from envcraft_tetris.source_builder import SourceBuilder
 
 SCHEDULES = ("constant", "levels", "ramp", "pieces", "pulse")
 

@@ -6,8 +6,8 @@ import colorsys
 from dataclasses import dataclass
 from random import Random
 
+from envcraft.environments.source_builder import SourceBuilder
 from envcraft_tetris.rules import Rules
-from envcraft_tetris.source_builder import SourceBuilder
 
 STYLES = ("flat", "grid", "bevel", "outline", "dot", "stripes")
 FIELDS = ("plain", "checks", "columns")

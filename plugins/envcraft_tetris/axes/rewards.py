@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from random import Random
 
+from envcraft.environments.source_builder import SourceBuilder
 from envcraft_tetris.axes.clearing import Clearing
 from envcraft_tetris.axes.ending import Ending
-from envcraft_tetris.source_builder import SourceBuilder
 
 CLEARS = ("linear", "bonus", "combo", "sparse")
 EXTRAS = ("none", "piece", "holes", "height", "step")

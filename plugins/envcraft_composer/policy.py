@@ -1,0 +1,163 @@
+"""The player of the family `composer`: plans from one step of progress to the next.
+
+The text of this file, with that of :mod:`envcraft.demonstrations.planning` in front, is the policy that runs beside the
+environment. It searches with the game's own rules for the nearest state with less left to do that the avatar survives.
+The estimate of a state is the way to the nearest target: on cells by a flood over the game's own steps, on a plane by
+the distance. Where nothing is found, it plays the beginning of the best plan and looks again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Iterable, Sequence
+from typing import Any
+
+from envcraft.demonstrations.planning import Action, Macro, Model, Outcome, Plan, Planner, beam, best_first
+
+#: Simulated steps for a plan; pushing crates needs a search to the end of the game.
+_BUDGET, _CRATES = 3_000, 60_000
+#: Simulated steps in an episode after which plans get the least budget.
+_ALLOWANCE, _LEAST = 40_000, 300
+#: Simulated steps of a second search where the first finds nothing.
+_MORE = 8_000
+#: Steps that are played of a plan that reaches nothing.
+_GROPE = 8
+#: Steps for which a state must be survived to count as reached.
+_SAFE = 4
+#: States that are kept while that is looked at.
+_WIDTH = 3
+#: Attributes of a game that can hurt soon.
+_THREATS = ("foes", "cars", "fire", "spikes", "body", "flight")
+#: Steps of a macro-action on a plane.
+_STRIDE = 4
+#: What the loss of a life counts as, in steps.
+_ACCIDENT = 40.0
+#: Attributes that tell states apart, besides the place and what is left.
+_PARTS = (
+    *("heading", "facing", "rise", "carries", "body", "paddle", "lit", "standing"),
+    *("reload", "train", "lives", "sheep", "marks"),
+)
+#: Attributes that no step changes.
+_SHARED = (
+    *("walls", "picture", "observation_space", "action_space", "metadata"),
+    *("taken", "spikes", "free", "switches", "friends"),
+)
+
+
+class Composed(Planner):
+    """Plays one episode."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.model = Model(shared=_SHARED, silent=("render", "_stain"))
+        self._floods: dict[Any, dict[Any, int]] = {}
+
+    def plan(self, env: Any) -> Sequence[Action]:
+        game = self.model.fork(env)
+        game.picture = None
+        self._plane = isinstance(env.at[0], float)
+        actions = env.get_state()["actions"]
+        stride = _STRIDE if self._plane else 1
+        self._moves: list[Macro] = [(tuple(action),) * stride for action in actions]
+        self._moves += [((0, 0, 0),) * stride] if (0, 0, 0) not in actions else []
+        constants = env.step.__func__.__globals__
+        self._beat = constants.get("BEAT", constants.get("PERIOD", 1))
+        self._reach: float = constants.get("SPEED", 1.0)
+        before = env._remaining()
+        if hasattr(env, "crates"):
+            found = self._search(game, lambda ghost, _: False, self._to_marks, _CRATES, 2.0)
+            return found.actions if found.reached else found.actions[:_GROPE]
+
+        budget = max(min(_BUDGET, _ALLOWANCE - self.model.spent), _LEAST)
+
+        def progress(ghost: Any, _: Outcome) -> bool:
+            return bool(ghost._remaining() < before) and self._roomy(ghost) and self._survives(ghost)
+
+        found = self._search(game, progress, self._to_target, budget, 1.5)
+        if not found.reached and budget == _BUDGET:
+            found = self._search(game, progress, self._to_target, _MORE, 1.5)
+        return found.actions if found.reached else found.actions[:_GROPE]
+
+    def _search(self, game: Any, goal: Any, estimate: Any, budget: int, weight: float) -> Plan:
+        return best_first(self.model, game, self._choices, estimate, self._key, budget, weight, goal)
+
+    def _choices(self, ghost: Any) -> Iterable[Macro]:
+        return self._moves
+
+    def _roomy(self, ghost: Any) -> bool:
+        """Whether a snake has a region around its head that holds its body."""
+        body = getattr(ghost, "body", ())
+        known, found = {ghost.at, *body[:-1]}, [ghost.at]
+        for place in found:
+            if len(found) > len(body):
+                break
+            fresh = {ghost._shift(place, move) for move in range(1, 5)} - known
+            known |= fresh
+            found += sorted(fresh)
+        return len(found) > len(body)
+
+    def _survives(self, ghost: Any) -> bool:
+        """Whether some play goes on for a while."""
+        if not any(hasattr(ghost, name) for name in _THREATS):
+            return True
+        depth = -(-_SAFE // len(self._moves[0]))
+        found = beam(self.model, ghost, self._choices, self._lives_left, depth, _WIDTH, 1_000, self._key)
+        return found.reached or len(found.actions) >= _SAFE
+
+    def _lives_left(self, ghost: Any, _: float) -> float:
+        return float(getattr(ghost, "lives", 0))
+
+    def _key(self, ghost: Any) -> Hashable:
+        place = ghost.at if not self._plane else (round(ghost.at[0] / 2), round(ghost.at[1] / 2))
+        parts = tuple(_frozen(getattr(ghost, name)) for name in _PARTS if hasattr(ghost, name))
+        foes = tuple(_frozen(foe[0]) for name in ("foes", "cars") for foe in getattr(ghost, name, ())[:8])
+        drift = tuple(round(2 * part) for part in (*getattr(ghost, "drift", ()), *getattr(ghost, "flight", ())))
+        crates = tuple(sorted(getattr(ghost, "crates", ())))
+        return place, ghost._remaining(), parts, foes, drift, crates, ghost.clock % self._beat
+
+    def _to_target(self, ghost: Any) -> float:
+        """The steps to the nearest target, and what accidents count."""
+        targets = ghost._targets()
+        lost: float = _ACCIDENT * (3 - ghost.lives) if hasattr(ghost, "lives") else 0.0
+        if hasattr(ghost, "energy"):
+            # Each step costs one, which is no loss.
+            lost -= ghost.energy + ghost.clock
+        if not targets:
+            return lost
+        if self._plane:
+            y, x = ghost.at
+            return lost + float(min(abs(y - v) + abs(x - u) for v, u in targets)) / self._reach
+        flood = self._flood(ghost, tuple(targets))
+        return lost + float(flood.get(ghost.at, 50))
+
+    def _to_marks(self, ghost: Any) -> float:
+        """The pushes of each crate to the nearest mark, and the way to the nearest crate that is not on one."""
+        total, walk = 0.0, 99
+        flood = self._flood(ghost, tuple(ghost.marks))
+        for crate in ghost.crates:
+            total += flood.get(crate, 99)
+            if crate not in ghost.marks:
+                walk = min(walk, abs(crate[0] - ghost.at[0]) + abs(crate[1] - ghost.at[1]))
+        return 2 * total + walk
+
+    def _flood(self, ghost: Any, targets: tuple[Any, ...]) -> dict[Any, int]:
+        """The steps from each cell to the nearest target, by the steps of the game's world."""
+        if targets not in self._floods:
+            distance = dict.fromkeys(targets, 0)
+            cells = list(targets)
+            for cell in cells:
+                for move in range(1, 5):
+                    after = ghost._shift(cell, move)
+                    if after not in distance:
+                        distance[after] = distance[cell] + 1
+                        cells.append(after)
+            if len(self._floods) > 300:
+                self._floods.clear()
+            self._floods[targets] = distance
+        return self._floods[targets]
+
+
+def _frozen(value: Any) -> Hashable:
+    """A hashable image of a part of a state, points rounded to pixels."""
+    if isinstance(value, list | tuple):
+        return tuple(_frozen(item) for item in value)
+    return round(value) if isinstance(value, float) else value

@@ -1,0 +1,238 @@
+"""Dangers and pressures: what hurts, and what an accident costs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from random import Random
+
+from envcraft_composer.mechanic import Constants, Mechanic, scaled, traits
+
+_HURT = """
+if any(self.near(foe[0], self.at) for foe in self.foes):
+    self._harm()
+"""
+_PATROL = """
+if self.clock % BEAT == 0:
+    for foe in self.foes:
+        after = self._shift(foe[0], foe[1])
+        if after == foe[0]:
+            foe[1] = BACK[foe[1]]
+        foe[0] = after
+"""
+_WANDER = """
+if self.clock % BEAT == 0:
+    for foe in self.foes:
+        if self.np_random.random() < 0.3 or self._shift(foe[0], foe[1]) == foe[0]:
+            foe[1] = int(self.np_random.integers(1, 5))
+        foe[0] = self._shift(foe[0], foe[1])
+"""
+_CHASE = """
+if self.clock % BEAT == 0:
+    for foe in self.foes:
+        dy, dx = self.at[0] - foe[0][0], self.at[1] - foe[0][1]
+        ways = [(abs(dy), 2 if dy > 0 else 1), (abs(dx), 4 if dx > 0 else 3)]
+        for _, move in sorted(ways, reverse=True):
+            after = self._shift(foe[0], move)
+            if after != foe[0]:
+                foe[:] = [after, move]
+                break
+"""
+_PLACE_FOES = """
+self.foes = [[place, int(self.np_random.integers(1, 5))] for place in self._spots(FOES)]
+"""
+_DRAW_FOES = """
+for place, way in self.foes:
+    self._blit(frame, place, FOE, PALETTE[6])
+    top, left = self._pixel(place)
+    half = CELL // 2
+    frame[top + half + MOVES[way][0] * half, left + half + MOVES[way][1] * half] = PALETTE[7]
+"""
+_DRAW_BEAT = """
+frame[1:4, 66 : 67 + self.clock % BEAT] = PALETTE[6]
+"""
+_FIRE = """
+if self.clock % SPREAD == 0 and len(self.fire) < FIRES:
+    edge = [self._shift(place, move) for place in self.fire for move in range(1, 5)]
+    edge = [place for place in edge if place not in self.fire and place not in self._targets()]
+    if edge:
+        self.fire.append(edge[self.np_random.integers(len(edge))])
+"""
+_HURT_FIRE = """
+if self.at in self.fire:
+    self._harm()
+"""
+_SPIKES = """
+if any(self.near(place, self.at) for place in self.spikes) and self.clock % PERIOD >= PERIOD // 2:
+    self._harm()
+"""
+_DRAW_SPIKES = """
+out = self.clock % PERIOD >= PERIOD // 2
+for place in self.spikes:
+    self._blit(frame, place, SPIKE, PALETTE[6] if out else PALETTE[2])
+frame[1:4, 66 : 67 + self.clock % PERIOD] = PALETTE[6]
+"""
+
+
+_LIVES = '''
+    def _harm(self) -> None:
+        """An accident costs a life. For some steps after it the avatar is safe, which a bar at the top shows."""
+        if not self.shield:
+            self.lives -= 1
+            self.reward -= HARM
+            self.shield = SHIELD
+            self.lost = self.lives == 0
+'''
+_FRAIL = '''
+    def _harm(self) -> None:
+        """An accident loses the game."""
+        self.lost = True
+'''
+_TIRE = '''
+    def _harm(self) -> None:
+        """An accident costs energy. For some steps after it the avatar is safe, which a bar at the top shows."""
+        if not self.shield:
+            self.energy -= HIT
+            self.reward -= HARM
+            self.shield = SHIELD
+'''
+_SHIELDED = """
+if self.shield:
+    self._blit(frame, self.at, HERO, PALETTE[7])
+    frame[4, 70 : 70 + self.shield] = PALETTE[3]
+"""
+_TIMED = """
+if self.clock >= TIME:
+    self.lost = True
+"""
+_CLOCK = """
+frame[81:83, 1 : 1 + 82 * (TIME - self.clock) // TIME] = PALETTE[4]
+"""
+_BURN = """
+self.energy -= 1
+self.shield = max(self.shield - 1, 0)
+if self._remaining() < self.fewest:
+    self.energy = min(self.energy + (self.fewest - self._remaining()) * TIME / 2 / self.total, TIME / 2)
+if self.energy <= 0:
+    self.lost = True
+"""
+
+
+def _beat(low: int, high: int, slow: tuple[int, int], **more: tuple[int, int]) -> Callable[[Random, float], Constants]:
+    """Draw the number of foes by the level, and how many steps they take for one of theirs."""
+
+    def draw(rng: Random, level: float) -> Constants:
+        return {
+            "FOES": scaled(low, high, level),
+            "BEAT": rng.randint(*slow),
+            **{name: rng.randint(*ends) for name, ends in more.items()},
+        }
+
+    return draw
+
+
+def _foes(name: str, about: str, stir: str, draw: Callable[[Random, float], Constants], bars: str = "") -> Mechanic:
+    return Mechanic(
+        name,
+        about,
+        gives=traits("danger", "foes"),
+        needs=traits("mover"),
+        bars=traits("ball", *bars.split()),
+        parts={
+            "place": _PLACE_FOES,
+            "touch": _HURT,
+            "stir": stir,
+            "draw": _DRAW_FOES,
+            "hud": _DRAW_BEAT,
+        },
+        sprites=("FOE",),
+        draw=draw,
+    )
+
+
+DANGERS = (
+    Mechanic("calm", ""),
+    _foes(
+        "patrols",
+        "{FOES} guards walk to and fro, one step in every {BEAT}.",
+        _PATROL,
+        _beat(2, 6, (1, 2)),
+    ),
+    _foes("strays", "{FOES} beasts stray about, one step in every {BEAT}.", _WANDER, _beat(2, 5, (1, 3))),
+    _foes(
+        "hunters", "{FOES} hunters come straight for the avatar, one step in every {BEAT}.", _CHASE, _beat(1, 3, (3, 4))
+    ),
+    Mechanic(
+        "fire",
+        "A fire spreads to up to {FIRES} cells.",
+        gives=traits("danger", "foes"),
+        needs=traits("mover", "open"),
+        bars=traits("long"),
+        parts={
+            "place": "self.fire = self._spots(1)",
+            "touch": _HURT_FIRE,
+            "stir": _FIRE,
+            "draw": "for place in self.fire:\n    self._blit(frame, place, FLAME, PALETTE[6])",
+        },
+        sprites=("FLAME",),
+        draw=lambda rng, level: {"FIRES": scaled(6, 16, level), "SPREAD": rng.randint(4, 9)},
+    ),
+    Mechanic(
+        "spikes",
+        "{SPIKES} traps have their spikes out during the second half of every {PERIOD} steps.",
+        gives=traits("danger", "foes"),
+        needs=traits("mover"),
+        bars=traits("ball"),
+        parts={
+            "place": "self.spikes = self._spots(SPIKES)",
+            "touch": _SPIKES,
+            "draw": _DRAW_SPIKES,
+        },
+        sprites=("SPIKE",),
+        draw=lambda rng, level: {"SPIKES": scaled(3, 9, level), "PERIOD": 2 * rng.randint(2, 5)},
+    ),
+)
+
+PRESSURES = (
+    Mechanic(
+        "hurry",
+        "Time is up after {TIME} steps; the bar at the bottom shows the rest.",
+        bars=traits("danger"),
+        parts={"press": _TIMED, "hud": _CLOCK},
+    ),
+    Mechanic(
+        "frail",
+        "An accident loses the game. So does the end of time, after {TIME} steps; the bar at the bottom shows it.",
+        needs=traits("danger"),
+        bars=traits("ball", "aims", "narrow"),
+        parts={"method:harm": _FRAIL, "press": _TIMED, "hud": _CLOCK},
+    ),
+    Mechanic(
+        "lives",
+        "The third accident loses the game, and so does the end of time, after {TIME} steps. The bar at the bottom "
+        "shows the time, and the squares at the top show the lives.",
+        needs=traits("danger"),
+        parts={
+            "avatar": "self.lives, self.shield = 3, 0",
+            "method:harm": _LIVES,
+            "press": "self.shield = max(self.shield - 1, 0)\n" + _TIMED.strip(),
+            "over": _SHIELDED,
+            "hud": _CLOCK
+            + "for life in range(self.lives):\n    frame[1:4, 80 - 4 * life : 83 - 4 * life] = PALETTE[3]",
+        },
+        draw=lambda rng, level: {"SHIELD": rng.randint(6, 12)},
+    ),
+    Mechanic(
+        "energy",
+        "Every step costs energy, accidents cost more, and progress restores some. Without energy the game is lost. "
+        "The bar at the bottom shows what is left.",
+        needs=traits("danger"),
+        parts={
+            "avatar": "self.energy, self.shield = TIME / 2, 0",
+            "method:harm": _TIRE,
+            "press": _BURN,
+            "over": _SHIELDED,
+            "hud": "frame[81:83, 1 : 1 + max(round(164 * self.energy / TIME), 0)] = PALETTE[4]",
+        },
+        draw=lambda rng, level: {"SHIELD": rng.randint(6, 12), "HIT": scaled(15, 40, level)},
+    ),
+)

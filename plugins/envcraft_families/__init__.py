@@ -1,0 +1,1 @@
+"""The families `breakout`, `maze`, `shooter` and `snake`, with a player for each."""

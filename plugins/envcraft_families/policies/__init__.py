@@ -1,0 +1,1 @@
+"""The policies of the players, one module for each family. Their texts run in the sandbox, beside the games."""
