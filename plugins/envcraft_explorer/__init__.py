@@ -1,0 +1,1 @@
+"""The explorer: ``envcraft explore`` serves the pages of a corpus and plays its environments in the sandbox."""

@@ -1,0 +1,122 @@
+"""The server: the pages as files, and beside them live play, players and replays of findings."""
+
+from __future__ import annotations
+
+import asyncio
+import base64
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from functools import cache
+from http import HTTPStatus
+from pathlib import Path
+from typing import Any
+
+from starlette.applications import Starlette
+from starlette.datastructures import QueryParams
+from starlette.requests import Request
+from starlette.responses import JSONResponse
+from starlette.routing import Mount, Route, WebSocketRoute
+from starlette.staticfiles import StaticFiles
+from starlette.websockets import WebSocket
+
+from envcraft.errors import EnvCraftError, UsageError
+from envcraft.text import one_line
+from envcraft_explorer.guard import Guard
+from envcraft_explorer.live import Session
+from envcraft_explorer.recording import Recorded, of_finding, of_player
+from envcraft_explorer.stage import MOST, Full, Stage
+
+
+class Server:
+    """The application.
+
+    Args:
+        folder: the site, made for a server.
+        stage: the environments.
+        port: of the server.
+
+    Attributes:
+        app: the guarded ASGI application.
+    """
+
+    def __init__(self, folder: Path, stage: Stage, port: int) -> None:
+        self._stage = stage
+        self._names = cache(stage.names)
+        # Sessions wait in these threads, and recordings work in them.
+        self._threads = ThreadPoolExecutor(MOST + 4, "envcraft-explorer")
+        routes = [
+            WebSocketRoute("/live/play", self._play),
+            Route("/live/players", self._players),
+            Route("/live/episode", self._episode),
+            Mount("/", StaticFiles(directory=folder, html=True)),
+        ]
+        self.app = Guard(Starlette(routes=routes), port)
+
+    @property
+    def token(self) -> str:
+        """The secret of the address."""
+        return self.app.token
+
+    def close(self) -> None:
+        """End the threads."""
+        self._threads.shutdown(cancel_futures=True)
+
+    async def _play(self, socket: WebSocket) -> None:
+        await socket.accept()
+        await Session(socket, self._stage, self._threads, self._names).run()
+
+    async def _players(self, request: Request) -> JSONResponse:
+        def players() -> list[list[str]]:
+            known = self._stage.players(self._name(request))
+            return [[one_line(player.name), one_line(player.summary)] for player in known.values()]
+
+        return await self._answer(players)
+
+    async def _episode(self, request: Request) -> JSONResponse:
+        def episode() -> dict[str, Any]:
+            name, given = self._name(request), request.query_params
+            with self._stage.place():
+                recorded = self._finding(name, given["finding"]) if "finding" in given else self._played(name, given)
+            if recorded.picture is None:
+                raise UsageError(f"there is no picture to show: {recorded.data['words']}")
+            encoded = base64.b64encode(recorded.picture).decode()
+            return {**recorded.data, "picture": f"data:image/webp;base64,{encoded}"}
+
+        return await self._answer(episode)
+
+    def _finding(self, name: str, number: str) -> Recorded:
+        found, place = self._stage.findings(name), _whole(number)
+        if not 0 < place <= len(found):
+            raise UsageError(f"{one_line(name)} has {len(found)} findings, and no finding {place}")
+        with self._stage.subject(name) as subject:
+            return of_finding(subject, *found[place - 1], place)
+
+    def _played(self, name: str, given: QueryParams) -> Recorded:
+        player = self._stage.players(name).get(given.get("player", ""))
+        if player is None:
+            raise UsageError(f"there is no player {one_line(given.get('player', ''))}")
+        with self._stage.subject(name, player.policy) as subject:
+            return of_player(subject, player, max(_whole(given.get("episode", "0")), 0))
+
+    async def _answer(self, work: Callable[[], Any]) -> JSONResponse:
+        try:
+            return JSONResponse(await asyncio.get_running_loop().run_in_executor(self._threads, work))
+        except Full as error:
+            return JSONResponse({"words": one_line(error)}, HTTPStatus.SERVICE_UNAVAILABLE)
+        except EnvCraftError as error:
+            return JSONResponse({"words": one_line(error)}, HTTPStatus.UNPROCESSABLE_ENTITY)
+
+    def _name(self, request: Request) -> str:
+        """The environment of a request: its number, and its name as the page shows it. Raises UsageError."""
+        names, given = self._names(), request.query_params
+        number = _whole(given.get("number", "-1"))
+        if 0 <= number < len(names) and one_line(names[number]) == given.get("environment"):
+            return names[number]
+        raise UsageError(f"the corpus has no environment {one_line(given.get('environment', ''))}")
+
+
+def _whole(text: str) -> int:
+    try:
+        return int(text)
+    except ValueError:
+        raise UsageError(f"{one_line(text)} is not a number") from None
