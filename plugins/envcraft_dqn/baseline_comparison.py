@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import contextlib
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import gymnasium
 import numpy as np
-import torch
 from gymnasium.vector import SyncVectorEnv
 from gymnasium.wrappers import TimeLimit
 
@@ -18,9 +16,10 @@ from envcraft.environments.sandboxed import SubjectEnv
 from envcraft.judging.subject import Subject
 from envcraft_dqn.env_spec import EnvSpec
 from envcraft_dqn.evaluation import Evaluation, evaluate
-from envcraft_dqn.learner import train
+from envcraft_dqn.network import one_thread
 from envcraft_dqn.policies import AgentPolicy, NoopPolicy, Policy, RandomPolicy
 from envcraft_dqn.settings import Settings
+from envcraft_dqn.trainer import train
 
 #: The rate of random actions in the evaluation of the agent (Mnih et al. 2015, doi:10.1038/nature14236). A greedy agent
 #: may repeat an action for ever.
@@ -76,6 +75,7 @@ def compare(subject: Subject, env: SubjectEnv, steps: int, episodes: int) -> dic
         starts=200,
         precision="fp32",
         device="cpu",
+        value_rescaling=False,
     )
     spec = EnvSpec.of(open_vector, "the environment")
     with one_thread(), tempfile.TemporaryDirectory(prefix="envcraft-") as folder:
@@ -90,14 +90,3 @@ def compare(subject: Subject, env: SubjectEnv, steps: int, episodes: int) -> dic
         for name, policy in policies.items():
             [results[name]] = evaluate([""], open_vector, policy, episodes, num_envs=1, seed=subject.seed)
     return results
-
-
-@contextlib.contextmanager
-def one_thread() -> Iterator[None]:
-    """Limit torch to one thread: other subjects need the other cores, and verdicts must not depend on the machine."""
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(before)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import time
 from collections import deque
+from collections.abc import Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -34,8 +35,11 @@ class Callback:
     def on_update(self, loss: float) -> None:
         """The learner made an update."""
 
-    def on_reset(self, num_envs: int) -> None:
-        """All environments were reset."""
+    def on_reset(self, num_envs: int, names: Sequence[str] = ()) -> None:
+        """All environments were reset; `names` are theirs, if they are known."""
+
+    def on_act(self, actions: NDArray[np.int64], gaps: NDArray[np.float32]) -> None:
+        """The learner chose joint actions [n]. `gaps` [n] are the leads of the best values over the second best."""
 
     def on_step(self, indices: NDArray[np.int64], rewards: NDArray[Any], dones: NDArray[np.bool_]) -> None:
         """The environments were stepped.
@@ -44,6 +48,9 @@ class Callback:
             indices: The environments that took a step, [n].
             rewards, dones: The rewards and episode ends of all environments, [num_envs].
         """
+
+    def on_held_out(self, score: float, updates: int) -> None:
+        """The agent was tested in held-out environments (:class:`envcraft_dqn.held_out.HeldOut`)."""
 
     def on_progress(self, steps: int, updates: int, done: int, epsilon: float | None = None) -> None:
         """The run advanced: `steps` and `updates` in total, and `done` in the phase."""
@@ -61,7 +68,7 @@ class EpisodeStatistics(Callback):
     def on_update(self, loss: float) -> None:
         self._losses.append(loss)
 
-    def on_reset(self, num_envs: int) -> None:
+    def on_reset(self, num_envs: int, names: Sequence[str] = ()) -> None:
         self._sums, self._counts = np.zeros(num_envs), np.zeros(num_envs, np.int64)
 
     def on_step(self, indices: NDArray[np.int64], rewards: NDArray[Any], dones: NDArray[np.bool_]) -> None:
@@ -92,6 +99,29 @@ class ProgressLogger(EpisodeStatistics):
         self._folder = folder
         self._writer: Any = None
         self._pending: tuple[int, int, float | None] | None = None
+        self._names: Sequence[str] = ()
+        #: Since the last point: the returns of episodes by environment, and the actions and gaps of the learner.
+        self._by_name: dict[str, list[float]] = {}
+        self._actions: list[NDArray[np.int64]] = []
+        self._gaps: list[NDArray[np.float32]] = []
+
+    def on_reset(self, num_envs: int, names: Sequence[str] = ()) -> None:
+        super().on_reset(num_envs, names)
+        self._names = names
+
+    def on_act(self, actions: NDArray[np.int64], gaps: NDArray[np.float32]) -> None:
+        self._actions.append(actions)
+        self._gaps.append(gaps)
+
+    def on_step(self, indices: NDArray[np.int64], rewards: NDArray[Any], dones: NDArray[np.bool_]) -> None:
+        totals = self._sums + np.where(np.isin(np.arange(len(self._sums)), indices), rewards, 0.0)
+        for index in np.flatnonzero(dones).tolist():
+            if self._names:
+                self._by_name.setdefault(self._names[index], []).append(float(totals[index]))
+        super().on_step(indices, rewards, dones)
+
+    def on_held_out(self, score: float, updates: int) -> None:
+        self._add_scalar("held out/score", score, updates)
 
     def __enter__(self) -> ProgressLogger:
         self._bar.start()
@@ -145,6 +175,12 @@ class ProgressLogger(EpisodeStatistics):
             ("episode/length", self._lengths),
         ):
             self._add_scalar(name, float(np.mean(values)) if values else None, updates)
+        for name, totals in self._by_name.items():
+            self._add_scalar(f"return/{name}", float(np.mean(totals)), updates)
+        if self._actions:
+            self._writer.add_histogram("actions", np.concatenate(self._actions), updates)
+            self._add_scalar("values/gap", float(np.median(np.concatenate(self._gaps))), updates)
+        self._by_name, self._actions, self._gaps = {}, [], []
 
     def _text(self) -> str:
         parts = [f"loss {np.mean(self._losses):.3g}"] if self._losses else []

@@ -55,8 +55,10 @@ class Checkpoint:
         every: The seconds between two checkpoints.
         sources: The identities of the environments, by name.
         demonstrations: The identity of the demonstrations.
+        initial: The identity of the first weights.
 
-    A run resumes only with equal settings, environments, sources and demonstrations.
+    A run resumes only with equal settings, environments, sources, demonstrations and first weights, except that the
+    steps may be more than before.
     """
 
     def __init__(
@@ -67,6 +69,7 @@ class Checkpoint:
         every: float,
         sources: Mapping[str, str] | None = None,
         demonstrations: str = "none",
+        initial: str = "random",
     ) -> None:
         self._folder, self._every = folder, every
         self._run = {
@@ -74,6 +77,7 @@ class Checkpoint:
             "environments": list(names),
             "demonstrations": demonstrations,
             "sources": dict(sources or {}),
+            "initial": initial,
         }
         self._serial = self._added = 0
         self._parts: dict[int, str] = {}
@@ -133,11 +137,18 @@ class Checkpoint:
         """
         state = json.loads((self._folder / _MANIFEST).read_text("utf-8"))
         for what, mine in self._run.items():
-            if what in ("demonstrations", "sources") and what not in state:
+            if what in ("demonstrations", "sources", "initial") and what not in state:
                 raise UsageError(
                     f"{self._folder} has a run of an earlier version of EnvCraft, which did not record its {what}; "
                     "choose another --output, or remove the folder to start over"
                 )
+            if what == "settings" and isinstance(state[what], dict) and (new := mine.keys() - state[what].keys()):
+                raise UsageError(
+                    f"{self._folder} has a run of an earlier version of EnvCraft, which had no setting "
+                    f"{' and '.join(sorted(new))}; choose another --output, or remove the folder to start over"
+                )
+            if what == "settings" and isinstance(state[what], dict) and state[what].get("steps", 0) < mine["steps"]:
+                state[what]["steps"] = mine["steps"]
             if state[what] != mine:
                 raise UsageError(f"{self._folder} has a run with other {what}{_differing(state[what], mine)}")
         files = state["files"]
@@ -174,9 +185,10 @@ def _differing(theirs: Any, mine: Any) -> str:
     return f" ({', '.join(listed + more)}); choose another --output"
 
 
-def save_agent(path: Path, network: Network, spec: EnvSpec) -> Path:
-    """Write a network and its architecture to `path`, and return `path`. Raises EnvCraftError."""
+def save_agent(path: Path, network: Network, spec: EnvSpec, precision: str = "fp32") -> Path:
+    """Write a network, its architecture and the precision of its training; return `path`. Raises EnvCraftError."""
     metadata = {"surface": msgspec.to_builtins(spec), "size": network.size, "head": network.head}
+    metadata["precision"] = precision
     tensors = {name: tensor.detach().cpu().contiguous() for name, tensor in network.state_dict().items()}
     try:
         write_atomically(path, safetensors.torch.save(tensors, {"envcraft": json.dumps(metadata, sort_keys=True)}))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import importlib.util
 import sys
 import tempfile
@@ -13,8 +14,9 @@ import click
 
 from envcraft.cli.signals import uninterrupted
 from envcraft.errors import UsageError
+from envcraft_dqn.config import read_config, write_config
 from envcraft_dqn.files import exclusive
-from envcraft_dqn.settings import HEADS, PRECISIONS, RENAMED, REPLAYS, SIZES, Settings
+from envcraft_dqn.settings import AUGMENTATIONS, HEADS, OBJECTIVES, PRECISIONS, RENAMED, REPLAYS, SIZES, Settings
 
 _F = TypeVar("_F", bound=Callable[..., Any])
 _DEFAULT = Settings()
@@ -28,14 +30,14 @@ def _environment_options(command: _F) -> _F:
                 "--select",
                 multiple=True,
                 metavar="PATTERN",
-                help="Select environments whose names match, such as 'tetris_*'.",
+                help="Select environments by name, such as snake, or by pattern, such as 'tetris_*'.",
             ),
             click.option(
                 "--contract",
                 metavar="NAME",
                 help="Contract of the environments.  [default: the contract that they passed]",
             ),
-            click.option("--trust", is_flag=True, help="Run code in this process that has not passed."),
+            click.option("--trust", is_flag=True, help="Run environments in this process even if they did not pass."),
             click.option("--sandbox", metavar="NAME", help="Run the environments in this sandbox."),
             click.option("--workers", type=click.IntRange(0, 64), help="Number of processes.  [default: one per core]"),
             click.option(
@@ -66,12 +68,62 @@ def _number(name: str, text: str, minimum: float = 1) -> Callable[[_F], _F]:
 @click.command()
 @click.argument("corpus", metavar="CORPUS", type=click.Path(path_type=Path))
 @click.option("--output", required=True, metavar="DIR", type=click.Path(path_type=Path), help="Folder of the run.")
+@click.option(
+    "--config",
+    metavar="FILE",
+    type=click.Path(path_type=Path, exists=True, dir_okay=False),
+    is_eager=True,
+    expose_value=False,
+    callback=read_config,
+    help="TOML file with options, such as DIR/config.toml of an earlier run. Options on the command line come first.",
+)
+@click.option("--eval-every", type=click.IntRange(1), help="Updates between two tests in held-out environments.")
+@click.option(
+    "--held-out",
+    multiple=True,
+    metavar="PATTERN",
+    help="Names of environments for these tests, which are left out of the training.",
+)
+@click.option(
+    "--eval-episodes",
+    type=click.IntRange(2),
+    default=10,
+    show_default=True,
+    help="Episodes of each environment in these tests.",
+)
 @_environment_options
 @click.option(
     "--size", type=click.Choice(list(SIZES)), default=_DEFAULT.size, show_default=True, help="Size of the network."
 )
 @click.option(
     "--head", type=click.Choice(HEADS), default=_DEFAULT.head, show_default=True, help="Output head of the network."
+)
+@click.option(
+    "--objective",
+    type=click.Choice(OBJECTIVES),
+    default=_DEFAULT.objective,
+    show_default=True,
+    help="Q-learning, behaviour cloning, dataset aggregation, or Q-learning from demonstrations.",
+)
+@_number("margin", "Margin between a labelled action and others, for the objective dqfd.", 0.0)
+@click.option(
+    "--balanced/--no-balanced",
+    default=_DEFAULT.balanced,
+    show_default=True,
+    help="Give rare actions more weight in the loss of labelled actions.",
+)
+@click.option(
+    "--augment",
+    type=click.Choice(AUGMENTATIONS),
+    default=_DEFAULT.augment,
+    show_default=True,
+    help="Random changes to frames in updates.",
+)
+@click.option(
+    "--initial",
+    metavar="AGENT",
+    type=click.Path(path_type=Path, exists=True),
+    help="Agent, or folder of a run, whose weights the network starts with.",
 )
 @_number("steps", "Environment steps, summed over all environments.", 0)
 @_number("pretrain_updates", "Updates on demonstrations alone, before online training.", 0)
@@ -84,7 +136,7 @@ def _number(name: str, text: str, minimum: float = 1) -> Callable[[_F], _F]:
 @_number("demonstrations", "Demonstrated steps in each environment.")
 @_number("num_envs", "Number of environments to step in parallel.")
 @_number("cycle", "Steps of an environment before another takes its turn.")
-@_number("segment", "Steps of an environment between forced resets, at which checkpoints are possible.")
+@_number("segment", "Steps of an environment between two points at which a checkpoint is possible.")
 @_number("batch", "Transitions in an update.")
 @_number("learning_rate", "Learning rate of Adam.", 0.0)
 @_number("gamma", "Discount factor.", 0.0)
@@ -94,13 +146,20 @@ def _number(name: str, text: str, minimum: float = 1) -> Callable[[_F], _F]:
 @_number("epsilon_first", "Initial rate of random actions.", 0.0)
 @_number("epsilon_last", "Final rate of random actions.", 0.0)
 @_number("epsilon_share", "Share of the steps in which the rate of random actions falls.", 0.0)
+@_number("alpha", "Exponent of the priorities.", 0.0)
+@_number("beta", "First exponent of the importance weights, which rises to 1.", 0.0)
+@click.option(
+    "--value-rescaling/--no-value-rescaling",
+    default=_DEFAULT.value_rescaling,
+    show_default=True,
+    help="Learn values on a compressed scale, for environments with large and with small rewards.",
+)
 @_number("capacity", "Slots of the replay.")
 @_number("starts", "Steps before the first update, without pretraining.", 0)
 @click.option(
     "--demonstration-share",
     type=click.FloatRange(0, 1),
-    help="Share of demonstrations in online batches; importance weights correct for it as beta rises.  [default: by "
-    "priority]",
+    help="Share of demonstrations in online batches.  [default: by priority]",
 )
 @click.option(
     "--replay", type=click.Choice(REPLAYS), default=_DEFAULT.replay, show_default=True, help="Storage of frames."
@@ -130,31 +189,53 @@ def train(
     workers: int | None,
     fast: bool | None,
     demos: str | None,
+    initial: Path | None,
+    eval_every: int | None,
+    held_out: tuple[str, ...],
+    eval_episodes: int,
     checkpoint_minutes: float,
     **options: Any,
 ) -> None:
     """Train one agent on the frames of many environments.
 
-    The same command resumes an interrupted run from its last checkpoint. The agent is DIR/agent.safetensors.
+    The same command resumes an interrupted run from its last checkpoint, and with more --steps it goes on with a
+    completed run. The agent is DIR/agent.safetensors.
     """
     settings = Settings(**options)
     settings.check()
-    from envcraft_dqn.selection import select_environments, source_digests
+    if bool(held_out) != (eval_every is not None):
+        raise UsageError("--eval-every and --held-out belong together: name the environments of the tests")
+    from envcraft_dqn.selection import matches, select_environments, source_digests
 
     selection = select_environments(corpus, select, contract, trust, sandbox, workers, fast)
     with uninterrupted():
         _require_libraries()
         from envcraft_dqn.callbacks import ProgressLogger
-        from envcraft_dqn.demo_sources import source_named
-        from envcraft_dqn.learner import train as run
+        from envcraft_dqn.demo_sources import adviser_named, source_named
+        from envcraft_dqn.held_out import HeldOut
+        from envcraft_dqn.policies import agent_file
+        from envcraft_dqn.trainer import train as run
+    tested = [name for name in selection.names if matches(name, held_out)]
+    names = [name for name in selection.names if name not in tested]
+    if held_out and not (tested and names):
+        count = f"{len(tested)} of {len(selection.names)} environments"
+        raise UsageError(f"--held-out {' '.join(held_out)} matches {count}; it must match some, but not all")
+    selection = dataclasses.replace(selection, names=names)
+    test = None
+    if eval_every is not None:
+        test = HeldOut(tested, selection.open_vector, output, eval_every, eval_episodes, settings.seed)
     source = None if demos is None else source_named(demos, selection, settings, output)
+    adviser = adviser_named(demos, selection) if demos is not None and settings.objective == "dagger" else None
+    first = None if initial is None else agent_file(initial)
     _ensure_writable(output)
-    names = selection.names
+    write_config(output / "config.toml")
     click.echo(f"{len(names):,} environments; output in {output}", err=True)
     every, sources = checkpoint_minutes * 60, source_digests(corpus, names, contract)
     try:
         with exclusive(output), ProgressLogger(output / "tensorboard") as callback:
-            agent = run(settings, names, selection.open_vector, output, source, callback, every, sources)
+            agent = run(
+                settings, names, selection.open_vector, output, source, callback, every, sources, adviser, first, test
+            )
     except KeyboardInterrupt:
         resumable = (output / "checkpoint" / "state.json").is_file()
         effect = "resumes from the last checkpoint" if resumable else "starts over, because there is no checkpoint yet"
@@ -190,6 +271,12 @@ def train(
     help="Rate of random actions of a checkpoint.",
 )
 @click.option("--output", metavar="FILE", type=click.Path(path_type=Path), help="Also write the JSON to this file.")
+@click.option(
+    "--gif",
+    metavar="FILE",
+    type=click.Path(path_type=Path),
+    help="Also write an episode of the first environment as an animated GIF.",
+)
 @_environment_options
 def evaluate(
     target: Path,
@@ -198,6 +285,7 @@ def evaluate(
     num_envs: int,
     epsilon: float,
     output: Path | None,
+    gif: Path | None,
     select: tuple[str, ...],
     contract: str | None,
     trust: bool,
@@ -209,7 +297,7 @@ def evaluate(
 ) -> None:
     """Play whole episodes; print mean returns and lengths as JSON.
 
-    Each environment has its means with standard errors and 95% confidence intervals.
+    The JSON has the means of each environment, with standard errors and 95% confidence intervals.
     """
     import json
 
@@ -227,12 +315,17 @@ def evaluate(
         _require_libraries()
         from envcraft_dqn.env_spec import EnvSpec
         from envcraft_dqn.evaluation import evaluate as play
+        from envcraft_dqn.evaluation import write_episode
         from envcraft_dqn.policies import policy_named
+    if gif is not None and privileged_player is not None:
+        raise UsageError("--gif shows policies on frames; `envcraft demos --cache` has the frames of other players")
     if privileged_player is not None:
         results = [one.summary() for one in privileged.evaluate(privileged_player, selection, episodes, seed)]
     else:
         names, open_vector = selection.names, selection.open_vector
         policy = policy_named(player, EnvSpec.of(open_vector, names[0]), seed, epsilon, device)
+        if gif is not None:
+            write_episode(gif, names[0], open_vector, policy, seed)
         playing = play(names, open_vector, policy, episodes, num_envs, seed)
         with click.progressbar(playing, length=len(names), label="environments", file=sys.stderr) as played:
             results = [one.summary() for one in played]

@@ -9,6 +9,7 @@ from typing import Any
 import click
 import numpy as np
 
+from envcraft.errors import UsageError
 from envcraft_dqn import privileged
 from envcraft_dqn.demonstrations import DemonstrationSource, Episode
 from envcraft_dqn.env_spec import EnvSpec, OpenVector, spec_of
@@ -86,6 +87,19 @@ def source_named(name: str, selection: Selection, settings: Settings, folder: Pa
     spec = EnvSpec.of(selection.open_vector, selection.names[0])
     policy = policy_named(name, spec, settings.seed, device=settings.device)
     return PolicyDemonstrations(selection.open_vector, policy, settings.demonstrations, settings.seed)
+
+
+def adviser_named(name: str, selection: Selection) -> privileged.PlayerAdviser:
+    """The adviser for a source of demonstrations: the player itself, or that of recordings ``CORPUS:PLAYER``.
+
+    Raises:
+        UsageError: The source names no player that sees the state.
+    """
+    known = privileged.players()
+    player = known.get(name) or known.get(name.rpartition(":")[2])
+    if player is None:
+        raise UsageError(f"--demos {name} names no player that can advise; choose from {', '.join(sorted(known))}")
+    return privileged.PlayerAdviser(player, selection.target, selection.contract, selection.sandbox, selection.workers)
 
 
 def _recorded(

@@ -45,6 +45,23 @@ class Identified(Protocol):
         """The identity of the demonstrations in these environments, as text."""
 
 
+class Adviser(Protocol):
+    """A demonstrator that says what it would do in states that it did not bring about."""
+
+    def advise(self, episodes: Sequence[tuple[str, int, NDArray[np.int64]]]) -> Sequence[NDArray[np.int64] | None]:
+        """Label episodes.
+
+        Args:
+            episodes: The environment, the seed and the actions [steps, parts] of each episode.
+
+        Returns:
+            The demonstrator's actions [steps, parts] in each episode; None where it gives no advice.
+
+        Raises:
+            EnvCraftError: The demonstrator gives no advice at all.
+        """
+
+
 def identity(source: DemonstrationSource, names: Sequence[str]) -> str:
     """The identity of a source, or "some" if it has none."""
     return source.identity(names) if isinstance(source, Identified) else "some"
@@ -53,7 +70,7 @@ def identity(source: DemonstrationSource, names: Sequence[str]) -> str:
 def seed_replay(
     replay: Replay, spec: EnvSpec, names: Sequence[str], source: DemonstrationSource, settings: Settings
 ) -> int:
-    """Fill an empty replay with demonstrations and protect them.
+    """Fill an empty replay with demonstrations, label them with their actions, and protect them.
 
     Args:
         replay: The empty replay.
@@ -108,10 +125,4 @@ def _add(replay: Replay, spec: EnvSpec, name: str, episode: Episode) -> None:
         joint = spec.join(np.asarray(actions))
     except ValueError as error:
         raise UsageError(f"a demonstration of {name} has an invalid action: {error}") from None
-    index = np.zeros(1, np.int64)
-    for step in range(steps):
-        last = np.array([step == steps - 1])
-        terminated_here, truncated_here = (last & terminated), (last & (not terminated))
-        reward = np.array([rewards[step]], np.float64)
-        frame, next_frame = frames[step : step + 1], frames[step + 1 : step + 2]
-        replay.add(index, frame, joint[step : step + 1], reward, terminated_here, truncated_here, next_frame)
+    replay.add_episode(frames, joint, np.asarray(rewards, np.float64), terminated, joint)

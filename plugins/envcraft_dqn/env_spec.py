@@ -8,7 +8,7 @@ from typing import Any
 
 import msgspec
 import numpy as np
-from gymnasium.spaces import Box, MultiDiscrete
+from gymnasium.spaces import Box, MultiDiscrete, Space
 from gymnasium.vector import AutoresetMode, VectorEnv
 from numpy.typing import NDArray
 
@@ -62,7 +62,23 @@ def spec_of(vector: VectorEnv[Any, Any, Any], name: str) -> EnvSpec:
     Raises:
         UsageError: The spaces or the autoreset mode are not supported.
     """
-    frame, action = vector.single_observation_space, vector.single_action_space
+    spec = spec_of_spaces(vector.single_observation_space, vector.single_action_space, name)
+    if vector.metadata.get("autoreset_mode") is not AutoresetMode.NEXT_STEP:
+        raise UsageError("a vector must reset in the step after the end of an episode: autoreset_mode='NextStep'")
+    return spec
+
+
+def spec_of_spaces(frame: Space[Any], action: Space[Any], name: str) -> EnvSpec:
+    """The spec of an environment with these spaces of observations and actions.
+
+    Args:
+        frame: The observation space.
+        action: The action space.
+        name: The name of the environment, for messages.
+
+    Raises:
+        UsageError: An agent cannot use the spaces.
+    """
     if not isinstance(frame, Box) or frame.dtype != np.uint8 or len(frame.shape) != 3:
         raise UsageError(
             f"{name} has observations {frame}; an agent learns from frames, such as those of the contract arcade"
@@ -71,6 +87,4 @@ def spec_of(vector: VectorEnv[Any, Any, Any], name: str) -> EnvSpec:
         raise UsageError(
             f"{name} has actions {action}; an agent needs a MultiDiscrete space, such as that of the contract arcade"
         )
-    if vector.metadata.get("autoreset_mode") is not AutoresetMode.NEXT_STEP:
-        raise UsageError("a vector must reset in the step after the end of an episode: autoreset_mode='NextStep'")
     return EnvSpec(frame.shape, tuple(map(int, action.nvec)))

@@ -86,7 +86,7 @@ class Learnability(Check):
             )
         from envcraft.environments.sandboxed import SubjectEnv
         from envcraft_dqn.baseline_comparison import compare
-        from envcraft_dqn.learner import Diverged
+        from envcraft_dqn.trainer import Diverged
 
         steps, episodes = _BUDGETS[subject.budget.name]
         env = None

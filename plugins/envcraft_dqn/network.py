@@ -44,12 +44,31 @@ def seeded_weights(seed: int) -> Iterator[None]:
         yield
 
 
+@contextlib.contextmanager
+def one_thread() -> Iterator[None]:
+    """Limit torch to one thread, because other subjects need the other cores, and a verdict must not depend on the
+    machine. On a busy machine, one thread is also many times faster for single frames.
+    """
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)
+
+
+def _full_precision(tensor: Tensor) -> contextlib.AbstractContextManager[Any]:
+    """A context without autocast."""
+    return torch.autocast(tensor.device.type, enabled=False)
+
+
 class Network(nn.Module):
     """Maps frames [n, height, width, channels] of bytes to the values of all joint actions [n, actions].
 
     The head has a stream for the state value and one for the advantages (Wang et al. 2016, arXiv:1511.06581). With the
     head ``branching``, the advantage of an action is the sum over its components (Seyde et al. 2023, arXiv:2210.12566),
-    so that MultiDiscrete([5, 2, 2]) needs 9 outputs instead of 20.
+    so that MultiDiscrete([5, 2, 2]) needs 9 outputs instead of 20. The outputs and their sum are 32-bit floats under
+    any autocast: bfloat16 has 8 bits of precision, too few for the small differences between the values of actions.
 
     Args:
         shape: The shape of a frame, [height, width, channels].
@@ -82,18 +101,24 @@ class Network(nn.Module):
 
     def values(self, pixels: Tensor) -> Tensor:
         """The values of all joint actions, [n, actions], from the result of :meth:`preprocess`."""
-        value, advantage = self.streams(self._features(pixels)).relu_().chunk(2, 1)
-        advantages = self._joint(self.advantage(advantage))
-        result: Tensor = self.value(value) + advantages - advantages.mean(1, keepdim=True)
+        hidden = self.streams(self._features(pixels)).relu_()
+        with _full_precision(hidden):
+            value, advantage = hidden.float().chunk(2, 1)
+            advantages = self._joint(self.advantage(advantage))
+            result: Tensor = self.value(value) + advantages - advantages.mean(1, keepdim=True)
         return result
 
     def greedy(self, pixels: Tensor) -> Tensor:
-        """The joint actions with the highest values, [n]. It skips the stream of the state value, which does not
-        affect them.
-        """
+        """The joint actions with the highest values, [n]."""
+        return self.advantages(pixels).argmax(1)
+
+    def advantages(self, pixels: Tensor) -> Tensor:
+        """The values of all joint actions up to a constant, [n, actions]. It skips the stream of the state value."""
         width = self.value.in_features
         weight, bias = self.streams.weight[width:], self.streams.bias[width:]
-        return self._joint(self.advantage(functional.linear(self._features(pixels), weight, bias).relu_())).argmax(1)
+        hidden = functional.linear(self._features(pixels), weight, bias).relu_()
+        with _full_precision(hidden):
+            return self._joint(self.advantage(hidden.float()))
 
     def _features(self, pixels: Tensor) -> Tensor:
         """The features of the convolutions, [n, features]. Calls of functions instead of modules save 3% of an update

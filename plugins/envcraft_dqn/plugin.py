@@ -1,4 +1,4 @@
-"""The plugin with the commands ``train``, ``evaluate`` and ``study``, and the check ``learnability``."""
+"""The commands ``train``, ``evaluate`` and ``study``, the check ``learnability``, and trained policies as players."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from envcraft.plugins import hookimpl
 if TYPE_CHECKING:
     import click
 
+    from envcraft.demonstrations.player import PlayerLoader
     from envcraft.judging.check import Check
 
 
@@ -25,3 +26,10 @@ def envcraft_checks() -> list[Check]:
     from envcraft_dqn.learnability import Learnability
 
     return [Learnability()]
+
+
+@hookimpl
+def envcraft_player_loaders() -> list[PlayerLoader]:
+    from envcraft_dqn.player import CheckpointLoader
+
+    return [CheckpointLoader()]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from hashlib import sha256
 from pathlib import Path
 from typing import Protocol
@@ -46,6 +47,47 @@ class NoopPolicy:
         return np.full(len(frames), self._joint, np.int64)
 
 
+class CoinPolicy:
+    """Random values of the first component, and 0 of all others: in the contract ``arcade`` random moves without
+    buttons. It lasts where buttons cost, without a look at the frame.
+    """
+
+    def __init__(self, spec: EnvSpec, seed: int) -> None:
+        self._choices, self._rest = spec.choices[0], spec.num_actions // spec.choices[0]
+        self._rng = np.random.default_rng([seed, 6])
+
+    def act(self, frames: Frames) -> NDArray[np.int64]:
+        return self._rng.integers(0, self._choices, len(frames)) * self._rest
+
+
+class ShuffledPolicy:
+    """Random joint actions at given frequencies: those of another policy, without its look at the frame.
+
+    Args:
+        counts: How often the other policy chose each joint action.
+        seed: The seed.
+    """
+
+    def __init__(self, counts: Sequence[int], seed: int) -> None:
+        self._chances = np.asarray(counts, np.float64) / np.sum(counts)
+        self._rng = np.random.default_rng([seed, 7])
+
+    def act(self, frames: Frames) -> NDArray[np.int64]:
+        return self._rng.choice(len(self._chances), len(frames), p=self._chances)
+
+
+class CountingPolicy:
+    """A policy, and how often it chose each joint action (`counts`)."""
+
+    def __init__(self, policy: Policy, num_actions: int) -> None:
+        self._policy, self.counts = policy, np.zeros(num_actions, np.int64)
+
+    def act(self, frames: Frames) -> NDArray[np.int64]:
+        actions = self._policy.act(frames)
+        self.counts += np.bincount(actions, minlength=len(self.counts))
+        return actions
+
+
 class AgentPolicy:
     """The greedy actions of a trained agent, replaced by random actions at the rate `epsilon`.
 
@@ -67,7 +109,7 @@ class AgentPolicy:
         from envcraft_dqn.checkpoint import load_agent
         from envcraft_dqn.learner import device_named
 
-        file = path / _AGENT if path.is_dir() else path
+        file = agent_file(path)
         network, trained = load_agent(file)
         if trained != spec:
             raise UsageError(f"{path} was trained on {trained}, but these environments have {spec}")
@@ -85,6 +127,11 @@ class AgentPolicy:
         if not self._epsilon:
             return actions
         return np.where(self._rng.random(len(frames)) < self._epsilon, self._random.act(frames), actions)
+
+
+def agent_file(path: Path) -> Path:
+    """The file of an agent, from its path or that of the folder of ``envcraft train``."""
+    return path / _AGENT if path.is_dir() else path
 
 
 def policy_named(name: str, spec: EnvSpec, seed: int, epsilon: float = 0.0, device: str = "auto") -> Policy:

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import contextlib
 import io
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
+import numpy as np
+from numpy.typing import NDArray
 
 from envcraft.errors import EnvCraftError, UsageError
 from envcraft.registry import offered
@@ -95,6 +97,72 @@ def record(player: Player, selection: Selection, folder: Path, steps: int, seed:
                 )
             for report in outcome.failed:
                 _report_failure(report)
+
+
+class PlayerAdviser:
+    """A player of the hook ``envcraft_players`` that labels episodes of a learner, in the sandbox.
+
+    Args:
+        player: The player.
+        target: The corpus, or the file.
+        contract: The name of the contract, or None for that of the verdicts.
+        sandbox: The sandbox driver, or None for the strongest one.
+        workers: The number of environments in parallel, or None for one per core.
+    """
+
+    def __init__(
+        self, player: Player, target: Path, contract: str | None, sandbox: str | None, workers: int | None
+    ) -> None:
+        self._player, self._target, self._contract = player, target, contract
+        self._sandbox, self._workers = sandbox, workers
+
+    def advise(self, episodes: Sequence[tuple[str, int, NDArray[np.int64]]]) -> list[NDArray[np.int64] | None]:
+        """See :meth:`envcraft_dqn.demonstrations.Adviser.advise`."""
+        from envcraft.demonstrations import recorder
+        from envcraft.environments.sources import resolve
+        from envcraft.model.target import Target
+
+        by_name: dict[str, list[int]] = {}
+        for number, (name, _, _) in enumerate(episodes):
+            by_name.setdefault(name, []).append(number)
+        target = self._target
+        sources = [resolve(target, None if target.is_file() else name, self._contract) for name in by_name]
+        found: list[NDArray[np.int64] | None] = [None] * len(episodes)
+        reason = ""
+        with _driver(self._sandbox) as driver:
+            for same in _by_contract(sources):
+                numbers = [by_name[one.name] for one in same]
+                played = [[(episodes[at][1], episodes[at][2].tolist()) for at in some] for some in numbers]
+                targets = [Target(one.name, one.source, one.env_class) for one in same]
+                for place, advice, report in recorder.advise(
+                    targets, self._player, same[0].contract, driver, played, self._workers or None
+                ):
+                    reason = reason if advice else failure(report)
+                    for at, actions in zip(numbers[place], advice, strict=False):
+                        found[at] = np.array(actions, np.int64)
+        if all(one is None for one in found):
+            raise EnvCraftError(f"{self._player.name} advises on none of {len(episodes)} episodes: {reason}")
+        return found
+
+
+class FamilyAdviser:
+    """Asks the adviser of each environment.
+
+    Args:
+        advisers: The advisers by the names of environments.
+    """
+
+    def __init__(self, advisers: Mapping[str, PlayerAdviser]) -> None:
+        self._advisers = advisers
+
+    def advise(self, episodes: Sequence[tuple[str, int, NDArray[np.int64]]]) -> list[NDArray[np.int64] | None]:
+        """See :meth:`envcraft_dqn.demonstrations.Adviser.advise`."""
+        found: list[NDArray[np.int64] | None] = [None] * len(episodes)
+        for adviser in dict.fromkeys(self._advisers[name] for name, _, _ in episodes):
+            places = [at for at, (name, _, _) in enumerate(episodes) if self._advisers[name] is adviser]
+            for at, labels in zip(places, adviser.advise([episodes[at] for at in places]), strict=True):
+                found[at] = labels
+        return found
 
 
 def failure(report: SubjectReport) -> str:

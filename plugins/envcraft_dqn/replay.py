@@ -23,6 +23,8 @@ from envcraft_dqn.sumtree import SumTree
 MOST_ACTIONS = np.iinfo(np.int16).max
 #: Added to errors, so that every transition has a positive priority.
 _EPSILON = 1e-3
+#: The factor of the priority of new transitions after each update: it halves in about 700 updates.
+_DECAY = 0.999
 
 
 @dataclass
@@ -36,6 +38,8 @@ class Batch:
         returns: Discounted sums of the rewards in between, float32 [n].
         discounts: The factors of the value of the next frames, float32 [n]; 0 after termination.
         weights: Importance weights, float32 [n], at most 1.
+        labels: The joint actions of the demonstrator in these states, int64 [n]; -1 where they are not known.
+        label_weights: The weights of the labels, float32 [n]; rare labels weigh more.
     """
 
     slots: Slots
@@ -45,6 +49,8 @@ class Batch:
     returns: NDArray[np.float32]
     discounts: NDArray[np.float32]
     weights: NDArray[np.float32]
+    labels: NDArray[np.int64]
+    label_weights: NDArray[np.float32]
 
 
 class Replay:
@@ -61,7 +67,8 @@ class Replay:
         kept: The number of slots at the start that hold demonstrations and are never overwritten.
         added: The number of slots written so far, overwritten ones included.
         drawable: The number of transitions that can be sampled.
-        highest: The highest priority so far, which new transitions get.
+        highest: The priority of new transitions: the highest of recent updates, which decays. Without the decay, a
+            single large error would let all later transitions be drawn before the known ones.
     """
 
     def __init__(self, store: FrameStore, size: int, n: int, gamma: float, alpha: float = 0.6) -> None:
@@ -72,6 +79,8 @@ class Replay:
         self._returns = np.zeros(size, np.float32)
         self._discounts = np.zeros(size, np.float32)
         self._next = np.zeros(size, np.int64)
+        self._labels = np.full(size, -1, np.int16)
+        self._label_weights: NDArray[np.float32] | None = None
         self.highest = 1.0
         self.kept = self.added = self.drawable = self._demonstrated = 0
         self._at = 0
@@ -100,7 +109,7 @@ class Replay:
     @property
     def nbytes(self) -> int:
         """The size of the replay in bytes."""
-        parts = (self._actions, self._returns, self._discounts, self._next)
+        parts = tuple(part for _, part in self._columns())
         return self._store.nbytes + self._tree.nbytes + sum(part.nbytes for part in parts)
 
     def add(
@@ -140,6 +149,43 @@ class Replay:
         if cut.any():
             self._end(indices[cut], next_frames[cut])
 
+    def add_episode(
+        self,
+        frames: Frames,
+        actions: NDArray[np.int64],
+        rewards: NDArray[np.float64],
+        terminated: bool,
+        labels: NDArray[np.int64],
+    ) -> None:
+        """Add consecutive steps of one episode.
+
+        Args:
+            frames: The observations before each step and after the last, [steps + 1, *shape].
+            actions: Joint actions, [steps].
+            rewards: The rewards, [steps].
+            terminated: Whether the last step terminated the episode; otherwise it is truncated there.
+            labels: The joint actions of the demonstrator, [steps].
+
+        Raises:
+            ValueError: The episode is longer than the ring.
+        """
+        steps = len(actions)
+        if steps + 1 > self.size - self.kept:
+            raise ValueError(f"an episode of {steps:,} steps does not fit into {self.size - self.kept:,} slots")
+        slots = self._write(frames[:-1] if terminated else frames)
+        following = np.append(slots, slots[-1]) if terminated else slots
+        ends = np.minimum(np.arange(steps) + self._n, steps)
+        sums = np.zeros(steps)
+        for age in range(min(self._n, steps)):
+            sums[: steps - age] += self._gammas[age] * rewards[age:]
+        discounts = self._gammas[ends - np.arange(steps)]
+        if terminated:
+            discounts[ends == steps] = 0.0
+        slots = slots[:steps]
+        self._actions[slots], self._labels[slots] = actions, labels
+        self._label_weights = None
+        self._finish(slots, sums, following[ends], discounts)
+
     def truncate(self, indices: NDArray[np.int64], frames: Frames) -> None:
         """Truncate the running episodes of environments [n] at their current observations `frames` [n, *shape]."""
         running = self._lengths[indices] > 0
@@ -164,7 +210,22 @@ class Replay:
             self._returns[slots],
             self._discounts[slots],
             weights,
+            self._labels[slots].astype(np.int64),
+            self._weights_of_labels()[self._labels[slots]],
         )
+
+    def _weights_of_labels(self) -> NDArray[np.float32]:
+        """The weight of each label, by the inverse square root of its frequency; the mean over all labels is 1. The
+        last weight, of transitions without label, is 0.
+        """
+        if self._label_weights is None:
+            labels = self._labels[: len(self)]
+            counts = np.bincount(labels[labels >= 0])
+            roots = np.sqrt(counts.clip(1)) * (counts > 0)
+            scale = counts.sum() / max(roots.sum(), 1.0)
+            weights = np.where(counts > 0, scale / np.sqrt(counts.clip(1)), 0.0)
+            self._label_weights = np.append(weights, 0.0).astype(np.float32)
+        return self._label_weights
 
     def draw(
         self, count: int, beta: float, rng: np.random.Generator, share: float | None = None
@@ -179,19 +240,25 @@ class Replay:
                 by default, priorities alone decide.
 
         Returns:
-            The slots [count], and their importance weights ``(N P)^-beta`` [count], divided by the largest.
+            The slots [count], and their importance weights ``(N P)^-beta`` [count], divided by the largest. With a
+            share, N and P are those within the demonstrations or within the other transitions, so that the weights do
+            not undo the share. A share that is no whole number of slots is met on average over the batches.
         """
         uniforms = rng.random(count)
         if share is None or not 0 < self._demonstrated < self.drawable:
             # N and the total priority cancel in the ratio.
             slots, chances = self._tree.draw(uniforms)
         else:
-            first, kept = round(count * share), self._tree.before(self.kept)
+            first, kept = int(count * share + rng.random()), self._tree.before(self.kept)
+            sizes = self._demonstrated, self.drawable - self._demonstrated
             parts = []
-            for part, low, high in ((uniforms[:first], 0.0, kept), (uniforms[first:], kept, self._tree.total)):
+            for part, low, high, size in (
+                (uniforms[:first], 0.0, kept, sizes[0]),
+                (uniforms[first:], kept, self._tree.total, sizes[1]),
+            ):
                 if len(part):
                     found, priorities = self._tree.draw(part, low, high)
-                    parts.append((found, priorities / (high - low) * (len(part) / count)))
+                    parts.append((found, priorities / (high - low) * size))
             slots, chances = (np.concatenate(column) for column in zip(*parts, strict=True))
         return slots, ((chances / chances.min()) ** -beta).astype(np.float32)
 
@@ -199,7 +266,7 @@ class Replay:
         """Set the priorities of sampled slots [n] from their TD errors [n]."""
         priorities = (np.abs(errors, dtype=np.float64) + _EPSILON) ** self._alpha
         self._tree.set(slots, priorities)
-        self.highest = max(self.highest, float(priorities.max()))
+        self.highest = max(self.highest * _DECAY, float(priorities.max()))
 
     def _write(self, frames: Frames) -> Slots:
         """Write frames into the next slots of the ring. They cannot be sampled yet."""
@@ -210,11 +277,12 @@ class Replay:
         if self.added > self.size:
             self.drawable -= int(np.count_nonzero(self._tree.leaves[slots]))
             self._tree.set(slots, np.zeros(len(slots)))
+            self._labels[slots] = -1
         self._store.write(slots, frames)
         return slots
 
     def _finish(self, slots: Slots, sums: NDArray[np.float64], following: Slots, discounts: Any) -> None:
-        """Set the returns of transitions, which can be sampled from now on."""
+        """Set the returns of transitions [n], which can be sampled from now on."""
         if len(slots):
             self._returns[slots], self._next[slots], self._discounts[slots] = sums, following, discounts
             self._tree.set(slots, np.full(len(slots), self.highest))
@@ -235,22 +303,28 @@ class Replay:
     def state(self) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
         """The counters, and the arrays that may change anywhere between two checkpoints."""
         numbers = {"at": self._at, "added": self.added, "kept": self.kept, "highest": self.highest}
-        return numbers, {"priorities": self._tree.leaves[: len(self)]}
+        running = {"open": self._open, "sums": self._sums, "lengths": self._lengths}
+        return numbers, {"priorities": self._tree.leaves[: len(self)], **running}
 
     def restore(self, numbers: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> None:
-        """Restore what :meth:`state` returned. No episode is running afterwards."""
+        """Restore what :meth:`state` returned, with the transitions whose returns are not known yet."""
         self._at, self.added, self.kept = (int(numbers[key]) for key in ("at", "added", "kept"))
         self.highest = float(numbers["highest"])
         leaves = np.zeros(self.size)
         leaves[: len(arrays["priorities"])] = arrays["priorities"]
         self._tree.fill(leaves)
+        self._label_weights = None
         self.drawable, self._demonstrated = (int(np.count_nonzero(part)) for part in (leaves, leaves[: self.kept]))
+        if "open" in arrays:
+            self._open, self._sums, self._lengths = (arrays[key].copy() for key in ("open", "sums", "lengths"))
 
     def written_since(self, added: int, part: int) -> list[int]:
-        """The parts of `part` slots each that were written since `added` slots had been written."""
-        if not added or self.added - added >= self.size - self.kept:
+        """The parts of `part` slots each that changed since `added` slots had been written."""
+        # The returns of the last transitions before became known since.
+        count = self.added - added + 2 * len(self._lengths) * (self._n + 1)
+        if not added or count >= self.size - self.kept:
             return list(range(-(-len(self) // part)))
-        back = np.arange(1, self.added - added + 1)
+        back = np.arange(1, min(count, self.added - self.kept) + 1)
         slots = self.kept + (self._at - self.kept - back) % (self.size - self.kept)
         return [int(number) for number in np.unique(slots // part)]
 
@@ -270,4 +344,5 @@ class Replay:
             ("returns", self._returns),
             ("discounts", self._discounts),
             ("next", self._next),
+            ("labels", self._labels),
         )

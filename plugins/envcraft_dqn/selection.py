@@ -56,7 +56,7 @@ def select_environments(
         target: The corpus or the file.
         patterns: Shell patterns of names; without patterns, all names match.
         contract: The name of a contract, or None for the contract of the verdict.
-        trust: Whether to run code in this process that has not passed.
+        trust: Whether to run environments in this process even if they have not passed.
         sandbox: The sandbox driver to run the environments in.
         workers: The number of processes; by default, one per core.
         fast: Whether the simulator of their family plays the environments, also those without a verdict. None uses the
@@ -117,13 +117,18 @@ def contract_digests(target: Path, names: Sequence[str], contract: str | None) -
     return {name: contract_digest(one.contract) for name, one in zip(names, located, strict=True)}
 
 
+def matches(name: str, patterns: Sequence[str]) -> bool:
+    """Whether an environment's name, with or without its ``.py`` as in :func:`envcraft.make`, matches a pattern."""
+    return any(fnmatch.fnmatchcase(form, one) for one in patterns for form in (name, name.removesuffix(".py")))
+
+
 def _matching(corpus: Path, patterns: Sequence[str]) -> list[str]:
     """The names in a corpus that match one of the patterns."""
     from envcraft.corpus.store import Store, environments, find
 
     with Store(find(corpus)) as store:
         names = environments.names(store)
-    matching = [name for name in names if not patterns or any(fnmatch.fnmatchcase(name, one) for one in patterns)]
+    matching = [name for name in names if not patterns or matches(name, patterns)]
     if not matching:
         such = f" that matches {' or '.join(patterns)}" if patterns else ""
         raise UsageError(f"{corpus} has no environment{such}; `envcraft corpus list {corpus}` lists them")

@@ -18,6 +18,9 @@ SIZES = {
 HEADS = ("joint", "branching")
 REPLAYS = ("packed", "ram", "mapped", "device")
 PRECISIONS = ("auto", "fp32", "bf16")
+#: Q-learning, behaviour cloning, dataset aggregation, and Q-learning from demonstrations.
+OBJECTIVES = ("dqn", "bc", "dagger", "dqfd")
+AUGMENTATIONS = ("none", "shift", "colour", "both")
 #: Options and keys in files whose attributes have other names.
 RENAMED = {"num_envs": "lanes", "segment": "leg"}
 _MINIMUM = {
@@ -37,7 +40,7 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, rename=RENAMED):
         pretrain_updates: The updates on demonstrations alone, before the first online step.
         num_envs: The environments stepped in parallel; ``lanes`` in files and options.
         cycle: The steps of an environment before another takes its place.
-        segment: The steps of an environment between forced resets, at which checkpoints are possible; ``leg`` in files
+        segment: The steps of an environment between two moments at which a checkpoint is possible; ``leg`` in files
             and options.
         batch: The transitions in an update.
         learning_rate: The learning rate of Adam.
@@ -52,11 +55,20 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, rename=RENAMED):
         demonstrations: The maximum number of demonstrated transitions of each environment.
         starts: The steps before the first online update, without pretraining.
         demonstration_share: The share of demonstrations in online batches; None leaves it to the priorities.
-            Importance weights correct for it as beta rises to 1.
         replay: The storage of frames, one of :data:`REPLAYS`.
         precision: One of :data:`PRECISIONS`.
         compiled: Whether torch compiles the loss.
         device: The torch device, or ``auto``.
+        value_rescaling: Whether values are learned on the scale of Pohlen et al. 2018 (arXiv:1805.11593), which lets
+            one network fit environments with large and with small rewards.
+        objective: One of :data:`OBJECTIVES`. ``bc`` and ``dagger`` learn the labelled actions by cross-entropy alone,
+            with the values as logits; ``dqfd`` adds a large-margin loss to that of Q-learning (Hester et al. 2018,
+            arXiv:1704.03732). ``bc`` has no online steps. With ``dagger`` (Ross et al. 2011, arXiv:1011.0686), the
+            privileged player labels the states that the learner visits.
+        margin: The margin between the value of a labelled action and the values of others.
+        balanced: Whether rare actions weigh more in the loss of labelled actions, by the inverse square root of their
+            frequency (Mahajan et al. 2018, arXiv:1805.00932).
+        augment: Random changes to frames, one of :data:`AUGMENTATIONS` (Laskin et al. 2020, arXiv:2004.14990).
     """
 
     size: str = "small"
@@ -86,10 +98,22 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, rename=RENAMED):
     precision: str = "auto"
     compiled: bool = False
     device: str = "auto"
+    value_rescaling: bool = True
+    objective: str = "dqn"
+    margin: float = 0.8
+    balanced: bool = True
+    augment: str = "none"
 
     def check(self) -> None:
         """Raises UsageError for unknown, invalid or incompatible values."""
-        for name, known in (("size", SIZES), ("head", HEADS), ("replay", REPLAYS), ("precision", PRECISIONS)):
+        for name, known in (
+            ("size", SIZES),
+            ("head", HEADS),
+            ("replay", REPLAYS),
+            ("precision", PRECISIONS),
+            ("objective", OBJECTIVES),
+            ("augment", AUGMENTATIONS),
+        ):
             if (value := getattr(self, name)) not in known:
                 raise UsageError(f"unknown {name} {value!r}; choose from {', '.join(known)}")
         for minimum, names in _MINIMUM.items():
@@ -99,6 +123,13 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, rename=RENAMED):
         for name in _FRACTIONS:
             if (value := getattr(self, name)) is not None and not 0 <= value <= 1:
                 raise UsageError(f"{name} is {value}; it must be between 0 and 1")
+        if not 0 < self.margin < math.inf:
+            raise UsageError(f"margin is {self.margin}; it must be positive and finite")
+        if self.objective == "bc" and self.steps:
+            raise UsageError(
+                f"--objective bc learns from demonstrations alone and makes no online steps: use --steps 0, not "
+                f"{self.steps:,}"
+            )
         if not 0 < self.learning_rate < math.inf:
             raise UsageError(f"learning_rate is {self.learning_rate}; it must be positive and finite")
         if self.online_slots > self.capacity:
@@ -110,8 +141,16 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, rename=RENAMED):
         return self.epsilon_first + done * (self.epsilon_last - self.epsilon_first)
 
     @property
+    def imitates(self) -> bool:
+        """Whether only labelled actions are learned, without rewards."""
+        return self.objective in ("bc", "dagger")
+
+    @property
     def online_slots(self) -> int:
         """The minimum number of slots for online transitions."""
+        if self.objective == "dagger":
+            # A turn is stored as a whole, one episode of each environment.
+            return 2 * self.num_envs * (self.cycle + 1)
         return 2 * self.num_envs * (self.n_step + 1)
 
     @property

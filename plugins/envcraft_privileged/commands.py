@@ -38,7 +38,10 @@ class _Players(Configured):
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         super().format_options(ctx, formatter)
         with formatter.section("Players"):
-            formatter.write_dl([(player.name, player.summary) for player in offered("envcraft_players")])
+            formatter.write_dl(
+                [(player.name, player.summary) for player in offered("envcraft_players")]
+                + [(f"{loader.name}:PATH", loader.summary) for loader in offered("envcraft_player_loaders")]
+            )
 
 
 @click.command(cls=_Players)
@@ -55,7 +58,7 @@ class _Players(Configured):
     "name",
     metavar="NAME",
     show_default=f"the player of the environment's family, else {_DEFAULT_PLAYER}",
-    help="Record the player with this name, one of those below.",
+    help="Record this player, from the list below.",
 )
 @click.option("--policy", metavar="FILE", help="Record the privileged policy in this file: act(state) or policy(env).")
 @click.option("--select", metavar="GLOB", help="Play only environments whose name matches, like 'tetris_0_00*'.")
@@ -70,7 +73,7 @@ class _Players(Configured):
     "--contract",
     "promise",
     metavar="NAME",
-    show_default=f"the one under which each has passed, else {_CONTRACT}",
+    show_default=f"the contract that each has passed, else {_CONTRACT}",
     help="Play the environments under this contract.",
 )
 @click.option("--cache", is_flag=True, help="Also write the frame caches that are missing, for training.")
@@ -101,7 +104,7 @@ def demos(
     \b
     Exit status: 0 all environments are recorded, or all recordings are reproduced
                  1 a policy fails, or a recording is not reproduced
-                 2 wrong use
+                 2 usage error
                  3 an environment could not be played
     """
     if name is not None and policy is not None:
@@ -150,7 +153,7 @@ class _ExitStatus:
 
 def _players(name: str | None, policy: str | None) -> list[Player]:
     """The players; the first that can play an environment plays it. Raises UsageError."""
-    from envcraft.demonstrations.player import PolicyPlayer
+    from envcraft.demonstrations.player import PolicyPlayer, loaded_player
 
     if policy is not None:
         return [PolicyPlayer(read_policy(policy))]
@@ -158,6 +161,8 @@ def _players(name: str | None, policy: str | None) -> list[Player]:
     if name is None:
         return [*(player for player in known.values() if player.families), known[_DEFAULT_PLAYER]]
     if name not in known:
+        if ":" in name:
+            return [loaded_player(name)]
         raise UsageError(f"there is no player {did_you_mean(name, known)}")
     return [known[name]]
 

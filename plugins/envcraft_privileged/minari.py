@@ -35,9 +35,9 @@ class MinariExporter(Exporter):
 
     def export(self, order: Order) -> list[str]:
         if importlib.util.find_spec("minari") is None:
-            raise UsageError("data sets for Minari need it: pip install 'envcraft-rl[minari]'")
+            raise UsageError("a Minari data set needs minari: pip install 'envcraft-rl[minari]'")
         if order.licence is not None:
-            raise UsageError("--licence is for the card of --to hf")
+            raise UsageError("--licence applies to --to hf; a Minari data set has no card")
         from envcraft.corpus.store.demonstrations import named
 
         namespace = _word(order.name or "envcraft")

@@ -13,6 +13,7 @@ import click
 
 from envcraft.cli.signals import uninterrupted
 from envcraft.errors import UsageError
+from envcraft_dqn.settings import AUGMENTATIONS, OBJECTIVES
 
 if TYPE_CHECKING:
     from envcraft.corpus.executors import ExecutorPlugin
@@ -24,8 +25,30 @@ _LIBRARIES = ("jinja2", "matplotlib", "numba", "safetensors", "tensorboard", "to
 _LOCAL = "local"
 _PRESET = "set by the scale"
 #: Options that override the preset, and those that override the settings of its trainings.
-_PROTOCOL = ("variants", "folds", "episodes", "privileged_episodes", "seeds", "controls", "familiar", "threads", "seed")
-_TRAINING = ("size", "steps", "pretrain_updates", "demonstrations", "learning_rate", "demonstration_share", "batch")
+_PROTOCOL = (
+    "variants",
+    "folds",
+    "episodes",
+    "privileged_episodes",
+    "recorded",
+    "splits",
+    "seeds",
+    "controls",
+    "familiar",
+    "threads",
+    "seed",
+)
+_TRAINING = (
+    "size",
+    "objective",
+    "augment",
+    "steps",
+    "pretrain_updates",
+    "demonstrations",
+    "learning_rate",
+    "demonstration_share",
+    "batch",
+)
 
 
 @click.group()
@@ -43,7 +66,7 @@ def _count(name: str, text: str, minimum: int = 1) -> Callable[[_F], _F]:
 @click.option("--output", required=True, metavar="DIR", type=click.Path(path_type=Path), help="Folder of the study.")
 @click.option(
     "--scale",
-    type=click.Choice(["smoke", "laptop", "reference"]),
+    type=click.Choice(["smoke", "laptop", "gpu", "reference"]),
     default="laptop",
     show_default=True,
     help="Size of the study.",
@@ -53,17 +76,19 @@ def _count(name: str, text: str, minimum: int = 1) -> Callable[[_F], _F]:
 )
 @_count("variants", "Number of environments to generate without a corpus.", 2)
 @_count("folds", "Number of folds of the cross-validation.", 2)
+@_count("splits", "Number of splits whose agents train and are tested; 0 means all.", 0)
 @_count("episodes", "Episodes of each environment and player.", 2)
 @_count("privileged-episodes", "Episodes of the privileged player; 0 disables it.", 0)
+@_count("recorded", "Demonstrated steps to record in each environment.")
 @_count("seeds", "Number of agents with different seeds.")
 @_count("controls", "Number of splits with the controls that need training.", 0)
-@_count("familiar", "Number of training environments on which to test an agent as well.", 0)
+@_count("familiar", "Number of training environments in which each agent is tested as well.", 0)
 @click.option(
     "--subset",
     "subsets",
     multiple=True,
     metavar="SIZE:SPLITS",
-    help="Also train on this many environments in this many splits; repeatable.",
+    help="Also train on this many environments in this many splits. Can be repeated.",
 )
 @click.option(
     "--metric",
@@ -75,6 +100,8 @@ def _count(name: str, text: str, minimum: int = 1) -> Callable[[_F], _F]:
 @click.option(
     "--size", type=click.Choice(["tiny", "small", "reference"]), show_default=_PRESET, help="Size of the network."
 )
+@click.option("--objective", type=click.Choice(OBJECTIVES), show_default=_PRESET, help="Objective of the agents.")
+@click.option("--augment", type=click.Choice(AUGMENTATIONS), show_default=_PRESET, help="Augmentation of frames.")
 @_count("steps", "Environment steps of each training.", 0)
 @_count("pretrain-updates", "Updates on demonstrations alone, before online training.")
 @_count("demonstrations", "Demonstrated steps in each environment.")
@@ -115,10 +142,8 @@ def generalisation(
     on the fold. Without CORPUS, the study generates variants of the family tetris. The same command resumes an
     interrupted study, and writes DIR/report.md, DIR/report.html and their data.
     """
+    _require_libraries()
     with uninterrupted():
-        for name in _LIBRARIES:
-            if importlib.util.find_spec(name) is None:
-                raise UsageError(f"a study needs {name}; install it with `pip install 'envcraft-rl[report,train]'`")
         from envcraft_dqn.study.experiment import Experiment
     protocol = _protocol(scale, subsets, options)
     plugin = _plugin(executor, scheduler)
@@ -126,12 +151,104 @@ def generalisation(
     experiment = Experiment.prepare(protocol, corpus, output, select, metric, sandbox, device, workers)
     click.echo(f"{experiment.summary()}; output in {output}", err=True)
 
+    with contextlib.suppress(BrokenPipeError):
+        click.echo(experiment.run(plugin, workers, scheduler, _reporter(started)))
+
+
+@study.command()
+@click.option("--output", required=True, metavar="DIR", type=click.Path(path_type=Path), help="Folder of the study.")
+@click.option(
+    "--scale",
+    type=click.Choice(["smoke", "laptop", "gpu"]),
+    default="laptop",
+    show_default=True,
+    help="Size of the study.",
+)
+@click.option(
+    "--family",
+    "families",
+    multiple=True,
+    metavar="NAME",
+    help="A family to study; at least two.  [default: all]",
+)
+@click.option(
+    "--further",
+    multiple=True,
+    type=click.IntRange(1),
+    metavar="STEPS",
+    help="Steps of further training in the held-out family. Can be repeated.",
+)
+@_count("variants", "Number of environments of each family.", 2)
+@_count("episodes", "Episodes of each environment and player.", 2)
+@_count("steps", "Environment steps of the training on the other families.", 0)
+@_count("pretrain-updates", "Updates on demonstrations alone, before online training.")
+@_count("threads", "Threads of each task.")
+@click.option("--seed", type=click.IntRange(0, 2**31 - 1), default=0, show_default=True, help="Random seed.")
+@click.option("--device", default="auto", show_default=True, metavar="NAME", help="Torch device, such as cpu or cuda.")
+@click.option("--sandbox", default="auto", show_default=True, metavar="NAME", help="Sandbox of the privileged players.")
+@click.option(
+    "--executor", default=_LOCAL, show_default=True, metavar="NAME", help="Executor of the tasks: local or dask."
+)
+@click.option("--scheduler", metavar="ADDRESS", help="Scheduler address of the dask cluster.")
+@click.option("--workers", type=click.IntRange(0, 1024), help="Number of parallel tasks.  [default: one per core]")
+def transfer(
+    output: Path,
+    scale: str,
+    families: tuple[str, ...],
+    further: tuple[int, ...],
+    device: str,
+    sandbox: str,
+    executor: str,
+    scheduler: str | None,
+    workers: int | None,
+    **options: Any,
+) -> None:
+    """Measure how training in some families helps in another one.
+
+    For each family, an agent trains on all other families. It is tested in the family without further training, and
+    after several numbers of steps there, beside agents from random weights. The same command resumes an interrupted
+    study, and writes DIR/report.md, DIR/report.html and their data.
+    """
+    import msgspec
+
+    from envcraft.registry import offered
+
+    _require_libraries()
+    with uninterrupted():
+        from envcraft_dqn.study.experiment import Experiment
+        from envcraft_dqn.study.presets import FURTHER, TRANSFER
+    preset = TRANSFER[scale]
+    training = {name: options.pop(name) for name in ("steps", "pretrain_updates")}
+    settings = msgspec.structs.replace(
+        preset.settings, **{name: value for name, value in training.items() if value is not None}
+    )
+    own = {name: value for name, value in options.items() if value is not None}
+    protocol = msgspec.structs.replace(preset, **own, settings=settings)
+    names = families or tuple(sorted(family.name for family in offered("envcraft_families")))
+    plugin = _plugin(executor, scheduler)
+    started = time.monotonic()
+    steps = sorted(set(further or FURTHER[scale]))
+    experiment = Experiment.prepare_transfer(protocol, output, names, steps, sandbox, device, workers)
+    click.echo(f"{experiment.summary()}; output in {output}", err=True)
+    with contextlib.suppress(BrokenPipeError):
+        click.echo(experiment.run(plugin, workers, scheduler, _reporter(started)))
+
+
+def _require_libraries() -> None:
+    """Raises UsageError without the libraries of a study."""
+    for name in _LIBRARIES:
+        if importlib.util.find_spec(name) is None:
+            raise UsageError(f"a study needs {name}; install it with `pip install 'envcraft-rl[report,train]'`")
+
+
+def _reporter(started: float) -> Callable[[TaskResult, int, int], None]:
+    """Reports each result on stderr."""
+
     def on_result(result: TaskResult, done: int, total: int) -> None:
         minutes = (time.monotonic() - started) / 60
         click.echo(f"{done} of {total}  {minutes:6.1f} min  {result.task.name}  {result.seconds:.0f} s", err=True)
 
-    with contextlib.suppress(BrokenPipeError):
-        click.echo(experiment.run(plugin, workers, scheduler, on_result))
+    return on_result
 
 
 def _protocol(scale: str, subsets: tuple[str, ...], options: dict[str, Any]) -> Protocol:
@@ -149,9 +266,14 @@ def _protocol(scale: str, subsets: tuple[str, ...], options: dict[str, Any]) -> 
         if not (size.isdigit() and count.isdigit() and int(size) and int(count)):
             raise UsageError(f"--subset {one} is not SIZE:SPLITS, such as 500:5")
         pairs.append((int(size), int(count)))
-    own["controls"] = min(own.get("controls", preset.controls), own.get("folds", preset.folds))
+    if pairs:
+        own["subsets"] = tuple(pairs)
+    own["recorded"] = max(own.get("recorded", preset.recorded), training.get("demonstrations", 0))
+    folds = own.get("folds", preset.folds)
+    own["splits"] = min(own.get("splits", preset.splits), folds)
+    own["controls"] = min(own.get("controls", preset.controls), own["splits"] or folds)
     settings = msgspec.structs.replace(preset.settings, **training)
-    return msgspec.structs.replace(preset, **own, subsets=tuple(pairs), settings=settings)
+    return msgspec.structs.replace(preset, **own, settings=settings)
 
 
 def _plugin(executor: str, scheduler: str | None) -> ExecutorPlugin:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from envcraft_dqn.study.competence import Size
 from envcraft_dqn.study.metric import Interval
 from envcraft_dqn.study.protocol import AGENT, SUBSET, Protocol
 from envcraft_dqn.study.summary import Condition, Summary
@@ -59,7 +60,7 @@ def draw(
     drawn.append(("conditions", "The agent and its controls: means over environments with 95% confidence intervals."))
     sizes = _sizes(results, summary)
     if len(sizes) > 1:
-        _save(folder / "scaling.png", 3.4, lambda axes: _scaling(axes, protocol, sizes))
+        _save(folder / "scaling.png", 3.4, lambda axes: _scaling(axes, protocol, sizes, summary.competence.sizes))
         drawn.append(("scaling", "The metric by the number of training environments."))
     curves = [result for result in results.values() if result.curve and result.task.condition == AGENT]
     _save(folder / "curves.png", 4.8, lambda top, bottom: _curves(top, bottom, curves), 2)
@@ -131,10 +132,17 @@ def _sizes(results: Mapping[str, TaskResult], summary: Summary) -> list[tuple[in
     )
 
 
-def _scaling(axes: Axes, protocol: Protocol, sizes: Sequence[tuple[int, Condition]]) -> None:
+def _scaling(axes: Axes, protocol: Protocol, sizes: Sequence[tuple[int, Condition]], both: Sequence[Size]) -> None:
     means = [condition.over.value for _, condition in sizes]
     places = [size for size, _ in sizes]
-    axes.errorbar(places, [mean.mean for mean in means], yerr=_errors(means), fmt="o-", color=_MEAN, capsize=3)
+    held_out: Any = {"fmt": "o-", "color": _MEAN, "capsize": 3, "label": "held out"}
+    axes.errorbar(places, [mean.mean for mean in means], yerr=_errors(means), **held_out)
+    if len(both) > 1:
+        known, own = [one.environments for one in both], [one.training for one in both]
+        training: Any = {"fmt": "s--", "color": _UP, "capsize": 3, "label": "environments of the training"}
+        axes.errorbar(known, [mean.mean for mean in own], yerr=_errors(own), **training)
+        axes.legend(frameon=False)
+        axes.set_xscale("log")
     axes.axhline(0, color=_SOFT, linewidth=0.8)
     axes.set_xlabel("training environments")
     axes.set_ylabel(_wrapped(unit(protocol)))

@@ -11,27 +11,31 @@ environments once in eleven.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from math import sqrt
 
 import msgspec
+import numpy as np
 
 from envcraft.judging.statistics import Mean, Proportion, student
 from envcraft_dqn.evaluation import Evaluation
 
 
 class Score(msgspec.Struct, frozen=True):
-    """The mean length and the mean return of a player in one environment."""
+    """The means of a player in one environment: length, return, and if they are known the win rate and the goals."""
 
     name: str
     episodes: int
     length: Mean
     total: Mean
+    wins: Mean | None = None
+    goals: Mean | None = None
 
     @classmethod
     def of(cls, evaluation: Evaluation) -> Score:
         """The score of an evaluation."""
-        return cls(evaluation.name, evaluation.episodes, evaluation.length, evaluation.total)
+        wins, goals = (Mean.of(some) if some else None for some in (evaluation.wins, evaluation.goals))
+        return cls(evaluation.name, evaluation.episodes, evaluation.length, evaluation.total, wins, goals)
 
 
 class Change(msgspec.Struct, frozen=True):
@@ -166,3 +170,26 @@ def paired(changes: Sequence[Change], others: Sequence[Change]) -> Interval | No
 def _mean(values: Sequence[float]) -> Interval:
     found = Mean.of(values)
     return Interval(found.mean, found.low, found.high)
+
+
+def bootstrap(values: Mapping[Hashable, Sequence[float]], resamples: int = 2_000) -> Interval:
+    """The mean over environments and agents with its 95% percentile interval (Efron and Tibshirani 1993, chapter 13).
+
+    Agents are resampled, and environments within each agent, because environments of one agent share its training.
+
+    Args:
+        values: The values by agent, one for each environment; at least one in all.
+        resamples: The number of resamples.
+    """
+    rng = np.random.default_rng(0)
+    groups = [np.asarray(some, float) for some in values.values() if len(some)]
+    mean = float(np.concatenate(groups).mean())
+    sums, counts = np.zeros(resamples), np.zeros(resamples)
+    drawn = rng.multinomial(len(groups), np.full(len(groups), 1 / len(groups)), resamples)
+    for group, times in zip(groups, drawn.T, strict=True):
+        for repeat in range(int(times.max())):
+            part = group[rng.integers(0, len(group), (resamples, len(group)))].sum(1)
+            sums += np.where(times > repeat, part, 0.0)
+            counts += np.where(times > repeat, len(group), 0)
+    low, high = np.quantile(sums / counts, (0.025, 0.975))
+    return Interval(mean, float(low), float(high))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import msgspec
+
 from envcraft_dqn.settings import Settings
 from envcraft_dqn.study.protocol import Protocol
 
@@ -13,10 +15,12 @@ PRESETS = {
         folds=2,
         episodes=3,
         privileged_episodes=2,
+        recorded=40,
         num_envs=12,
         familiar=2,
         settings=Settings(
             size="tiny",
+            objective="dagger",
             steps=160,
             pretrain_updates=30,
             demonstrations=40,
@@ -30,26 +34,61 @@ PRESETS = {
             starts=20,
         ),
     ),
+    # One panel of 100 held-out environments, and the scaling curve over the training environments.
     "laptop": Protocol(
         scale="laptop",
-        variants=60,
-        folds=5,
-        episodes=50,
+        variants=1_000,
+        folds=10,
+        splits=1,
+        episodes=20,
         privileged_episodes=3,
-        familiar=8,
+        recorded=300,
+        familiar=30,
+        subsets=((300, 1), (100, 1), (30, 1), (10, 1)),
         settings=Settings(
             size="small",
-            steps=12_000,
+            objective="dagger",
+            augment="colour",
+            steps=24_000,
             pretrain_updates=4_000,
+            demonstrations=300,
+            num_envs=16,
+            cycle=500,
+            train_every=6,
+            learning_rate=1e-3,
+            epsilon_first=0.05,
+            epsilon_last=0.05,
+            capacity=330_000,
+        ),
+    ),
+    # One large GPU: large batches of frames that stay on the device.
+    "gpu": Protocol(
+        scale="gpu",
+        variants=1_000,
+        folds=10,
+        splits=1,
+        episodes=100,
+        privileged_episodes=10,
+        recorded=1_000,
+        num_envs=256,
+        familiar=100,
+        threads=8,
+        subsets=((300, 1), (100, 1), (30, 1), (10, 1)),
+        settings=Settings(
+            size="reference",
+            objective="dagger",
+            augment="both",
+            steps=1_000_000,
+            pretrain_updates=10_000,
             demonstrations=1_000,
-            num_envs=8,
-            cycle=250,
-            segment=250,
-            target_every=500,
-            epsilon_first=0.1,
-            epsilon_last=0.1,
-            demonstration_share=0.5,
-            capacity=90_000,
+            num_envs=64,
+            cycle=1_000,
+            batch=1_024,
+            train_every=50,
+            epsilon_first=0.05,
+            epsilon_last=0.05,
+            capacity=2_200_000,
+            replay="device",
         ),
     ),
     "reference": Protocol(
@@ -58,6 +97,8 @@ PRESETS = {
         folds=10,
         episodes=1_000,
         privileged_episodes=100,
+        recorded=10_000,
+        subsets=((700, 5), (500, 5), (300, 1), (100, 1)),
         num_envs=256,
         controls=2,
         familiar=100,
@@ -74,3 +115,12 @@ PRESETS = {
         ),
     ),
 }
+
+#: The presets of a transfer, with the variants of each family, of which a fold is for testing.
+TRANSFER = {
+    "smoke": msgspec.structs.replace(PRESETS["smoke"], variants=2, familiar=0),
+    "laptop": msgspec.structs.replace(PRESETS["laptop"], variants=50, folds=5, splits=0, subsets=(), familiar=0),
+    "gpu": msgspec.structs.replace(PRESETS["gpu"], variants=250, folds=5, splits=0, subsets=(), familiar=0),
+}
+#: The numbers of steps of further training in the family that was left out.
+FURTHER = {"smoke": (40,), "laptop": (2_000, 8_000), "gpu": (10_000, 50_000, 250_000)}

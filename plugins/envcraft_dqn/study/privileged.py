@@ -73,7 +73,9 @@ def scores(corpus: Path, names: Sequence[str], player: Player, episodes: int, se
             if not outcomes:
                 raise EnvCraftError(f"the player {player.name} cannot play {report.path}: {failure(report)}")
             lengths, totals = [one.steps for one in outcomes], [one.total for one in outcomes]
-            found[number] = Score(names[number], episodes, Mean.of(lengths), Mean.of(totals))
+            known = [float(one.success) for one in outcomes if one.success is not None]
+            wins = Mean.of(known) if known else None
+            found[number] = Score(names[number], episodes, Mean.of(lengths), Mean.of(totals), wins)
     return [found[number] for number in range(len(names))]
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import platform
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,25 +12,29 @@ import msgspec
 
 from envcraft.errors import EnvCraftError
 from envcraft_dqn.files import write_atomically
+from envcraft_dqn.study.competence import Row
 from envcraft_dqn.study.figures import draw, unit
 from envcraft_dqn.study.metric import Interval, Pooled
 from envcraft_dqn.study.protocol import (
     AGENT,
+    COIN,
+    CONSTANT,
     FAMILIAR,
     NOOP,
     PRETRAINED,
     PRIVILEGED,
+    RANDOM,
     SEED,
+    SHUFFLED,
     SUBSET,
     UNTRAINED,
     WITHOUT,
     Protocol,
 )
 from envcraft_dqn.study.summary import Condition, Summary
+from envcraft_dqn.study.transfer import Transfer
 from envcraft_dqn.study.worker import TaskResult
 
-#: The results of the reference study with 1,000 variants: the share that improves, the steps and the percentage.
-REFERENCE = ("68.7%", "+1.96", "+7.4 [4.97, 9.81]")
 _TITLE = "Generalisation to held-out environments"
 _NAMES = {
     AGENT: "the agent",
@@ -38,6 +42,10 @@ _NAMES = {
     WITHOUT: "trained without demonstrations",
     UNTRAINED: "untrained network",
     NOOP: "doing nothing",
+    RANDOM: "random play",
+    COIN: "coin flip: random moves without buttons",
+    CONSTANT: "the constant action that is best in training environments",
+    SHUFFLED: "the agent's own actions in random order",
     FAMILIAR: "the agent, in environments of its training",
     PRIVILEGED: "privileged player (the ceiling)",
 }
@@ -75,7 +83,59 @@ def write(folder: Path, protocol: Protocol, player: str, results: Mapping[str, T
     return folder / "report.md"
 
 
-def _render(name: str, blocks: list[_Block]) -> str:
+def write_transfer(folder: Path, protocol: Protocol, player: str, found: Sequence[Transfer]) -> Path:
+    """Write the report of a transfer, null results included; return its file. Raises EnvCraftError."""
+    head = ["left out", "environments", "zero-shot"]
+    steps = sorted({count for one in found for count in (*one.tuned, *one.scratch)})
+    rows = [
+        [one.family, f"{one.environments}", "no scale" if one.zero_shot is None else _interval(one.zero_shot)]
+        for one in found
+    ]
+    curves = [
+        [one.family, kind, *(_interval(known[count]) if count in known else "" for count in steps), _steps(half)]
+        for one in found
+        for kind, known, half in (
+            ("after the other families", one.tuned, one.tuned_half),
+            ("from random weights", one.scratch, one.scratch_half),
+        )
+    ]
+    settings = [[name, f"{value}"] for name, value in msgspec.to_builtins(protocol.settings).items()]
+    blocks: list[_Block] = [
+        {
+            "text": "For each family, an agent trained on all other families. Its return in held-out environments of "
+            "the family is on a scale from 0 (random play) to 100 (the privileged player), with 95% intervals of a "
+            "bootstrap over environments. There is no scale where the lead of the privileged player over random play "
+            "is not significant."
+        },
+        {"head": head, "rows": rows},
+        {"heading": "Further training in the family"},
+        {"head": ["family", "start", *(f"{count:,} steps" for count in steps), "steps to 50"], "rows": curves},
+        {"heading": "Settings"},
+        {
+            "head": ["", ""],
+            "rows": [
+                ["environments of each family", f"{protocol.variants}"],
+                ["episodes", f"{protocol.episodes}"],
+                ["players of the demonstrations", player],
+                *settings,
+            ],
+        },
+    ]
+    try:
+        data = msgspec.json.format(msgspec.json.encode(found), indent=1) + b"\n"
+        write_atomically(folder / "summary.json", data)
+        for name in ("report.html", "report.md"):
+            write_atomically(folder / name, _render(name, blocks, "Transfer to a family that the training left out"))
+    except OSError as error:
+        raise EnvCraftError(f"{error.filename or folder} cannot be written: {error.strerror or error}") from None
+    return folder / "report.md"
+
+
+def _steps(count: int | None) -> str:
+    return "not reached" if count is None else f"{count:,}"
+
+
+def _render(name: str, blocks: list[_Block], title: str = _TITLE) -> str:
     import jinja2
 
     environment = jinja2.Environment(
@@ -87,7 +147,7 @@ def _render(name: str, blocks: list[_Block]) -> str:
         undefined=jinja2.StrictUndefined,
     )
     environment.filters["markdown"] = _escape_markdown
-    return environment.get_template(f"{name}.j2").render(title=_TITLE, blocks=blocks)
+    return environment.get_template(f"{name}.j2").render(title=title, blocks=blocks)
 
 
 def _escape_markdown(text: str) -> str:
@@ -95,22 +155,15 @@ def _escape_markdown(text: str) -> str:
 
 
 def _blocks(protocol: Protocol, player: str, summary: Summary, figures: list[tuple[str, str]]) -> list[_Block]:
-    agent = summary.conditions[AGENT].over
-    blocks: list[_Block] = [
-        {"text": " ".join(filter(None, (_verdict("after all of its training", agent), _without_learning(summary))))}
-    ]
-    if PRETRAINED in summary.conditions:
-        over = summary.conditions[PRETRAINED].over
-        blocks.append({"text": _verdict("after pretraining on demonstrations alone", over)})
+    blocks = _competence(summary)
+    if summary.competence.passed:
+        agent = summary.conditions[AGENT].over
+        blocks.append({"text": _verdict("after all of its training", agent)})
+        if PRETRAINED in summary.conditions:
+            over = summary.conditions[PRETRAINED].over
+            blocks.append({"text": _verdict("after pretraining on demonstrations alone", over)})
     blocks += [
-        {"heading": "Comparison with the reference"},
-        {"head": ["", "this study", "reference"], "rows": _reference(protocol, agent)},
-        {
-            "text": "The reference study had 1,000 other variants, 900 of them in each training, 1,000 episodes per "
-            "environment, 250,000 updates of pretraining and about 9 million steps. This study has the scale "
-            f"{protocol.scale}, with the settings at the end of this page. Compare it with its own controls."
-        },
-        {"heading": "The agent and its controls"},
+        {"heading": "Improvement by condition"},
         {"text": f"Means over environments with 95% confidence intervals (Student's t). Metric: {unit(protocol)}."},
         {
             "head": [
@@ -179,14 +232,65 @@ def _verdict(when: str, over: Pooled) -> str:
     )
 
 
-def _without_learning(summary: Summary) -> str:
-    """The comparison of the agent with controls that have learned nothing; empty without such controls."""
-    leads = [
-        f"over {name} {_interval(lead)}, {_side(lead, 'that')}"
-        for condition, name in ((UNTRAINED, "an untrained network"), (NOOP, "doing nothing"))
-        if condition in summary.conditions and (lead := summary.conditions[condition].agent) is not None
-    ]
-    return f"Its lead over controls that have learned nothing: {'; '.join(leads)}." if leads else ""
+def _competence(summary: Summary) -> list[_Block]:
+    """The gate, the agent beside its controls, and the scaling curve."""
+    found = summary.competence
+    if found.passed:
+        gate = (
+            "The gate is passed: in environments of its own training, the agent leads every control in return, with "
+            "intervals above zero. Figures on held-out environments therefore measure generalisation."
+        )
+    elif found.training:
+        names = "; ".join(_name(one) for one in found.unbeaten)
+        gate = (
+            "The gate is not passed: in environments of its own training, the agent's lead in return is not above "
+            f"zero over these controls: {names}. It has not learned to play, so that no figure below measures "
+            "generalisation."
+        )
+    else:
+        gate = "The agent was not tested in environments of its training (--familiar), so that the gate is closed."
+    blocks: list[_Block] = [{"heading": "Competence"}, {"text": gate}]
+    for rows, where in ((found.training, "environments of the training"), (found.held_out, "held-out environments")):
+        if rows:
+            head = [
+                where,
+                "environments",
+                "return",
+                "wins, %",
+                "lines or groups",
+                "length",
+                "the agent's lead in return",
+            ]
+            head += ["in wins, %", "in lines or groups"]
+            blocks.append({"head": head, "rows": [_competence_row(row) for row in rows]})
+    blocks.append(
+        {
+            "text": "Return: on a scale from 0 (random play) to 100 (the privileged player) in each environment. "
+            "Intervals: 95%, by a bootstrap over agents and their environments."
+        }
+    )
+    if len(found.sizes) > 1:
+        curve = [
+            [f"{one.environments:,}", _interval(one.training), _interval(one.held_out), _interval(one.gap)]
+            for one in found.sizes
+        ]
+        head = ["environments of the training", "return in some of them", "return in held-out environments", "gap"]
+        blocks += [{"heading": "Scaling"}, {"head": head, "rows": curve}]
+    return blocks
+
+
+def _competence_row(row: Row) -> list[str]:
+    def shown(known: dict[str, Interval], name: str) -> str:
+        if name not in known:
+            return ""
+        factor = 100 if name == "wins" else 1
+        some = known[name]
+        digits = 2 if name == "goals" else 1
+        return f"{some.mean * factor:.{digits}f} [{some.low * factor:.{digits}f}, {some.high * factor:.{digits}f}]"
+
+    means = [shown(row.means, name) for name in ("return", "wins", "goals", "length")]
+    leads = [shown(row.leads, name) for name in ("return", "wins", "goals")]
+    return [_name(row.condition), f"{row.count}", *means, *leads]
 
 
 def _side(lead: Interval, other: str, plural: bool = False) -> str:
@@ -197,15 +301,6 @@ def _side(lead: Interval, other: str, plural: bool = False) -> str:
     if lead.high < 0:
         return f"below zero: {subject} worse than {other}"
     return f"on both sides of zero: the difference from {other} is not significant"
-
-
-def _reference(protocol: Protocol, agent: Pooled) -> list[list[str]]:
-    improved, steps, percent = REFERENCE
-    rows = [["environments that improve", f"{agent.improved.mean:.1%}", improved]]
-    if protocol.metric == "length":
-        rows.append(["steps longer, mean", f"{agent.steps.mean:+.2f}", steps])
-        rows.append(["% longer, mean and 95% interval", _interval(agent.value, 2), percent])
-    return rows
 
 
 def _row(condition: Condition) -> list[str]:
@@ -258,6 +353,8 @@ def _settings(protocol: Protocol, player: str, summary: Summary) -> list[list[st
         "seed": f"{protocol.seed}",
         "splits with controls that need training": f"{protocol.controls}",
         "player of the demonstrations": player,
+        "demonstrated steps recorded in each environment": f"{protocol.recorded:,}",
+        "precision": " and ".join(summary.precisions),
         "parameters of the network": f"{summary.parameters:,}",
         "processor hours": f"{summary.processor_seconds / 3600:.2f}",
         "hours of all tasks in sequence": f"{summary.seconds / 3600:.2f}",

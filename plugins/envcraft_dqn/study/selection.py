@@ -24,17 +24,21 @@ _SAME = ("exact", "structural")
 
 
 class EnvFactory(msgspec.Struct, frozen=True):
-    """Makes environments of a corpus, by the simulator of their family (`fast`) or by their files."""
+    """Makes environments of a corpus, by the simulator of their family (`fast`) or by their files.
+
+    With `trust` files run without a verdict: those that the study itself generated.
+    """
 
     corpus: str
     fast: bool
+    trust: bool = False
 
     def open(self, names: Sequence[str]) -> Any:
         """A vector of named environments, in this process."""
         from envcraft.environments.vector import make_vec
 
         # Tasks run in parallel, so that each needs no further processes.
-        return make_vec(list(names), corpus=self.corpus, fast=self.fast, workers=0)
+        return make_vec(list(names), corpus=self.corpus, fast=self.fast, trust=self.trust, workers=0)
 
 
 class StudyEnv(msgspec.Struct, frozen=True):
@@ -53,12 +57,13 @@ class StudyEnv(msgspec.Struct, frozen=True):
     kind: str = ""
 
 
-def generate(root: Path, count: int, seed: int) -> Path:
-    """Add the first `count` variants of the family to the corpus `root`, which is created if needed."""
+def generate(root: Path, count: int, seed: int, families: Sequence[str] = (FAMILY,)) -> Path:
+    """Add the first `count` variants of each family to the corpus `root`, which is created if needed."""
     with Store(root, write=True) if is_corpus(root) else Store.create(root) as store, store.transaction():
-        for one in family_named(FAMILY).generate(count, seed):
-            origin = {"family": FAMILY, "seed": seed, **one.metadata}
-            store.add(f"{one.name}.py", one.source.encode(), origin=origin)
+        for family in families:
+            for one in family_named(family).generate(count, seed):
+                origin = {"family": family, "seed": seed, **one.metadata}
+                store.add(f"{one.name}.py", one.source.encode(), origin=origin)
     return root
 
 
@@ -99,8 +104,10 @@ def _study_env(environment: Environment, origin: dict[str, Any]) -> StudyEnv:
     return StudyEnv(environment.name, environment.source, family, kind)
 
 
-def factory_for(corpus: Path, environments: Sequence[StudyEnv]) -> EnvFactory:
+def factory_for(corpus: Path, environments: Sequence[StudyEnv], generated: bool = False) -> EnvFactory:
     """A factory with the simulator of the family if it supports all environments, and with their files otherwise.
+
+    Files that the study itself `generated` from installed families run without a verdict.
 
     Raises:
         UsageError: The files must run, and one of them has not passed.
@@ -111,6 +118,8 @@ def factory_for(corpus: Path, environments: Sequence[StudyEnv]) -> EnvFactory:
         fast.open(names).close()
         return fast
     except UsageError:
+        if generated:
+            return EnvFactory(str(corpus), False, True)
         for name in names:
             resolve(corpus, name).ensure_trusted()
         return EnvFactory(str(corpus), False)

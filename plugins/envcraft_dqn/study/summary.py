@@ -7,15 +7,19 @@ from statistics import fmean
 
 import msgspec
 
+from envcraft_dqn.study.competence import Competence, judge
 from envcraft_dqn.study.metric import Change, Interval, Pooled, Score, by_length, by_return, paired, pooled
 from envcraft_dqn.study.protocol import (
     AGENT,
+    COIN,
+    CONSTANT,
     FAMILIAR,
     NOOP,
     PRETRAINED,
     PRIVILEGED,
     RANDOM,
     SEED,
+    SHUFFLED,
     SUBSET,
     UNTRAINED,
     WITHOUT,
@@ -51,15 +55,19 @@ class Summary(msgspec.Struct, frozen=True):
         conditions: The conditions by name, the agent first.
         without_scale: Environments without a metric, because the confidence interval of the privileged player's lead
             over random play is not above zero.
+        competence: The agent beside its controls, and the scaling curve.
         gap: The generalisation gap: the lead of agents trained on an environment over the agent that was not.
         parameters: The number of parameters of the network.
+        precisions: The precisions of the trainings.
         seconds, processor_seconds: The total time of all tasks.
     """
 
     conditions: dict[str, Condition]
     without_scale: list[str]
+    competence: Competence
     gap: Interval | None
     parameters: int
+    precisions: list[str]
     seconds: float
     processor_seconds: float
 
@@ -72,13 +80,15 @@ def summarise(protocol: Protocol, results: Mapping[str, TaskResult], kinds: Mapp
         results: The results of the tasks by name, with a score of random play for every environment.
         kinds: The kinds of the environments by name.
     """
-    random = _scores(results.values(), RANDOM)
-    privileged = _scores(results.values(), PRIVILEGED)
+    random, privileged = (
+        _scores(results.values(), f"{FAMILIAR} {player}") | _scores(results.values(), player)
+        for player in (RANDOM, PRIVILEGED)
+    )
     changes: dict[str, list[Change]] = {}
     without_scale: set[str] = set()
     for result in results.values():
         name = result.task.condition
-        if result.task.kind == "train" or name == RANDOM:
+        if result.task.kind == "train" or name.removeprefix(f"{FAMILIAR} ") == RANDOM:
             continue
         for score in result.scores:
             change = _change(protocol, score, random, privileged, result.task.split)
@@ -87,14 +97,17 @@ def summarise(protocol: Protocol, results: Mapping[str, TaskResult], kinds: Mapp
             else:
                 changes.setdefault(name, []).append(change)
     agent = changes.get(AGENT, [])
+    shown = [name for name in changes if name == FAMILIAR or not name.startswith(FAMILIAR)]
     conditions = {
-        name: _condition(name, sorted(changes[name], key=_key), agent, kinds) for name in sorted(changes, key=_rank)
+        name: _condition(name, sorted(changes[name], key=_key), agent, kinds) for name in sorted(shown, key=_rank)
     }
     return Summary(
         conditions,
         sorted(without_scale),
+        judge(results.values(), changes),
         _gap(changes.get(FAMILIAR, []), agent),
         max((result.parameters for result in results.values()), default=0),
+        sorted({result.precision for result in results.values()} - {""}),
         sum(result.seconds for result in results.values()),
         sum(result.processor_seconds for result in results.values()),
     )
@@ -144,7 +157,7 @@ def _key(change: Change) -> tuple[str, int]:
 
 def _rank(name: str) -> tuple[int, int, str]:
     """The rank of a condition in reports. Subsets are ranked by size."""
-    order = (AGENT, PRETRAINED, WITHOUT, UNTRAINED, NOOP, FAMILIAR, PRIVILEGED, SEED, SUBSET)
+    order = (AGENT, PRETRAINED, WITHOUT, UNTRAINED, NOOP, COIN, CONSTANT, SHUFFLED, FAMILIAR, PRIVILEGED, SEED, SUBSET)
     kind = next(number for number, known in enumerate(order) if name.startswith(known))
     number = name.rpartition(" ")[2]
     return kind, -int(number) if number.isdigit() else 0, name

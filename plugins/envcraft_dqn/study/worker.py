@@ -10,10 +10,22 @@ import msgspec
 
 from envcraft.errors import EnvCraftError
 from envcraft_dqn.study.metric import Score
-from envcraft_dqn.study.protocol import NOOP, PRIVILEGED, RANDOM, UNTRAINED, Protocol, Task, training_settings
+from envcraft_dqn.study.protocol import (
+    COIN,
+    CONSTANT,
+    NOOP,
+    PRIVILEGED,
+    RANDOM,
+    SHUFFLED,
+    UNTRAINED,
+    Protocol,
+    Task,
+    training_settings,
+)
 from envcraft_dqn.study.selection import EnvFactory, StudyEnv
 
 if TYPE_CHECKING:
+    from envcraft_dqn.demonstrations import Adviser
     from envcraft_dqn.env_spec import EnvSpec
     from envcraft_dqn.policies import Policy
     from envcraft_dqn.recordings import RecordedDemonstrations
@@ -56,6 +68,8 @@ class TaskResult(msgspec.Struct, frozen=True):
         curve: The learning curve of a ``train`` task.
         parameters: The number of parameters of the network.
         updates, steps: The length of the training.
+        precision: The precision of the training: bf16 or fp32.
+        actions: For ``play`` on frames, how often each joint action was chosen.
     """
 
     task: Task
@@ -66,6 +80,8 @@ class TaskResult(msgspec.Struct, frozen=True):
     parameters: int = 0
     updates: int = 0
     steps: int = 0
+    precision: str = ""
+    actions: list[int] = []
 
 
 def run_task(data: bytes) -> bytes:
@@ -89,7 +105,7 @@ def run_task(data: bytes) -> bytes:
 
         # The number of threads affects the order of floating-point sums.
         torch.set_num_threads(request.protocol.threads)
-        fields = _train(request) if request.task.kind == "train" else {"scores": _play(request)}
+        fields = _train(request) if request.task.kind == "train" else _play(request)
     result = TaskResult(request.task, time.perf_counter() - started, time.process_time() - spent, **fields)
     return msgspec.json.encode(result)
 
@@ -98,14 +114,15 @@ def _train(request: TaskRequest) -> dict[str, Any]:
     import json
 
     from envcraft_dqn.checkpoint import load_agent
-    from envcraft_dqn.learner import train
     from envcraft_dqn.selection import source_digests
     from envcraft_dqn.study.curve import LearningCurve, read
+    from envcraft_dqn.trainer import train
 
     task = request.task
     folder = Path(request.folder, "runs", task.name)
     settings = msgspec.structs.replace(training_settings(request.protocol, task), device=request.device)
     demonstrations = _demonstrations(request) if task.demonstrations else None
+    adviser = _adviser(request) if settings.objective == "dagger" else None
     file = folder / "curve.jsonl"
     sources = source_digests(Path(request.factory.corpus), task.environments, None)
     open_vector = request.factory.open
@@ -118,6 +135,8 @@ def _train(request: TaskRequest) -> dict[str, Any]:
         LearningCurve(file),
         _CHECKPOINT_SECONDS,
         sources,
+        adviser,
+        Path(request.folder, task.initial) if task.initial else None,
     )
     numbers = json.loads((folder / "checkpoint" / "state.json").read_text("utf-8"))["numbers"]
     return {
@@ -125,6 +144,7 @@ def _train(request: TaskRequest) -> dict[str, Any]:
         "parameters": load_agent(agent)[0].parameter_count,
         "updates": numbers["updates"],
         "steps": numbers["steps"],
+        "precision": numbers["precision"],
     }
 
 
@@ -136,28 +156,85 @@ def _demonstrations(request: TaskRequest) -> RecordedDemonstrations:
 
     names, corpus = [one.name for one in request.environments], Path(request.factory.corpus)
     [contract] = contract_digests(corpus, names[:1], None).values()
-    digest = player_for(request.environments).digest
+    contracts = dict.fromkeys(names, contract)
+    one_family = len({one.family for one in request.environments}) == 1
+    player = player_for(request.environments) if one_family else None
     return RecordedDemonstrations(
-        corpus, request.factory.open, request.player, request.protocol.seed, dict.fromkeys(names, contract), digest
+        corpus,
+        request.factory.open,
+        player.name if player else None,
+        request.protocol.seed,
+        contracts,
+        player.digest if player else None,
     )
 
 
-def _play(request: TaskRequest) -> list[Score]:
+def _adviser(request: TaskRequest) -> Adviser:
+    from envcraft_dqn.privileged import FamilyAdviser, PlayerAdviser
+    from envcraft_dqn.study.privileged import player_for
+
+    families: dict[str, list[StudyEnv]] = {}
+    for one in request.environments:
+        families.setdefault(one.family, []).append(one)
+    corpus = Path(request.factory.corpus)
+    advisers = {
+        family: PlayerAdviser(player_for(some), corpus, None, request.sandbox, 1) for family, some in families.items()
+    }
+    return FamilyAdviser({one.name: advisers[one.family] for one in request.environments})
+
+
+def _play(request: TaskRequest) -> dict[str, Any]:
     from envcraft_dqn.env_spec import EnvSpec
     from envcraft_dqn.evaluation import evaluate
+    from envcraft_dqn.policies import CountingPolicy
 
     protocol, task = request.protocol, request.task
-    policy = _policy(request, EnvSpec.of(request.factory.open, task.environments[0]))
+    spec = EnvSpec.of(request.factory.open, task.environments[0])
+    policy = CountingPolicy(_policy(request, spec), spec.num_actions)
     results = evaluate(task.environments, request.factory.open, policy, protocol.episodes, protocol.num_envs, task.seed)
-    return [Score.of(one) for one in results]
+    return {"scores": [Score.of(one) for one in results], "actions": policy.counts.tolist()}
+
+
+def _best_constant(request: TaskRequest, spec: EnvSpec) -> int:
+    """The joint action whose constant play has the highest mean return in environments of the training.
+
+    Returns are standardised over the actions in each environment, so that all environments count the same.
+    """
+    import numpy as np
+
+    from envcraft_dqn.evaluation import evaluate
+    from envcraft_dqn.policies import NoopPolicy
+
+    protocol, task = request.protocol, request.task
+    episodes = max(protocol.episodes // 5, 2)
+    returns = np.array(
+        [
+            [
+                one.total.mean
+                for one in evaluate(
+                    task.training, request.factory.open, NoopPolicy(joint), episodes, protocol.num_envs, task.seed
+                )
+            ]
+            for joint in range(spec.num_actions)
+        ]
+    )
+    spread = returns.std(0)
+    return int(((returns - returns.mean(0)) / np.where(spread > 0, spread, 1.0)).mean(1).argmax())
 
 
 def _policy(request: TaskRequest, spec: EnvSpec) -> Policy:
-    from envcraft_dqn.policies import AgentPolicy, policy_named
+    from envcraft_dqn.policies import AgentPolicy, CoinPolicy, NoopPolicy, ShuffledPolicy, policy_named
 
     task = request.task
     if task.player in (RANDOM, NOOP):
         return policy_named(task.player, spec, task.seed)
+    if task.player == COIN:
+        return CoinPolicy(spec, task.seed)
+    if task.player == CONSTANT:
+        return NoopPolicy(_best_constant(request, spec))
+    if task.player == SHUFFLED:
+        file = Path(request.folder, "results", f"{task.after[0]}.json")
+        return ShuffledPolicy(msgspec.json.decode(file.read_bytes(), type=TaskResult).actions, task.seed)
     file = untrained_agent(request, spec) if task.player == UNTRAINED else Path(request.folder, task.player)
     if not file.is_file():
         raise EnvCraftError(f"{file} is missing: all processes of a study must see the same folder")
@@ -180,7 +257,7 @@ def _play_privileged(request: TaskRequest) -> list[Score]:
     return scores(
         Path(request.factory.corpus),
         request.task.environments,
-        player_for(request.environments),
+        player_for([one for one in request.environments if one.name in request.task.environments]),
         request.protocol.privileged_episodes,
         request.protocol.seed,
         request.sandbox,
