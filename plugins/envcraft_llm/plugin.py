@@ -1,4 +1,4 @@
-"""Hook implementations: commands, generators, stages, and the exporter of data for fine-tuning."""
+"""Hook implementations: commands, generators, stages, pools, and the exporter of data for fine-tuning."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from envcraft.corpus.export.exporter import Exporter
     from envcraft.generation.generators import Generator
     from envcraft.generation.stages import Stage
+    from envcraft.model.pool import Pool
 
 
 @hookimpl
@@ -43,3 +44,13 @@ def envcraft_exporters() -> list[Exporter]:
     from .sft.exporter import SftExporter
 
     return [SftExporter()]
+
+
+@hookimpl
+def envcraft_pools() -> list[Pool]:
+    from envcraft.model.pool import Pool
+
+    from .concepts.generation import KINDS
+    from .concepts.pools import pools
+
+    return [Pool(kind, tuple(getattr(pools(), name))) for name, kind in KINDS.items()]

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     type=click.IntRange(0),
     default=0,
     show_default=True,
-    help="Seed of the concepts. A larger --count adds to those of a smaller one.",
+    help="Seed of the concepts. A larger --count continues the concepts of a smaller one.",
 )
 @click.option(
     "--strategy-share",

@@ -133,6 +133,8 @@ def pipeline(
                 asyncio.run(_run(runner, ids, context, model, concurrency))
         finally:
             _print_summary(history, stages, ids, usage)
+        if is_demo(model_settings):
+            click.echo(f"\nThe environments are in the corpus {corpus}. Next: envcraft corpus list {corpus}")
         outcomes = history.counts(ids).get(end or names[-1])
         passed = outcomes["passed"] if outcomes else 0
     for error in runner.progress.errors[:_ERRORS]:

@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING
 
 from envcraft.contracts.lookup import contract_named
 from envcraft.errors import SandboxUnavailable, UsageError
-from envcraft.generation.stages import Stage, ordered
+from envcraft.generation.stages import Stage
 from envcraft.judging.driver import Driver, Isolation
 from envcraft.judging.selection import driver_named, select_checks
+from envcraft.model.stage_order import ordered
 from envcraft_llm.endpoint import ModelSettings
 
 if TYPE_CHECKING:

@@ -72,12 +72,12 @@ _NO_BRIEF = "There is no design document: the docstrings and the constants of th
 def repair(ctx: click.Context, /, file: Path, output: Path | None, **options: Any) -> None:
     """Let a model repair a file.
 
-    Runs all checks, and sends their findings to the model, up to three times. Writes the result to --output, or to
-    standard output. Rejects a degenerate repair, which passes by doing less than the file did.
+    The command runs all checks and sends their findings to the model, up to three times. It rejects a degenerate
+    repair, which passes by doing less than the file did. It writes the result to --output or to standard output.
 
     \b
     Exit status: 0 the file passes             1 it could not be repaired
-                 2 wrong use                   3 it could not be judged, or no model answers
+                 2 usage error                 3 it could not be judged, or no model answers
     """
     from envcraft_llm.stages.repair import Repair
 
@@ -103,12 +103,12 @@ def repair(ctx: click.Context, /, file: Path, output: Path | None, **options: An
 def privileged(ctx: click.Context, /, file: Path, output: Path | None, **options: Any) -> None:
     """Let a model write a policy that reads the game state.
 
-    Plays the policy, and writes it to --output, or to standard output, if it wins. To play it again, run `envcraft
-    validate FILE --policy POLICY`.
+    The command plays the policy. If the policy wins, the command writes it to --output or to standard output.
+    `envcraft validate FILE --policy POLICY` plays the policy again.
 
     \b
     Exit status: 0 the policy wins, or the checker's own search does    1 neither does, or the game is trivial
-                 2 wrong use                                            3 it could not be judged, or no model answers
+                 2 usage error                                          3 it could not be judged, or no model answers
     """
     from envcraft_llm.stages.privileged import Privileged
 

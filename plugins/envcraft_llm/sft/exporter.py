@@ -28,7 +28,7 @@ class SftExporter(Exporter):
         if missing:
             raise UsageError(f"data for fine-tuning needs {' and '.join(missing)}: pip install 'envcraft-rl[publish]'")
         if order.everything:
-            raise UsageError("--all does not go with --to sft, which always includes attempts that did not pass")
+            raise UsageError("--all cannot be used with --to sft, which always includes attempts that did not pass")
         from .card import Contents, card
         from .clusters import assign_splits, concept_clusters
 
