@@ -36,6 +36,13 @@ _FIRST = (
     "e2e/test_examples.py",
     "corpus/test_audit_command.py",
     "plugins/generation/test_pipeline.py",
+    "plugins/dqn/test_learnability.py",
+    "plugins/dqn/test_proof.py",
+    "plugins/dqn/test_resume.py",
+    "plugins/dqn/test_study_run.py",
+    "e2e/test_plugin_package.py",
+    "e2e/test_targets.py",
+    "test_site.py",
 )
 _SECTIONS = pytest.StashKey[dict[str, str]]()
 
@@ -44,6 +51,8 @@ def pytest_configure() -> None:
     # A background job of a shell ignores SIGINT, and the child processes of the tests would inherit that.
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
+    # A verdict of one test, or of the developer, must not let another test trust a file.
+    os.environ["ENVCRAFT_CACHE"] = ""
     # The size of the developer's terminal would apply to every terminal that a test opens.
     for name in ("COLUMNS", "LINES"):
         os.environ.pop(name, None)

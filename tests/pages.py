@@ -21,8 +21,9 @@ def chromium() -> Iterator[Browser]:
     """The browser. Skips the test if there is no browser."""
     if _CHROMIUM is None:
         pytest.skip("no chromium on this machine: apt-get install chromium")
-    from playwright.sync_api import sync_playwright
+    from playwright.sync_api import expect, sync_playwright
 
+    expect.set_options(timeout=_MILLISECONDS)
     with sync_playwright() as playwright:
         # Its sandbox does not work in a container, and the pages are trusted.
         browser = playwright.chromium.launch(executable_path=_CHROMIUM, args=["--no-sandbox"], timeout=_MILLISECONDS)

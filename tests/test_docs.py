@@ -27,8 +27,9 @@ from envcraft.plugins import plugins
 ROOT = Path(__file__).resolve().parent.parent
 PAGES = [
     ROOT / "README.md",
-    ROOT / "ARCHITECTURE.md",
+    *(ROOT / name for name in ("ARCHITECTURE.md", "CHANGELOG.md", "CONTRIBUTING.md", "SECURITY.md")),
     *sorted((ROOT / "docs").glob("*.md")),
+    ROOT / "docs" / "rules" / "index.md",
     ROOT / "tests" / "plugin_package" / "README.md",
 ]
 NAMES = [str(page.relative_to(ROOT)) for page in PAGES]
@@ -51,8 +52,10 @@ def test_rule_pages_and_table_are_up_to_date(root: Path) -> None:
 
 @pytest.mark.parametrize("page", PAGES, ids=NAMES)
 def test_links_lead_somewhere(page: Path) -> None:
-    links = re.findall(r"\]\((?!https?:)([^)#]+)", prose(page))
-    assert not [link for link in links if not (page.parent / link).exists()]
+    links = re.findall(r"\]\((?!https?:)([^)#]*)(?:#([^)]*))?\)", prose(page))
+    assert not [link for link, _ in links if not (page.parent / link).exists()]
+    pages = {link: page.parent / link if link else page for link, anchor in links if anchor}
+    assert not [(link, anchor) for link, anchor in links if anchor and anchor not in anchors(pages[link])]
 
 
 @pytest.mark.parametrize("page", PAGES, ids=NAMES)
@@ -118,6 +121,12 @@ def hooks_there_are() -> set[str]:
 def prose(page: Path) -> str:
     """A page without its blocks of code."""
     return re.sub(r"^```.*?^```", "", page.read_text("utf-8"), flags=re.DOTALL | re.MULTILINE)
+
+
+def anchors(page: Path) -> set[str]:
+    """The anchors of a page's headings, as GitHub and MkDocs write them."""
+    headings = re.findall(r"^#+ (.+)$", prose(page), re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
 
 
 def fences(page: Path) -> list[tuple[str, str]]:

@@ -43,8 +43,8 @@ def test_an_episode_that_depends_on_the_clock_has_no_other_cause(
 ) -> None:
     check = Determinism()
     alone = [("EC205", CLOCK, "clock"), ("EC206", BEFORE, "before")]
-    monkeypatch.setattr(check, "_alone", lambda subject, rollout: alone)
-    monkeypatch.setattr(check, "_together", lambda subject, rollout, left_out: ALL)
-    monkeypatch.setattr(check, "_reset_again", lambda subject, rollout, info: None)
+    monkeypatch.setattr("envcraft_checks.comparing.conditions.alone", lambda subject, rollout: alone)
+    monkeypatch.setattr("envcraft_checks.comparing.conditions.together", lambda subject, rollout, left_out: ALL)
+    monkeypatch.setattr("envcraft_checks.comparing.causes.reset_again", lambda subject, rollout, info: None)
     subject: Any = Played(*causes)
     assert [finding.code for finding in check._compare(subject, Rollout(0, []), True)] == codes

@@ -45,6 +45,8 @@ class Game(gym.Env):
     {more}
 """
 
+GUST = "def more(self): self.x = self.np_random.random()"
+
 
 def codes(**parts: str) -> set[str]:
     """The codes that lint reports, also those that are off by default, on a game with these statements."""
@@ -78,6 +80,8 @@ def subject_of(target: Target) -> Subject:
         ("EC050", {"reset": "self.x = self.more()", "more": "def more(self): return np.random.rand()"}),
         ("EC050", {"step": "self.x = self.action_space.sample()"}),
         ("EC050", {"reset": "self.np_random.random()", "super": "super().reset()"}),
+        ("EC050", {"super": "super().reset(seed=0)", "step": "self.x = self.np_random.random()"}),
+        ("EC050", {"super": "super().reset(seed=LIMIT)", "step": "self.more()", "more": GUST}),
         ("EC051", {"step": "self.x = time.time()", "see": "return np.full(4, self.x)"}),
         ("EC051", {"step": "late = time.monotonic() > 5", "ended": "bool(late)", "see": "return np.zeros(4)"}),
         ("EC052", {"step": "self.x = list({'a', 'b'})[0]"}),
@@ -126,6 +130,14 @@ def test_each_rule_reads_what_play_may_never_reach(code: str, parts: dict[str, s
     [
         {"reset": "self.rng = random.Random(seed)", "step": "self.x = self.rng.random()"},
         {"more": "def unused(self): return random.random()"},
+        {"super": "super().reset(seed=0)", "reset": "self.x = self.np_random.random()"},
+        {"super": "super().reset(seed=0)", "reset": "self.more()", "step": "self.more()", "more": GUST},
+        {"super": "super().reset(seed=0 if seed is None else seed)", "step": "self.x = self.np_random.random()"},
+        {"super": "super().reset(seed=0); super().reset(seed=seed)", "step": "self.x = self.np_random.random()"},
+        {"super": "super().reset(seed=0)", "step": "self.x = self.np_random.random()", "see": "self.np_random = RNG"},
+        {"super": "if options: super().reset(seed=0)", "step": "self.x = self.np_random.random()"},
+        {"super": "super().reset(seed=self.count)", "step": "self.x = self.np_random.random()"},
+        {"super": "self.x += 1; super().reset(seed=self.x)", "step": "self.np_random.random()", "more": "x = 0"},
         {"step": "if self.render_mode == 'human': self.x = random.random()"},
         {"step": "start = time.time(); print(time.time() - start)"},
         {"step": "self.x = sorted({'a', 'b'})[0] if 'a' in {'a', 'b'} else ''"},
@@ -170,7 +182,10 @@ def test_what_play_has_shown_is_not_said_twice() -> None:
     alone = judged(game, "lint")
     assert [finding.code for check in alone.checks for finding in check.findings] == ["EC050"]
     both = judged(game, "determinism,lint")
-    assert {finding.code for check in both.checks for finding in check.findings} == {"EC204"}
+    (shown,) = (finding for check in both.checks for finding in check.findings)
+    (read,) = (finding for check in alone.checks for finding in check.findings)
+    assert (shown.code, shown.line) == ("EC204", read.line)
+    assert read.message in shown.message
     assert next(check.verdict for check in both.checks if check.check == "lint") is Verdict.PASS
 
 

@@ -5,10 +5,11 @@ from __future__ import annotations
 import pytest
 from envcraft_checks.instawin import BY_SIGN
 
-from envcraft.contracts.builtin import ARCADE
+from envcraft.contracts.builtin import ARCADE, ARCADE_NATIVE
 from envcraft.judging.budget import BUDGETS
 from envcraft.judging.engine import Plan
 from envcraft.judging.selection import default_checks, driver_named
+from envcraft.model.contract import Contract
 from envcraft.model.target import PolicyFile, Target
 from envcraft.model.verdict import SubjectReport
 from evaluation.fixtures import FIXTURES
@@ -70,6 +71,58 @@ class Luck(gymnasium.Env):
 """
 
 
+#: Only the policy knows the way to the end, which is paid a step late.
+LATE = """
+import gymnasium
+import numpy as np
+from gymnasium import spaces
+
+
+class Safe(gymnasium.Env):
+    metadata = {"render_modes": ["rgb_array"], "render_fps": 30}
+
+    def __init__(self, render_mode=None):
+        self.observation_space = spaces.Box(0, 255, (84, 84, 3), np.uint8)
+        self.action_space = spaces.MultiDiscrete([5, 2, 2])
+        self.render_mode = render_mode
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        self.code = self.np_random.integers([5, 2, 2], size=(150, 3)).tolist()
+        self.at = self.steps = 0
+        self.due = 10.0
+        return self.render(), {}
+
+    def step(self, action):
+        if self.at == len(self.code):
+            paid, self.due = self.due, 0.0
+            return self.render(), paid, True, False, {}
+        self.steps += 1
+        self.at = self.at + 1 if list(action) == self.code[self.at] else 0
+        return self.render(), -0.01, self.at == len(self.code), self.steps >= 300, {}
+
+    def render(self):
+        frame = np.zeros((84, 84, 3), np.uint8)
+        frame.reshape(-1)[: 20 * self.at + self.steps] = 200
+        return frame
+"""
+#: Its own end comes one step after the limit of its adapter.
+NIGHT = (
+    LATE[: LATE.index("    def step")]
+    + """
+    def step(self, action):
+        self.steps += 1
+        return self.render(), 10.0 if self.steps == 1001 else 0.0, self.steps > 1000, False, {}
+
+    def render(self):
+        frame = np.zeros((84, 84, 3), np.uint8)
+        frame.reshape(-1)[: self.steps] = 200
+        return frame
+"""
+)
+OPENS = "def policy(env):\n    return env.code[env.at]"
+
+
 HOLDS = "def policy(env):\n    return [4, 0, 0]"
 LUCKY, STEADY = (LUCK.replace("WIDTH", width) for width in ("10", "1"))
 PAIRS = [
@@ -114,6 +167,20 @@ def test_codes_with_a_policy(game: str, policy: str, codes: set[str], reports: R
     assert failing(reports[game, policy]) == codes
 
 
+@pytest.mark.parametrize(
+    ("game", "contract", "policy", "codes"),
+    [(LATE, ARCADE, OPENS, {"EC508"}), (LATE, ARCADE, "", set()), (NIGHT, ARCADE_NATIVE, "", set())],
+    ids=["opens", "no policy", "cut by the adapter"],
+)
+def test_a_reward_that_comes_after_the_end(game: str, contract: Contract, policy: str, codes: set[str]) -> None:
+    checks = [check for check in default_checks() if check.name in ("source", "termination")]
+    files = PolicyFile("policy.py", policy) if policy else None
+    plan = Plan(
+        [Target("game.py", game.encode())], contract, driver_named("process"), checks, BUDGETS["quick"], policy=files
+    )
+    assert [failing(report) for _, report in judge_plans([plan])] == [codes]
+
+
 @pytest.mark.parametrize(("game", "by_sign"), [(FAR, True), (REPORTS_SUCCESS, False)], ids=["return", "info"])
 def test_message_says_what_shows_the_win(game: str, by_sign: bool, reports: Reports) -> None:
     findings = [finding for check in reports[game, ""].checks for finding in check.findings]
@@ -130,7 +197,7 @@ def test_a_policy_that_never_wins_must_clearly_be_better(game: str, warned: bool
         assert "wins 0 of 12 (0%, 95% interval 0% to 24.2%)" in finding.message
         for name, lead in finding.evidence["leads"].items():
             assert lead["n"] == 12
-            words = f"over {name} {lead['estimate']:.3g} (95% interval"
+            words = f"over {name} is {lead['estimate']:.3g} (95% interval"
             assert (words in finding.message) == (lead["low"] <= 0)
         # The mean over these twelve episodes is higher, by chance.
         means = finding.evidence["means"]

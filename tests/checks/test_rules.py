@@ -6,9 +6,9 @@ import ast
 
 import numpy as np
 import pytest
-from envcraft_checks.determinism import _diverge
+from envcraft_checks.comparing.traces import diverge
 from envcraft_checks.imports import required_imports
-from envcraft_checks.observation import noise
+from envcraft_checks.pictures.noise import noise
 from envcraft_checks.reward import growth
 
 from envcraft.judging.check import Check
@@ -122,9 +122,9 @@ def test_missed_deadline_is_not_a_divergence(reason: ExitReason, differs: bool) 
     whole = Trace(Rollout(0, [0]), observations=[b"0", b"1"], infos=[b"{}"] * 2, rewards=[0.0])
     whole.terminated, whole.truncated = [False], [False]
     ended = Trace(Rollout(0, [0]), observations=[b"0"], infos=[b"{}"], end=JobResult(reason, "step", 5.0))
-    assert (_diverge(whole, ended, True) is not None) is differs
+    assert (diverge(whole, ended, True) is not None) is differs
     ended.observations = [b"2"]
-    assert _diverge(whole, ended, True) is not None
+    assert diverge(whole, ended, True) is not None
 
 
 def test_growth_is_told_from_prizes_and_plateaus() -> None:

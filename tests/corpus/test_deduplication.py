@@ -13,7 +13,7 @@ import pytest
 
 from envcraft.corpus import deduplication
 from envcraft.corpus.deduplication import LAYERS, clusters, diversities, groups_of
-from envcraft.corpus.splits import corpus_splits, split
+from envcraft.corpus.splits import corpus_splits, families, family_splits, split
 from envcraft.corpus.store import Environment, Store, schema
 from envcraft.errors import UsageError
 from envcraft.model.verdict import CheckReport, Finding, Severity, SubjectReport, Verdict
@@ -274,6 +274,52 @@ def test_the_order_of_groups_makes_no_difference_and_one_more_moves_few() -> Non
 def test_fractions_that_are_none(fractions: tuple[float, ...]) -> None:
     with pytest.raises(UsageError):
         split([["a"]], fractions)
+
+
+# Splits by family
+
+
+@pytest.fixture
+def mixed(tmp_path: Path) -> Iterator[Store]:
+    """Eight games of families of four, three and one."""
+    with Store.create(tmp_path / "mixed") as made:
+        for number, family in enumerate("aaaabbbc"):
+            made.add(f"game{number}.py", game(number), origin={"family": family})
+        yield made
+
+
+def test_no_family_is_cut(mixed: Store) -> None:
+    assert {family: len(names) for family, names in families(mixed).items()} == {"a": 4, "b": 3, "c": 1}
+    assert sorted(map(len, family_splits(mixed))) == [1, 3, 4]
+    assert sorted(map(len, family_splits(mixed, (0.5, 0.5)))) == [4, 4]
+    # A share that is too small for any family still gets one.
+    assert sorted(map(len, family_splits(mixed, (0.98, 0.01, 0.01)))) == [1, 3, 4]
+    with pytest.raises(UsageError, match="has 3 families that share no duplicates, and 4 splits need one each"):
+        family_splits(mixed, [0.25] * 4)
+
+
+def test_families_that_share_a_copy_stay_together(mixed: Store) -> None:
+    mixed.add("copy.py", reformatted(game(0)), origin={"family": "c"})
+    mixed.add("stray.py", renamed(game(4)))
+    found = family_splits(mixed, layers=FEW)
+    assert sorted(map(len, found)) == [4, 6]
+    assert {"copy.py", "game0.py", "game7.py"} <= set(sorted(found, key=len)[-1])
+    with pytest.raises(UsageError, match="has 2 families"):
+        family_splits(mixed, [1 / 3] * 3, layers=FEW)
+
+
+def test_the_command_names_the_families_of_each_split(mixed: Store, invoke: Invoke) -> None:
+    mixed.close()
+    written = json.loads(invoke("corpus", "split", mixed.root, "--by", "family").stdout)
+    assert written["by"] == "family"
+    assert sorted((part["families"], len(part["environments"])) for part in written["splits"]) == [
+        (["a"], 4),
+        (["b"], 3),
+        (["c"], 1),
+    ]
+    halves = json.loads(invoke("corpus", "split", mixed.root, "--by", "family", "--folds", "2").stdout)["splits"]
+    assert sorted(part["families"] for part in halves) == [["a"], ["b", "c"]]
+    assert invoke("corpus", "split", mixed.root, "--by", "family", "--folds", "4").exit_code == 2
 
 
 def test_an_audit_tells_what_environments_do(tmp_path: Path, invoke: Invoke) -> None:

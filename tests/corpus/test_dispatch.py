@@ -142,7 +142,7 @@ def test_an_executor_without_workers_is_not_waited_for_for_ever(
     monkeypatch.setattr(dispatch, "_EMPTY", 0.1)
     engine.fate = lambda path, time: never
     engine.slots = 0
-    with pytest.raises(EnvCraftError, match="scripted has had no worker for 0 s: start some"):
+    with pytest.raises(EnvCraftError, match="scripted has had no worker for 0 s: start workers"):
         reports(engine, 3)
 
 

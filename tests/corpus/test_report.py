@@ -22,7 +22,8 @@ import pytest
 
 from envcraft.contracts.builtin import ARCADE
 from envcraft.corpus.report import data, media, output
-from envcraft.corpus.report.data import Measure, outliers
+from envcraft.corpus.report.data import Entry, Measure, outliers
+from envcraft.corpus.report.facets import Facets, values
 from envcraft.corpus.report.write import preview_contracts
 from envcraft.corpus.store import Environment, Store, decode
 from envcraft.corpus.verify import verify
@@ -125,13 +126,13 @@ def test_the_stages_are_those_of_the_database(site: Path, reports: dict[str, Sub
     assert [(row["stage"], int(row["input"]), int(row["output"])) for row in rows] == expected
     assert json.loads((site / "report.json").read_text())["stages"][1]["input"] == expected[1][1]
     shown = Parsed((site / "index.html").read_text("utf-8")).tables["cascade"]
-    assert [(row[0], int(row[1]), int(row[4])) for row in shown[1:-1]] == expected
+    assert [(row[0], int(row[1]), int(row[5])) for row in shown[1:-1]] == expected
     for row, line in zip(rows, shown[1:-1], strict=True):
         passed, failed = int(row["output"]) - int(row["skipped"]), int(row["failed"])
         rate = passed / (passed + failed)
         assert float(row["pass_rate"]) == pytest.approx(rate)
         assert float(row["low"]) < rate <= float(row["high"])
-        assert line[5] == f"{rate:.1%}"
+        assert line[6] == f"{rate:.1%}"
     # Wilson's interval at 95%, computed by hand.
     n = int(rows[1]["output"]) - int(rows[1]["skipped"]) + int(rows[1]["failed"])
     p, z = float(rows[1]["pass_rate"]), 1.959964
@@ -204,6 +205,7 @@ def test_scripts_have_every_environment(site: Path, reports: dict[str, SubjectRe
         assert len(about["findings"]) == sum(len(check.findings) for check in report.checks) if report else True
         assert "import gymnasium" in about["source"]
         assert about["command"].startswith("envcraft validate ")
+        assert not report or json.loads(about["record"])["verdict"] == report.verdict
     assert [number for number, row in enumerate(rows) if row[7]] == [
         int(file.stem) for file in (site / "media").rglob("*.webp")
     ]
@@ -211,9 +213,12 @@ def test_scripts_have_every_environment(site: Path, reports: dict[str, SubjectRe
 
 def test_hostile_words_stay_words(site: Path) -> None:
     plain = Parsed((site / "index.html").read_text("utf-8"))
-    assert plain.tags["script"] == 1
     listed = Parsed((site / "environments.html").read_text("utf-8"))
-    assert listed.tags["script"] == 2
+    # Besides the scripts of the site, there is one with data.
+    for page, inline in ((plain, 0), (listed, 1)):
+        sources = [value for name, value in page.attributes if name == "src" and value.endswith(".js")]
+        assert page.tags["script"] == len(sources) + inline
+        assert all((site / source).is_file() for source in sources)
     for page in (plain, listed):
         assert not [name for name, _ in page.attributes if name.startswith("on") or name == "style"]
         loaded = [value for name, value in page.attributes if name in ("src", "href")]
@@ -259,12 +264,31 @@ def test_copies_are_named_and_counted(site: Path) -> None:
     assert {layer["name"]: layer["clusters"] for layer in told["layers"]}["exact"] == 1
     rows = {row["name"]: row["cluster"] for row in table(site / "environments.csv")}
     assert [name for name, number in rows.items() if number] == copies
-    row = next(row for row in script(site / "data" / "rows-0.js") if row[0] == copies[1])
+    listed = script(site / "data" / "rows-0.js")
+    row = next(row for row in listed if row[0] == copies[1])
     about = next(a for a in script(site / "data" / f"about-{row[8]}.js") if a["name"] == copies[1])
-    assert sorted(name for _, name in about["duplicates"]) == [copies[0], copies[2]]
+    assert sorted(listed[number][0] for number in about["duplicates"]) == [copies[0], copies[2]]
+    assert about["layers"] == cluster["layers"]
     shown = (site / "index.html").read_text("utf-8")
     assert f"{SIZE - 2} environments remain if one of each cluster is kept" in shown
     assert "and 2 more" in shown
+
+
+def test_the_map_puts_like_beside_like(tmp_path: Path) -> None:
+    from envcraft.corpus.report.embedding import Embedding
+
+    embedding = Embedding()
+    families = ("import pygame\nclass Paddle: ball = bounce = 1", "import numpy\nclass Maze: wall = door = key = 2")
+    for number in range(12):
+        text = f"{families[number % 2]}\nlevel_{number} = {number}\n"
+        sha256 = hashlib.sha256(text.encode()).hexdigest()
+        embedding.add(data.Entry(number, Environment(f"{number}.py", sha256, ""), {}, "", None, None), text)
+    points = embedding.points()
+    assert [point.number for point in points] == list(range(12))
+    assert all(0 <= value <= 1 for point in points for value in (point.x, point.y))
+    sides = {number: {round(point.x) for point in points if point.number % 2 == number} for number in (0, 1)}
+    assert sides in ({0: {0}, 1: {1}}, {0: {1}, 1: {0}})
+    assert points == embedding.points()
 
 
 # The folder
@@ -487,3 +511,18 @@ def test_what_is_not_a_corpus_is_refused(invoke: Invoke, tmp_path: Path) -> None
 
 def test_the_corpus_is_the_size_that_the_tests_suppose(reports: dict[str, SubjectReport | None]) -> None:
     assert len(reports) == SIZE
+
+
+def test_facets_are_listed_in_the_order_of_stages_and_of_numbers() -> None:
+    facets = Facets(["viability", "code"])
+    for stage, difficulty in (("all passed", "chosen 0.5 to 0.75"), ("code", "EC804"), ("viability", "as promised")):
+        facets.row({"stage": [stage], "difficulty": [difficulty], "attempts": ["10" if stage == "code" else "9"]})
+    listed = {facet["name"]: [facet["words"][place] for place in facet["order"]] for facet in facets.legend()}
+    assert listed["stage"] == ["viability", "code", "all passed"]
+    assert listed["attempts"] == ["9", "10"]
+
+
+def test_a_family_gives_facets_of_its_axes() -> None:
+    origin = {"family": "snake", "axes": {"goal": "meals", "size": [10, 14], "difficulty": 0.76}}
+    entry = Entry(0, Environment("a.py", "0" * 64, ""), origin, "", None, None)
+    assert values(entry, None) == {"family": ["snake"], "mechanic": ["goal: meals"], "difficulty": ["chosen 0.75 to 1"]}

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+from urllib.parse import quote
 
 import pytest
 
 from envcraft.text import one_line
 from tests.pages import chromium, window
 
-from .reported import HOSTILE, SIZE
+from .reported import HOSTILE, SIZE, source
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page
@@ -64,13 +66,14 @@ def loaded(page: Any, kind: str) -> list[str]:
 
 
 def scripts(page: Page) -> list[str]:
-    return loaded(page, ".js")
+    """The loaded scripts with data."""
+    return [url for url in loaded(page, ".js") if url.startswith("data/")]
 
 
 @pytest.mark.parametrize("width", [320, 1200])
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_pages_fit_any_screen(show: Open, scheme: str, width: int) -> None:
-    for name in ("index.html", "environments.html", "environments.html#show=0"):
+    for name in ("index.html", "environments.html", f"environments.html#environment={quote(one_line(HOSTILE))}"):
         page = show(name, viewport={"width": width, "height": 800}, color_scheme=scheme)
         assert page.evaluate("document.documentElement.scrollWidth") <= width, name
         look = page.evaluate("[getComputedStyle(document.body).backgroundColor, getComputedStyle(document.body).color]")
@@ -80,7 +83,7 @@ def test_pages_fit_any_screen(show: Open, scheme: str, width: int) -> None:
 
 
 def test_what_is_printed_is_dark_on_paper(show: Open) -> None:
-    for name in ("index.html", "environments.html#show=0"):
+    for name in ("index.html", f"environments.html#environment={quote(one_line(HOSTILE))}"):
         page = show(name, color_scheme="dark")
         page.emulate_media(media="print")
         ink = page.evaluate("getComputedStyle(document.body).color")
@@ -110,28 +113,45 @@ def test_the_first_page_loads_no_list(show: Open) -> None:
 
 
 def test_only_what_is_shown_is_loaded(show: Open) -> None:
-    page = show("environments.html")
-    assert page.locator("#rows li").count() == 50
+    page = show("environments.html", viewport={"width": 1200, "height": 800})
+    assert 12 <= page.locator("#rows li").count() < 60
     assert scripts(page) == ["data/rows-0.js"]
-    page.get_by_role("button", name="Next").click()
-    page.get_by_text("2 of 13").wait_for()
-    assert scripts(page) == ["data/rows-0.js"]
-    page.locator("#rows a").nth(0).click()
+    # The page is as long as the whole list, and the end is drawn when it comes into sight.
+    page.evaluate("() => scrollTo(0, document.documentElement.scrollHeight)")
+    page.get_by_text(f"env{SIZE - 1:04}").wait_for()
+    assert page.locator("#rows li").count() < 60
+    assert scripts(page) == ["data/rows-0.js", "data/rows-1.js"]
+    page.evaluate("() => scrollTo(0, 0)")
+    page.get_by_text("env0001").click()
     page.wait_for_selector("#one .source")
-    assert len(scripts(page)) == 2
-    assert page.locator("#one h1").inner_text() == "games/env0050.py"
+    assert len(scripts(page)) == 3
+    assert page.locator("#one h1").inner_text() == "games/env0001.py"
     page.go_back()
     page.wait_for_selector("#rows li:visible")
     page.locator("#query").fill("env0619")
     page.get_by_text(f"1 of {SIZE}").wait_for()
-    assert "data/rows-1.js" in scripts(page)
-    assert page.locator("#shown").inner_text() == f"1 of {SIZE}"
+
+
+def test_the_source_and_facets_are_searched(show: Open) -> None:
+    page = show("environments.html")
+    # The word is in the sources of three copies.
+    word = re.findall(r"v([0-9a-f]{8}) = ", source(100).decode())[0]
+    page.locator("#query").fill(f"v{word}")
+    page.get_by_text(re.compile(rf"^\d+ of {SIZE}$")).wait_for()
+    expected = sum(f"v{word}" in source(number).decode() for number in range(SIZE))
+    assert page.locator("#shown").inner_text() == f"{expected} of {SIZE}"
+    assert len([name for name in scripts(page) if "words" in name]) == 1
+    page.locator("#query").fill("")
+    page.get_by_label("Speed").select_option("100 to 1,000/s")
+    slow = [n for n in range(SIZE) if n != 7 and 100 <= (1000 + n) / (90 if n == 33 else 1 + (n % 17) / 10) < 1000]
+    page.get_by_text(f"{len(slow)} of {SIZE}").wait_for()
 
 
 def test_the_list_filters_and_sorts(show: Open) -> None:
     page = show("environments.html")
 
     def shown() -> str:
+        # Not before the pause after typing is over.
         page.wait_for_timeout(200)
         return page.locator("#shown").inner_text()
 
@@ -140,7 +160,9 @@ def test_the_list_filters_and_sorts(show: Open) -> None:
     api = sum(number % 5 == 0 and number not in (7, 11) for number in range(SIZE))
     assert shown() == f"{api} of {SIZE}"
     page.locator("#query").fill("")
-    page.get_by_label("Failed check").select_option("determinism")
+    page.locator("#check").select_option("api:skip")
+    assert shown() == f"{sum(n % 5 == 3 or n == 11 for n in range(SIZE) if n != 7)} of {SIZE}"
+    page.locator("#check").select_option("determinism")
     page.get_by_label("Verdict").select_option("fail")
     both = [n for n in range(SIZE) if n % 7 == 0 and n not in (7, 11)]
     assert shown() == f"{len(both)} of {SIZE}"
@@ -159,7 +181,7 @@ def test_the_list_filters_and_sorts(show: Open) -> None:
 
 
 def test_an_environment_says_everything_and_runs_nothing(show: Open) -> None:
-    page = show("environments.html#show=0")
+    page = show(f"environments.html#environment={quote(one_line(HOSTILE))}")
     assert page.title() == one_line(HOSTILE)
     assert page.locator("#one h1").inner_text() == one_line(HOSTILE)
     assert page.locator(".finding").count() == 3
@@ -170,7 +192,7 @@ def test_an_environment_says_everything_and_runs_nothing(show: Open) -> None:
     assert "envcraft replay report.json --finding 1" in (page.locator("pre.command").first.text_content() or "")
     page.get_by_role("link", name="line 2").first.click()
     assert page.evaluate("document.activeElement.id") == "line-2"
-    assert page.locator(".source li").nth(1).inner_text() == "import gymnasium"
+    assert page.locator(".source li code").nth(1).inner_text() == "import gymnasium"
     # The text of the environment is on the page, and none of it became an element.
     assert page.locator("#one script, #one img:not(.film)").count() == 0
 
@@ -200,10 +222,16 @@ def test_it_is_read_by_keyboard(show: Open) -> None:
     page = show("environments.html")
     page.locator("#sort").focus()
     page.keyboard.press("Tab")
+    page.keyboard.press("ArrowRight")
+    page.wait_for_selector("#rows a[data-place='1']:focus")
+    page.keyboard.press("ArrowDown")
+    page.wait_for_selector("#rows a:focus:not([data-place='1'])")
     page.keyboard.press("Enter")
     page.wait_for_selector("#one .source")
-    assert page.evaluate("document.activeElement.tagName") == "H1"
-    page.get_by_role("link", name="All environments").press("Enter")
+    assert page.evaluate("() => document.activeElement.tagName") == "H1"
+    page.keyboard.press("]")
+    page.wait_for_selector("#one .source")
+    page.keyboard.press("Escape")
     page.wait_for_selector("#rows li:visible")
 
 

@@ -269,4 +269,4 @@ def test_without_a_terminal_it_is_a_sentence(walk: Any, tmp_path: Path) -> None:
     walk()
     result = envcraft(tmp_path, "play", "walk.py", "--terminal")
     assert result.returncode == 2
-    assert result.stderr == ("Error: standard input and output must be a terminal; or play in a --window\n")
+    assert result.stderr == ("Error: standard input and output must be a terminal; use one, or play in a --window\n")

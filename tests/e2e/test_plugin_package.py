@@ -107,6 +107,20 @@ def test_its_family_writes_environments_that_pass(installed: Installed, tmp_path
     assert judged.returncode == 0, judged.stdout
 
 
+def test_a_player_from_a_file_is_recorded(installed: Installed, tmp_path: Path) -> None:
+    installed.run("generate", "--family", "doors", "--count", "1", "--corpus", tmp_path / "doors")
+    (tmp_path / "tape.json").write_text("[[3, 0, 0], [4, 0, 0]]")
+    demos = ("demos", tmp_path / "doors", "--steps", "20", *SANDBOX, "--player")
+    done = installed.run(*demos, f"tape:{tmp_path / 'tape.json'}")
+    assert (done.returncode, done.stdout.splitlines()[0]) == (
+        0,
+        "tape: recorded 20 steps in 1 environment, 0 already recorded",
+    )
+    wrong = installed.run(*demos, "tape:missing.json")
+    assert wrong.returncode == 2
+    assert "missing.json is no JSON list of actions" in wrong.stderr
+
+
 def test_its_check_fails_and_passes(report: Path) -> None:
     bad, good = json.loads(report.read_text())["reports"]
     assert (bad["verdict"], good["verdict"]) == ("fail", "pass")

@@ -133,6 +133,7 @@ def test_class_of_a_package(sandbox: str, tmp_path: Path) -> None:
         "Corridor",
     )
     assert report["module"] == "corridors.corridor"
+    assert report["source_file"] == str(tmp_path / "corridors" / "corridor.py")
     assert report["source_sha256"] == _digest(tmp_path / "corridors" / "corridor.py")
     assert report["steps"] > 500
 
@@ -166,7 +167,7 @@ def test_finding_names_the_line_and_is_replayed_until_the_file_changes(sandbox: 
     package(tmp_path, defect="raise ValueError('the floor is very wet')")
     done = envcraft(sandbox, tmp_path, "replay", str(path))
     assert done.returncode == 3
-    assert "corridors.corridor has changed since the report" in done.stdout
+    assert f"{tmp_path}/corridors/corridor.py has changed since the report" in done.stdout
     assert envcraft(sandbox, tmp_path, "replay", str(path), "--anyway").returncode == 0
 
 
@@ -198,7 +199,8 @@ def test_no_render_mode_is_as_good_as_none_named(target: str, tmp_path: Path) ->
 @pytest.mark.parametrize(
     ("target", "status", "words"),
     [
-        ("corridors.corridor:Corridors", 1, "corridors.corridor has no class Corridors; did you mean Corridor?"),
+        ("corridors.corridor:Corridors", 2, "corridors.corridor has no class Corridors; did you mean Corridor?"),
+        ("corridors.corridor:Cave", 2, "has no class Cave; its environments are Corridor, NeedsSize"),
         ("corridors.corridor:NeedsSize", 1, "NeedsSize() needs size"),
         ("corridors.corridor:NoEnvironment", 1, "which does not derive from gymnasium.Env"),
         ("corridors.broken:Corridor", 1, "importing raises RuntimeError: out of order"),
@@ -227,7 +229,7 @@ def test_what_cannot_be_made(target: str, status: int, words: str, tmp_path: Pat
         (("CartPole-v1", "--class", "CartPoleEnv"), "remove --class"),
     ],
 )
-def test_wrong_use_is_a_sentence(arguments: tuple[str, ...], words: str, tmp_path: Path) -> None:
+def test_a_usage_error_is_a_sentence(arguments: tuple[str, ...], words: str, tmp_path: Path) -> None:
     done = envcraft("process", tmp_path, "validate", *arguments)
     assert done.returncode == 2
     assert words in done.stderr

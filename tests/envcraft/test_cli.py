@@ -1,4 +1,4 @@
-"""The command line's own promises: light imports, exit statuses, and one sentence for each wrong use."""
+"""The command line's own promises: light imports, exit statuses, and one sentence for each usage error."""
 
 from __future__ import annotations
 
@@ -61,6 +61,13 @@ def test_all_built_in_commands_are_there(invoke: Any) -> None:
     assert set(listed) >= wanted
 
 
+def test_summaries_of_commands_are_whole_sentences(invoke: Any) -> None:
+    for group in ((), ("corpus",), ("sandbox",), ("study",)):
+        commands = invoke(*group, "--help").stdout.partition("Commands:\n")[2]
+        assert commands
+        assert "..." not in commands, commands
+
+
 def test_unknown_command_names_the_nearest(invoke: Any) -> None:
     result = invoke("valdate")
     assert result.exit_code == 2
@@ -99,13 +106,13 @@ def test_other_files_of_a_folder_are_counted(invoke: Any, good: Path, tmp_path: 
     folder.mkdir()
     shutil.copy(good, folder)
     result = invoke("validate", folder, *QUICK)
-    assert "skipped" not in result.stderr
+    assert "without an environment" not in result.stderr
     (folder / "a.py").write_bytes(good.read_text().encode("utf-16"))
     for name in "bcd":
         (folder / f"{name}.py").write_text("print(1)\n")
     result = invoke("validate", folder, *QUICK)
     assert result.exit_code == 0
-    assert f"skipped 4 files in {folder} that define no environment class: a.py, b.py, c.py, …" in result.stderr
+    assert f"skipped 4 files without an environment in {folder}: a.py, b.py, c.py, …" in result.stderr
     assert len(json.loads(invoke("validate", folder, *QUICK, "--format", "json").stdout)["reports"]) == 1
 
 
@@ -183,10 +190,10 @@ def test_a_pipe_is_refused_rather_than_waited_for(invoke: Any, tmp_path: Path) -
         (("--seed", "-1"), "-1"),
         (("--workers", "0"), "0"),
         (("--budget", "huge"), "huge"),
-        (("--checks", "source", "--skip", "source"), "no check is left"),
+        (("--checks", "source", "--skip", "source"), "leave no check to run"),
     ],
 )
-def test_wrong_use_is_one_sentence(invoke: Any, good: Path, arguments: tuple[str, ...], words: str) -> None:
+def test_a_usage_error_is_one_sentence(invoke: Any, good: Path, arguments: tuple[str, ...], words: str) -> None:
     result = invoke("validate", good, *arguments)
     assert result.exit_code == 2
     assert words in result.stderr
@@ -458,7 +465,9 @@ def test_a_closed_pipe_is_no_bad_environment(arguments: tuple[str, ...]) -> None
 @pytest.mark.parametrize("workers", [1, 2])
 def test_ending_it_leaves_no_process(tmp_path: Path, number: signal.Signals, workers: int) -> None:
     for name in ("a", "b"):
-        (tmp_path / f"{name}.py").write_text("import gymnasium\n\nclass A:\n    while True:\n        pass\n")
+        (tmp_path / f"{name}.py").write_text(
+            "import gymnasium\n\nclass A(gymnasium.Env):\n    while True:\n        pass\n"
+        )
     command = [sys.executable, "-m", "envcraft", "validate", ".", "--sandbox", "process", "--workers", str(workers)]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=tmp_path)
     deadline = time.monotonic() + 120

@@ -56,13 +56,13 @@ def test_what_is_not_said_is_as_in_the_base(tmp_path: Path) -> None:
     [
         ("limits = 3", "there is no setting 'limits'; did you mean limit?"),
         ("reward_rang = 3", "there is no setting 'reward-rang'; did you mean reward-range?"),
-        ('limit = "long"', "limit must be a whole number, and is 'long'"),
-        ('libraries = ["numpy", 3]', r"libraries\[1\] must be text, and is 3"),
+        ('limit = "long"', "limit must be a whole number, not 'long'"),
+        ('libraries = ["numpy", 3]', r"libraries\[1\] must be text, not 3"),
         ("limit = 0", "limit is 0; it must be 1 or more"),
         ('base = "arcde"', "the base 'arcde' is not a contract; there are arcade, gymnasium"),
         ("reward-range = [1, 0]", "reward-range: 1 is above 0"),
-        ("reward-range = [1]", r"reward-range must be a list of length 2, and is \[1\]"),
-        ("action = 3", "action must be a table, and is 3"),
+        ("reward-range = [1]", r"reward-range must be a list of length 2, not \[1\]"),
+        ("action = 3", "action must be a table, not 3"),
         ('action = { type = "Buttons" }', "action: there is no space 'Buttons'; there are Box, Discrete"),
         ('action = { type = "Discrete" }', "action: n is missing"),
         ('action = { type = "Discrete", n = 2, stat = 1 }', "action: there is no setting 'stat'; did you mean start?"),
@@ -87,7 +87,7 @@ def test_what_is_not_said_is_as_in_the_base(tmp_path: Path) -> None:
         ('without = ["EC503", "EC999"]', "without: there is no rule 'EC999'"),
         ("consistently = 2.0", "consistently is 2"),
         ('render = "sometimes"', "render is 'sometimes'; it must be required, optional or off"),
-        ("render = 3", "render must be true or false or text, and is 3"),
+        ("render = 3", "render must be true or false or text, not 3"),
     ],
 )
 def test_every_mistake_is_named(lines: str, words: str, tmp_path: Path, invoke: Any) -> None:

@@ -114,8 +114,30 @@ def test_after_a_failed_gate_only_checks_that_always_run_are_run() -> None:
     assert subject.checks[2].reason == "it did not get past the check two"
 
 
+@pytest.mark.parametrize("workers", [1, 4])
+def test_exitfirst_ends_the_run_with_the_first_target_that_fails(workers: int) -> None:
+    later = threading.Event()
+
+    class Waiting(StubCheck):
+        def judge(self, subject: Subject) -> Iterator[Finding]:
+            # With several workers, the second failure comes before the first.
+            if subject.target.path == "d":
+                later.set()
+            elif workers > 1:
+                later.wait(10)
+            if subject.target.path in "bd":
+                yield self.finding("EC901", "it fails")
+
+    targets = [Target(name, b"") for name in "abcd"]
+    plan = Plan(targets, ARCADE, StubDriver(), [Waiting("one", "EC901")], BUDGETS["quick"])
+    *events, last = validate(plan, workers, exitfirst=True)
+    assert isinstance(last, Finished)
+    assert [event.report.path for event in events if isinstance(event, SubjectFinished)] == ["a", "b"]
+    assert ([report.path for report in last.report.reports], last.report.unjudged) == (["a", "b"], 2)
+
+
 def test_fail_fast_ends_a_subject_at_its_first_error() -> None:
-    checks = [StubCheck("one", "EC902"), StubCheck("two", "EC901", "EC901"), StubCheck("three", "EC901")]
+    checks = [StubCheck("one", "EC902"), StubCheck("two", "EC901", "EC902"), StubCheck("three", "EC901")]
     targets = [Target("a.py", b"")]
     plan = Plan(targets, ARCADE, StubDriver(), [*checks, StubCheck("last", always=True)], BUDGETS["quick"])
     for fail_fast, verdicts in ((False, ["pass", "fail", "fail", "pass"]), (True, ["pass", "fail", "skip", "pass"])):
@@ -244,3 +266,19 @@ def test_subjects_share_the_cores(
     files = [Target(f"{n}.py", b"") for n in range(targets)]
     assert list(validate(Plan(files, ARCADE, StubDriver(), [StubCheck("one")], BUDGETS["quick"]), workers))
     assert given == [parallel_jobs] * targets
+
+
+class Repeats(Check):
+    name = "repeats"
+    rules = (Rule("EC999", "repeats", "A.", "Mend."),)
+
+    def judge(self, subject: Subject) -> Iterator[Finding]:
+        for message in ("one", "one", "two"):
+            yield self.finding("EC999", message, line=3)
+
+
+def test_identical_findings_are_reported_once() -> None:
+    *_, last = validate(Plan([Target("a.py")], ARCADE, StubDriver(), [Repeats()], BUDGETS["quick"]))
+    assert isinstance(last, Finished)
+    (check,) = last.report.reports[0].checks
+    assert [finding.message for finding in check.findings] == ["one", "two"]

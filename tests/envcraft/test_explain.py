@@ -18,7 +18,7 @@ def test_the_guide_is_printed_in_order(invoke: Any) -> None:
     order = [
         "EC203 hash-seed",
         "Why is this bad?",
-        "another order of sets",
+        "Two workers with the same seed",
         "class Corridor",
         "Usual fix",
         "How it is detected",

@@ -18,18 +18,19 @@ from envcraft.spaces.validation import validate, validate_action
 
 _SHAPES = st.lists(st.integers(1, 3), min_size=1, max_size=3).map(tuple)
 _SEEDS = st.integers(0, 2**32 - 1)
+_DTYPES = ["bool", "uint8", "int16", "int64", "float32", "float64"]
 
 
 @st.composite
 def boxes(draw: st.DrawFn) -> spaces.Space[Any]:
-    shape, dtype = draw(_SHAPES), np.dtype(draw(st.sampled_from(["uint8", "int16", "int64", "float32", "float64"])))
+    shape, dtype = draw(_SHAPES), np.dtype(draw(st.sampled_from(_DTYPES)))
     rng = np.random.default_rng(draw(_SEEDS))
     if dtype.kind == "f":
         low = rng.normal(size=shape)
         high = low + rng.exponential(size=shape)
         low[rng.random(shape) < 0.2], high[rng.random(shape) < 0.2] = -np.inf, np.inf
     else:
-        low, high = np.sort(rng.integers(0, 100, (2, *shape)), axis=0)
+        low, high = np.sort(rng.integers(0, 2 if dtype.kind == "b" else 100, (2, *shape)), axis=0)
     if draw(st.booleans()):
         low, high = np.full(shape, low.flat[0]), np.full(shape, high.flat[0])
     return spaces.Box(low.astype(dtype), high.astype(dtype), shape, dtype.type)

@@ -169,6 +169,18 @@ class TestWindow:
             assert window.pressed(1.0) == ["escape"]
         assert not display.display.get_init()
 
+    def test_without_a_display_it_says_so_at_once(
+        self, monkeypatch: pytest.MonkeyPatch, invoke: Any, good: Path
+    ) -> None:
+        for name in ("DISPLAY", "WAYLAND_DISPLAY", "SDL_VIDEODRIVER"):
+            monkeypatch.delenv(name, raising=False)
+        monkeypatch.setattr("sys.platform", "linux")
+        # No sandbox starts, and nothing is judged, before the message.
+        monkeypatch.setattr("envcraft.cli.commands.play.driver_named", None)
+        result = invoke("play", good, "--window")
+        assert result.exit_code == 2
+        assert "there is no display for --window" in result.stderr
+
     def test_an_episode_in_a_window(self, display: Any, invoke: Any, good: Path) -> None:
         def person() -> None:
             while not display.display.get_init() or display.display.get_surface() is None:
@@ -202,7 +214,7 @@ class TestWindow:
         (("walk.py",), "standard input and output must be a terminal"),
     ],
 )
-def test_wrong_use_is_one_sentence(
+def test_a_usage_error_is_one_sentence(
     invoke: Any, good: Path, monkeypatch: pytest.MonkeyPatch, arguments: tuple[str, ...], words: str
 ) -> None:
     for name in ("DISPLAY", "WAYLAND_DISPLAY", "SDL_VIDEODRIVER"):

@@ -47,7 +47,7 @@ def test_findings_are_annotations() -> None:
     assert lost[2] == "the worker stopped answering"
     assert summary[:2] == ("notice", {"title": "EnvCraft"})
     assert summary[2] == (
-        "1 passed, 1 failed, 1 could not be judged: 3 findings, 2 warnings (contract arcade)\n"
+        "1 passed, 1 failed, 0 undecided, 1 could not be judged: 3 findings, 2 warnings (contract arcade)\n"
         "Not in force on this machine: Landlock"
     )
 

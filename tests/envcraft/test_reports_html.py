@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 ATTRIBUTES = {"src", "href", "srcset", "action", "data", "poster", "background", "style"}
 TAGS = {
     *("html", "head", "meta", "link", "title", "style", "body", "header", "main", "footer", "section", "script"),
+    *("nav", "h2"),
     *("h1", "h3", "p", "a", "b", "code", "pre", "span", "ul", "li", "dl", "div", "dt", "dd", "details", "summary"),
     *("form", "input", "fieldset", "label", "output", "button", "figure", "img", "figcaption", "svg", "rect"),
 }
@@ -87,7 +88,7 @@ def film(report: SubjectReport, finding: Finding) -> list[Frame]:
 def test_the_page_says_everything() -> None:
     found = parsed(sample())
     for words in (
-        "1 passed, 1 failed, 1 could not be judged: 3 findings, 2 warnings",
+        "1 passed, 1 failed, 0 undecided, 1 could not be judged: 3 findings, 2 warnings",
         "games/bad game.py:41",
         "EC203",
         "hash-seed",

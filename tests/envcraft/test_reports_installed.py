@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shlex
 
+import msgspec
 import pytest
 
 from envcraft.model.target import Kind
@@ -41,6 +42,14 @@ def test_a_line_is_one_of_the_module(kind: type[Reporter]) -> None:
     text = rendered(kind, REPORT)
     assert "mazes.envs:91" in text
     assert "Maze-v1:91" not in text
+
+
+def test_the_file_of_the_module_is_named_with_the_line() -> None:
+    report = msgspec.structs.replace(REPORT.reports[0], source_file="lib/mazes/envs.py")
+    text = rendered(ConsoleReporter, msgspec.structs.replace(REPORT, reports=[report]))
+    assert "EC107" in text
+    assert "lib/mazes/envs.py:91" in text
+    assert "mazes.envs.Game" in text
 
 
 def test_no_file_of_the_repository_is_annotated() -> None:

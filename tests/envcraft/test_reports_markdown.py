@@ -73,7 +73,7 @@ def test_a_sentence_a_table_and_folded_findings() -> None:
     assert found.tags.count("details") == 6
     assert found.tags.count("tr") == 4
     for words in (
-        "1 passed, 1 failed, 1 could not be judged: 3 findings, 2 warnings",
+        "1 passed, 1 failed, 0 undecided, 1 could not be judged: 3 findings, 2 warnings",
         "EC107 (2), EC203, EC209",
         "games/bad game.py:41",
         MESSAGE,

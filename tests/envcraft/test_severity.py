@@ -134,7 +134,7 @@ def test_the_table_is_read(tmp_path: Path) -> None:
         ('severity.EC003 = "off"', "EC003 must stay an error"),
     ],
 )
-def test_errors_in_the_table_are_wrong_use(invoke: Any, tmp_path: Path, text: str, words: str) -> None:
+def test_errors_in_the_table_are_usage_errors(invoke: Any, tmp_path: Path, text: str, words: str) -> None:
     with pytest.raises(UsageError, match="severity"):
         table_of(tmp_path, text)
     (tmp_path / "a.py").write_text("import gymnasium\n")

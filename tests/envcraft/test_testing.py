@@ -283,14 +283,14 @@ def test_a_suite_of_an_author_prints_a_command_that_replays(tmp_path: Path, invo
 @pytest.mark.parametrize(
     ("repro", "words"),
     [
-        ("{", "is no reproduction"),
-        ('{"actions": 3}', "is no reproduction"),
-        ('{"conditions": {"clock": 1}}', "is no reproduction"),
+        ("{", "is not a reproduction"),
+        ('{"actions": 3}', "is not a reproduction"),
+        ('{"conditions": {"clock": 1}}', "is not a reproduction"),
         ('{"seed": -1}', "invalid seed"),
         ('{"actions": [7]}', "7, outside Discrete(2)"),
     ],
 )
-def test_what_is_no_reproduction_is_wrong_use(tmp_path: Path, invoke: Any, repro: str, words: str) -> None:
+def test_what_is_no_reproduction_is_a_usage_error(tmp_path: Path, invoke: Any, repro: str, words: str) -> None:
     (tmp_path / "hole.py").write_text(HOLE)
     result = invoke("replay", "hole.py", "--contract", "gymnasium", "--sandbox", "process", "--repro", repro)
     assert result.exit_code == 2

@@ -116,7 +116,7 @@ def test_only_what_has_passed_unless_all_is_wanted(corpus: Path, tmp_path: Path)
     assert export(corpus, *options, "--all").exit_code == 0
     entries = json.loads((tmp_path / "package" / "games" / "environments.json").read_text())["environments"]
     assert [(one["name"], one["verdict"]) for one in entries] == [("failed.py", "fail"), ("new.py", None)]
-    assert "0 of them have passed" in (tmp_path / "package" / "README.md").read_text()
+    assert "0 passed, 1 failed, 0 undecided" in (tmp_path / "package" / "README.md").read_text()
 
 
 def test_an_environment_is_made_of_a_row_as_the_card_says(
@@ -135,7 +135,7 @@ def test_an_environment_is_made_of_a_row_as_the_card_says(
     np.testing.assert_array_equal(told["observation"], envcraft.make(corpus, "native").reset(seed=0)[0])
 
 
-def test_wrong_use(corpus: Path, tmp_path: Path) -> None:
+def test_usage_errors(corpus: Path, tmp_path: Path) -> None:
     (tmp_path / "full").mkdir()
     (tmp_path / "full" / "file").touch()
     for arguments, words in (

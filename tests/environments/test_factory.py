@@ -178,7 +178,7 @@ class TestTrust:
             envcraft.make(file)
 
 
-class TestWrongUse:
+class TestUsageErrors:
     def test_names_that_do_not_exist(self, corpus: Path, tmp_path: Path) -> None:
         with pytest.raises(UsageError, match="`envcraft corpus list"):
             envcraft.make(corpus, "eel")

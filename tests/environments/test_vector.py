@@ -154,7 +154,7 @@ class TestUse:
 
     @pytest.mark.parametrize("workers", [0, 1])
     def test_environments_with_other_spaces_are_refused(self, started: Started, workers: int) -> None:
-        with pytest.raises(UsageError, match=r"observation space of point\.py is .*side by side"):
+        with pytest.raises(UsageError, match=r"observation space of point\.py is .*must have the same spaces"):
             started("ant", "point", workers=workers)
 
     def test_spaces_of_other_kinds(self, started: Started) -> None:

@@ -152,8 +152,11 @@ class Runs:
     def result(self, program: Program, driver: str) -> Run:
         """Wait for a run, and compare the innocent program's traces with those of its run alone.
 
-        A run that is late beside others is repeated after they have ended.
+        A run that is late beside others is repeated after they have ended. A second request, by a rerun of a test, runs
+        the program again.
         """
+        if any((run.program, run.driver) == (program.name, driver) for run in self.seen):
+            del self._runs[program.name, driver]
         self.begin(program, driver)
         run, alone = self._runs[program.name, driver].result(), self._alone[driver].result()
         if run.late and len(self._runs) > 1:

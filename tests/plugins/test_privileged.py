@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import signal
 import subprocess
@@ -16,6 +17,7 @@ import msgspec
 import numpy as np
 import pytest
 from click.testing import CliRunner, Result
+from envcraft_privileged.players import RandomPlayer
 from envcraft_tetris.family import TetrisFamily
 from envcraft_tetris.placement import Game, Placement
 
@@ -224,10 +226,54 @@ def test_policy_that_writes_or_raises_is_not_recorded(
     assert recordings(corpus) == []
 
 
+def test_an_environment_that_differs_by_itself_is_not_recorded_and_its_policy_not_blamed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    maze = MAZE.replace("LOCK", "None").replace("np.zeros((84, 84, 3), np.uint8)", "NOISE")
+    maze = maze.replace("NOISE", "np.random.default_rng().integers(0, 99, (84, 84, 3), np.uint8)")
+    with Store.create(tmp_path / "corpus") as store:
+        store.add("maze.py", maze.encode())
+    (tmp_path / "policy.py").write_text("def policy(env):\n    return [4 if env.x < 10 else 1, 0, 0]")
+    done = CliRunner().invoke(cli, ["demos", "corpus", "--steps", "30", "--policy", "policy.py", *WHERE])
+    assert done.exit_code == 3, done.output
+    assert "the environment differs by itself" in done.stdout
+    assert "EC804" not in done.stdout
+    assert recordings(tmp_path / "corpus") == []
+
+
 def test_a_policy_that_only_reads_is_recorded(demos: Demos, corpus: Path, tmp_path: Path) -> None:
     (tmp_path / "policy.py").write_text("def policy(env):\n    return [3 if env.column > 2 else 4, 0, 0]")
     assert demos("--steps", "50", "--policy", str(tmp_path / "policy.py")).exit_code == 0
     assert [(found.player, found.steps) for found in recordings(corpus)] == [("policy", 50)]
+
+
+def test_a_player_labels_the_states_of_another(tmp_path: Path) -> None:
+    """Random play from a seed, labelled by the player of the family: a label is a pure function of what was played."""
+    from envcraft_tetris.player import TetrisPlayer
+
+    from envcraft.contracts.builtin import ARCADE
+    from envcraft.demonstrations.recorder import advise
+    from envcraft.judging.selection import driver_named
+    from envcraft.model.target import Target
+
+    [one] = TetrisFamily().generate(1, 0)
+    target = Target(one.name, one.source.encode())
+    actions = np.random.default_rng(0).integers(0, [5, 2, 2], (25, 3)).tolist()
+    [env] = variants()[:1]
+    env.reset(seed=4)
+    player, wanted = Placement(), []
+    for action in actions:
+        wanted.append(list(player.act(env)))
+        env.step(np.array(action))
+    with contextlib.closing(driver_named("process")) as driver:
+        [(number, advice, report)] = advise([target], TetrisPlayer(), ARCADE, driver, [[(4, actions)]], 1)
+        assert (number, advice, report.verdict) == (0, [wanted], Verdict.PASS)
+        # It answers the other's states, and did not play them.
+        assert wanted != actions
+        [(_, advice, report)] = advise([target], RandomPlayer(), ARCADE, driver, [[(4, actions)]], 1)
+        assert advice == []
+        assert "random plays whole episodes only" in report.checks[-1].reason
 
 
 def test_a_file_that_changed_is_found_and_can_be_taken_out(demos: Demos, corpus: Path) -> None:

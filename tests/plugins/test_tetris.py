@@ -428,11 +428,11 @@ class TestCommand:
         (tmp_path / "tetris_0_0001.py").write_text("mine")
         (tmp_path / "tetris_0_0002.py").unlink()
         result = CliRunner().invoke(generate, arguments)
-        assert "tetris_0_0001.py is another source" in str(result.exception)
+        assert "has another source for tetris_0_0001.py" in str(result.exception)
         assert not (tmp_path / "tetris_0_0002.py").exists()
 
     @pytest.mark.parametrize("option", ["--corpus", "--output"])
-    def test_where_nothing_can_be_written_is_wrong_use(self, tmp_path: Path, option: str) -> None:
+    def test_where_nothing_can_be_written_is_a_usage_error(self, tmp_path: Path, option: str) -> None:
         (tmp_path / "file").write_text("")
         arguments = ["--family", "tetris", option, str(tmp_path / "file" / "games")]
         error = CliRunner().invoke(generate, arguments).exception
@@ -453,7 +453,7 @@ class TestCommand:
 
         monkeypatch.setattr(Path, "write_bytes", written)
         result = CliRunner().invoke(cli, ["generate", "--family", "tetris", "--count", "3", "--output", str(tmp_path)])
-        told = {130: "nothing was written\ninterrupted\n", 2: f"Error: {tmp_path} cannot be written: No space left"}
+        told = {130: "nothing was written\ninterrupted\n", 3: f"Error: {tmp_path} cannot be written: No space left"}
         assert result.stderr.startswith(told[result.exit_code])
         assert not [*tmp_path.iterdir()]
 
@@ -465,7 +465,7 @@ class TestCommand:
             (["--family", "tetris"], "either --corpus DIR or --output DIR"),
         ],
     )
-    def test_wrong_use_is_named(self, arguments: list[str], words: str) -> None:
+    def test_a_usage_error_is_named(self, arguments: list[str], words: str) -> None:
         assert words in str(CliRunner().invoke(generate, arguments).exception)
 
 

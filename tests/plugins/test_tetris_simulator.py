@@ -183,7 +183,7 @@ class TestMakeVec:
             envcraft.make_vec(["tetris_0_0001", "changed"], corpus=corpus, fast=True)
         with pytest.raises(UsageError, match=r"not stray\.py"):
             envcraft.make_vec(["tetris_0_0001", "stray"], corpus=corpus, fast=True)
-        with pytest.raises(UsageError, match="arcade-native adapts that"):
+        with pytest.raises(UsageError, match="arcade-native has one"):
             envcraft.make_vec(["tetris_0_0001"], corpus=corpus, contract="arcade-native", fast=True)
         with pytest.raises(UsageError, match="takes no sandbox"):
             envcraft.make_vec(["tetris_0_0001"], corpus=corpus, sandbox="auto", fast=True)
@@ -201,7 +201,7 @@ class TestMakeVec:
         class Plain(Family):
             name = "plain"
 
-            def generate(self, count: int, seed: int) -> Iterator[Generated]:
+            def generate(self, count: int, seed: int, difficulty: float | None = None) -> Iterator[Generated]:
                 return iter(generated)
 
         with pytest.raises(UsageError, match="the family plain has no simulator"):

@@ -90,6 +90,7 @@ def play(
     series: bool = False,
     new_process: bool = False,
     conditions: Conditions | None = None,
+    project: Any = None,
 ) -> Ran:
     """Run one job: by default a rollout of ten actions, with a `player` one of at most ten that it chooses."""
     listed = [] if player else [[number % 5, 0, 1] for number in range(10)]
@@ -110,6 +111,8 @@ def play(
         "series": series,
         "new_process": new_process,
     }
+    if project is not None:
+        job["target"]["project"] = project
     end = worker.run(job, recording, limits, player)
     recording.trace.end = end
     return Ran(end, recording.trace, recording.description)

@@ -123,7 +123,7 @@ class TestDoctor:
         report = json.loads(CliRunner().invoke(doctor, ["--format", "json", "--runtime", "runsc"]).stdout)
         assert [each["name"] for each in report["sandboxes"]] == ["weak under runsc"]
 
-    def test_a_runtime_that_no_driver_takes_is_wrong_use(self, monkeypatch: pytest.MonkeyPatch) -> None:
+    def test_a_runtime_that_no_driver_takes_is_a_usage_error(self, monkeypatch: pytest.MonkeyPatch) -> None:
         _offer(monkeypatch, Fake("weak", 1, WORKS))
         result = CliRunner().invoke(doctor, ["--runtime", "runsc"])
         assert isinstance(result.exception, UsageError)
@@ -261,7 +261,7 @@ class TestPackages:
             ("# nothing\n", "names no package"),
         ],
     )
-    def test_a_bad_file_is_wrong_use_and_names_the_line(self, tmp_path: Path, text: str, words: str) -> None:
+    def test_a_bad_file_is_a_usage_error_and_names_the_line(self, tmp_path: Path, text: str, words: str) -> None:
         path = tmp_path / "packages.txt"
         path.write_text(text)
         result = CliRunner().invoke(sandbox, ["build", "--base", "host", "--packages", str(path)])
@@ -270,7 +270,7 @@ class TestPackages:
         assert str(path) in str(result.exception)
 
     @pytest.mark.parametrize("name", ["missing.txt", "binary.txt"])
-    def test_a_file_that_cannot_be_read_is_wrong_use(self, tmp_path: Path, name: str) -> None:
+    def test_a_file_that_cannot_be_read_is_a_usage_error(self, tmp_path: Path, name: str) -> None:
         (tmp_path / "binary.txt").write_bytes(b"\xff\xfe")
         with pytest.raises(UsageError, match=name):
             packages.read(str(tmp_path / name))

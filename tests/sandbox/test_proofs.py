@@ -9,6 +9,7 @@ from envcraft_protocol.jobs import Job
 from envcraft_sandbox.worker import search
 from envcraft_sandbox.worker.channel import Channel
 from envcraft_sandbox.worker.subject import Subject
+from envcraft_sandbox.worker.tree import Outcome, Tree
 
 from envcraft.contracts.builtin import GYMNASIUM
 from envcraft.model.target import Target
@@ -77,7 +78,7 @@ class Nobody(Channel):
         pass
 
 
-def exhaust(source: str, seed: int) -> search.Outcome:
+def exhaust(source: str, seed: int) -> Outcome:
     job: Job = {
         "kind": "search",
         "target": Target("lock.py", source.encode()).for_worker(),
@@ -90,7 +91,7 @@ def exhaust(source: str, seed: int) -> search.Outcome:
     }
     subject = Subject(job, Nobody())
     subject.load()
-    tree = search.Tree(subject, job)
+    tree = Tree(subject, job)
     search.exhaust(tree)
     return tree.out
 

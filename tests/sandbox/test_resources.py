@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import gc
+import multiprocessing
 import os
 import threading
 from collections import deque
+from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -15,8 +19,12 @@ from envcraft.model.trace import Resources as Used
 
 
 @pytest.fixture
-def resources(tmp_path: Path) -> Resources:
-    return Resources(str(tmp_path), 256)
+def resources(tmp_path: Path) -> Iterator[Resources]:
+    # The garbage of other tests must not be collected between two measurements, and their objects take long to visit.
+    gc.collect()
+    gc.freeze()
+    yield Resources(str(tmp_path), 256)
+    gc.unfreeze()
 
 
 def used(resources: Resources) -> Used:
@@ -48,24 +56,32 @@ def test_what_is_kept_is_counted_and_garbage_is_not(resources: Resources) -> Non
     assert 2_000 <= after.blocks - before.blocks < 4_000
 
 
-def test_threads_files_and_queues_are_counted(resources: Resources, tmp_path: Path) -> None:
+def test_threads_files_and_queues_are_counted(tmp_path: Path) -> None:
+    # In a process of its own: garbage and threads of other tests may close files at any time.
+    with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as pool:
+        before, after = pool.submit(around_a_thread_a_file_and_a_queue, tmp_path).result()
+    assert (after.threads - before.threads, after.descriptors - before.descriptors) == (1, 1)
+    assert (after.files, after.written) == (1, 50)
+    assert after.queued - before.queued == 7
+
+
+def around_a_thread_a_file_and_a_queue(folder: Path) -> tuple[Used, Used]:
+    """What is measured before and while they are open."""
+    resources = Resources(str(folder), 256)
     before = used(resources)
     release = threading.Event()
     thread = threading.Thread(target=release.wait)
     thread.start()
     queue = deque(range(7), maxlen=9)
-    (tmp_path / "inner").mkdir()
-    (tmp_path / "inner" / "log").write_bytes(bytes(50))
-    descriptor = os.open(tmp_path / "inner" / "log", os.O_RDONLY)
-    try:
-        after = used(resources)
-    finally:
-        release.set()
-        thread.join()
-        os.close(descriptor)
-    assert (after.threads - before.threads, after.descriptors - before.descriptors) == (1, 1)
-    assert (after.files, after.written) == (1, 50)
-    assert after.queued - before.queued == len(queue)
+    (folder / "inner").mkdir()
+    (folder / "inner" / "log").write_bytes(bytes(50))
+    descriptor = os.open(folder / "inner" / "log", os.O_RDONLY)
+    after = used(resources)
+    assert queue
+    release.set()
+    thread.join()
+    os.close(descriptor)
+    return before, after
 
 
 def test_lines_are_those_that_run() -> None:

@@ -9,6 +9,7 @@ import pytest
 from envcraft_sandbox.worker import search
 from envcraft_sandbox.worker.channel import Channel
 from envcraft_sandbox.worker.subject import Subject
+from envcraft_sandbox.worker.tree import Outcome, Tree
 
 from envcraft.contracts.builtin import GYMNASIUM
 from envcraft.model.target import Target
@@ -83,8 +84,8 @@ class Nobody(Channel):
 
 
 def searched(
-    kind: str, reset: str = "pass", step: str = "pass", source: str = STAIRS
-) -> tuple[search.Outcome, int, Channel]:
+    kind: str, reset: str = "pass", step: str = "pass", source: str = STAIRS, **limits: float
+) -> tuple[Outcome, int, Channel]:
     """The outcome of a search, how many instances it made, and its channel."""
     job: Any = {
         "kind": "search",
@@ -95,11 +96,12 @@ def searched(
         "actions": [0, 1, 2],
         "max_steps": 300,
         "limit": 50,
+        **limits,
     }
     channel = Nobody()
     subject = Subject(job, channel)
     subject.load()
-    tree = search.Tree(subject, job)
+    tree = Tree(subject, job)
     search._SEARCHES[kind](tree)
     return tree.out, subject.creator().made, channel
 
@@ -143,6 +145,14 @@ def test_a_loop_that_pays_once_is_none() -> None:
 def test_an_exploration_sees_draws() -> None:
     assert searched("explore", step="self.np_random.random()", source=SPRING)[0].stochastic
     assert not searched("explore", source=SPRING)[0].stochastic
+
+
+def test_an_exploration_that_time_ends_tells_new_states_of_its_own_second_half() -> None:
+    outcome = searched("explore", step="self.at += 1; __import__('time').sleep(0.005)", max_steps=10_000, seconds=0.5)[
+        0
+    ]
+    assert outcome.steps < 5_000
+    assert 0 < outcome.late_states < outcome.states
 
 
 def test_moves_that_no_picture_shows_lead_to_hidden_states() -> None:

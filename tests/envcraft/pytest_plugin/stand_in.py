@@ -24,8 +24,8 @@ class Canned:
         self.plans: list[Plan] = []
         self.reports: dict[str, CheckReport] = {}
 
-    def set(self, check: str, verdict: Verdict, *findings: Finding, reason: str = "") -> None:
-        self.reports[check] = CheckReport(check, verdict, 1.25, list(findings), reason)
+    def set(self, check: str, verdict: Verdict, *findings: Finding, reason: str = "", undecided: bool = False) -> None:
+        self.reports[check] = CheckReport(check, verdict, 1.25, list(findings), reason, undecided)
 
     def validate(self, plan: Plan, workers: int | None = None) -> Iterator[Finished]:
         self.plans.append(plan)

@@ -55,7 +55,7 @@ def test_real_runs_and_the_commands_that_they_print(
             "To see it again:",
             "  envcraft validate games/nan.py *--budget quick --seed 0 --sandbox process --format json *",
             "  envcraft replay report.json --finding 1",
-            "envcraft: 3 environments judged, process isolation; *",
+            "envcraft: 3 environments: 1 passed, 2 failed, 0 undecided; process isolation; *",
         ]
     )
     assert "pytest_plugin" not in result.stdout.str()
@@ -78,6 +78,7 @@ def test_real_runs_and_the_commands_that_they_print(
         "envcraft_contract": "arcade",
         "envcraft_budget": "quick",
         "envcraft_seed": "0",
+        "envcraft_outcome": "fail",
         "envcraft_isolation": "process",
         "envcraft_driver": "process",
         "envcraft_codes": "EC301",
@@ -93,6 +94,18 @@ def test_skip_carries_the_reason_and_the_place(walk: Path, run: Run, canned: Can
     result.assert_outcomes(passed=CHECKS - 1, skipped=1)
     result.stdout.fnmatch_lines(
         ["1.25s setup * games/walk.py::difficulty", "SKIPPED * games/walk.py:8: the search settled nothing"]
+    )
+
+
+def test_an_open_question_is_counted_and_named(walk: Path, run: Run, canned: Canned) -> None:
+    canned.set("difficulty", Verdict.SKIP, reason="no episode was won", undecided=True)
+    result = run("games", "-rs")
+    result.assert_outcomes(passed=CHECKS - 1, skipped=1)
+    result.stdout.fnmatch_lines(
+        [
+            "envcraft: 1 environment: 0 passed, 0 failed, 1 undecided; process isolation*",
+            "SKIPPED * games/walk.py:8: undecided: no episode was won",
+        ]
     )
 
 

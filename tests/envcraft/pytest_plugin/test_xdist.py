@@ -40,5 +40,7 @@ def test_one_run_an_environment_also_under_xdist(
     result = pytester.runpytest_subprocess(*QUICK, *options, "games", "--envcraft-checks=instadeath")
     result.assert_outcomes(passed=4, failed=1, skipped=1)
     assert sorted((pytester.path / "runs.txt").read_text().split()) == ["games/bad.py", "games/walk.py"]
-    result.stdout.fnmatch_lines(["EC003 * games/bad.py:3", "envcraft: 2 environments judged, *"])
+    result.stdout.fnmatch_lines(
+        ["EC003 * games/bad.py:3", "envcraft: 2 environments: 1 passed, 1 failed, 0 undecided; *"]
+    )
     assert not list((pytester.path / "tmp").glob("envcraft-????????"))

@@ -71,14 +71,14 @@ def test_unsupported_environments_run_by_their_files_or_are_reported(games: Path
     playing = ("evaluate", games, "--player", "random", "--episodes", "2")
     for arguments, words in (
         (("--fast", "--sandbox", "process"), "omit --sandbox or --fast"),
-        (("--fast", "--contract", "arcade-native"), "the contract arcade-native adapts that"),
+        (("--fast", "--contract", "arcade-native"), "the contract arcade-native has one"),
     ):
         result = run(*playing, *arguments)
         assert result.exit_code == 2
         assert words in result.output
     with Store(games, write=True) as store:
         store.add("catch.py", (GAMES / "catch.py").read_bytes())
-    assert "fast=True plays what `envcraft generate` wrote" in run(*playing, "--fast").output
+    assert "fast=True needs environments that `envcraft generate` wrote" in run(*playing, "--fast").output
     # An edited source differs from what the family generates.
     with Store(games, write=True) as store:
         store.remove("catch.py")

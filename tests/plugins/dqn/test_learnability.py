@@ -14,8 +14,7 @@ import pytest
 import torch
 from click.testing import CliRunner
 from envcraft_dqn import learnability
-from envcraft_dqn.baseline_comparison import one_thread
-from envcraft_dqn.network import Network, seeded_weights
+from envcraft_dqn.network import Network, one_thread, seeded_weights
 
 from envcraft.cli.group import cli
 from envcraft.judging.budget import BUDGETS

@@ -81,6 +81,8 @@ def batch(count: int = 8) -> Batch:
         rng.normal(size=count).astype(np.float32),
         np.where(np.arange(count) % 2, 0.97, 0.0).astype(np.float32),
         rng.random(count).astype(np.float32),
+        rng.integers(-1, 20, count),
+        np.ones(count, np.float32),
     )
 
 
@@ -98,12 +100,34 @@ def test_errors_match_double_q_learning() -> None:
         now = learner.network(torch.from_numpy(given.frames)).numpy()
     assert (online.argmax(1) != target.argmax(1)).any()
     rows = np.arange(8)
-    wanted = given.returns + given.discounts * target[rows, online.argmax(1)]
+    # Pohlen et al. 2018, in 64-bit floats.
+    scaled = target[rows, online.argmax(1)].astype(float)
+    values = np.sign(scaled) * ((((1 + 0.04 * (np.abs(scaled) + 1.01)) ** 0.5 - 1) / 0.02) ** 2 - 1)
+    wanted = given.returns + given.discounts * values
+    wanted = np.sign(wanted) * ((np.abs(wanted) + 1) ** 0.5 - 1) + 0.01 * wanted
     errors = wanted - now[rows, given.actions]
     huber = np.where(np.abs(errors) < 1, errors**2 / 2, np.abs(errors) - 0.5)
     found, loss = learner.update(given)
     assert found == pytest.approx(errors, abs=1e-5)
     assert loss == pytest.approx(float((given.weights * huber).mean()), abs=1e-5)
+
+
+def test_rescaling_has_an_inverse() -> None:
+    import torch
+    from envcraft_dqn.learner import rescale, unrescale
+
+    values = torch.tensor([-1000.0, -3.0, -0.01, 0.0, 0.5, 8.0, 1e5])
+    assert torch.allclose(unrescale(rescale(values)), values, rtol=1e-3, atol=1e-4)
+    assert rescale(torch.tensor(3.0)).item() == pytest.approx(1.03)
+
+
+def test_errors_have_full_precision_under_bf16() -> None:
+    from envcraft_dqn.learner import Learner
+
+    learner = Learner(Settings(size="tiny", device="cpu", precision="bf16"), SMALL)
+    errors, _ = learner.update(batch(256))
+    assert len(np.unique(errors)) > 250
+    assert learner.precision == "bf16"
 
 
 def test_restored_learner_continues_bit_for_bit() -> None:
@@ -128,18 +152,17 @@ def test_state_of_another_network_is_refused() -> None:
 
 
 def test_every_environment_has_a_turn_in_each_cycle() -> None:
-    from envcraft_dqn.learner import schedule
+    from envcraft_dqn.trainer import schedule
 
     settings = Settings(num_envs=4, cycle=25, segment=10)
     names = [f"e{number}" for number in range(8)]
-    segments = list(islice(schedule(names, settings), 12))
-    assert [one.steps for one in segments[:6]] == [10, 10, 5, 10, 10, 5]
-    for cycle in (segments[:6], segments[6:]):
+    turns = list(islice(schedule(names, settings), 4))
+    for cycle in (turns[:2], turns[2:]):
         assert sorted({name for one in cycle for name in one.names}) == names
-    assert [one.names for one in segments[:6]] != [one.names for one in segments[6:]]
-    seeds = [seed for one in segments for seed in one.seeds]
+    assert [one.names for one in turns[:2]] != [one.names for one in turns[2:]]
+    seeds = [seed for one in turns for seed in one.seeds]
     assert len(set(seeds)) == len(seeds)
-    assert list(islice(schedule(names, settings), 12)) == segments
+    assert list(islice(schedule(names, settings), 4)) == turns
 
 
 class Scripted:
@@ -168,7 +191,7 @@ def returns(agent: Path, names: list[str], spec: EnvSpec, open_vector: Any) -> l
 
 
 def test_demonstrations_alone_solve_a_corridor(tmp_path: Path) -> None:
-    from envcraft_dqn.learner import train
+    from envcraft_dqn.trainer import train
 
     settings = Settings(size="tiny", device="cpu", steps=0, pretrain_updates=400, target_every=50, learning_rate=1e-3)
     agent = train(settings, ["right"], open_corridors, tmp_path, Scripted())
@@ -178,7 +201,7 @@ def test_demonstrations_alone_solve_a_corridor(tmp_path: Path) -> None:
 
 
 def test_unusable_settings_are_reported(tmp_path: Path) -> None:
-    from envcraft_dqn.learner import train
+    from envcraft_dqn.trainer import train
 
     with pytest.raises(UsageError, match="need demonstrations"):
         train(Settings(pretrain_updates=5), ["right"], open_corridors, tmp_path)
@@ -212,7 +235,7 @@ def test_settings_out_of_bounds_are_reported(wrong: dict[str, Any]) -> None:
 
 
 def test_too_many_actions_are_refused(tmp_path: Path) -> None:
-    from envcraft_dqn.learner import train
+    from envcraft_dqn.trainer import train
 
     def opened(names: Sequence[str]) -> Any:
         vector = open_corridors(names)
@@ -223,15 +246,15 @@ def test_too_many_actions_are_refused(tmp_path: Path) -> None:
         train(Settings(size="tiny", device="cpu"), ["right"], opened, tmp_path)
 
 
-def test_keys_in_files_are_those_of_version_0_1() -> None:
-    from envcraft_dqn.learner import Position
+def test_keys_in_files_are_stable() -> None:
     from envcraft_dqn.study.presets import PRESETS
+    from envcraft_dqn.trainer import Position
 
     keys = "size head seed steps pretrain_updates lanes cycle leg batch learning_rate gamma n_step train_every "
     keys += "target_every epsilon_first epsilon_last epsilon_share alpha beta capacity demonstrations starts "
-    keys += "demonstration_share replay precision compiled device"
+    keys += "demonstration_share replay precision compiled device value_rescaling objective margin balanced augment"
     assert list(msgspec.to_builtins(Settings())) == keys.split()
-    assert list(msgspec.to_builtins(Position())) == ["steps", "updates", "legs"]
+    assert list(msgspec.to_builtins(Position())) == ["steps", "updates", "turns"]
     plan = msgspec.json.decode(msgspec.json.encode(PRESETS["smoke"]))
     assert plan["lanes"] == 12
     assert plan["settings"]["lanes"] == 2
@@ -247,7 +270,7 @@ def test_epsilon_falls_and_beta_rises() -> None:
 @pytest.mark.parametrize(("num_envs", "starts"), [(2, 0), (64, 50)])
 def test_updates_start_when_a_transition_is_complete(tmp_path: Path, num_envs: int, starts: int) -> None:
     from envcraft_dqn.checkpoint import load_agent
-    from envcraft_dqn.learner import train
+    from envcraft_dqn.trainer import train
 
     settings = Settings(
         size="tiny", device="cpu", steps=300, num_envs=num_envs, segment=20, starts=starts, capacity=2_000
@@ -256,6 +279,22 @@ def test_updates_start_when_a_transition_is_complete(tmp_path: Path, num_envs: i
     assert all(parameter.isfinite().all() for parameter in network.parameters())
     numbers = json.loads((tmp_path / "checkpoint" / "state.json").read_text())["numbers"]
     assert numbers["updates"] == (numbers["steps"] - starts) // settings.train_every
+
+
+def test_segments_do_not_cut_episodes(tmp_path: Path) -> None:
+    from envcraft_dqn.trainer import train
+
+    resets: list[int | None] = []
+
+    class Counted(Corridor):
+        def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> Any:
+            resets.append(seed)
+            return super().reset(seed=seed, options=options)
+
+    settings = Settings(size="tiny", device="cpu", steps=200, num_envs=2, cycle=50, segment=7, capacity=500, starts=150)
+    train(settings, ["right"], lambda names: SyncVectorEnv([Counted] * len(names)), tmp_path, every=0.0)
+    # Two environments have three turns: the resets of episodes that end are not counted.
+    assert len([seed for seed in resets if seed is not None]) == 2 * 3
 
 
 class Infinite(Corridor):
@@ -267,7 +306,7 @@ class Infinite(Corridor):
 
 
 def test_infinite_loss_ends_the_run(tmp_path: Path) -> None:
-    from envcraft_dqn.learner import Diverged, train
+    from envcraft_dqn.trainer import Diverged, train
 
     settings = Settings(size="tiny", device="cpu", steps=2_000, num_envs=2, segment=20, starts=0, capacity=2_000)
     with pytest.raises(Diverged, match=r"the loss of update [\d,]+ is inf: are all rewards finite"):
@@ -293,7 +332,7 @@ def open_overwriting(names: Sequence[str]) -> Any:
 
 
 def test_frames_are_copied_before_a_vector_overwrites_them(tmp_path: Path) -> None:
-    from envcraft_dqn.learner import train
+    from envcraft_dqn.trainer import train
 
     short = Settings(size="tiny", device="cpu", steps=400, num_envs=2, segment=50, starts=50, capacity=500)
     agents, demonstrated = [], []

@@ -66,7 +66,7 @@ def mean_return(name: str, policy: Any) -> Mean:
     ],
 )
 def test_solves_a_small_game(name: str, steps: int, gamma: float, stated: float, tmp_path: Path) -> None:
-    from envcraft_dqn.learner import train
+    from envcraft_dqn.trainer import train
 
     spec = EnvSpec.of(open_games, name)
     means = []

@@ -150,6 +150,42 @@ def test_a_ring_keeps_the_newest_and_the_demonstrations(seed: int, lanes: int, n
     assert len(ring) >= min(len(newest), (size - replay.kept) // 2 - lanes)
 
 
+@settings(max_examples=40, deadline=None)
+@given(st.integers(0, 2**32), st.integers(1, 5), st.integers(1, 12), st.booleans())
+def test_an_episode_at_once_is_the_same_as_step_by_step(seed: int, n: int, steps: int, terminated: bool) -> None:
+    rng = np.random.default_rng(seed)
+    frames = np.stack([frame(at) for at in range(steps + 1)])
+    actions, rewards = rng.integers(0, 20, steps), rng.normal(size=steps)
+    one, other = (Replay(RawFrames(60, SHAPE), 60, n, GAMMA) for _ in range(2))
+    one.add_episode(frames, actions, rewards, terminated, actions)
+    other.reset(1)
+    for at in range(steps):
+        ends = np.array([at == steps - 1])
+        how = ends & terminated, ends & (not terminated)
+        other.add(
+            np.zeros(1, int), frames[at][None], actions[at : at + 1], rewards[at : at + 1], *how, frames[at + 1][None]
+        )
+    assert one.added == other.added
+    assert one.drawable == other.drawable == steps
+    theirs = held(other, drawable(other))
+    assert all(agree(value, theirs[key]) for key, value in held(one, drawable(one)).items())
+    assert (one._actions == other._actions).all()
+    batch = one.sample(20, 0.5, rng)
+    assert (batch.labels == batch.actions).all()
+    assert (other.sample(20, 0.5, rng).labels == -1).all()
+
+
+def test_rare_labels_weigh_more_and_the_mean_is_one() -> None:
+    replay = Replay(RawFrames(200, SHAPE), 200, 1, GAMMA)
+    actions = np.array([0] * 81 + [3] * 9 + [7] * 1)
+    replay.add_episode(np.stack([frame(0)] * 92), actions, np.zeros(91), True, actions)
+    weights = replay._weights_of_labels()
+    assert weights[3] / weights[0] == pytest.approx(3)
+    assert weights[7] / weights[0] == pytest.approx(9)
+    assert weights[actions].mean() == pytest.approx(1)
+    assert weights[-1] == weights[5] == 0
+
+
 def test_nothing_can_be_drawn_before_its_return_is_known() -> None:
     replay = Replay(RawFrames(100, SHAPE), 100, 3, GAMMA)
     replay.reset(1)
@@ -209,8 +245,35 @@ def test_a_share_of_the_batch_can_be_demonstrations() -> None:
     rng = np.random.default_rng(0)
     batch = replay.sample(32, 0.5, rng, 0.25)
     assert (batch.slots < 100).sum() == 8
-    # One of the many others had a chance of 24 in 32 of its 300, a demonstration of 8 in 32 of its 100: the same.
+    # Within each part all priorities are equal, and the weights do not undo the share, although there are three times
+    # as many others.
     assert batch.weights == pytest.approx(np.ones(32), rel=1e-4)
+    replay.update(np.arange(40), np.full(40, 0.04, np.float32))
+    batch = replay.sample(4000, 1.0, rng, 0.9)
+    demonstrations = batch.slots < 100
+    assert demonstrations.mean() == pytest.approx(0.9, abs=0.001)
+    # The likelier demonstrations count less, so that all demonstrations count the same in the long run.
+    counted = np.bincount(batch.slots[demonstrations], batch.weights[demonstrations], 100)
+    assert counted[:40].mean() == pytest.approx(counted[40:].mean(), rel=0.1)
+
+
+def test_a_small_share_is_met_over_many_batches() -> None:
+    replay, rng = filled(400, 100), np.random.default_rng(0)
+    drawn = np.concatenate([replay.draw(32, 0.5, rng, 0.01)[0] for _ in range(2000)])
+    assert (drawn < 100).mean() == pytest.approx(0.01, rel=0.2)
+
+
+def test_one_large_error_does_not_rank_new_transitions_for_ever() -> None:
+    replay = filled(50)
+    replay.update(np.array([3]), np.array([1e6], np.float32))
+    first = replay.highest
+    for _ in range(3000):
+        replay.update(np.arange(10, 20), np.ones(10, np.float32))
+    assert first > 3000
+    assert replay.highest < first / 15
+    for _ in range(12_000):
+        replay.update(np.arange(10, 20), np.ones(10, np.float32))
+    assert replay.highest == pytest.approx(1, rel=0.01)
 
 
 def test_a_share_waits_for_something_else_than_demonstrations() -> None:
@@ -252,7 +315,17 @@ def test_a_replay_is_put_back_as_it_was() -> None:
         again.load(begin, replay.dump(begin, min(begin + 40, len(replay))))
     again.restore(numbers, arrays)
     one, other = (each.sample(32, 0.5, np.random.default_rng(0)) for each in (replay, again))
-    for field_name in ("slots", "frames", "next_frames", "actions", "returns", "discounts", "weights"):
+    for field_name in (
+        "slots",
+        "frames",
+        "next_frames",
+        "actions",
+        "returns",
+        "discounts",
+        "weights",
+        "labels",
+        "label_weights",
+    ):
         assert (getattr(one, field_name) == getattr(other, field_name)).all(), field_name
     play(replay, np.random.default_rng(6), 2, 5, 1000)
     play(again, np.random.default_rng(6), 2, 5, 1000)

@@ -21,7 +21,7 @@ from .conftest import open_corridors
 from .test_learner import Scripted
 
 NAMES = ["left", "right", "left again"]
-#: Small enough that the ring wraps around, and long enough to end segments and cycles.
+#: Small enough that the ring wraps around, and long enough to end cycles.
 SETTINGS = Settings(
     size="tiny",
     device="cpu",
@@ -47,7 +47,7 @@ torch.set_num_threads(1)
 from tests.plugins.dqn.conftest import open_corridors
 from tests.plugins.dqn.test_learner import Scripted
 from tests.plugins.dqn.test_resume import NAMES, SETTINGS
-from envcraft_dqn.learner import train
+from envcraft_dqn.trainer import train
 
 train(SETTINGS, NAMES, open_corridors, Path({folder!r}), Scripted(), every=0.0)
 """
@@ -59,7 +59,7 @@ def learnt(folder: Path) -> dict[str, bytes]:
 
 
 def test_killed_run_resumes_to_the_same_agent(tmp_path: Path) -> None:
-    from envcraft_dqn.learner import train
+    from envcraft_dqn.trainer import train
 
     train(SETTINGS, NAMES, open_corridors, tmp_path / "whole", Scripted())
     killed = tmp_path / "killed"
@@ -73,9 +73,9 @@ def test_killed_run_resumes_to_the_same_agent(tmp_path: Path) -> None:
         deadline = time.monotonic() + 480
         while kill is not None and process.poll() is None and time.monotonic() < deadline:
             # During pretraining, then during training.
-            there = json.loads(state.read_text()) if state.exists() else {"numbers": {"updates": 0, "legs": 0}}
+            there = json.loads(state.read_text()) if state.exists() else {"numbers": {"updates": 0, "turns": 0}}
             numbers = there["numbers"]
-            if (numbers["updates"] >= 50) if kill == 1 else (numbers["legs"] >= 4):
+            if (numbers["updates"] >= 50) if kill == 1 else (numbers["turns"] >= 2):
                 os.kill(process.pid, signal.SIGKILL)
                 positions.append(numbers["updates"])
                 break
@@ -90,7 +90,7 @@ def test_killed_run_resumes_to_the_same_agent(tmp_path: Path) -> None:
 
 def test_seed_determines_the_agent(tmp_path: Path) -> None:
     import msgspec
-    from envcraft_dqn.learner import train
+    from envcraft_dqn.trainer import train
 
     short = msgspec.structs.replace(SETTINGS, steps=200, pretrain_updates=0)
     one, same, other = (tmp_path / name for name in ("one", "same", "other"))
@@ -102,7 +102,7 @@ def test_seed_determines_the_agent(tmp_path: Path) -> None:
 
 def test_folder_of_another_run_is_refused(tmp_path: Path) -> None:
     import msgspec
-    from envcraft_dqn.learner import train
+    from envcraft_dqn.trainer import train
 
     short = msgspec.structs.replace(SETTINGS, steps=40, pretrain_updates=0, segment=10)
     train(short, NAMES, open_corridors, tmp_path)
@@ -114,6 +114,38 @@ def test_folder_of_another_run_is_refused(tmp_path: Path) -> None:
     part.write_bytes(part.read_bytes()[:-100])
     with pytest.raises(EnvCraftError, match=r"cannot be read .* remove it to start over"):
         train(short, NAMES, open_corridors, tmp_path)
+
+
+def test_run_of_a_version_with_fewer_settings_is_refused(tmp_path: Path) -> None:
+    import msgspec
+    from envcraft_dqn.trainer import train
+
+    short = msgspec.structs.replace(SETTINGS, steps=20, pretrain_updates=0, segment=10)
+    train(short, NAMES, open_corridors, tmp_path)
+    file = tmp_path / "checkpoint" / "state.json"
+    state = json.loads(file.read_text())
+    del state["settings"]["value_rescaling"]
+    file.write_text(json.dumps(state))
+    with pytest.raises(UsageError, match=r"earlier version of EnvCraft, which had no setting value_rescaling; choose"):
+        train(short, NAMES, open_corridors, tmp_path)
+
+
+def test_run_keeps_the_precision_of_its_machine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    import msgspec
+    from envcraft_dqn import learner
+    from envcraft_dqn.trainer import train
+    from safetensors import safe_open
+
+    def precision(file: Path) -> str:
+        with safe_open(file, "np") as opened:
+            return str(json.loads(opened.metadata()["envcraft"])["precision"])
+
+    short = msgspec.structs.replace(SETTINGS, steps=20, pretrain_updates=0, segment=10)
+    for fast in (True, False):
+        monkeypatch.setattr(learner, "_faster_in_bf16", lambda device, fast=fast: fast)
+        assert precision(train(short, NAMES, open_corridors, tmp_path)) == "bf16"
+    assert json.loads((tmp_path / "checkpoint" / "state.json").read_text())["numbers"]["precision"] == "bf16"
+    assert precision(train(short, NAMES, open_corridors, tmp_path / "other")) == "fp32"
 
 
 @pytest.mark.parametrize(
@@ -134,7 +166,7 @@ def test_folder_of_another_run_is_refused(tmp_path: Path) -> None:
 )
 def test_invalid_state_is_reported(tmp_path: Path, change: Callable[[Any], Any]) -> None:
     import msgspec
-    from envcraft_dqn.learner import train
+    from envcraft_dqn.trainer import train
 
     short = msgspec.structs.replace(SETTINGS, steps=20, pretrain_updates=0, segment=10)
     train(short, NAMES, open_corridors, tmp_path)

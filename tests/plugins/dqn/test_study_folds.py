@@ -82,10 +82,13 @@ def test_copies_are_chosen_among_those_that_are_asked_for(tmp_path: Path, capsys
 
 
 def test_tasks_of_the_reference() -> None:
-    import msgspec
-
-    protocol = msgspec.structs.replace(PRESETS["reference"], subsets=((700, 5), (500, 5), (300, 1), (100, 1)))
+    protocol = PRESETS["reference"]
+    assert (protocol.recorded, protocol.settings.demonstrations, protocol.episodes) == (10_000, 1_000, 1_000)
     found = tasks(protocol, names_of(1000))
+    seeds = {task.split: task.seed for task in found if task.condition == "agent" and task.kind == "train"}
+    assert len(set(seeds.values())) == 10
+    # The agents of a split start with equal weights, so that only their environments differ.
+    assert all(task.seed == seeds[task.split] for task in found if task.kind == "train" and "subset" in task.condition)
     assert len({task.name for task in found}) == len(found)
     trained = Counter(task.condition for task in found if task.kind == "train")
     assert trained == {
@@ -102,7 +105,8 @@ def test_tasks_of_the_reference() -> None:
     for task in found:
         assert set(task.after) <= known
         part = parts[task.split]
-        trains = task.kind == "train" or task.condition == "familiar"
+        trains = task.kind == "train" or task.condition.startswith("familiar")
+        assert set(task.training) <= set(part.train)
         assert set(task.environments) <= set(part.train if trains else part.test)
         if not trains:
             assert task.environments == part.test

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import msgspec
+import numpy as np
 import pytest
 from envcraft_dqn.env_spec import EnvSpec
-from envcraft_dqn.study.metric import Score
+from envcraft_dqn.study.metric import Interval, Score, bootstrap
 from envcraft_dqn.study.presets import PRESETS
 from envcraft_dqn.study.protocol import AGENT, FAMILIAR, RANDOM, UNTRAINED, Task, tasks
 from envcraft_dqn.study.report import write
@@ -62,4 +64,60 @@ def test_single_environment_has_an_infinite_interval(tmp_path: Path) -> None:
     found.append(TaskResult(Task("train", "train", AGENT, 0, ("hard",)), 1.0, 1.0, []))
     results = {one.task.name: one for one in found}
     report = write(tmp_path, protocol, "search", results, summarise(protocol, results, {"easy": ""})).read_text()
-    assert "\\[-inf, inf\\], on both sides of zero: the difference from chance is not significant" in report
+    assert "\\[-inf, inf\\]" in report
+    assert "so that the gate is closed" in report
+
+
+def test_gate_needs_a_lead_over_every_control_in_training_environments() -> None:
+    def played(condition: str, totals: list[float]) -> list[TaskResult]:
+        return [result(condition, split, {f"{split}{at}": one for at, one in enumerate(totals)}) for split in (0, 1)]
+
+    scale = played("familiar random", [0.0, 1.0, 2.0]) + played("familiar privileged", [40.0, 41.0, 42.0])
+    agent = played(FAMILIAR, [20.0, 22.0, 21.0]) + played(AGENT, [20.0, 22.0, 21.0])
+    weak = played("familiar noop", [3.0, 3.0, 4.0]) + played("familiar coin flip", [5.0, 3.0, 4.0])
+    protocol = PRESETS["smoke"]
+    passed = summarise(protocol, {one.task.name: one for one in scale + agent + weak}, {}).competence
+    assert passed.passed
+    assert [row.condition for row in passed.training] == ["agent", "random", "noop", "coin flip", "privileged"]
+    assert passed.training[0].means["return"].mean == pytest.approx(50)
+    # One control that is as good in one of the environments, and better in the others.
+    strong = played("familiar constant", [20.0, 23.0, 23.0])
+    stopped = summarise(protocol, {one.task.name: one for one in scale + agent + weak + strong}, {}).competence
+    assert not stopped.passed
+    assert stopped.unbeaten == ["constant"]
+    # Without tests in training environments the gate stays closed.
+    assert not summarise(protocol, {}, {}).competence.passed
+
+
+def test_scaling_curve_has_the_gap_by_size() -> None:
+    def trained(condition: str, count: int) -> TaskResult:
+        task = Task(f"train {condition}", "train", condition, 0, tuple(map(str, range(count))))
+        return TaskResult(task, 1.0, 1.0)
+
+    found = [
+        result("familiar random", 0, {"t": 0.0, "u": 0.0}),
+        result("familiar privileged", 0, {"t": 100.0, "u": 100.0}),
+        result(RANDOM, 0, {"h": 0.0, "i": 0.0}),
+        result("privileged", 0, {"h": 100.0, "i": 100.0}),
+        trained(AGENT, 50),
+        result(AGENT, 0, {"h": 40.0, "i": 50.0}),
+        result(FAMILIAR, 0, {"t": 50.0, "u": 60.0}),
+        trained("subset 2", 2),
+        result("subset 2", 0, {"h": 10.0, "i": 10.0}),
+        result("familiar subset 2", 0, {"t": 80.0, "u": 80.0}),
+    ]
+    sizes = summarise(PRESETS["smoke"], {one.task.name: one for one in found}, {}).competence.sizes
+    assert [one.environments for one in sizes] == [2, 50]
+    assert [one.gap.mean for one in sizes] == pytest.approx([70, 10])
+    assert sizes[0].gap == Interval(70.0, 70.0, 70.0)
+
+
+def test_bootstrap_resamples_agents_and_their_environments() -> None:
+    rng = np.random.default_rng(1)
+    # The means of agents differ much more than environments within an agent.
+    values: dict[Any, list[float]] = {agent: (10 * agent + rng.normal(size=50)).tolist() for agent in range(4)}
+    interval = bootstrap(values)
+    assert interval.mean == pytest.approx(15, abs=0.5)
+    # The standard error over four agents is 10 sqrt(1.25) / 2 = 5.6; that of 200 independent environments would be 0.8.
+    assert 8 < (interval.high - interval.low) / 2 < 12
+    assert bootstrap({0: [3.0]}) == Interval(3.0, 3.0, 3.0)

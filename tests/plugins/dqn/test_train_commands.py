@@ -55,6 +55,47 @@ def test_train_then_evaluate(corpus: Path, tmp_path: Path) -> None:
         assert one["return"]["low"] < one["return"]["mean"] < one["return"]["high"]
 
 
+def test_run_with_held_out_environments_and_its_configuration(corpus: Path, tmp_path: Path) -> None:
+    from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+
+    one, again = tmp_path / "one", tmp_path / "again"
+    testing = ("--eval-every", "20", "--held-out", "lamps*", "--eval-episodes", "2", "--alpha", "0.5")
+    assert run("train", corpus, "--output", one, *TRAIN, *testing).exit_code == 0
+    state = json.loads((one / "checkpoint" / "state.json").read_text())
+    assert state["environments"] == ["catch.py"]
+    assert state["settings"]["alpha"] == 0.5
+    scores = json.loads((one / "held-out.json").read_text())
+    assert [int(updates) % 20 for updates in scores] == [0] * (state["numbers"]["updates"] // 20)
+    assert (one / "best.safetensors").is_file()
+    events = EventAccumulator(str(one / "tensorboard"))
+    events.Reload()
+    tags = events.Tags()
+    assert {"return/catch.py", "values/gap", "held out/score"} <= set(tags["scalars"])
+    assert tags["histograms"] == ["actions"]
+    # The file of options gives the same run, and options come before it.
+    config = ("--config", one / "config.toml")
+    assert run("train", corpus, "--output", again, *config).exit_code == 0
+    assert (again / "agent.safetensors").read_bytes() == (one / "agent.safetensors").read_bytes()
+    more = run("train", corpus, "--output", again, *config, "--alpha", "0.6")
+    assert more.exit_code == 2
+    assert "alpha 0.5, not 0.6" in " ".join(more.output.split())
+    odd = tmp_path / "odd.toml"
+    odd.write_text("speed = 3\n")
+    refused = run("train", corpus, "--output", again, "--config", odd)
+    assert refused.exit_code == 2
+    assert "the key 'speed', which is no option of" in " ".join(refused.output.split())
+    picture = tmp_path / "play.gif"
+    playing = ("--player", f"checkpoint:{one}", "--trust", "--workers", "0", "--episodes", "2", "--device", "cpu")
+    assert run("evaluate", corpus, *playing, "--gif", picture).exit_code == 0
+    # An episode of catch.py has six steps.
+    assert picture.read_bytes().startswith(b"GIF89a")
+    from PIL import Image, ImageSequence
+
+    with Image.open(picture) as opened:
+        assert sum(1 for _ in ImageSequence.Iterator(opened)) == 7
+        assert opened.size == (84, 84)
+
+
 def test_refused_run_leaves_no_curves(corpus: Path, tmp_path: Path) -> None:
     refused = run("train", corpus, "--output", tmp_path / "run", *TRAIN, "--pretrain-updates", "20")
     assert refused.exit_code == 2
@@ -146,6 +187,31 @@ def test_run_resumes_only_with_the_same_inputs(corpus: Path, tmp_path: Path) -> 
     old = run(*train, *DEMOS)
     assert old.exit_code == 2
     assert "a run of an earlier version of EnvCraft" in old.output
+
+
+def test_a_run_takes_its_steps_and_can_be_extended(corpus: Path, tmp_path: Path) -> None:
+    def steps_of(count: int, output: Path) -> int:
+        # The last of two --steps counts. A turn and a leg are far longer than the run.
+        options = (*TRAIN, "--leg", "1000", "--steps", str(count), "--select", "catch")
+        result = run("train", corpus, "--output", output, *options)
+        assert result.exit_code == 0, result.output
+        return int(json.loads((output / "checkpoint" / "state.json").read_text())["numbers"]["steps"])
+
+    output = tmp_path / "run"
+    taken = steps_of(60, output)
+    assert 60 <= taken < 60 + 4
+    shorter = run("train", corpus, "--output", output, *TRAIN, "--leg", "1000", "--steps", "40", "--select", "catch")
+    assert shorter.exit_code == 2
+    assert "a run with other settings (steps 60, not 40)" in shorter.output
+    assert steps_of(60, output) == taken
+    assert 120 <= steps_of(120, output) < 120 + 4
+
+
+@pytest.mark.parametrize("pattern", ["catch", "catch.py", "cat*"])
+def test_names_are_selected_as_make_takes_them(corpus: Path, pattern: str) -> None:
+    from envcraft_dqn.selection import select_environments
+
+    assert select_environments(corpus, [pattern], trust=True).names == ["catch.py"]
 
 
 def test_folder_allows_one_run(corpus: Path, tmp_path: Path) -> None:

@@ -72,6 +72,9 @@ def test_each_concept_has_its_expected_outcome(tmp_path: Path) -> None:
     given = ["--model", f"demo:{tmp_path / 'demo'}", "--corpus", str(tmp_path / "corpus"), "--sandbox", "bubblewrap"]
     result = CliRunner().invoke(cli, ["generate", *given])
     assert result.exit_code in (0, 1), result.output
+    # It says where the environments are, and what is next.
+    corpus = tmp_path / "corpus"
+    assert f"The environments are in the corpus {corpus}. Next: envcraft corpus list {corpus}" in result.stdout
     with Store(tmp_path / "corpus") as store:
         history = History(store)
         outcomes = {concept: history.outcomes(concept) for concept in history.concepts()}

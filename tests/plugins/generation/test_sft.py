@@ -418,7 +418,7 @@ def test_a_corpus_without_labelled_attempts_is_a_usage_error(corpus: Path, tmp_p
     assert not (tmp_path / "made").exists()
     result = export(corpus, tmp_path / "made", "--all")
     assert result.exit_code == 2
-    assert "--all does not go with --to sft" in result.output
+    assert "--all cannot be used with --to sft" in result.output
 
 
 def test_the_fence_is_longer_than_any_in_the_file() -> None:

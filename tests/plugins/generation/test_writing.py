@@ -14,7 +14,8 @@ from envcraft_llm.stages.viability import SCHEMA, read
 from envcraft_llm.templates import FOLDER, prompt
 
 from envcraft.errors import UsageError
-from envcraft.generation.stages import ConceptState, Stage, StageContext, StageOutcome, StageReply, ordered
+from envcraft.generation.stages import ConceptState, Stage, StageContext, StageOutcome, StageReply
+from envcraft.model.stage_order import ordered
 
 from .content import GAME, brief, elaboration, verdict
 from .scripted import ScriptedContext, fenced, run, state

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import os
 import threading
 from collections.abc import Callable
@@ -35,6 +36,33 @@ class TestOrdinaryJobs:
         first, again, other = (play(worker, environment(), seed=seed).trace for seed in (3, 3, 4))
         assert first.observations == again.observations
         assert first.observations != other.observations
+
+    def test_a_project_is_a_copy_that_no_job_changes(self, worker: Worker, environment: Environment, play: Any) -> None:
+        top = """
+        from .helpers import SIZE, folder
+        import errno, json, os
+        def refusal():
+            try:
+                open(folder / "levels.txt", "w")
+            except OSError as error:
+                return errno.errorcode[error.errno]
+        """
+        reset = """
+        seen = [SIZE, (folder / "levels.txt").read_text(), refusal(), __name__, sorted(os.listdir())]
+        if seed == 1:
+            os.unlink(folder / "levels.txt")
+        print(json.dumps(seen))
+        """
+        texts = {
+            "maze/__init__.py": "from .tiny import Tiny",
+            "maze/helpers.py": "from pathlib import Path\nSIZE = 4\nfolder = Path(__file__).parent",
+            "maze/levels.txt": "one",
+        }
+        files = {path: base64.b64encode(text.encode()).decode() for path, text in texts.items()}
+        project = {"module": "maze.tiny", "path": "maze/tiny.py", "files": files}
+        facts = [play(worker, environment(top=top, reset=reset), seed=seed, project=project).facts for seed in (1, 2)]
+        assert facts == [[4, "one", "EACCES", "maze.tiny", ["maze"]]] * 2
+        assert play(worker, environment(reset="import os; print(os.listdir())")).end.output == "[]\n"
 
     def test_a_description_names_the_class(self, worker: Worker, environment: Environment, play: Any) -> None:
         ran = play(worker, environment(), kind="describe")

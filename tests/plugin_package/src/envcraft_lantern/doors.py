@@ -50,7 +50,7 @@ class DoorsFamily(Family):
     name = "doors"
     summary = "a corridor of some length, with a lit door at one end"
 
-    def generate(self, count: int, seed: int) -> Iterator[Generated]:
+    def generate(self, count: int, seed: int, difficulty: float | None = None) -> Iterator[Generated]:
         rng = Random(seed)
         for number in range(count):
             length = rng.randint(20, 83)

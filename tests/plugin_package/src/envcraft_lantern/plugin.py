@@ -11,13 +11,14 @@ if TYPE_CHECKING:
 
     from envcraft.corpus.executors import ExecutorPlugin
     from envcraft.corpus.export.exporter import Exporter
-    from envcraft.demonstrations.player import Player
+    from envcraft.demonstrations.player import Player, PlayerLoader
     from envcraft.environments.families import Family
     from envcraft.generation.generators import Generator
     from envcraft.generation.stages import Stage
     from envcraft.judging.check import Check
     from envcraft.judging.driver import Driver
     from envcraft.model.contract import Contract
+    from envcraft.model.pool import Pool
     from envcraft.reports.reporter import Reporter
 
 # Loaded in every run of the command: each hook imports what it gives when it is called.
@@ -89,10 +90,24 @@ def envcraft_stages() -> list[Stage]:
 
 
 @hookimpl
+def envcraft_pools() -> list[Pool]:
+    from envcraft.model.pool import Pool
+
+    return [Pool("wick", ("braided", "paper", "wooden"))]
+
+
+@hookimpl
 def envcraft_players() -> list[Player]:
     from .edge import EdgePlayer
 
     return [EdgePlayer()]
+
+
+@hookimpl
+def envcraft_player_loaders() -> list[PlayerLoader]:
+    from .tape import TapeLoader
+
+    return [TapeLoader()]
 
 
 @hookimpl

@@ -1,0 +1,187 @@
+"""Validation from Python: files, texts, classes and ids; a drop-in check_env; reports that show themselves."""
+
+from __future__ import annotations
+
+import importlib
+import io
+import subprocess
+import sys
+import types
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import pytest
+from rich.console import Console
+
+import envcraft
+from envcraft.api.extraction import needed, target_of
+from envcraft.model.target import Kind
+from tests.envcraft.conftest import ENVIRONMENT
+
+_CHEAP: dict[str, Any] = {"sandbox": "process", "budget": "quick", "checks": ["source", "reward"]}
+_BROKEN = ENVIRONMENT.replace("float(won), won", "float('nan'), won")
+_SCRIPT = """import os
+import random
+
+import gymnasium as gym
+import numpy as np
+from gymnasium import spaces
+
+SIZE = 5
+SIZE += 2
+UNUSED = os.environ.get("HOME")
+
+
+def frame():
+    return np.zeros((SIZE, SIZE), np.uint8)
+
+
+class Room(gym.Env):
+    def reset(self, *, seed=None, options=None):
+        return frame(), {}
+
+
+if __name__ == "__main__":
+    print(Room())
+"""
+
+
+@pytest.fixture(autouse=True)
+def elsewhere(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.chdir(tmp_path)
+
+
+def codes(report: Any) -> set[str]:
+    return {finding.code for subject in report.reports for check in subject.checks for finding in check.findings}
+
+
+def test_a_file_a_text_and_an_id_are_judged(tmp_path: Path) -> None:
+    (tmp_path / "walk.py").write_text(_BROKEN)
+    assert codes(envcraft.validate(tmp_path / "walk.py", **_CHEAP)) >= {"EC301"}
+    assert codes(envcraft.validate(_BROKEN, **_CHEAP)) >= {"EC301"}
+    report = envcraft.validate("CartPole-v1", contract="gymnasium", **{**_CHEAP, "checks": ["source"]})
+    assert report.reports[0].env_class == "CartPoleEnv"
+    with pytest.raises(envcraft.UsageError, match="did you mean arcade"):
+        envcraft.validate("CartPole-v1", contract="arcaed", **_CHEAP)
+    with pytest.raises(envcraft.UsageError, match="defines no class Run; its classes are Walk"):
+        envcraft.validate(tmp_path / "walk.py", env_class="Run", **_CHEAP)
+
+
+def test_a_report_shows_itself() -> None:
+    report = envcraft.validate(_BROKEN, **_CHEAP)
+    assert "EC301" in str(report)
+    assert report._repr_html_().startswith("<iframe srcdoc=")
+    assert "EC301" in report._repr_html_()
+    console = Console(width=60, record=True, file=io.StringIO())
+    console.print(report)
+    assert "EC301" in console.export_text()
+
+
+def test_a_class_of_a_script_is_judged_from_its_source(tmp_path: Path) -> None:
+    """The class of __main__ is judged without running the script again, and findings name the script's lines."""
+    text = _BROKEN.replace('"""A walk', 'print("once")\n"""A walk') + (
+        "\nimport envcraft\n"
+        "report = envcraft.validate(Walk, sandbox='process', budget='quick', checks=['source', 'reward'])\n"
+        "for check in report.reports[0].checks:\n"
+        "    for finding in check.findings:\n"
+        "        print(finding.code, finding.line, report.reports[0].path)\n"
+    )
+    (tmp_path / "play.py").write_text(text)
+    done = subprocess.run([sys.executable, "play.py"], capture_output=True, text=True, cwd=tmp_path, check=False)
+    assert done.returncode == 0, done.stderr
+    first, *found = done.stdout.splitlines()
+    assert first == "once"
+    line = next(number for number, words in enumerate(text.splitlines(), 1) if "def step" in words)
+    assert f"EC301 {line} {tmp_path / 'play.py'}" in found
+
+
+def test_a_class_of_a_notebook_is_judged_from_its_cells(monkeypatch: pytest.MonkeyPatch) -> None:
+    imports, _, rest = ENVIRONMENT.partition("\n\n\n")
+    cells = [
+        imports,
+        "%matplotlib inline\nSTEPS = 7",
+        "1 / 0",
+        rest.replace("self.steps >= 100", "self.steps >= STEPS"),
+    ]
+    module = types.ModuleType("__main__")
+    vars(module)["In"] = ["", *cells]
+    monkeypatch.setitem(sys.modules, "__main__", module)
+    for number in (0, 3):
+        types.FunctionType(compile(cells[number], f"<ipython-input-{number}>", "exec"), vars(module))()
+    report = envcraft.validate(vars(module)["Walk"], **{**_CHEAP, "checks": ["source", "termination"]})
+    assert (report.reports[0].path, report.reports[0].env_class) == ("Walk (notebook).py", "Walk")
+    assert report.reports[0].steps > 0
+    assert codes(report) <= {"EC503"}
+
+
+def test_only_what_the_class_needs_is_kept_in_its_lines() -> None:
+    kept = needed(_SCRIPT, "Room").splitlines()
+    assert len(kept) == len(_SCRIPT.splitlines())
+    assert [line for line in kept if line and not line.startswith(" ")] == [
+        "import gymnasium as gym",
+        "import numpy as np",
+        "SIZE = 5",
+        "SIZE += 2",
+        "def frame():",
+        "class Room(gym.Env):",
+    ]
+    assert all(line in ("", original) for line, original in zip(kept, _SCRIPT.splitlines(), strict=True))
+    with pytest.raises(envcraft.UsageError, match="needs np, and no statement"):
+        needed(_SCRIPT.replace("import numpy as np", ""), "Room", frozenset({"np"}))
+
+
+def test_a_class_in_a_function_has_no_source() -> None:
+    class Inner(gymnasium.Env[Any, Any]):
+        pass
+
+    with pytest.raises(envcraft.UsageError, match="inside a function"):
+        target_of(Inner)
+
+
+@pytest.mark.parametrize("env", ["CartPole-v1", gymnasium.make("CartPole-v1").unwrapped.__class__])
+def test_check_env_judges_ids_and_classes(env: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    seen = _only(monkeypatch)
+    envcraft.check_env(env, sandbox="process")
+    assert seen[0].kind is (Kind.ID if isinstance(env, str) else Kind.MODULE)
+
+
+def test_check_env_judges_an_instance_with_its_own_arguments(monkeypatch: pytest.MonkeyPatch) -> None:
+    seen = _only(monkeypatch)
+    env = gymnasium.make("FrozenLake-v1", map_name="8x8", render_mode="ansi")
+    envcraft.check_env(env, sandbox="process")
+    assert (seen[0].path, seen[0].kwargs["map_name"]) == ("gymnasium:FrozenLake-v1", "8x8")
+    assert "render_mode" not in seen[0].kwargs
+    with pytest.warns(UserWarning, match="without its wrappers: FlattenObservation"):
+        envcraft.check_env(gymnasium.wrappers.FlattenObservation(env), sandbox="process")
+
+
+def test_check_env_raises_with_the_findings(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    no_environment: Any = 3
+    (tmp_path / "broken_walk.py").write_text(_BROKEN.replace("def close", "def shut"))
+    monkeypatch.syspath_prepend(tmp_path)
+    kind = importlib.import_module("broken_walk").Walk
+    _only(monkeypatch, "reward")
+    with pytest.raises(AssertionError, match=r"broken_walk.*EC301") as caught:
+        envcraft.check_env(kind(), sandbox="process")
+    assert isinstance(caught.value, envcraft.CheckFailed)
+    assert "EC301" in codes(caught.value.report)
+    with pytest.raises(envcraft.UsageError, match=r"not a gymnasium\.Env"):
+        envcraft.check_env(no_environment)
+
+
+def _only(monkeypatch: pytest.MonkeyPatch, *names: str) -> list[Any]:
+    """Let check_env run only the check `source` and those named, and keep the targets that it judges."""
+    from envcraft.api import validation
+    from envcraft.judging import engine
+    from envcraft.judging.selection import select_checks
+
+    seen: list[Any] = []
+
+    def spy(plan: Any, workers: int | None = None, **options: Any) -> Any:
+        seen.extend(plan.targets)
+        return engine.validate(plan, workers, **options)
+
+    monkeypatch.setattr(validation, "judge", spy)
+    monkeypatch.setattr(validation, "select_checks", lambda *_: select_checks(",".join(["source", *names]), None))
+    return seen

@@ -1,0 +1,214 @@
+"""What people type out of habit: selection by code, exclusion, quiet and concise output, a baseline, Tab, colours."""
+
+from __future__ import annotations
+
+import io
+import json
+from pathlib import Path
+
+import pytest
+from click.shell_completion import ShellComplete
+
+from envcraft.cli.group import cli
+from envcraft.model.verdict import Finding, Severity
+from envcraft.reports.concise import ConciseReporter
+from envcraft.reports.console import ConsoleReporter
+from tests.envcraft.conftest import ENVIRONMENT, Invoke
+from tests.envcraft.report_samples import RULES, events, rendered, sample
+
+SOURCE = ("--sandbox", "process", "--budget", "quick", "--checks", "source,lint")
+#: Two warnings of the check lint: a file that is opened, and a broad handler.
+UNTIDY = ENVIRONMENT.replace(
+    "        self.steps += 1\n",
+    """        self.steps += 1
+        try:
+            open('log.txt', 'w')
+        except Exception:
+            pass
+""",
+)
+
+
+@pytest.fixture
+def games(tmp_path: Path) -> Path:
+    """A folder with a good file, an untidy one, and one in a folder of drafts that cannot be parsed."""
+    folder = tmp_path / "games"
+    (folder / "drafts").mkdir(parents=True)
+    (folder / "walk.py").write_text(ENVIRONMENT)
+    (folder / "untidy.py").write_text(UNTIDY)
+    (folder / "drafts" / "old.py").write_text("import gymnasium\nclass Old(gymnasium.Env)\n    pass\n")
+    return folder
+
+
+def codes(output: str) -> list[str]:
+    return [found["code"] for one in json.loads(output)["reports"] for c in one["checks"] for found in c["findings"]]
+
+
+class TestSelection:
+    def test_ignored_codes_do_not_report(self, games: Path, invoke: Invoke) -> None:
+        def run(*options: str) -> list[str]:
+            return codes(invoke("validate", "games/untidy.py", *SOURCE, "--format", "json", *options).stdout)
+
+        assert (every := run()) == ["EC055", "EC058"]
+        assert run("--ignore", "ec055") == ["EC058"]
+        assert run("--ignore", "EC05") == []
+        assert run("--select", "EC05", "--ignore", "EC058") == every[:1]
+
+    def test_a_check_whose_rules_are_all_ignored_does_not_run(self, games: Path, invoke: Invoke) -> None:
+        result = invoke("validate", "games/walk.py", *SOURCE, "--ignore", "EC05", "--format", "json")
+        assert [check["check"] for check in json.loads(result.stdout)["reports"][0]["checks"]] == ["source", "sandbox"]
+
+    @pytest.mark.parametrize(
+        ("options", "words"),
+        [
+            (("--ignore", "EC999"), "there is no rule 'EC999'"),
+            (("--ignore", "EC901"), "EC901 cannot be ignored, because other verdicts depend on it"),
+            (("-q", "-v"), "--quiet and --verbose contradict each other"),
+            (("--exclude", "*"), "--exclude leaves none of 3 environments"),
+            (("--baseline", "nothing.json"), "the baseline nothing.json cannot be read"),
+        ],
+    )
+    def test_usage_errors(self, games: Path, invoke: Invoke, options: tuple[str, ...], words: str) -> None:
+        result = invoke("validate", "games", *SOURCE, *options)
+        assert (result.exit_code, words in result.stderr) == (2, True)
+
+    @pytest.mark.parametrize("pattern", ["drafts", "drafts/", "old.py", "dr*/*.py", "drafts/old.py"])
+    def test_excluded_files_are_not_judged(self, games: Path, invoke: Invoke, pattern: str) -> None:
+        result = invoke("validate", "games", *SOURCE, "--format", "json", "--exclude", pattern)
+        assert [Path(one["path"]).name for one in json.loads(result.stdout)["reports"]] == ["untidy.py", "walk.py"]
+
+    def test_a_named_file_is_judged_in_any_case(self, games: Path, invoke: Invoke) -> None:
+        assert invoke("validate", "games/drafts/old.py", *SOURCE, "--exclude", "drafts").exit_code == 1
+
+
+class TestOutput:
+    def test_concise_prints_one_line_for_each_finding(self) -> None:
+        assert rendered(ConciseReporter, sample()).splitlines() == [
+            "good.py: EC209 (warning) seeds 0 and 1 give one level",
+            *["games/bad game.py:91: EC107 step 155 raises IndexError"] * 2,
+            "games/bad game.py:41: EC203 seed 0 gives another trace under another PYTHONHASHSEED: the observation "
+            "differs at step 12",
+            "games/bad game.py: EC209 (warning) seeds 0 and 1 give one level",
+            "lost.py: error: the check api could not judge: the worker stopped answering",
+            "1 passed, 1 failed, 0 undecided, 1 could not be judged: 3 findings, 2 warnings",
+        ]
+
+    def test_a_newline_in_a_message_forges_no_line(self) -> None:
+        report = sample()
+        report.reports[1].checks[1].findings = [Finding("EC107", Severity.ERROR, "boom\nother.py:1: EC107 forged", 3)]
+        lines = rendered(ConciseReporter, report).splitlines()
+        assert [line for line in lines if line.startswith("other.py")] == []
+
+    @pytest.mark.parametrize("option", ["--format", "--output-format"])
+    def test_both_spellings(self, games: Path, invoke: Invoke, option: str) -> None:
+        result = invoke("validate", "games/untidy.py", *SOURCE, option, "concise", "-q")
+        assert [line.partition(" ")[0] for line in result.stdout.splitlines()] == [
+            f"games/untidy.py:{UNTIDY.splitlines().index(line) + 1}:"
+            for line in ("            open('log.txt', 'w')", "        except Exception:")
+        ]
+
+    def test_quiet_shows_only_what_does_not_pass(self) -> None:
+        stream = io.StringIO()
+        reporter = ConsoleReporter(stream, RULES)
+        reporter.verbosity = -1
+        for event in events(sample()):
+            reporter.handle(event)
+        text = stream.getvalue()
+        assert ("good.py" in text, "games/bad game.py" in text, "Show finding" in text) == (False, True, False)
+        # The numbers are those of `envcraft replay --finding`, which count hidden findings, too.
+        assert "#2: seed 3, 12 actions" in text
+        assert "#1: " not in text
+
+    def test_an_audit_writes_the_formats_of_validate(self, games: Path, invoke: Invoke) -> None:
+        options = ("--sandbox", "process", "--budget", "quick", "--checks", "source")
+        result = invoke(
+            "audit", "games", *options, "--output-format", "json", "--output", "a.json", "--report", "concise:a.txt"
+        )
+        assert (result.exit_code, result.stdout) == (1, "")
+        told = json.loads(Path("a.json").read_text())
+        assert told["audit"]["verdicts"] == {"pass": 2, "fail": 1}
+        lines = Path("a.txt").read_text().splitlines()
+        assert lines[0].startswith("games/drafts/old.py:2: EC001 ")
+        assert lines[-1].startswith("2 passed, 1 failed, 0 undecided: ")
+        result = invoke("audit", "games", *options, "--output", "nowhere/a.txt")
+        assert (result.exit_code, "nowhere/a.txt cannot be written" in result.stderr) == (2, True)
+        result = invoke("audit", "games", *options, "--report", "one", "--report", "two")
+        assert (result.exit_code, "--report names two folders, one and two" in result.stderr) == (2, True)
+
+
+class TestBaseline:
+    def test_only_new_findings_count(self, games: Path, invoke: Invoke) -> None:
+        options = ("games/untidy.py", *SOURCE, "--strict", "--format", "json")
+        first = invoke("validate", *options, "--ignore", "EC058", "--output", "base.json")
+        assert (first.exit_code, codes(Path("base.json").read_text())) == (1, ["EC055"])
+        # An edit that moves lines makes no finding new.
+        (games / "untidy.py").write_text("# first\n" + UNTIDY)
+        again = invoke("validate", *options, "--baseline", "base.json", "--output", "again.json")
+        assert (again.exit_code, codes(Path("again.json").read_text())) == (1, ["EC058"])
+        # What a report knows from its own baseline is in it, too.
+        assert invoke("validate", *options, "--baseline", "again.json").exit_code == 0
+        said = invoke("validate", "games/untidy.py", *SOURCE, "--baseline", "again.json").stdout
+        assert "2 known from the baseline" in said
+
+    def test_what_other_verdicts_depend_on_is_never_known(self, games: Path, invoke: Invoke) -> None:
+        options = ("games/drafts/old.py", *SOURCE, "--format", "json")
+        invoke("validate", *options, "--output", "base.json")
+        result = invoke("validate", *options, "--baseline", "base.json")
+        assert (result.exit_code, codes(result.stdout)) == (1, ["EC001"])
+
+
+@pytest.mark.parametrize(
+    ("words", "incomplete", "offered"),
+    [
+        (["validate", "--contract"], "arc", {"arcade", "arcade-native"}),
+        (["audit", "--contract"], "gym", {"gymnasium"}),
+        (["validate", "--checks"], "api,det", {"api,determinism"}),
+        (["audit", "--skip"], "difficulty,diff", set()),
+        (["validate", "--select"], "ec20", {f"EC20{number}" for number in range(1, 10)}),
+        (
+            ["validate", "--ignore"],
+            "EC203,EC204,EC20",
+            {f"EC203,EC204,EC20{number}" for number in (1, 2, 5, 6, 7, 8, 9)},
+        ),
+        (["validate", "--format"], "con", {"concise", "console"}),
+        (["audit", "--output-format"], "jun", {"junit"}),
+        (["validate", "--sandbox"], "", {"auto", "docker", "bubblewrap", "process"}),
+        (["explain"], "determ", {"determinism"}),
+        (["explain"], "EC203", {"EC203"}),
+        (["val"], "val", {"validate"}),
+    ],
+)
+def test_tab_completes_names(words: list[str], incomplete: str, offered: set[str]) -> None:
+    given = [] if words == ["val"] else words
+    items = ShellComplete(cli, {}, "envcraft", "_ENVCRAFT_COMPLETE").get_completions(given, incomplete)
+    found = {str(item.value) for item in items}
+    assert found == offered if offered != {"EC203"} else offered <= found
+
+
+@pytest.mark.parametrize(
+    ("words", "kind"),
+    [
+        (["validate"], "file"),
+        (["validate", "--policy"], "file"),
+        (["validate", "--baseline"], "file"),
+        (["audit"], "dir"),
+        (["audit", "--output"], "file"),
+    ],
+)
+def test_tab_leaves_files_to_the_shell(words: list[str], kind: str) -> None:
+    items = ShellComplete(cli, {}, "envcraft", "_ENVCRAFT_COMPLETE").get_completions(words, "ga")
+    assert [(item.value, item.type) for item in items] == [("ga", kind)]
+
+
+@pytest.mark.parametrize(
+    ("variables", "coloured"),
+    [({}, False), ({"FORCE_COLOR": "1"}, True), ({"NO_COLOR": "1", "FORCE_COLOR": "1"}, False)],
+)
+def test_colours_are_the_readers_choice(
+    variables: dict[str, str], coloured: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("NO_COLOR", "FORCE_COLOR"):
+        monkeypatch.delenv(name, raising=False)
+    for name, value in {"TERM": "xterm-256color", **variables}.items():
+        monkeypatch.setenv(name, value)
+    assert ("\x1b[1;37;41m" in rendered(ConsoleReporter, sample())) is coloured

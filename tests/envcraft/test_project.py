@@ -1,0 +1,190 @@
+"""Which files of a folder define environments, without running them."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+from envcraft_checks.source import Source
+
+from envcraft.contracts.builtin import GYMNASIUM
+from envcraft.model.project import defines_environment, defining_file, with_project
+from envcraft.model.target import Target
+from tests.envcraft.conftest import ENVIRONMENT, Invoke
+
+_ROOM = "class Room(gym.Env):\n    def reset(self, *, seed=None, options=None): ...\n    def step(self, action): ...\n"
+_ABSTRACT = "class Game(gym.Env):\n    def step(self, action):\n        raise NotImplementedError\n"
+_DECORATED = "class Game(gym.Env):\n    @abc.abstractmethod\n    def draw(self): ...\n"
+
+
+@pytest.mark.parametrize(
+    ("source", "expected"),
+    [
+        (f"import gymnasium as gym\n{_ROOM}", True),
+        (f"import gym\n{_ROOM}", True),
+        (_ROOM.replace("gym.Env", "Env").join(["from gymnasium import Env\n", ""]), True),
+        ("import gymnasium.core\nclass Room(gymnasium.core.Env[int, int]): pass\n", True),
+        ("from gymnasium import Env as Base\nclass A(Base): pass\n", True),
+        (
+            "try:\n    import gymnasium as gym\nexcept ImportError:\n    raise\nif True:\n    class A(gym.Env): pass\n",
+            True,
+        ),
+        ("from gymnasium.envs.classic_control.cartpole import CartPoleEnv\nclass A(CartPoleEnv): pass\n", True),
+        ("from minigrid.minigrid_env import MiniGridEnv\nclass A(MiniGridEnv): pass\n", True),
+        ("import gymnasium as gym\nclass A(gym.Env):\n    def step(self\n", True),
+        ("from games.base import Game\nclass Snake(Game): pass\n", True),
+        ("from .base import Game\nclass Snake(Game): pass\n", True),
+        ("from . import base\nclass Snake(base.Game): pass\n", True),
+        ("import games.base\nclass Snake(games.base.Game): pass\n", True),
+        ("from games import Game\nclass Snake(Game): pass\n", True),
+        ("import gymnasium as gym\nclass Reward(gym.Wrapper):\n    def step(self, action): ...\n", False),
+        ("import gymnasium as gym\nfrom torch import nn\nclass Net(nn.Module): pass\n", False),
+        ("import gymnasium as gym\nclass TestGame:\n    def test(self): gym.make('CartPole-v1')\n", False),
+        ("import gymnasium as gym\nenv = gym.make('CartPole-v1')\n", False),
+        (f"import gymnasium as gym\n{_ABSTRACT}", False),
+        (f"import abc\nimport gymnasium as gym\n{_DECORATED}", False),
+        ("from games.loops import Loop\nclass Snake(Loop): pass\n", False),
+        ("from games.tiles import Game\nclass Snake(Game): pass\n", False),
+        ("class A(A): pass\n", False),
+        ("", False),
+    ],
+)
+def test_a_subclass_of_env_is_found(source: str, expected: bool, tmp_path: Path) -> None:
+    games = tmp_path / "games"
+    games.mkdir()
+    (games / "__init__.py").write_text("from .base import Game\n")
+    (games / "base.py").write_text(f"import gymnasium as gym\n{_ABSTRACT}")
+    (games / "tiles.py").write_text("class Game: pass\n")
+    (games / "loops.py").write_text("from .loops import Loop\nclass Ring(Loop): pass\n")
+    assert defines_environment(source.encode(), games / "snake.py") is expected
+
+
+@pytest.fixture
+def project(tmp_path: Path) -> Path:
+    """A project with an environment and three files that use it."""
+    folder = tmp_path / "project"
+    (folder / "tests").mkdir(parents=True)
+    (folder / "walk.py").write_text(ENVIRONMENT)
+    (folder / "train.py").write_text("import gymnasium as gym\nimport walk\n\nclass Net:\n    env = walk.Walk()\n")
+    (folder / "wrappers.py").write_text("import gymnasium as gym\n\nclass Slow(gym.Wrapper):\n    pass\n")
+    (folder / "tests" / "test_env.py").write_text("import gymnasium as gym\n\nclass TestWalk:\n    pass\n")
+    return folder
+
+
+@pytest.mark.parametrize("command", ["validate", "audit"])
+def test_files_without_an_environment_are_passed_over_and_counted(command: str, invoke: Invoke, project: Path) -> None:
+    result = invoke(command, project, "--sandbox", "process", "--budget", "quick", "--checks", "source")
+    assert result.exit_code == 0, result.output
+    assert "skipped 3 files without an environment" in result.stderr
+
+
+def test_the_hook_passes_named_files_over_and_a_named_file_is_judged(invoke: Invoke, project: Path) -> None:
+    named = ("validate", project / "walk.py", project / "train.py", project / "wrappers.py")
+    options = ("--sandbox", "process", "--budget", "quick", "--checks", "source", "--format", "json")
+    result = invoke(*named, *options, "--environments-only")
+    assert result.exit_code == 0, result.output
+    assert [Path(report["path"]).name for report in json.loads(result.stdout)["reports"]] == ["walk.py"]
+    assert invoke(*named, *options).exit_code == 1
+
+
+def _below(folder: Path, path: str, source: str, root: Path | None = None) -> dict[str, bytes]:
+    """The files that a file of a folder needs."""
+    project = with_project(Target(str(folder / path), source.encode()), root).project
+    return project.files if project is not None else {}
+
+
+@pytest.fixture
+def maze(tmp_path: Path) -> Path:
+    """A package with a module, data and a hidden file, and a module beside it."""
+    for path, text in {
+        "maze/__init__.py": "from .grid import Grid\n",
+        "maze/sizes.py": "import json\nfrom maze import walls\nSIZE = 4\n",
+        "maze/walls.py": "",
+        "maze/levels/one.txt": "1",
+        "maze/.secret": "2",
+        "beside.py": "",
+        "unused.py": "",
+    }.items():
+        file = tmp_path / path
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text(text)
+    (tmp_path / "maze" / "outside").symlink_to("/etc/hostname")
+    return tmp_path
+
+
+@pytest.mark.parametrize(
+    ("path", "source", "expected"),
+    [
+        ("maze/grid.py", "from .sizes import SIZE\n", {"maze/__init__.py", "maze/sizes.py", "maze/walls.py"}),
+        ("maze/grid.py", "import maze.walls\n", {"maze/__init__.py", "maze/walls.py"}),
+        ("maze/grid.py", "from sizes import SIZE\n", {"maze/__init__.py", "maze/sizes.py", "maze/walls.py"}),
+        ("game.py", "import beside\n", {"beside.py"}),
+        ("game.py", "def f():\n    from . import beside\n", {"beside.py"}),
+        ("game.py", "open('maze/levels/one.txt')\n", {"maze/levels/one.txt"}),
+        ("maze/grid.py", "from . import walls\n'levels'", {"maze/__init__.py", "maze/walls.py", "maze/levels/one.txt"}),
+        ("maze/grid.py", "'.secret', 'outside', '../beside.py', '/etc', '', '.', 'a\\0b'", set()),
+        ("game.py", "import numpy, missing\n", set()),
+        ("game.py", "import maze.(\n", set()),
+    ],
+)
+def test_a_file_gets_what_it_needs_of_its_project(path: str, source: str, expected: set[str], maze: Path) -> None:
+    found = _below(maze, path, source)
+    # Without ``__init__.py`` a relative import makes the folder a package, and the paths start above it.
+    assert {name.removeprefix(f"{maze.name}/") for name in found} == expected
+
+
+def test_what_is_too_large_for_a_project_is_left_out(maze: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("envcraft.model.project._MAX_BYTES", 40)
+    assert set(_below(maze, "maze/grid.py", "from . import walls\nfrom .sizes import SIZE\n")) == {
+        "maze/walls.py",
+        "maze/__init__.py",
+    }
+
+
+@pytest.mark.parametrize(
+    ("module", "name", "expected"),
+    [
+        ("maze.grid", "Grid", "maze/grid.py"),
+        ("maze", "Grid", "maze/grid.py"),
+        ("maze.walls", "Grid", None),
+        ("numpy", "ndarray", None),
+    ],
+)
+def test_a_class_of_a_module_is_found_in_the_file_that_defines_it(
+    module: str, name: str, expected: str | None, maze: Path
+) -> None:
+    (maze / "maze" / "grid.py").write_text("class Grid: ...\n")
+    assert defining_file(maze, module, name) == (expected and (maze / expected, name))
+
+
+def test_a_module_is_judged_with_its_project(invoke: Invoke, maze: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    lines = "from .sizes import SIZE\nfrom maze import walls\nprint(SIZE, walls.__name__, __name__)\n"
+    (maze / "maze" / "grid.py").write_text(lines + ENVIRONMENT.replace("class Walk", "class Grid"))
+    monkeypatch.chdir(maze)
+    options = ("--sandbox", "process", "--budget", "quick", "--checks", "source", "--format", "json")
+    result = invoke("validate", "maze:Grid", *options, "--output", "report.json")
+    assert result.exit_code == 0, result.output
+    [report] = json.loads(Path("report.json").read_text())["reports"]
+    [finding] = report["checks"][0]["findings"]
+    assert finding["message"].endswith("prints '4 maze.walls maze.grid'")
+    assert report["path"] == "maze/grid.py"
+    assert report["project"]["root"] == "."
+    assert set(report["project"]["files"]) == {"maze/__init__.py", "maze/sizes.py", "maze/walls.py"}
+    # A helper is part of what was judged.
+    Path("maze/walls.py").write_text("WALLS = 1\n")
+    assert "maze/grid.py has changed since the report" in invoke("replay", "report.json", "--sandbox", "process").output
+    # A contract for single files leaves a file's project out, and says so.
+    refused = invoke("validate", "maze/grid.py", *options[:-2])
+    assert refused.exit_code == 1
+    assert "a file of its project, and the contract arcade is for single files" in " ".join(refused.stdout.split())
+
+
+def test_an_audit_says_that_it_takes_single_files(maze: Path) -> None:
+    target = Target(str(maze / "maze" / "grid.py"), b"from .sizes import SIZE\n")
+    subject: Any = SimpleNamespace(left_out=None, contract=GYMNASIUM, target=target)
+    words = Source()._why_unknown(".sizes", subject, [])
+    assert words == "a file of its project; only `envcraft validate` judges a file with its project"
+    assert Source()._why_unknown("nunpy", subject, ["numpy"]) == "which is not a known library; did you mean numpy?"

@@ -1,0 +1,89 @@
+"""A finding about an inherited method names the method's class, and the line of the user's class in every format."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+
+import pytest
+from envcraft_checks.api import Api
+from envcraft_checks.source import Source
+
+from envcraft.contracts.builtin import GYMNASIUM
+from envcraft.judging.budget import BUDGETS
+from envcraft.judging.engine import Plan, validate
+from envcraft.judging.selection import driver_named
+from envcraft.model.events import Finished
+from envcraft.model.target import Target
+from envcraft.model.verdict import Report
+from envcraft.registry import offered
+from envcraft.reports.reporter import Reporter
+from tests.envcraft.report_samples import rendered
+
+_GRID = """import gymnasium as gym
+from gymnasium.envs.classic_control.cartpole import CartPoleEnv
+
+
+class Grid(CartPoleEnv):
+    metadata = {"render_modes": ["rgb_array"], "render_fps": 30}
+
+    def __init__(self, render_mode=None):
+        super().__init__(render_mode="human")
+        self.render_mode = "something else"
+        self.observation_space = gym.spaces.Discrete(3)
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        return 0, {}
+
+    def step(self, action):
+        _, reward, terminated, truncated, info = super().step(action)
+        return 0, reward, terminated, truncated, info
+"""
+_CLASS = _GRID.splitlines().index("class Grid(CartPoleEnv):") + 1
+_OWNER = "gymnasium.envs.classic_control.cartpole.CartPoleEnv"
+
+
+@pytest.fixture(scope="module")
+def report() -> Report:
+    plan = Plan(
+        [Target("grid.py", _GRID.encode())], GYMNASIUM, driver_named("process"), [Source(), Api()], BUDGETS["quick"]
+    )
+    *_, last = validate(plan)
+    assert isinstance(last, Finished)
+    return last.report
+
+
+def test_the_finding_has_the_line_of_the_class_and_names_the_method(report: Report) -> None:
+    found = [finding for check in report.reports[0].checks for finding in check.findings]
+    lines = {finding.code: finding.line for finding in found}
+    assert lines["EC112"] == _CLASS
+    assert all(line is None or 1 <= line <= len(_GRID.splitlines()) for line in lines.values())
+    (message,) = [finding.message for finding in found if finding.code == "EC112"]
+    assert message.endswith(f"; render() is inherited from {_OWNER}")
+
+
+def _sarif(text: str) -> bool:
+    (result,) = [each for each in json.loads(text)["runs"][0]["results"] if each["ruleId"] == "EC112"]
+    place = result["locations"][0]["physicalLocation"]
+    return (place["artifactLocation"]["uri"], place["region"]["startLine"]) == ("grid.py", _CLASS)
+
+
+def _json(text: str) -> bool:
+    found = [finding for check in json.loads(text)["reports"][0]["checks"] for finding in check["findings"]]
+    return [finding["line"] for finding in found if finding["code"] == "EC112"] == [_CLASS]
+
+
+_PLACES: dict[str, Callable[[str], bool]] = {
+    "sarif": _sarif,
+    "json": _json,
+    "github": lambda text: f"file=grid.py,line={_CLASS},title=EnvCraft EC112" in text,
+}
+
+
+@pytest.mark.parametrize("kind", offered("envcraft_reporters"), ids=lambda kind: kind.name)
+def test_every_format_has_the_line_of_the_class(kind: type[Reporter], report: Report) -> None:
+    text = rendered(kind, report)
+    assert "CartPoleEnv" in text.partition("EC112")[2]
+    in_place = _PLACES.get(kind.name)
+    assert in_place(text) if in_place else f"grid.py:{_CLASS}" in text

@@ -1,0 +1,64 @@
+"""A name that does not exist is a usage error, and a bad setting is blamed on its file."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from tests.envcraft.conftest import Invoke
+
+_CHEAP = ("--sandbox", "process", "--budget", "quick")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("--class", "Nope"), "defines no class Nope; its classes are Walk"),
+        (("--wrap", "nomod:func"), "the module nomod of the wrapper nomod:func is not installed"),
+        (("--wrap", "gymnasium.wrappers:TimeLimits"), "has no wrapper TimeLimits; did you mean TimeLimit?"),
+        (("--checks", ""), "--checks '' leave no check to run"),
+        (("--skip", "{every}"), "leave no check to run"),
+    ],
+)
+def test_unknown_names_are_usage_errors(arguments: tuple[str, str], words: str, invoke: Invoke, good: Path) -> None:
+    every = ",".join(check["check"] for check in json.loads(invoke("checks", "--format", "json").stdout))
+    result = invoke("validate", good, *_CHEAP, arguments[0], arguments[1].format(every=every))
+    assert result.exit_code == 2, result.output
+    assert words in " ".join((result.stderr + result.stdout).split())
+
+
+def test_a_class_that_only_running_the_file_defines_is_judged(invoke: Invoke, good: Path) -> None:
+    good.write_text(good.read_text() + "\nglobals()['Run'] = Walk\n")
+    result = invoke("validate", good, *_CHEAP, "--checks", "source", "--class", "Run")
+    assert result.exit_code == 0, result.output
+
+
+@pytest.mark.parametrize(
+    ("setting", "words"),
+    [
+        ('contract = "arcaed"', "contract: there is no contract 'arcaed'; did you mean arcade?"),
+        ('checks = ["sauce"]', "checks: there is no check 'sauce'; did you mean source?"),
+        ('skip = "sauce"', "skip: there is no check 'sauce'; did you mean source?"),
+        ('format = "jsno"', "format: there is no format 'jsno'; did you mean json?"),
+        ('sandbox = "proces"', "sandbox: there is no sandbox 'proces'; did you mean process?"),
+        ('budget = "huge"', "budget: 'huge' is not one of"),
+        ('seed = "many"', "seed: 'many' is not a valid integer"),
+        ('kwargs = "[1]"', "kwargs: [1] is not a JSON object"),
+        ('wrap = ["TimeLimit"]', "wrap: TimeLimit must be MODULE:FUNC"),
+    ],
+)
+def test_a_setting_is_blamed_on_its_file(setting: str, words: str, invoke: Invoke, good: Path, tmp_path: Path) -> None:
+    (tmp_path / "pyproject.toml").write_text(f"[tool.envcraft]\n{setting}\n")
+    result = invoke("validate", good)
+    assert result.exit_code == 2
+    assert f"{tmp_path / 'pyproject.toml'}: [tool.envcraft] {words}" in result.stderr
+    assert "--" not in result.stderr
+
+
+def test_an_option_is_blamed_on_the_command_line(invoke: Invoke, good: Path, tmp_path: Path) -> None:
+    (tmp_path / "pyproject.toml").write_text('[tool.envcraft]\ncontract = "arcade"\n')
+    result = invoke("validate", good, "--contract", "arcaed")
+    assert result.exit_code == 2
+    assert "pyproject" not in result.stderr

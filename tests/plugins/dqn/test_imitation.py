@@ -1,0 +1,137 @@
+"""Objectives that imitate a demonstrator, and the augmentation of frames."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from envcraft_dqn.settings import Settings
+from numpy.typing import NDArray
+
+from envcraft.errors import UsageError
+
+from .conftest import Corridor, open_corridors
+from .test_learner import SMALL, Scripted, batch, returns
+
+NAMES = ["left", "right"]
+
+
+class Walker:
+    """Advises to walk to the end, and knows the way in both corridors."""
+
+    def __init__(self) -> None:
+        self.labelled = 0
+
+    def advise(self, episodes: Sequence[tuple[str, int, NDArray[np.int64]]]) -> list[NDArray[np.int64] | None]:
+        labels: list[NDArray[np.int64] | None] = []
+        for name, seed, actions in episodes:
+            env = Corridor(name == "left")
+            env.reset(seed=seed)
+            # The actions belong to one episode from this seed.
+            ends = [bool(flags[0] or flags[1]) for _, _, *flags, _ in map(env.step, actions)]
+            assert not any(ends[:-1])
+            assert ends[-1]
+            self.labelled += len(actions)
+            labels.append(np.tile([0 if name == "left" else 4, 0, 0], (len(actions), 1)))
+        return labels
+
+
+def test_dataset_aggregation_learns_from_labels_of_its_own_states(tmp_path: Path) -> None:
+    from envcraft_dqn.trainer import train
+
+    settings = Settings(
+        size="tiny",
+        device="cpu",
+        objective="dagger",
+        steps=600,
+        num_envs=4,
+        cycle=20,
+        learning_rate=3e-3,
+        train_every=3,
+        augment="shift",
+        capacity=2_000,
+    )
+    walker = Walker()
+    agent = train(settings, NAMES, open_corridors, tmp_path, adviser=walker)
+    assert 600 <= walker.labelled < 640
+    assert min(returns(agent, NAMES, SMALL, open_corridors)) > 0.9
+
+
+def test_behaviour_cloning_and_fine_tuning_from_its_agent(tmp_path: Path) -> None:
+    from envcraft_dqn.checkpoint import load_agent
+    from envcraft_dqn.trainer import train
+
+    common: dict[str, Any] = {"size": "tiny", "device": "cpu", "learning_rate": 3e-3, "target_every": 50}
+    cloning = Settings(objective="bc", steps=0, pretrain_updates=150, **common)
+    cloned = train(cloning, ["right"], open_corridors, tmp_path / "bc", Scripted())
+    assert returns(cloned, ["right"], SMALL, open_corridors)[0] > 0.9
+    tuning = Settings(objective="dqfd", steps=40, num_envs=2, cycle=20, starts=1_000, **common)
+    tuned = train(tuning, ["right"], open_corridors, tmp_path / "dqfd", Scripted(), initial=cloned)
+    # There was no update, so that the weights are still those of the first agent.
+    theirs, ours = (load_agent(one)[0].state_dict() for one in (cloned, tuned))
+    assert all((theirs[name] == ours[name]).all() for name in theirs)
+    with pytest.raises(UsageError, match=r"a run with other initial \(.*, not random\); choose another --output"):
+        train(tuning, ["right"], open_corridors, tmp_path / "dqfd", Scripted())
+
+
+def test_large_margin_loss_is_that_of_hester() -> None:
+    import torch
+    from envcraft_dqn.learner import Learner, large_margin
+
+    values = torch.tensor([[1.0, 0.5, 0.9], [3.0, 0.0, 0.0]])
+    assert large_margin(values, torch.tensor([0, 1]), 0.8).tolist() == pytest.approx([0.7, 3.8])
+    assert large_margin(values, torch.tensor([0, 0]), 0.1)[0].item() == 0
+    given = batch()
+    found = {}
+    for objective in ("dqn", "bc", "dqfd"):
+        learner = Learner(Settings(size="tiny", device="cpu", objective=objective, steps=0, precision="fp32"), SMALL)
+        with torch.no_grad():
+            now = learner.network(torch.from_numpy(given.frames)).numpy()
+        errors, loss = learner.update(given)
+        found[objective] = loss
+        rows = np.arange(len(given.labels))
+        margins = now + 0.8
+        margins[rows, given.labels] -= 0.8
+        wanted = margins.max(1) - now[rows, given.labels]
+        if objective == "bc":
+            entropies = np.log(np.exp(now).sum(1)) - now[rows, given.labels]
+            assert errors == pytest.approx(entropies * (given.labels >= 0), abs=1e-5)
+    labelled = (given.weights * wanted * (given.labels >= 0)).mean()
+    assert found["dqfd"] - found["dqn"] == pytest.approx(float(labelled), rel=0.05)
+
+
+def test_augmentation_keeps_the_picture_but_for_shift_and_colour() -> None:
+    import torch
+    from envcraft_dqn.augmentation import augmented
+
+    frames = torch.zeros((64, 16, 16, 3), dtype=torch.uint8)
+    frames[:, 6:9, 6:9] = torch.tensor([200, 100, 0], dtype=torch.uint8)
+    generator = torch.Generator().manual_seed(0)
+    shifted = augmented(frames, "shift", generator)
+    assert (shifted.sum((1, 2)) == frames.sum((1, 2))).all()
+    assert len({tuple(one.nonzero()[0].tolist()) for one in shifted}) > 30
+    coloured = augmented(frames, "colour", generator)
+    # The shape stays, and two of the three channels are not black.
+    assert ((coloured.sum(3) > 0) == (frames.sum(3) > 0)).all()
+    assert ((coloured[:, 7, 7] > 0).sum(1) == 2).all()
+    assert len({tuple(one.tolist()) for one in coloured[:, 7, 7]}) > 50
+    assert augmented(frames, "none", generator) is frames
+
+
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [
+        (Settings(objective="bc", pretrain_updates=5), "makes no online steps: use --steps 0, not 1,000,000"),
+        (Settings(objective="dagger"), "needs a player that advises: name it by --demos"),
+        (Settings(objective="dqfd"), "--objective dqfd needs demonstrations"),
+        (Settings(objective="cloning"), "unknown objective 'cloning'; choose from dqn, bc, dagger, dqfd"),
+    ],
+)
+def test_incompatible_objectives_are_reported(settings: Settings, words: str, tmp_path: Path) -> None:
+    from envcraft_dqn.trainer import train
+
+    with pytest.raises(UsageError, match=words):
+        train(settings, ["right"], open_corridors, tmp_path)

@@ -1,0 +1,343 @@
+"""``envcraft explore``: who may use the server, its limits, and the pages in a real browser."""
+
+from __future__ import annotations
+
+import http.client
+import json
+import re
+from collections.abc import Callable, Iterator
+from contextlib import closing
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from click.testing import CliRunner
+from envcraft_explorer.stage import Stage
+from websockets.exceptions import ConnectionClosed, InvalidStatus
+from websockets.sync.client import connect
+from websockets.typing import Origin
+
+from envcraft.cli.group import cli
+from envcraft.demonstrations.player import PolicyPlayer
+from envcraft.judging.selection import driver_named
+from envcraft.model.target import PolicyFile
+from envcraft.text import one_line
+from evaluation.explorer import Served, served
+from tests.pages import chromium, window
+
+from .explored import HOSTILE, POLICY, fill
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser, BrowserContext, Page
+
+Open = Callable[..., "Page"]
+NAME = f"{HOSTILE}.py".replace("/", "_")
+
+
+@pytest.fixture(scope="module")
+def corpus(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    root = tmp_path_factory.mktemp("explored") / "corpus"
+    fill(root)
+    return root
+
+
+@pytest.fixture(scope="module")
+def server(corpus: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
+    folder = tmp_path_factory.mktemp("pages") / "site"
+    with closing(driver_named("process")) as driver, served(corpus, folder, driver, most=2) as running:
+        yield running
+
+
+# Who may use the server
+
+
+def asked(server: Served, path: str, **headers: str) -> tuple[int, dict[str, str], bytes]:
+    connection = http.client.HTTPConnection("127.0.0.1", server.port)
+    connection.request("GET", path, headers={name.replace("_", "-"): value for name, value in headers.items()})
+    answer = connection.getresponse()
+    found = answer.status, {name.lower(): value for name, value in answer.getheaders()}, answer.read()
+    connection.close()
+    return found
+
+
+def cookie(server: Served) -> str:
+    status, headers, _ = asked(server, f"/?token={server.token}")
+    assert status == 303
+    assert headers["location"] == "/"
+    words = headers["set-cookie"]
+    assert {"httponly", "samesite=strict"} <= {part.strip().lower() for part in words.split(";")}
+    return words.partition(";")[0]
+
+
+def test_only_the_printed_address_is_answered(server: Served) -> None:
+    known = cookie(server)
+    assert asked(server, "/", Cookie=known)[0] == 200
+    refused: list[dict[str, str]] = [
+        {},
+        {"Cookie": known[:-1]},
+        {"Cookie": known, "Host": "evil.example"},
+        {"Cookie": known, "Host": f"evil.example:{server.port}"},
+        {"Cookie": known, "Origin": "http://evil.example"},
+        {"Cookie": known, "Origin": "null"},
+        {"Cookie": known, "Origin": f"http://127.0.0.1:{server.port + 1}"},
+    ]
+    for headers in refused:
+        for path in ("/", "/environments.html", "/live/players?environment=calm.py&number=1", "/data/rows-0.js"):
+            assert asked(server, path, **headers)[0] == 403, headers
+    assert asked(server, "/?token=guess")[0] == 403
+
+
+def test_every_answer_has_the_security_headers(server: Served) -> None:
+    known = cookie(server)
+    for path, status in (("/", 200), ("/assets/environments.js", 200), ("/nothing", 404), ("/../../etc/passwd", 404)):
+        found, headers, _ = asked(server, path, Cookie=known)
+        assert found == status, path
+        policy = headers["content-security-policy"]
+        assert "unsafe" not in policy
+        assert "default-src 'none'" in policy
+        assert "frame-ancestors 'none'" in policy
+        assert headers["x-content-type-options"] == "nosniff"
+
+
+def socket_to(server: Served, origin: str | None = None, known: str | None = None) -> Any:
+    headers = {"Cookie": cookie(server) if known is None else known}
+    return connect(
+        f"ws://127.0.0.1:{server.port}/live/play", additional_headers=headers, origin=Origin(origin or server.address)
+    )
+
+
+@pytest.mark.parametrize(("origin", "known"), [("http://evil.example", None), (None, "a=b")])
+def test_no_other_page_plays(server: Served, origin: str | None, known: str | None) -> None:
+    with pytest.raises(InvalidStatus, match="403"), socket_to(server, origin, known):
+        pass
+
+
+def start(opened: Any) -> dict[str, Any]:
+    """Ask for an environment, and return the answer."""
+    opened.send(json.dumps({"do": "start", "environment": "calm.py", "number": 1, "on": True}))
+    answer: dict[str, Any] = json.loads(opened.recv())
+    return answer
+
+
+def test_players_are_bounded_and_places_are_given_back(server: Served) -> None:
+    with socket_to(server) as one, socket_to(server) as other:
+        told = start(one)
+        # The rate is that of the environment's metadata.
+        assert (told["kind"], told["rate"]) == ("ready", 30)
+        assert start(other)["kind"] == "ready"
+        with socket_to(server) as refused:
+            told = start(refused)
+            assert told["kind"] == "refused"
+            assert told["words"].startswith("2 environments are being played")
+            with pytest.raises(ConnectionClosed):
+                refused.recv()
+    # The worker ends first, and then its place is free.
+    kind = ""
+    while kind != "ready":
+        with socket_to(server) as again:
+            kind = start(again)["kind"]
+
+
+def test_messages_out_of_turn_end_the_session_with_words(server: Served) -> None:
+    for text in ("[]", "{", json.dumps({"environment": "nothing.py", "number": 7})):
+        with socket_to(server) as opened:
+            opened.send(text)
+            assert json.loads(opened.recv())["kind"] == "refused"
+
+
+# In a real browser
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    with chromium() as browser:
+        yield browser
+
+
+@pytest.fixture
+def show(browser: Browser, server: Served) -> Iterator[Open]:
+    """Open a page of the server; it may not log, raise or load anything from elsewhere."""
+    complaints: list[str] = []
+    contexts: list[BrowserContext] = []
+
+    def show(name: str = "environments.html", **options: Any) -> Page:
+        context = window(browser, **options)
+        contexts.append(context)
+        page = context.new_page()
+        page.on("console", lambda message: complaints.append(message.text))
+        page.on("pageerror", lambda error: complaints.append(str(error)))
+        page.on("request", lambda request: watched(request.url))
+        page.goto(server.entry)
+        page.goto(f"{server.address}/{name}")
+        return page
+
+    def watched(url: str) -> None:
+        if not url.startswith((server.address, "data:")):
+            complaints.append(url)
+
+    yield show
+    for context in contexts:
+        context.close()
+    assert not complaints, complaints
+
+
+@pytest.mark.browser
+def test_a_person_searches_opens_and_plays(show: Open, tmp_path: Path) -> None:
+    from playwright.sync_api import expect
+
+    page = show()
+    expect(page.locator("#rows li")).to_have_count(3)
+    page.keyboard.press("/")
+    page.keyboard.type("zeppel")
+    expect(page.locator("#shown")).to_have_text("1 of 3")
+    page.keyboard.press("Escape")
+    page.locator("#rows a").first.press("Enter")
+    expect(page.locator("#one h1")).to_have_text("calm.py")
+    controls, screen = page.locator("#part-play .controls"), page.locator("#part-play .large")
+    # Paused, each key is one step.
+    controls.get_by_role("button", name="Pause").click()
+    controls.get_by_role("button", name="Play").click()
+    expect(screen).to_have_attribute("data-frames", "1")
+    first = screen.screenshot()
+    for number in range(100):
+        page.keyboard.press("ArrowRight")
+        expect(screen).to_have_attribute("data-frames", str(number + 2))
+    expect(page.locator("#part-play .said")).to_have_text("step 100 of 100, reward 0, return 1")
+    assert screen.screenshot() != first
+    assert '"x": 16' in page.locator("#part-play .flags").inner_text()
+    slider = page.locator("#part-play .scrub")
+    slider.press("Home")
+    expect(page.locator("#part-play .said")).to_have_text(re.compile("^step 0 of"))
+    with page.expect_download() as saving:
+        controls.get_by_role("button", name="Save").click()
+    saved = tmp_path / "episode.json"
+    saving.value.save_as(saved)
+    result = CliRunner().invoke(cli, ["replay", str(saved), "--sandbox", "process"])
+    assert result.exit_code == 0, result.output
+    assert "reproduced: a person played seed 0" in result.output
+
+
+@pytest.mark.browser
+def test_a_finding_is_replayed_and_players_play_side_by_side(show: Open) -> None:
+    from playwright.sync_api import expect
+
+    page = show("environments.html#environment=crash.py")
+    found = page.locator(".finding").first
+    expect(found).to_contain_text("EC107")
+    found.get_by_role("button", name="Replay").click()
+    expect(found.locator(".screen")).to_have_attribute("data-ready", "1")
+    expect(found.locator(".lane .small").last).to_contain_text("reproduced: seed")
+    page.goto(page.url.replace("crash.py", "calm.py"))
+    players = page.locator("#part-watch .controls")
+    expect(players).to_have_attribute("data-ready", "1")
+    for name in ("noop", "policy 0"):
+        players.get_by_role("button", name=name, exact=True).click()
+    expect(page.locator("#part-watch .screen[data-ready]")).to_have_count(2)
+    assert {"noop", "policy 0"} == set(page.locator("#part-watch .lane h3").all_inner_texts())
+
+
+@pytest.mark.browser
+def test_text_of_an_environment_stays_text(show: Open) -> None:
+    from playwright.sync_api import expect
+
+    page = show()
+    page.locator("#rows a", has_text="<img").click()
+    expect(page.locator("#one h1")).to_have_text(one_line(NAME))
+    page.locator("#part-play .controls").get_by_role("button", name="Play").click()
+    expect(page.locator("#part-play .flags")).to_contain_text("<script>")
+    page.locator(".finding").first.get_by_role("button", name="Replay").click()
+    expect(page.locator(".finding .screen").first).to_have_attribute("data-ready", "1")
+    for summary in page.locator("#one summary").all():
+        summary.click()
+    expect(page.locator("#part-attempts .diff")).to_contain_text(HOSTILE)
+    assert page.title() == one_line(NAME)
+    assert page.locator("#one script, #one img:not(.film)").count() == 0
+    page.goto(page.url.partition("environments.html")[0])
+    assert page.title() != "owned"
+
+
+@pytest.mark.browser
+def test_the_export_plays_recorded_episodes_as_files(browser: Browser, corpus: Path, tmp_path: Path) -> None:
+    from playwright.sync_api import expect
+
+    site = tmp_path / "site"
+    options = ["--export", str(site), "--sandbox", "process"]
+    for player, returns in (("random", (1.0, 2.0)), ("checkpoint:run", (3.0, 1.0))):
+        played = [
+            {"name": name, "episodes": 5, "length": {"mean": 400.0}, "return": {"mean": mean}}
+            for name, mean in zip(("calm.py", "crash.py"), returns, strict=True)
+        ]
+        (tmp_path / f"{player[0]}.json").write_text(json.dumps({"format": 1, "player": player, "environments": played}))
+        options += ["--results", str(tmp_path / f"{player[0]}.json")]
+    result = CliRunner().invoke(cli, ["explore", str(corpus), *options])
+    assert result.exit_code == 0, result.output
+    assert str(site / "index.html") in result.stdout
+    complaints: list[str] = []
+    page = window(browser).new_page()
+    page.on("console", lambda message: complaints.append(message.text))
+    page.on("pageerror", lambda error: complaints.append(str(error)))
+    page.goto(f"{site.as_uri()}/environments.html#environment=crash.py")
+    # Nothing here can run code.
+    assert page.locator("#part-play").count() == 0
+    found = page.locator(".finding .screen").first
+    expect(found).to_have_attribute("data-ready", "1")
+    watched = page.locator("#part-watch .lane")
+    expect(watched.locator(".screen[data-ready]")).to_have_count(2)
+    screen = watched.first.locator(".large")
+    before = screen.screenshot()
+    watched.first.locator(".scrub").press("End")
+    expect(watched.first.locator(".said")).not_to_have_text(re.compile("^step 0"))
+    assert screen.screenshot() != before
+    page.goto(f"{site.as_uri()}/environments.html#environment=calm.py")
+    expect(page.locator("#part-watch .lane h3")).to_have_text(["random", "noop", "policy 0"])
+    # In the order in which they run.
+    expect(page.locator("#part-concept .checks li span + span")).to_have_text(["viability", "", "code", ""])
+    page.goto(f"{site.as_uri()}/index.html")
+    rows = [" ".join(row.split()) for row in page.locator("#training tbody tr").all_inner_texts()]
+    assert rows == ["random 2 10 1.5 400", "checkpoint:run 2 10 2 400 1 of 2"]
+    assert page.locator("#map a").count() == 0
+    pools = {row.split()[0]: row.split()[1:6] for row in page.locator("#pools tbody tr").all_inner_texts()}
+    # What a pool does not have counts nowhere.
+    assert pools["genre"] == ["42", "0", "0", "0", "0.0%"]
+    assert pools["mechanic"] == ["56", "1", "1", "1", "1.8%"]
+    assert not complaints, complaints
+
+
+def test_chosen_players_play_beside_the_others(corpus: Path) -> None:
+    chosen = PolicyPlayer(PolicyFile("trained.py", POLICY), "trained")
+    with closing(driver_named("process")) as driver:
+        players = Stage(corpus, "", driver, "arcade", chosen=[chosen]).players("calm.py")
+    assert list(players)[-2:] == ["policy 0", "trained"]
+    assert {"random", "noop", "search"} <= players.keys()
+
+
+def test_files_without_results_are_refused(corpus: Path, tmp_path: Path) -> None:
+    for name, text in (("a.json", "{}"), ("b.json", '{"format": 2, "player": "x", "environments": []}')):
+        (tmp_path / name).write_text(text)
+        result = CliRunner().invoke(cli, ["explore", str(corpus), "--results", str(tmp_path / name)])
+        assert result.exit_code == 2
+        assert "`envcraft evaluate --output`" in result.output
+
+
+@pytest.mark.browser
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_pages_are_accessible(show: Open, scheme: str) -> None:
+    from playwright.sync_api import expect
+
+    page = show(color_scheme=scheme)
+    expect(page.locator("#rows li")).to_have_count(3)
+    complaints = {"gallery": _complaints(page)}
+    page.goto(f"{page.url}#environment=crash.py")
+    expect(page.locator("#part-watch .controls")).to_have_attribute("data-ready", "1")
+    complaints["environment"] = _complaints(page)
+    page.goto(page.url.partition("environments.html")[0])
+    complaints["corpus"] = _complaints(page)
+    assert complaints == {"gallery": [], "environment": [], "corpus": []}
+
+
+def _complaints(page: Page) -> list[str]:
+    """What axe-core says against a page."""
+    from axe_playwright_python.sync_playwright import Axe
+
+    found = Axe().run(page).response["violations"]
+    return [f"{one['id']}: {node['html']} {node['failureSummary']}" for one in found for node in one["nodes"]]
