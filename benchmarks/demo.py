@@ -41,6 +41,9 @@ def main() -> int:
         words = f"expected {', '.join(wanted) or 'to pass'}, found {', '.join(sorted(found)) or subject.verdict}"
         print(f"  {'as expected ' if right else 'NOT EXPECTED'}  {path.name:<38} {words}")
     print(f"\n{len(report.reports) - surprises} of {len(report.reports)} as expected.")
+    print(f"The files are in {os.path.relpath(ROOT / 'examples')}. Next, read about a finding and judge a file:\n")
+    command = os.path.join(os.path.relpath(os.path.dirname(sys.executable)), "envcraft")
+    print(f"  {command} explain EC203\n  {command} validate {os.path.relpath(ROOT / 'examples' / 'breakout.py')}")
     return int(surprises > 0)
 
 

@@ -39,6 +39,7 @@ from envcraft_dqn.env_spec import EnvSpec
 from envcraft_dqn.learner import Learner
 from envcraft_dqn.replay import Batch
 from envcraft_dqn.settings import Settings
+from envcraft_dqn.trainer import train
 from envcraft_tetris.family import TetrisFamily
 from rich.console import Console
 from rich.table import Table
@@ -67,7 +68,9 @@ def batch(count: int = 32) -> Batch:
     rng = np.random.default_rng(0)
     frames = rng.integers(0, 256, (2 * count, *PAD.shape), np.uint8)
     ones = np.ones(count, np.float32)
-    return Batch(np.arange(count), frames[:count], frames[count:], rng.integers(0, 20, count), ones, ones * 0.97, ones)
+    actions, labels = rng.integers(0, 20, count), np.zeros(count, np.int64)
+    parts = ones, ones * 0.97, ones, labels, ones
+    return Batch(np.arange(count), frames[:count], frames[count:], actions, *parts)
 
 
 @cache
@@ -125,7 +128,7 @@ def ours(path: Path, num_envs: int, steps: int) -> float:
 
     clock = Clock()
     with tempfile.TemporaryDirectory() as folder:
-        own.train(settings, ["variant"], open_vector, Path(folder), callback=clock, every=1e9)
+        train(settings, ["variant"], open_vector, Path(folder), callback=clock, every=1e9)
         return clock.counted / (clock.ended - clock.begun)
 
 

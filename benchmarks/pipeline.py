@@ -33,8 +33,9 @@ from rich.console import Console
 from envcraft.contracts.builtin import ARCADE
 from envcraft.corpus.store import Store, environments
 from envcraft.generation.history import History
-from envcraft.generation.stages import ConceptState, Stage, ordered
+from envcraft.generation.stages import ConceptState, Stage
 from envcraft.judging.settings import Settings, contract_digest
+from envcraft.model.stage_order import ordered
 from envcraft.model.target import Target
 from envcraft.model.verdict import CheckReport, Finding, Repro, Severity, SubjectReport, Verdict
 

@@ -1,6 +1,6 @@
-"""``python -m benchmarks.real_world REPORT.json``: how often each rule reports something in a set of environments.
+"""``python -m benchmarks.real_world REPORT.json ...``: how often each rule reports something in a set of environments.
 
-The report is that of ``envcraft audit FOLDER --format json`` or ``envcraft validate FILES --format json``. The table
+A report is that of ``envcraft audit FOLDER --format json`` or ``envcraft validate FILES --format json``. The table
 has the environments with a finding of each rule, their share of all that could be judged, and its 95% Clopper-Pearson
 interval. ``--sample N`` prints N findings of each rule, drawn at random, to be read against the sources.
 """
@@ -57,11 +57,11 @@ def findings(reports: Sequence[dict[str, Any]]) -> dict[tuple[str, str], dict[st
 def main(arguments: Sequence[str] | None = None) -> None:
     """Print the table, and a sample if it is requested."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.real_world", description=__doc__)
-    parser.add_argument("report", type=Path)
+    parser.add_argument("report", type=Path, nargs="+")
     parser.add_argument("--sample", type=int, default=0, metavar="N", help="findings of each rule to print")
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args(arguments)
-    reports = json.loads(options.report.read_text("utf-8"))["reports"]
+    reports = [report for path in options.report for report in json.loads(path.read_text("utf-8"))["reports"]]
     print(table(reports))
     rng = random.Random(options.seed)
     for (code, _), found in sorted(findings(reports).items()) if options.sample else ():

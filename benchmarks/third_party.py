@@ -35,10 +35,10 @@ _LIMITS = Limits(loading=30.0, job=120.0)
 _SECONDS = 600.0
 _HEAD = """# Third-party environments
 
-The verdicts of EnvCraft on published environments, under the contract `gymnasium` with the budget `quick` and seed 0.
-`python -m benchmarks.third_party` writes this page. Each finding was compared with the package's source. The last
-column has the result. A finding that the package's authors should know of also has a reproduction below that does not
-need EnvCraft.
+This page lists the verdicts of EnvCraft on published environments, under the contract `gymnasium` with the budget
+`quick` and seed 0. `python -m benchmarks.third_party` writes it. Each finding was compared with the source of the
+package; the last column has the result. If the authors of the package should know about a finding, a reproduction
+below shows it without EnvCraft.
 
 """
 
@@ -108,7 +108,7 @@ def page(notes: dict[str, Any], kept: dict[str, Any]) -> str:
     listed = [name for package in notes["package"] for name in package["targets"]]
     now = code_digest()
     stale = sum(kept[name].get("code") != now for name in listed if name in kept)
-    note = f"{stale} of {len(listed)} rows come from an earlier version of the code; `--again` judges all again.\n\n"
+    note = f"{stale} of {len(listed)} rows are from an earlier version of the code; `--again` judges all of them.\n\n"
     heads = ("package", "environment", "verdict", "skipped checks", "findings", "review")
     lines = [_HEAD, note if stale else "", _row(heads), _row(["---"] * len(heads))]
     for package in notes["package"]:

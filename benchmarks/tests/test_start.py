@@ -14,12 +14,13 @@ MAKEFILE = set(re.findall(r"-m (benchmarks\.\w+)", (ROOT / "Makefile").read_text
 HELPERS = {
     "benchmarks.bare",
     "benchmarks.peers",
+    "benchmarks.composer_picture",
     "benchmarks.family_picture",
     "benchmarks.real_world",
     "benchmarks.third_party",
 }
 #: Those without options.
-PLAIN = {"benchmarks.demo", "benchmarks.picture"}
+PLAIN = {"benchmarks.explorer_pictures", "benchmarks.demo", "benchmarks.picture", "benchmarks.recording"}
 
 
 @pytest.mark.parametrize("name", sorted(MAKEFILE - PLAIN))
