@@ -1,5 +1,5 @@
-"""``make docs``: write the rule pages, the README's rule table and counts, and the page on pytest from the
-plugin's docstring; with ``--check`` only compare.
+"""``make docs``: write the rule pages with their index, the README's counts, the tables of the pages on statistics and
+families, and the page on pytest from the plugin's docstring; with ``--check`` only compare.
 """
 
 from __future__ import annotations
@@ -8,10 +8,13 @@ import inspect
 import sys
 from pathlib import Path
 
+from envcraft_families.families import families
+
 from envcraft import pytest_plugin
 from envcraft.judging.check import Check
 from envcraft.judging.guide import guide_file
 from envcraft.plugins import plugins
+from evaluation import characteristics
 from evaluation.fixtures import fixtures
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -20,16 +23,22 @@ ROOT = Path(__file__).resolve().parent.parent
 def main() -> int:
     checks: list[Check] = plugins().collect("envcraft_checks")
     pages = {ROOT / "docs" / "rules" / f"{check.name}.md": page(check) for check in checks}
+    pages[ROOT / "docs" / "rules" / "index.md"] = f"# Rules\n\n{counts(checks)}\n{table(checks)}"
     pages[ROOT / "docs" / "pytest.md"] = inspect.cleandoc(pytest_plugin.__doc__ or "") + "\n"
-    readme = ROOT / "README.md"
-    pages[readme] = readme.read_text("utf-8")
-    for name, block in (("counts", counts(checks)), ("rules", table(checks))):
-        head, start, rest = pages[readme].partition(f"<!-- {name} -->\n")
-        _, end, tail = rest.partition(f"<!-- /{name} -->")
-        if not end:
-            print(f"README.md has no block <!-- {name} -->", file=sys.stderr)
-            return 1
-        pages[readme] = head + start + block + end + tail
+    blocks = {
+        ROOT / "README.md": {"counts": counts(checks)},
+        ROOT / "docs" / "families.md": {"families": family_table()},
+        ROOT / "docs" / "statistics.md": {name: write() for name, write in characteristics.BLOCKS.items()},
+    }
+    for file, written in blocks.items():
+        pages[file] = file.read_text("utf-8")
+        for name, block in written.items():
+            head, start, rest = pages[file].partition(f"<!-- {name} -->\n")
+            _, end, tail = rest.partition(f"<!-- /{name} -->")
+            if not end:
+                print(f"{file.relative_to(ROOT)} has no block <!-- {name} -->", file=sys.stderr)
+                return 1
+            pages[file] = head + start + block + end + tail
     stale = [path for path, wanted in pages.items() if not path.is_file() or path.read_text("utf-8") != wanted]
     stale += [path for path in (ROOT / "docs" / "rules").glob("*.md") if path not in pages]
     if "--check" in sys.argv[1:]:
@@ -44,6 +53,15 @@ def main() -> int:
             path.unlink()
         print(f"wrote {path.relative_to(ROOT)}")
     return 0
+
+
+def family_table() -> str:
+    """The axes of the small families."""
+    lines = ["| family | axis | values |", "|---|---|---|"]
+    for family in families():
+        for number, (axis, values) in enumerate(family.variant.axes.items()):
+            lines.append(f"| {'' if number else family.name} | {axis} | {values} |")
+    return "\n".join(lines) + "\n"
 
 
 def page(check: Check) -> str:
@@ -67,7 +85,7 @@ def linked(check: Check, code: str) -> str:
 
 
 def counts(checks: list[Check]) -> str:
-    """The README's sentence on how many checks, rules and fixtures there are."""
+    """The sentence on how many checks, rules and fixtures there are."""
     rules = sum(len(check.rules) for check in checks)
     every = fixtures()
     bad = sum(bool(fixture.codes) for fixture in every)
@@ -78,13 +96,13 @@ def counts(checks: list[Check]) -> str:
 
 
 def table(checks: list[Check]) -> str:
-    """The README's table: a row for each rule."""
+    """The table in the index: a row for each rule."""
     lines = ["| check | code | problem |", "|---|---|---|"]
     for check in checks:
         for number, rule in enumerate(check.rules):
-            name = "" if number else f"[{check.name}](docs/rules/{check.name}.md){' (opt-in)' * check.opt_in}"
+            name = "" if number else f"[{check.name}]({check.name}.md){' (opt-in)' * check.opt_in}"
             note = "" if rule.status == "error" else f" ({rule.status})"
-            lines.append(f"| {name} | {rule.code} | {rule.summary}{note} |")
+            lines.append(f"| {name} | {linked(check, rule.code)} | {rule.summary}{note} |")
     return "\n".join(lines) + "\n"
 
 
