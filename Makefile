@@ -1,6 +1,9 @@
 # make demo   install EnvCraft and validate the examples
 # make test   install all extras and run the linters, the type checker and the tests; with -j 2 side by side
-# make bench  print the figures in the README
+# make bench  print the figures in README.md and docs/
+# make site   build the documentation as a web site in build/site
+# make dist   build the wheel and the source distribution in dist/ and check them
+# make interpreters  install that wheel under the other versions of Python here and validate examples
 # make new-check NAME=...  write a built-in check with its fixtures and page
 # Each target installs what it needs in .venv. It needs Python 3.11 or later with the module venv.
 
@@ -12,7 +15,7 @@ LIBRARIES := $(BIN)/python -m compileall -qq -j 0 -x 'site-packages/.*/tests?/' 
 # A worker writes no bytecode: without these files it would compile its modules at each start.
 COMPILE := $(BIN)/python -m compileall -q -j 0 envcraft checks sandbox plugins
 
-.PHONY: demo test lint types pytest bench picture docs new-check clean
+.PHONY: demo test lint types pytest bench picture docs site dist interpreters new-check clean
 
 demo: .venv/core.stamp
 	$(BIN)/python -m benchmarks.demo
@@ -46,10 +49,13 @@ bench: .venv/peers.stamp
 	$(BIN)/python -m benchmarks.tetris_simulator
 	$(BIN)/python -m benchmarks.tetris_speed
 	$(BIN)/python -m benchmarks.audit_report
+	$(BIN)/python -m benchmarks.explorer
+	$(BIN)/python -m benchmarks.composer
 	$(BIN)/python -m benchmarks.concepts
 	$(BIN)/python -m benchmarks.pipeline
 	$(BIN)/python -m benchmarks.conversations
 	$(BIN)/python -m benchmarks.tetris_players
+	$(BIN)/python -m benchmarks.families
 	$(BIN)/python -m benchmarks.demonstrations
 	$(BIN)/python -m benchmarks.replay
 	$(BIN)/python -m benchmarks.learner
@@ -58,8 +64,23 @@ bench: .venv/peers.stamp
 picture: .venv/core.stamp
 	$(BIN)/python -m benchmarks.picture
 
+pictures: .venv/dev.stamp
+	$(BIN)/python -m benchmarks.explorer_pictures
+	$(BIN)/python -m benchmarks.recording
+
 docs: .venv/core.stamp
 	$(BIN)/python -m docs.generate
+
+site: .venv/dev.stamp
+	$(BIN)/mkdocs build --strict --quiet
+
+dist: .venv/dev.stamp
+	rm -rf dist
+	$(BIN)/hatchling build
+	$(BIN)/twine check --strict dist/*
+
+interpreters: dist
+	$(BIN)/python -m tests.e2e.interpreters
 
 new-check: .venv/core.stamp
 	$(BIN)/python -m evaluation.new_check $(NAME)
