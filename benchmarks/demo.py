@@ -10,9 +10,9 @@ import os
 import sys
 from pathlib import Path
 
-from envcraft.cli.commands.targets import resolve
 from envcraft.cli.progress import Progress
 from envcraft.contracts.lookup import contract_named
+from envcraft.environments.targets import resolve
 from envcraft.errors import EnvCraftError
 from envcraft.judging.budget import BUDGETS
 from envcraft.judging.engine import Plan, validate

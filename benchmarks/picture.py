@@ -10,8 +10,8 @@ from pathlib import Path
 
 from rich.console import Console
 
-from envcraft.cli.commands.targets import resolve
 from envcraft.contracts.lookup import contract_named
+from envcraft.environments.targets import resolve
 from envcraft.judging.budget import BUDGETS
 from envcraft.judging.engine import Plan, validate
 from envcraft.judging.selection import default_checks, driver_named, rules_of

@@ -17,8 +17,8 @@ import msgspec
 
 from envcraft.api.extraction import target_of
 from envcraft.api.report import ShownReport
-from envcraft.cli.commands.targets import resolve
 from envcraft.contracts.lookup import contract_named
+from envcraft.environments.targets import resolve
 from envcraft.errors import EnvCraftError, UsageError
 from envcraft.judging.budget import BUDGETS
 from envcraft.judging.engine import Plan

@@ -17,9 +17,9 @@ import click
 import msgspec
 import pytest
 
-from envcraft.cli.commands.targets import resolve
 from envcraft.cli.configured import configuration
 from envcraft.contracts.lookup import contract_named
+from envcraft.environments.targets import resolve
 from envcraft.errors import EnvCraftError, UsageError
 from envcraft.judging.budget import BUDGETS
 from envcraft.judging.selection import driver_named, select_checks, split

@@ -225,9 +225,9 @@ def _open(place: str, store: str | None) -> tuple[Store, str]:
     """
     from pathlib import Path
 
-    from envcraft.cli.commands.targets import environments_below
     from envcraft.corpus.audit import follow
     from envcraft.corpus.store import FOLDER_CORPUS, Store, environments, is_corpus
+    from envcraft.environments.targets import environments_below
 
     if is_corpus(Path(place)):
         if store is not None:

@@ -15,7 +15,6 @@ import msgspec
 from envcraft.cli.commands.duplicates import dedup, diversity, split
 from envcraft.cli.commands.outputs import output_file
 from envcraft.cli.commands.report import report
-from envcraft.cli.commands.targets import environments_below
 from envcraft.corpus.store import (
     DATABASE,
     SOURCES,
@@ -28,6 +27,7 @@ from envcraft.corpus.store import (
     verdicts,
 )
 from envcraft.corpus.store.environments import Listed
+from envcraft.environments.targets import environments_below
 from envcraft.errors import EnvCraftError, ExitCode, UsageError
 from envcraft.generation.history import history_data, history_lines
 from envcraft.judging.selection import all_checks

@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING
 import click
 import msgspec
 
-from envcraft.cli.commands.targets import resolve
 from envcraft.cli.commands.validate import open_output, read_kwargs, read_wrappers
 from envcraft.cli.configured import PartlyConfigured
 from envcraft.cli.options import runtime_option
 from envcraft.cli.play.recorded import Played
 from envcraft.cli.signals import uninterrupted
 from envcraft.contracts.lookup import contract_named
+from envcraft.environments.targets import resolve
 from envcraft.errors import ExitCode, Skip, UsageError
 from envcraft.judging.budget import BUDGETS
 from envcraft.judging.check import Check

@@ -141,8 +141,8 @@ def _replay_target(
     path: str, env_class: str | None, repro: Repro, contract: str, driver: Driver, gif: str | None
 ) -> ExitCode:
     """Play a reproduction of a target, and print how it ends and what single episodes show."""
-    from envcraft.cli.commands.targets import resolve
     from envcraft.cli.play.game import result
+    from envcraft.environments.targets import resolve
     from envcraft.judging.engine import Plan, open_subject, run_check
     from envcraft.spaces.validation import validate_action
 

@@ -16,12 +16,12 @@ import msgspec
 
 from envcraft.cli import completion
 from envcraft.cli.commands.outputs import report_file
-from envcraft.cli.commands.targets import resolve
 from envcraft.cli.configured import Configured
 from envcraft.cli.options import check_options, format_option, output_option, sandbox_options
 from envcraft.cli.signals import uninterrupted
 from envcraft.contracts.lookup import contract_named
 from envcraft.corpus.baseline import read_baseline
+from envcraft.environments.targets import resolve
 from envcraft.errors import ExitCode, UsageError
 from envcraft.judging.budget import BUDGETS
 from envcraft.judging.driver import Limits, driver_for

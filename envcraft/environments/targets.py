@@ -1,4 +1,4 @@
-"""Resolve the TARGETs of the command line: files, folders, classes of installed packages, registered ids."""
+"""Resolve what names environments: files, folders, classes of installed packages, registered ids."""
 
 from __future__ import annotations
 
