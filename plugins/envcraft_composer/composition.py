@@ -12,18 +12,27 @@ from envcraft_composer.avatars import AVATARS
 from envcraft_composer.goals import GOALS
 from envcraft_composer.looks import ROLES, SPRITES, TEXTURES, WALLS, Look
 from envcraft_composer.mechanic import Constants, Mechanic, fits
+from envcraft_composer.mechanics import found
 from envcraft_composer.pressures import DANGERS, PRESSURES
 from envcraft_composer.skeleton import SKELETON
 from envcraft_composer.worlds import WORLDS
 
 #: The groups of mechanics, in the order of their sentences and code.
 GROUPS: dict[str, tuple[Mechanic, ...]] = {
-    "world": WORLDS,
-    "avatar": AVATARS,
-    "goal": GOALS,
-    "danger": DANGERS,
-    "pressure": PRESSURES,
+    name: listed + found(name)
+    for name, listed in (
+        ("world", WORLDS),
+        ("avatar", AVATARS),
+        ("goal", GOALS),
+        ("danger", DANGERS),
+        ("pressure", PRESSURES),
+    )
 }
+#: Shapes of all pictures, by name.
+_SHAPES = dict(SPRITES)
+for _mechanics in GROUPS.values():
+    for _mechanic in _mechanics:
+        _SHAPES |= _mechanic.shapes
 _CODE_SLOTS = frozenset(
     {"build", "avatar", "place", "act", "touch", "stir", "press", "draw", "over", "hud", "constants"}
 )
@@ -74,7 +83,7 @@ class Composition:
         constants["COST"] = round(rng.uniform(0.001, 0.02), 4)
         if any("self.reward -= HARM" in text for part in mechanics.values() for text in part.parts.values()):
             constants["HARM"] = round(rng.uniform(0.2, 1), 2)
-        return cls(mechanics, constants, Look.draw(rng))
+        return cls(mechanics, constants, Look.draw(rng, _SHAPES))
 
     @property
     def title(self) -> str:
@@ -97,7 +106,7 @@ class Composition:
         builder.add("wall", "\n" + WALLS[self.look.wall])
         builder.add("constants", *_lines(self.constants))
         for name in dict.fromkeys(["HERO", *(sprite for part in parts for sprite in part.sprites)]):
-            builder.add("sprites", f'{name} = sprite("{SPRITES[name][self.look.shapes[name]]}")')
+            builder.add("sprites", f'{name} = sprite("{_SHAPES[name][self.look.shapes[name]]}")')
         slots: dict[str, list[str]] = {}
         methods: dict[str, str] = {}
         for part in parts:
@@ -148,13 +157,13 @@ def _size(constants: Constants) -> float:
 
 def combinations() -> list[dict[str, Mechanic]]:
     """All sets of mechanics, one of each group, that fit together."""
-    found = []
-    for world, avatar, goal in product(WORLDS, AVATARS, GOALS):
+    fitting = []
+    for world, avatar, goal in product(GROUPS["world"], GROUPS["avatar"], GROUPS["goal"]):
         # Most sets are ruled out before dangers and pressures are tried.
         if not avatar.needs <= world.gives | goal.gives | {"danger"} or not goal.needs <= world.gives | avatar.gives:
             continue
-        for danger, pressure in product(DANGERS, PRESSURES):
+        for danger, pressure in product(GROUPS["danger"], GROUPS["pressure"]):
             chosen = (world, avatar, goal, danger, pressure)
             if fits(chosen):
-                found.append(dict(zip(GROUPS, chosen, strict=True)))
-    return found
+                fitting.append(dict(zip(GROUPS, chosen, strict=True)))
+    return fitting

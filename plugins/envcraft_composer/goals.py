@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from random import Random
 
-from envcraft_composer.mechanic import Constants, Mechanic, scaled, traits
+from envcraft_composer.mechanic import Constants, Mechanic, goal_methods, scaled, traits
 
 
 def _count(low: int, high: int, **more: tuple[int, int]) -> Callable[[Random, float], Constants]:
@@ -18,13 +18,6 @@ def _count(low: int, high: int, **more: tuple[int, int]) -> Callable[[Random, fl
         }
 
     return draw
-
-
-def _methods(remaining: str, targets: str) -> dict[str, str]:
-    return {
-        "method:remaining": f"\ndef _remaining(self) -> int:\n    return {remaining}\n",
-        "method:targets": f"\ndef _targets(self) -> list[tuple]:\n    return {targets}\n",
-    }
 
 
 _COLLECT = """
@@ -210,7 +203,7 @@ GOALS = (
             "place": "self.gems = self._spots(COUNT)",
             "touch": _COLLECT,
             "draw": "for place in self.gems:\n    self._blit(frame, place, GEM, PALETTE[4])",
-            **_methods("len(self.gems)", "self.gems"),
+            **goal_methods("len(self.gems)", "self.gems"),
         },
         sprites=("GEM",),
         draw=_count(6, 14),
@@ -223,7 +216,7 @@ GOALS = (
             "place": "self.gems = self._spots(COUNT)",
             "touch": _COLLECT,
             "draw": "for place in self.gems:\n    self._blit(frame, place, CRATE, PALETTE[4])",
-            **_methods("len(self.gems)", "self.gems"),
+            **goal_methods("len(self.gems)", "self.gems"),
         },
         sprites=("CRATE",),
         draw=_count(9, 14),
@@ -237,7 +230,7 @@ GOALS = (
             "place": "self.beacons, self.done = self._spots(COUNT), 0",
             "touch": _ORDER,
             "draw": _DRAW_ORDER,
-            **_methods("COUNT - self.done", "self.beacons[self.done : self.done + 1]"),
+            **goal_methods("COUNT - self.done", "self.beacons[self.done : self.done + 1]"),
         },
         sprites=("BEACON",),
         draw=_count(4, 8),
@@ -252,7 +245,7 @@ GOALS = (
             "place": "*self.keys, self.exit = self._spots(COUNT + 1)\nself.out = False",
             "touch": _UNLOCK,
             "draw": _DRAW_UNLOCK,
-            **_methods("len(self.keys) + (not self.out)", "self.keys or [self.exit]"),
+            **goal_methods("len(self.keys) + (not self.out)", "self.keys or [self.exit]"),
         },
         sprites=("KEY", "DOOR"),
         draw=_count(4, 9),
@@ -266,7 +259,9 @@ GOALS = (
             "place": "self.switches, self.standing = self._spots(COUNT), -1\nself.lit = [False] * COUNT",
             "touch": _SWITCH,
             "draw": _DRAW_SWITCH,
-            **_methods("self.lit.count(False)", "[place for place, lit in zip(self.switches, self.lit) if not lit]"),
+            **goal_methods(
+                "self.lit.count(False)", "[place for place, lit in zip(self.switches, self.lit) if not lit]"
+            ),
         },
         sprites=("SWITCH",),
         draw=_count(5, 10),
@@ -281,7 +276,7 @@ GOALS = (
             "touch": _DELIVER,
             "draw": _DRAW_DELIVER,
             "over": _DRAW_CARRIED,
-            **_methods("2 * len(self.items) + self.carries", "[self.depot] if self.carries else self.items"),
+            **goal_methods("2 * len(self.items) + self.carries", "[self.depot] if self.carries else self.items"),
         },
         sprites=("PARCEL", "DEPOT"),
         draw=_count(3, 6),
@@ -296,7 +291,7 @@ GOALS = (
             "place": "self.bare = set(self._reachable()) - {self.at}",
             "touch": _TRAMPLE,
             "method:stain": _STAIN,
-            **_methods("len(self.bare)", "list(self.bare)"),
+            **goal_methods("len(self.bare)", "list(self.bare)"),
         },
         area=1.5,
     ),
@@ -313,7 +308,7 @@ GOALS = (
             "touch": _ESCORT,
             "stir": _TRAIL,
             "draw": _DRAW_ESCORT,
-            **_methods("2 * len(self.waiting) + len(self.train)", "self.waiting or [self.home]"),
+            **goal_methods("2 * len(self.waiting) + len(self.train)", "self.waiting or [self.home]"),
         },
         sprites=("CHICK", "DEPOT"),
         draw=_count(4, 8),
@@ -329,7 +324,7 @@ GOALS = (
             "touch": _CATCH,
             "stir": _FLEE,
             "draw": "for place in self.sheep:\n    self._blit(frame, place, SHEEP, PALETTE[4])",
-            **_methods("len(self.sheep)", "self.sheep"),
+            **goal_methods("len(self.sheep)", "self.sheep"),
         },
         sprites=("SHEEP",),
         draw=_count(4, 8, FLEE=(3, 4)),
@@ -343,7 +338,7 @@ GOALS = (
             "place": "self.marks, self.friends = self._spots(COUNT), self._spots(FRIENDS)",
             "stir": _SHOOT,
             "draw": _DRAW_SHOOT,
-            **_methods("len(self.marks)", "self.marks"),
+            **goal_methods("len(self.marks)", "self.marks"),
         },
         sprites=("MARK", "FRIEND"),
         draw=_count(5, 9, FRIENDS=(3, 5)),
@@ -359,7 +354,7 @@ GOALS = (
             "place": "self.prize, self.score = self._spots(1)[0], 0",
             "touch": _SCORE,
             "draw": "self._blit(frame, self.prize, FRUIT, PALETTE[4])",
-            **_methods("COUNT - self.score", "[self.prize]"),
+            **goal_methods("COUNT - self.score", "[self.prize]"),
         },
         sprites=("FRUIT",),
         draw=_count(7, 14),
@@ -375,7 +370,7 @@ GOALS = (
             "place": _PUSH_PLACE,
             "method:open": _OPEN,
             "draw": _DRAW_PUSH,
-            **_methods("sum(crate not in self.marks for crate in self.crates)", "self.marks"),
+            **goal_methods("sum(crate not in self.marks for crate in self.crates)", "self.marks"),
         },
         sprites=("CRATE", "RING"),
         draw=_count(2, 3, PULLS=(20, 40)),
@@ -390,7 +385,7 @@ GOALS = (
             "place": "self.hidden = set(self._reachable())",
             "touch": _EXPLORE,
             "draw": _DRAW_FOG,
-            **_methods("len(self.hidden)", "list(self.hidden)"),
+            **goal_methods("len(self.hidden)", "list(self.hidden)"),
         },
         draw=lambda rng, level: {"SIGHT": 1},
         area=0.6,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import colorsys
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from random import Random
 
@@ -76,7 +77,8 @@ class Look:
     shapes: dict[str, int]
 
     @classmethod
-    def draw(cls, rng: Random) -> Look:
+    def draw(cls, rng: Random, sprites: Mapping[str, Sequence[str]]) -> Look:
+        """Draw a look, with one shape for each sprite."""
         hue, dark = rng.random(), rng.random() < 0.6
         floor, pattern, wall = (0.12, 0.2, 0.5) if dark else (0.92, 0.8, 0.45)
         ink, margin = (0.97, 0.25) if dark else (0.05, 0.65)
@@ -94,5 +96,6 @@ class Look:
             (hue, 0.3, margin),
         ]
         channels = [round(255 * part) for tone in tones for part in colorsys.hsv_to_rgb(tone[0] % 1, *tone[1:])]
-        shapes = {name: rng.randrange(len(found)) for name, found in SPRITES.items()}
-        return cls(bytes(channels).hex(), rng.choice(sorted(TEXTURES)), rng.choice(sorted(WALLS)), shapes)
+        texture, wall = rng.choice(sorted(TEXTURES)), rng.choice(sorted(WALLS))
+        shapes = {name: rng.randrange(len(found)) for name, found in sprites.items()}
+        return cls(bytes(channels).hex(), texture, wall, shapes)

@@ -26,6 +26,7 @@ class Mechanic:
         bars: Traits that no other part of the game may have.
         parts: Code by slot of the skeleton.
         sprites: The names of its pictures.
+        shapes: Pictures of its own: by name, shapes of five rows of five marks.
         draw: Draws its constants from a generator and the level of difficulty, from 0 to 1.
         pace: Factor on the steps that a player needs.
         area: For goals that take in the whole world: the steps for each cell.
@@ -40,6 +41,7 @@ class Mechanic:
     bars: frozenset[str] = frozenset()
     parts: Mapping[str, str] = field(default_factory=dict)
     sprites: tuple[str, ...] = ()
+    shapes: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     draw: Callable[[Random, float], Constants] = _no_constants
     pace: float = 1.0
     area: float = 0.0
@@ -64,3 +66,11 @@ def fits(mechanics: Sequence[Mechanic]) -> bool:
 def scaled(low: float, high: float, level: float) -> int:
     """A whole number between two ends by the level of difficulty."""
     return round(low + (high - low) * level)
+
+
+def goal_methods(remaining: str, targets: str) -> dict[str, str]:
+    """The methods that each goal defines: how much is left to do, and the places that count now."""
+    return {
+        "method:remaining": f"\ndef _remaining(self) -> int:\n    return {remaining}\n",
+        "method:targets": f"\ndef _targets(self) -> list[tuple]:\n    return {targets}\n",
+    }

@@ -26,11 +26,15 @@ _SAFE = 4
 #: States that are kept while that is looked at.
 _WIDTH = 3
 #: Attributes of a game that can hurt soon.
-_THREATS = ("foes", "cars", "fire", "spikes", "body", "flight")
+_THREATS = ("foes", "cars", "fire", "spikes", "body")
 #: Steps of a macro-action on a plane.
 _STRIDE = 4
 #: What the loss of a life counts as, in steps.
 _ACCIDENT = 40.0
+#: What each part of the goal counts as, in steps, that the search itself undoes.
+_UNDONE = 5.0
+#: Where on the paddle the ball is to bounce, in pixels from the middle.
+_BOUNCES = (-10, -7, -4, -2, 0, 2, 4, 7, 10)
 #: Attributes that tell states apart, besides the place and what is left.
 _PARTS = (
     *("heading", "facing", "rise", "carries", "body", "paddle", "lit", "standing"),
@@ -59,29 +63,53 @@ class Composed(Planner):
         stride = _STRIDE if self._plane else 1
         self._moves: list[Macro] = [(tuple(action),) * stride for action in actions]
         self._moves += [((0, 0, 0),) * stride] if (0, 0, 0) not in actions else []
-        constants = env.step.__func__.__globals__
+        self._constants = constants = env.step.__func__.__globals__
         self._beat = constants.get("BEAT", constants.get("PERIOD", 1))
         self._reach: float = constants.get("SPEED", 1.0)
-        before = env._remaining()
+        self._lives, self._fuel = getattr(env, "lives", 0), getattr(env, "energy", 0.0) + env.clock
+        self._before = before = env._remaining()
         if hasattr(env, "crates"):
             found = self._search(game, lambda ghost, _: False, self._to_marks, _CRATES, 2.0)
             return found.actions if found.reached else found.actions[:_GROPE]
 
+        estimate = self._to_merge if hasattr(env, "drops") else self._to_target
         budget = max(min(_BUDGET, _ALLOWANCE - self.model.spent), _LEAST)
 
         def progress(ghost: Any, _: Outcome) -> bool:
             return bool(ghost._remaining() < before) and self._roomy(ghost) and self._survives(ghost)
 
-        found = self._search(game, progress, self._to_target, budget, 1.5)
+        found = self._search(game, progress, estimate, budget, 1.5)
         if not found.reached and budget == _BUDGET:
-            found = self._search(game, progress, self._to_target, _MORE, 1.5)
+            found = self._search(game, progress, estimate, _MORE, 1.5)
+        if hasattr(env, "flight"):
+            return found.actions
         return found.actions if found.reached else found.actions[:_GROPE]
 
     def _search(self, game: Any, goal: Any, estimate: Any, budget: int, weight: float) -> Plan:
         return best_first(self.model, game, self._choices, estimate, self._key, budget, weight, goal)
 
     def _choices(self, ghost: Any) -> Iterable[Macro]:
-        return self._moves
+        return self._bounces(ghost) if hasattr(ghost, "flight") else self._moves
+
+    def _bounces(self, ghost: Any) -> Iterable[Macro]:
+        """The moves of the paddle to the ball's next landing, to meet it at each of some places."""
+        paddle = self._constants
+        width, cell = paddle["WIDTH"], paddle["CELL"]
+        (y, x), (vy, vx) = ghost.at, ghost.flight
+        steps = 1
+        while not (vy > 0 and y + vy >= 73 - cell) and steps < 100:
+            y, x = y + vy, x + vx
+            if x < 1 or x > 83 - cell:
+                vx, x = -vx, min(max(x, 1.0), 83.0 - cell)
+            if y < 6:
+                vy, y = -vy, 6.0
+            steps += 1
+        landing = min(max(x + vx, 1.0), 83.0 - cell) + cell / 2
+        for place in _BOUNCES:
+            way = landing - place - width / 2 - ghost.paddle
+            move = 4 if way > 0 else 3
+            fast, slow = divmod(round(abs(way) / 2), 2)
+            yield (((move, 1, 0),) * fast + ((move, 0, 0),) * slow + ((0, 0, 0),) * steps)[:steps]
 
     def _roomy(self, ghost: Any) -> bool:
         """Whether a snake has a region around its head that holds its body."""
@@ -111,16 +139,22 @@ class Composed(Planner):
         parts = tuple(_frozen(getattr(ghost, name)) for name in _PARTS if hasattr(ghost, name))
         foes = tuple(_frozen(foe[0]) for name in ("foes", "cars") for foe in getattr(ghost, name, ())[:8])
         drift = tuple(round(2 * part) for part in (*getattr(ghost, "drift", ()), *getattr(ghost, "flight", ())))
-        crates = tuple(sorted(getattr(ghost, "crates", ())))
+        crates = tuple(sorted(getattr(ghost, "crates", getattr(ghost, "drops", ()))))
         return place, ghost._remaining(), parts, foes, drift, crates, ghost.clock % self._beat
+
+    def _lost(self, ghost: Any) -> float:
+        """What accidents since the start of the search count."""
+        if hasattr(ghost, "lives"):
+            return _ACCIDENT * (self._lives - ghost.lives)
+        if hasattr(ghost, "energy"):
+            # Each step costs one, which is no loss.
+            return max(self._fuel - ghost.energy - ghost.clock, 0.0)
+        return 0.0
 
     def _to_target(self, ghost: Any) -> float:
         """The steps to the nearest target, and what accidents count."""
         targets = ghost._targets()
-        lost: float = _ACCIDENT * (3 - ghost.lives) if hasattr(ghost, "lives") else 0.0
-        if hasattr(ghost, "energy"):
-            # Each step costs one, which is no loss.
-            lost -= ghost.energy + ghost.clock
+        lost = self._lost(ghost) + _UNDONE * max(ghost._remaining() - self._before, 0)
         if not targets:
             return lost
         if self._plane:
@@ -138,6 +172,14 @@ class Composed(Planner):
             if crate not in ghost.marks:
                 walk = min(walk, abs(crate[0] - ghost.at[0]) + abs(crate[1] - ghost.at[1]))
         return 2 * total + walk
+
+    def _to_merge(self, ghost: Any) -> float:
+        """The pushes between the two nearest drops, the way to a drop, and what accidents count."""
+        drops = sorted(ghost.drops)
+        floods = [self._flood(ghost, (drop,)) for drop in drops]
+        apart = [flood.get(other, 99) for number, flood in enumerate(floods) for other in drops[:number]]
+        walk = min(flood.get(ghost.at, 99) for flood in floods)
+        return 2.0 * min(apart) + walk + self._lost(ghost)
 
     def _flood(self, ghost: Any, targets: tuple[Any, ...]) -> dict[Any, int]:
         """The steps from each cell to the nearest target, by the steps of the game's world."""

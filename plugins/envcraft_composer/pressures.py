@@ -51,11 +51,12 @@ _DRAW_BEAT = """
 frame[1:4, 66 : 67 + self.clock % BEAT] = PALETTE[6]
 """
 _FIRE = """
-if self.clock % SPREAD == 0 and len(self.fire) < FIRES:
+if self.clock % SPREAD == 0:
     edge = [self._shift(place, move) for place in self.fire for move in range(1, 5)]
     edge = [place for place in edge if place not in self.fire and place not in self._targets()]
     if edge:
-        self.fire.append(edge[self.np_random.integers(len(edge))])
+        # The oldest flame goes out, so that no way stays barred.
+        self.fire = [*self.fire, edge[self.np_random.integers(len(edge))]][-FIRES:]
 """
 _HURT_FIRE = """
 if self.at in self.fire:
@@ -163,7 +164,7 @@ DANGERS = (
     ),
     Mechanic(
         "fire",
-        "A fire spreads to up to {FIRES} cells.",
+        "A fire creeps through the world. It burns on up to {FIRES} cells.",
         gives=traits("danger", "foes"),
         needs=traits("mover", "open"),
         bars=traits("long"),

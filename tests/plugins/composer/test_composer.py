@@ -9,7 +9,6 @@ from pathlib import Path
 from random import Random
 from typing import Any
 
-import gymnasium as gym
 import numpy as np
 import pytest
 from click.testing import CliRunner, Result
@@ -22,6 +21,7 @@ from envcraft_composer.policy import Composed
 from envcraft.cli.group import cli
 from envcraft.environments.families import Generated
 from envcraft.similarity import structural
+from tests.plugins.composer.composed import load
 
 #: As many games as there are goals, one for each.
 GOALS = [mechanic.name for mechanic in GROUPS["goal"]]
@@ -33,14 +33,6 @@ def games(count: int, difficulty: float | None = 0.5) -> list[Generated]:
 
 FIRST = list({game.metadata["axes"]["goal"]: game for game in reversed(games(3 * len(GOALS)))}.values())[::-1]
 BY_GOAL = pytest.mark.parametrize("game", FIRST, ids=[game.metadata["axes"]["goal"] for game in FIRST])
-
-
-def load(source: str) -> Any:
-    """The environment of a source that this repository's own mechanics made."""
-    module = types.ModuleType("composed")
-    exec(compile(source, "composed.py", "exec"), vars(module))
-    (env_class,) = [found for found in vars(module).values() if isinstance(found, type) and issubclass(found, gym.Env)]
-    return env_class()
 
 
 def play(env: Any, seed: int, choose: Any) -> tuple[int, bool, float]:
