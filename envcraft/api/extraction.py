@@ -82,11 +82,28 @@ def needed(text: str, name: str, known: frozenset[str] = frozenset()) -> str:
     # Annotations are evaluated lazily only as long as this import is there.
     futures = [node for node in body if isinstance(node, ast.ImportFrom) and node.module == "__future__"]
     lines = text.splitlines()
-    shown: set[int] = set()
+    shown: dict[int, str] = {}
     for node in [*kept.values(), *futures]:
         decorated = [decorator.lineno for decorator in getattr(node, "decorator_list", ())]
-        shown.update(range(min([node.lineno, *decorated]), (node.end_lineno or node.lineno) + 1))
-    return "\n".join(line if number in shown else "" for number, line in enumerate(lines, 1)) + "\n"
+        numbers = range(min([node.lineno, *decorated]), (node.end_lineno or node.lineno) + 1)
+        fewer = None if node in futures else _import_of(node, seen)
+        if fewer is None:
+            shown.update((number, lines[number - 1]) for number in numbers)
+        else:
+            for number in numbers:
+                shown.setdefault(number, fewer if number == node.lineno else "")
+    return "\n".join(shown.get(number, "") for number in range(1, len(lines) + 1)) + "\n"
+
+
+def _import_of(node: ast.stmt, names: set[str]) -> str | None:
+    """An import statement that imports only some of its names; None for another statement, or if it imports no more."""
+    if not isinstance(node, ast.Import | ast.ImportFrom):
+        return None
+    aliases = [alias for alias in node.names if (alias.asname or alias.name.partition(".")[0]) in names]
+    if len(aliases) == len(node.names):
+        return None
+    fewer = ast.Import(aliases) if isinstance(node, ast.Import) else ast.ImportFrom(node.module, aliases, node.level)
+    return ast.unparse(fewer)
 
 
 def _bound(node: ast.stmt) -> Iterator[str]:

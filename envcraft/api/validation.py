@@ -57,8 +57,8 @@ def validate(
     contract: str = "arcade",
     sandbox: str = "auto",
     budget: str = "standard",
-    checks: Sequence[str] | None = None,
-    skip: Sequence[str] = (),
+    checks: str | Sequence[str] | None = None,
+    skip: str | Sequence[str] = (),
     seed: int = 0,
     env_class: str | None = None,
     kwargs: Mapping[str, Any] | None = None,
@@ -78,7 +78,7 @@ def validate(
         contract: What the environment promises.
         sandbox: ``auto``, ``docker``, ``bubblewrap`` or ``process``.
         budget: How much to play: ``quick``, ``standard`` or ``thorough``.
-        checks: The checks to run; None for all.
+        checks: The checks to run, as a list or as in ``--checks``; None for all.
         skip: Checks not to run.
         seed: Seed of all episodes.
         env_class: The class, if a file or text defines several.
@@ -98,8 +98,7 @@ def validate(
         UsageError: A name does not exist, or the source of a class is not known.
         SandboxUnavailable: No sandbox of this kind works here.
     """
-    given = ",".join(checks) if checks is not None else None
-    selected = select_checks(given, ",".join(skip) or None)
+    selected = select_checks(None if checks is None else _joined(checks), _joined(skip) or None)
     severity = SeverityPolicy(severity_table(Path.cwd()), strict, comments=True)
     lookup("budget", budget, BUDGETS)
     changes = {"kwargs": _json(kwargs or {}), "wrappers": tuple(wrappers)}
@@ -240,6 +239,10 @@ def _class(kind: type) -> Target:
     if kind.__module__ != "__main__" and file and any(Path(file).is_relative_to(folder) for folder in folders):
         return Target(f"{kind.__module__}:{kind.__qualname__}", kind=Kind.MODULE)
     return with_project(target_of(kind))
+
+
+def _joined(names: str | Sequence[str]) -> str:
+    return names if isinstance(names, str) else ",".join(names)
 
 
 def _json(kwargs: Mapping[str, Any]) -> dict[str, Any]:

@@ -131,6 +131,31 @@ def test_only_what_the_class_needs_is_kept_in_its_lines() -> None:
         needed(_SCRIPT.replace("import numpy as np", ""), "Room", frozenset({"np"}))
 
 
+@pytest.mark.parametrize(
+    ("script", "kept"),
+    [
+        ("import gymnasium as gym, envcraft", "import gymnasium as gym"),
+        ("from gymnasium import (\n    Env as gym,\n    make,\n)", "from gymnasium import Env as gym\n\n\n"),
+        ("import os; import gymnasium as gym, sys", "import gymnasium as gym"),
+        ("import gymnasium as gym; SIZE = 5", "import gymnasium as gym; SIZE = 5"),
+    ],
+)
+def test_an_import_of_several_names_keeps_only_those_that_the_class_needs(script: str, kept: str) -> None:
+    """A script imports EnvCraft beside Gymnasium; the class is not to blame for that."""
+    room = "\n\nclass Room(gym.Env):\n    size = 3\n"
+    assert needed(script + room, "Room") == kept + room
+
+
+def test_names_of_checks_are_a_list_or_a_text() -> None:
+    listed, named = (
+        envcraft.validate(_BROKEN, **{**_CHEAP, "checks": checks}, skip=skip)
+        for checks, skip in ((["source", "reward", "lint"], ["lint"]), ("source, reward,lint", "lint"))
+    )
+    assert [check.check for check in named.reports[0].checks] == [check.check for check in listed.reports[0].checks]
+    with pytest.raises(envcraft.UsageError, match="there is no check 'rewrad'; did you mean reward"):
+        envcraft.validate(_BROKEN, **{**_CHEAP, "checks": "rewrad"})
+
+
 def test_a_class_in_a_function_has_no_source() -> None:
     class Inner(gymnasium.Env[Any, Any]):
         pass
