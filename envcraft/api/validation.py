@@ -18,6 +18,7 @@ import msgspec
 from envcraft.api.extraction import target_of
 from envcraft.api.report import ShownReport
 from envcraft.contracts.lookup import contract_named
+from envcraft.demonstrations.player import policy_named
 from envcraft.environments.targets import resolve
 from envcraft.errors import EnvCraftError, UsageError
 from envcraft.judging.budget import BUDGETS
@@ -29,7 +30,7 @@ from envcraft.judging.severity import OFF, SeverityPolicy, severity_table
 from envcraft.judging.verdict_cache import record
 from envcraft.model.events import Finished
 from envcraft.model.project import with_project
-from envcraft.model.target import Kind, Target, read_policy
+from envcraft.model.target import Kind, Target
 from envcraft.model.verdict import Finding, Severity, Verdict
 from envcraft.registry import lookup
 
@@ -84,7 +85,7 @@ def validate(
         env_class: The class, if a file or text defines several.
         kwargs: Arguments of the constructor, which JSON can represent.
         wrappers: ``module:func`` of each wrapper to apply, the innermost first.
-        policy: A file with a privileged policy for the check ``difficulty``.
+        policy: A file with a privileged policy for the check ``difficulty``, or the name of a player that has one.
         time_limit: Seconds for each environment; None for the budget's.
         fail_fast: End each environment at its first error.
         exitfirst: End the run after the first environment that fails.
@@ -111,7 +112,7 @@ def validate(
             selected,
             BUDGETS[budget],
             seed,
-            read_policy(policy) if policy else None,
+            policy_named(policy) if policy else None,
             time_limit=time_limit,
             fail_fast=fail_fast,
             severity=severity,

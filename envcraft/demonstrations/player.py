@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from envcraft.errors import Skip, UsageError
-from envcraft.model.target import PolicyFile
+from envcraft.model.target import PolicyFile, read_policy
 from envcraft.registry import offered
 from envcraft.text import one_line
 
@@ -139,6 +139,19 @@ def loaded_player(name: str) -> Player:
         raise UsageError(f"there is no player {one_line(name)}" + (f"; name one as {known}" if known else ""))
     loader: PlayerLoader = loaders[kind]
     return loader.load(Path(path))
+
+
+def policy_named(name: str) -> PolicyFile:
+    """The privileged policy in a file, or that of the player with this name.
+
+    Raises:
+        UsageError: There is neither, or the file cannot be read.
+    """
+    if not Path(name).exists():
+        policies = {player.name: player.policy for player in offered("envcraft_players")}
+        if (policy := policies.get(name)) is not None:
+            return PolicyFile(name, policy.source)
+    return read_policy(name)
 
 
 _PLANNING = Path(__file__).with_name("planning.py")

@@ -186,12 +186,12 @@ def choose_findings(report: Report, number: int | None) -> list[Numbered]:
 
 def _plan(report: Report, driver: Any, subject: SubjectReport, checks: list[Check]) -> Plan:
     """Restore the plan of the report, without targets."""
+    from envcraft.demonstrations.player import policy_named
     from envcraft.judging.engine import Plan
-    from envcraft.model.target import read_policy
 
     if report.budget not in BUDGETS:
         raise UsageError(f"the report names the unknown budget {one_line(report.budget)}")
-    policy = read_policy(subject.policy) if subject.policy else None
+    policy = policy_named(subject.policy) if subject.policy else None
     return Plan([], contract_named(report.contract), driver, checks, BUDGETS[report.budget], report.seed, policy)
 
 

@@ -29,7 +29,7 @@ from envcraft.judging.selection import all_checks, driver_named, rules_of, selec
 from envcraft.judging.severity import SeverityPolicy, severity_table
 from envcraft.judging.worker_pool import WorkerPool
 from envcraft.model.events import Finished
-from envcraft.model.target import Kind, Target, kind_of, read_policy
+from envcraft.model.target import Kind, Target, kind_of
 from envcraft.model.verdict import Report, Verdict
 from envcraft.registry import offered
 from envcraft.reports.reporter import Reporter, reporter_named
@@ -62,9 +62,10 @@ class _ValidateCommand(Configured):
 @sandbox_options()
 @click.option(
     "--policy",
-    metavar="FILE",
+    metavar="FILE|PLAYER",
     shell_complete=completion.files,
-    help="A Python file with a privileged policy, which the check difficulty plays.",
+    help="A Python file with a privileged policy, which the check difficulty plays, or a player that has one, such as "
+    "that of a family: composer.",
 )
 @format_option()
 @output_option()
@@ -158,7 +159,11 @@ def validate(
     if not files and (unusable or not environments_only):
         ctx.exit(ExitCode.USAGE)
 
-    privileged = read_policy(policy) if policy else None
+    privileged = None
+    if policy:
+        from envcraft.demonstrations.player import policy_named
+
+        privileged = policy_named(policy)
     report: Report | None = None
     with contextlib.ExitStack() as stack:
         driver = driver_for(driver_named(sandbox, require_isolation, runtime, probe=False), files)

@@ -15,7 +15,6 @@ from click.testing import CliRunner, Result
 from envcraft_composer.composition import GROUPS, Composition, combinations
 from envcraft_composer.family import ComposerFamily
 from envcraft_composer.mechanic import Mechanic, fits, traits
-from envcraft_composer.player import ComposerPlayer
 from envcraft_composer.policy import Composed
 
 from envcraft.cli.group import cli
@@ -168,10 +167,10 @@ def test_games_pass_the_checks(tmp_path: Path) -> None:
 
 
 def test_the_player_is_a_policy_that_runs_in_the_sandbox(tmp_path: Path) -> None:
-    policy = ComposerPlayer().policy
-    assert policy is not None
-    file, beside = tmp_path / "game.py", tmp_path / "policy.py"
+    file = tmp_path / "game.py"
     file.write_text(FIRST[0].source, "utf-8")
-    beside.write_text(policy.source, "utf-8")
-    result = judge(file, "--checks", "difficulty", "--policy", beside, "--strict")
+    result = judge(file, "--checks", "difficulty", "--policy", "composer", "--strict")
     assert result.exit_code == 0, result.output
+    unknown = judge(file, "--checks", "difficulty", "--policy", "composed")
+    assert unknown.exit_code == 2
+    assert "the policy composed cannot be read" in unknown.output
