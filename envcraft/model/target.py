@@ -13,6 +13,7 @@ import re
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from enum import StrEnum
+from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, TypeVar, overload
 
@@ -26,6 +27,8 @@ if TYPE_CHECKING:
 #: Larger files are not read: no environment of this kind is anywhere near.
 MAX_SOURCE = 2 * 1024**2
 _PARSING = threading.Lock()
+#: Up to this length, callers share the tree of a source: each check of a subject asks for it, and parsing is slow.
+_SHARED = 64 * 1024
 
 _NAME = r"[^\W\d]\w*"
 _CLASS = re.compile(rf"{_NAME}(?:\.{_NAME})*:{_NAME}(?:\.{_NAME})*")
@@ -191,7 +194,18 @@ def read_policy(path: str) -> PolicyFile:
 
 
 def parse(source: bytes | str) -> ast.Module:
-    """The syntax tree of a source. Raises SyntaxError, ValueError, RecursionError, MemoryError."""
+    """The syntax tree of a source, which must not be changed. Raises SyntaxError, ValueError, RecursionError,
+    MemoryError.
+    """
+    return _known(source) if len(source) <= _SHARED else _parse(source)
+
+
+@lru_cache(8, typed=True)
+def _known(source: bytes | str) -> ast.Module:
+    return _parse(source)
+
+
+def _parse(source: bytes | str) -> ast.Module:
     # In Python 3.11 and 3.12 two threads share the parser's depth counter (CPython issue 106905).
     with _PARSING:
         return ast.parse(source)
