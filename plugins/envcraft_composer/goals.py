@@ -178,9 +178,9 @@ _OPEN = '''
 '''
 _DRAW_PUSH = """
 for place in self.marks:
-    self._blit(frame, place, RING, PALETTE[5])
+    self._blit(frame, place, RING, PALETTE[4])
 for place in self.crates:
-    self._blit(frame, place, CRATE, PALETTE[4] if place in self.marks else PALETTE[6])
+    self._blit(frame, place, CRATE, PALETTE[4] if place in self.marks else PALETTE[5])
 """
 _EXPLORE = """
 for y in range(self.at[0] - SIGHT, self.at[0] + SIGHT + 1):

@@ -16,13 +16,13 @@ from envcraft.demonstrations.planning import Action, Macro, Model, Outcome, Plan
 #: Simulated steps for a plan; pushing crates needs a search to the end of the game.
 _BUDGET, _CRATES = 3_000, 60_000
 #: Simulated steps in an episode after which plans get the least budget.
-_ALLOWANCE, _LEAST = 40_000, 300
+_ALLOWANCE, _LEAST = 80_000, 300
 #: Simulated steps of a second search where the first finds nothing.
 _MORE = 8_000
 #: Steps that are played of a plan that reaches nothing.
 _GROPE = 8
-#: Steps for which a state must be survived to count as reached.
-_SAFE = 4
+#: Steps for which a state must be survived to count as reached, on cells and on a plane.
+_SAFE, _SAFE_ON_PLANE = 7, 12
 #: States that are kept while that is looked at.
 _WIDTH = 3
 #: Attributes of a game that can hurt soon.
@@ -78,7 +78,10 @@ class Composed(Planner):
         def progress(ghost: Any, _: Outcome) -> bool:
             return bool(ghost._remaining() < before) and self._roomy(ghost) and self._survives(ghost)
 
-        found = self._search(game, progress, estimate, budget, 1.5)
+        def unharmed(ghost: Any, outcome: Outcome) -> bool:
+            return self._lost(ghost) == 0 and progress(ghost, outcome)
+
+        found = self._search(game, unharmed, estimate, budget, 1.5)
         if not found.reached and budget == _BUDGET:
             found = self._search(game, progress, estimate, _MORE, 1.5)
         if hasattr(env, "flight"):
@@ -127,12 +130,10 @@ class Composed(Planner):
         """Whether some play goes on for a while."""
         if not any(hasattr(ghost, name) for name in _THREATS):
             return True
-        depth = -(-_SAFE // len(self._moves[0]))
-        found = beam(self.model, ghost, self._choices, self._lives_left, depth, _WIDTH, 1_000, self._key)
-        return found.reached or len(found.actions) >= _SAFE
-
-    def _lives_left(self, ghost: Any, _: float) -> float:
-        return float(getattr(ghost, "lives", 0))
+        safe = _SAFE_ON_PLANE if self._plane else _SAFE
+        depth = -(-safe // len(self._moves[0]))
+        found = beam(self.model, ghost, self._choices, lambda end, _: -self._lost(end), depth, _WIDTH, 1_000, self._key)
+        return found.reached or (len(found.actions) >= safe and self._lost(found.end) <= self._lost(ghost))
 
     def _key(self, ghost: Any) -> Hashable:
         place = ghost.at if not self._plane else (round(ghost.at[0] / 2), round(ghost.at[1] / 2))

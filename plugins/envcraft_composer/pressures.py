@@ -158,9 +158,14 @@ DANGERS = (
         _PATROL,
         _beat(2, 6, (1, 2)),
     ),
-    _foes("strays", "{FOES} beasts stray about, one step in every {BEAT}.", _WANDER, _beat(2, 5, (1, 3))),
+    # In narrow worlds these would bar the only way for long.
+    _foes("strays", "{FOES} beasts stray about, one step in every {BEAT}.", _WANDER, _beat(2, 5, (1, 3)), "narrow"),
     _foes(
-        "hunters", "{FOES} hunters come straight for the avatar, one step in every {BEAT}.", _CHASE, _beat(1, 3, (3, 4))
+        "hunters",
+        "{FOES} hunters come straight for the avatar, one step in every {BEAT}.",
+        _CHASE,
+        _beat(1, 3, (3, 4)),
+        "narrow",
     ),
     Mechanic(
         "fire",
