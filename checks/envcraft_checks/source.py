@@ -234,7 +234,7 @@ class Source(Check):
             )
         beside = with_project(subject.target).project
         if beside is not None and name in beside.modules:
-            return "a file of its project; only `envcraft validate` judges a file with its project"
+            return "a file of its project, which only `envcraft validate` and the audit of its folder judge with it"
         near = _nearest(name, [*(contract.libraries or ()), *known])
         return f"which is not a known library{f'; did you mean {near}?' if near else ''}"
 

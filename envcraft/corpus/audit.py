@@ -13,17 +13,18 @@ from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 import msgspec
 
 from envcraft.corpus.shared import Shared, shared_codes
-from envcraft.corpus.store import CorpusDamaged, Environment, Store, audits, decode
-from envcraft.corpus.store.audits import FindingRow, Selection
-from envcraft.errors import EnvCraftError, TargetLost
+from envcraft.corpus.store import FOLDER_CORPUS, CorpusDamaged, Environment, Store, audits, decode, environments
+from envcraft.corpus.store.audits import FindingRow, Projects, Selection
+from envcraft.errors import EnvCraftError, TargetLost, UsageError
 from envcraft.judging.selection import all_checks
 from envcraft.model.events import Event, SubjectFinished
+from envcraft.model.project import with_project
 from envcraft.model.target import LazyTargets, Target
 from envcraft.model.verdict import Outcome, SubjectReport, Verdict
 
 
 def stored_targets(store: Store, environments: Sequence[Environment], folder: str = "") -> LazyTargets[Environment]:
-    """Environments of a corpus as targets.
+    """Environments of a corpus as targets. Those of a folder have the files of their projects.
 
     Args:
         store: the corpus.
@@ -33,16 +34,27 @@ def stored_targets(store: Store, environments: Sequence[Environment], folder: st
     Returns:
         The targets. Reading one raises TargetLost if its source is missing or has changed.
     """
+    return LazyTargets(environments, stored_reader(store, folder))
+
+
+def stored_reader(store: Store, folder: str = "") -> Callable[[Environment], Target]:
+    """Return the function that :func:`stored_targets` reads targets with. Any thread may call it."""
+    beside = store.root.parent if store.root.name == FOLDER_CORPUS and store.follows_folder else None
+    place = folder or beside
 
     def read(environment: Environment) -> Target:
         name, source, env_class = environment
         path = os.path.join(folder, name)
         try:
-            return Target(path, store.source(source), env_class or None)
+            target = Target(path, store.source(source), env_class or None)
         except CorpusDamaged as error:
             raise TargetLost(path, env_class or None, source, str(error)) from None
+        if place is None:
+            return target
+        file = msgspec.structs.replace(target, path=os.path.join(place, name))
+        return msgspec.structs.replace(with_project(file), path=path)
 
-    return LazyTargets(environments, read)
+    return read
 
 
 class Audit:
@@ -55,6 +67,7 @@ class Audit:
         folder: the folder that paths in reports start with.
         resume: whether to keep the settled verdicts that exist; otherwise all selected environments are judged.
         complete: whether verdicts that ended at the first error are not settled.
+        projects: for a folder, what :func:`follow` found. Verdicts with other files of a project are deleted.
 
     Attributes:
         number: the row number of the audit.
@@ -72,13 +85,20 @@ class Audit:
         folder: str = "",
         resume: bool = True,
         complete: bool = False,
+        projects: Projects | None = None,
     ) -> None:
         self.store, self.settings, self.folder = store, settings, folder
         self.kept: list[SubjectReport] = []
+        self._projects = projects
+        outdated = self._outdated()
         self.selected, self._whole = audits.select(store, selection, settings)
+        audits.forget(store, outdated)
         self._resume, self._complete = resume, complete
         self.judged = 0
         self._start(self.selected)
+
+    def _outdated(self) -> list[int]:
+        return [] if self._projects is None else audits.outdated(self.store, self.settings, self._projects)
 
     def _start(self, selected: int) -> None:
         self.pending = audits.pending(self.store, self.settings, not self._resume, self._complete)
@@ -98,6 +118,7 @@ class Audit:
         self.end()
         selected = audits.advance(self.store, self.settings, settings)
         self.settings = settings
+        audits.forget(self.store, self._outdated())
         self._start(selected)
         return selected
 
@@ -187,16 +208,23 @@ class Audit:
         return name if audits.is_selected(self.store, name) else None
 
 
-def follow(store: Store, files: Iterable[tuple[str, Target]]) -> None:
+def follow(store: Store, files: Iterable[tuple[str, Target]], with_projects: bool = False) -> Projects:
     """Make the environments of a corpus those of a folder. The verdicts on removed environments stay.
 
     Args:
         store: the corpus of the folder, open for writing.
         files: the names and targets of the folder's environments.
+        with_projects: whether environments are judged with the files of their projects.
+
+    Returns:
+        These files of each environment that has some, if `with_projects`.
 
     Raises:
+        UsageError: if environments have one text and different files of their projects.
         EnvCraftError: if a source cannot be written.
     """
+    found: dict[tuple[str, str], dict[str, str]] = {}
+    names: dict[tuple[str, str], list[str]] = {}
 
     def added() -> Iterator[str]:
         for name, target in files:
@@ -204,8 +232,24 @@ def follow(store: Store, files: Iterable[tuple[str, Target]]) -> None:
                 store.add(name, target.source, target.env_class or "")
             except OSError as error:
                 raise EnvCraftError(f"cannot copy {target.path} to {store.root}: {error.strerror}") from None
+            if with_projects and target.project is not None:
+                key = (target.sha256, target.env_class or "")
+                names.setdefault(key, []).append(name)
+                if found.setdefault(key, target.project.digests) != target.project.digests:
+                    raise _ambiguous(names[key])
             yield name
 
     with store.transaction():
         audits.replace_environments(store, added())
+        for (source, env_class), named in names.items():
+            if len(every := environments.names_of(store, source, env_class)) != len(named):
+                raise _ambiguous(every)
     store.prune()
+    return found
+
+
+def _ambiguous(names: list[str]) -> UsageError:
+    return UsageError(
+        f"{names[0]} and {names[-1]} have the same text and import different files, but an audit has one verdict for "
+        "one text: change one of them, or audit their folders one by one"
+    )

@@ -23,7 +23,7 @@ from envcraft.judging.settings import Settings, settings_of
 from envcraft.judging.worker_pool import WorkerPool
 from envcraft.model.contract import Contract
 from envcraft.model.events import SubjectFinished
-from envcraft.model.target import Target
+from envcraft.model.target import Project, Target
 from envcraft.model.verdict import plain
 
 
@@ -61,6 +61,7 @@ class Task(msgspec.Struct, frozen=True):
     path: str
     source: bytes
     env_class: str | None
+    project: Project | None = None
 
 
 def encode(order: bytes, target: Target) -> bytes:
@@ -70,7 +71,7 @@ def encode(order: bytes, target: Target) -> bytes:
         order: an encoded :class:`Order`.
         target: the file to judge.
     """
-    return msgspec.msgpack.encode(Task(order, plain(target.path), target.source, target.env_class))
+    return msgspec.msgpack.encode(Task(order, plain(target.path), target.source, target.env_class, target.project))
 
 
 def judge(task: bytes) -> bytes:
@@ -87,7 +88,7 @@ def judge(task: bytes) -> bytes:
     """
     decoded = msgspec.msgpack.decode(task, type=Task)
     plan = _plan(decoded.order)
-    target = Target(decoded.path, decoded.source, decoded.env_class)
+    target = Target(decoded.path, decoded.source, decoded.env_class, project=decoded.project)
     with WorkerPool(plan.driver, plan.limits, 1) as pool, contextlib.closing(judge_here(plan, target, pool)) as events:
         report = next(event.report for event in events if isinstance(event, SubjectFinished))
     return msgspec.json.encode(plain(report))

@@ -52,7 +52,8 @@ def open_env(
     if sandbox is not None:
         from envcraft.environments.sandboxed import open_sandboxed
 
-        return open_sandboxed(source.name, source.source, source.env_class, source.contract, sandbox, runtime, kwargs)
+        where = (sandbox, runtime, kwargs, source.project)
+        return open_sandboxed(source.name, source.source, source.env_class, source.contract, *where)
     if not trust:
         source.ensure_trusted()
     adapter = source.contract.adapter

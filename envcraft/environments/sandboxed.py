@@ -23,7 +23,7 @@ from envcraft.judging.worker_pool import WorkerPool
 from envcraft.model.contract import Contract
 from envcraft.model.job import ExitReason
 from envcraft.model.rollout import Conditions
-from envcraft.model.target import Target
+from envcraft.model.target import Project, Target
 from envcraft.model.trace import Trace
 from envcraft.spaces.gymnasium import to_gymnasium
 from envcraft.spaces.spec import read_space
@@ -283,6 +283,7 @@ def open_sandboxed(
     sandbox: str,
     runtime: str | None,
     kwargs: dict[str, Any],
+    project: Project | None = None,
 ) -> SandboxedEnv:
     """Start a sandbox and the environment in it.
 
@@ -294,6 +295,7 @@ def open_sandboxed(
         sandbox: the name of a driver, or "auto".
         runtime: the container runtime of the driver docker. None chooses one.
         kwargs: the arguments of the constructor, as JSON values.
+        project: the files of its project that the file needs.
 
     Raises:
         UsageError: an argument is invalid.
@@ -310,5 +312,5 @@ def open_sandboxed(
         msgspec.json.encode(given)
     except TypeError as error:
         raise UsageError(f"{name} runs in a sandbox, and its arguments must be JSON: {error}") from None
-    target = Target(name, source, env_class, kwargs=given)
+    target = Target(name, source, env_class, kwargs=given, project=project)
     return SandboxedEnv(name, target, contract, driver_named(sandbox, runtime=runtime), render_mode)

@@ -21,7 +21,7 @@ from envcraft.judging.verdict_cache import CachedVerdict, cached
 from envcraft.model.contract import Contract
 from envcraft.model.project import with_project
 from envcraft.model.target import Project, read_target
-from envcraft.model.verdict import Verdict, plain
+from envcraft.model.verdict import SubjectReport, Verdict, plain
 
 #: The environment variable that names a corpus.
 VARIABLE = "ENVCRAFT_CORPUS"
@@ -46,6 +46,7 @@ class EnvSource(msgspec.Struct, frozen=True):
         verdict: The last verdict on this source under this contract; None if there is none.
         doubt: Why that is no pass that counts; empty if it is one.
         folder: The folder or corpus to audit for a verdict.
+        audited: Whether `folder` is a corpus or has been audited.
         entry: Its name in the corpus that has the verdict.
         origin: Where it comes from, as the corpus says.
         project: The files of its project that it needs; None if it needs none.
@@ -63,6 +64,7 @@ class EnvSource(msgspec.Struct, frozen=True):
     entry: str = ""
     origin: dict[str, Any] = {}
     project: Project | None = None
+    audited: bool = True
 
     def ensure_trusted(self) -> None:
         """Raises Untrusted, with the next step, unless the environment has passed."""
@@ -70,14 +72,16 @@ class EnvSource(msgspec.Struct, frozen=True):
             return
         contract = self.contract.name
         option = "" if contract == _DEFAULT else f" --contract {contract}"
-        step = f"`envcraft audit {self.folder}{option}` judges it"
+        # A file of no audited folder needs no audit of the whole folder.
+        command = f"audit {self.folder}" if self.audited else f"validate {self.name}"
+        step = f"`envcraft {command}{option}` judges it"
         if self.verdict is Verdict.FAIL:
             shown = f"corpus show {self.folder} {self.entry}" if self.entry else f"validate {self.path}{option}"
             step = f"`envcraft {shown}` says why"
         if self.project is not None and self.project.modules:
             raise Untrusted(
                 f"{self.name} imports files of its project, and only single files that have passed run in your own "
-                "process: import its class yourself, or trust=True runs it here anyway"
+                "process: import its class yourself, or sandbox='auto' runs it in a sandbox"
             )
         raise Untrusted(
             f"{self.name} {self.doubt} under the contract {contract}, and only what has passed runs in your own "
@@ -151,8 +155,19 @@ def resolve(target: str | os.PathLike[str], name: str | None = None, contract: s
         (name, sha256, env_class), origin = _row(store, path, name)
         source = store.source(sha256)
         folder = root.parent if root.name == FOLDER_CORPUS else root
-        judged = _judged(store, name, str(store.place(sha256)), source, sha256, env_class, contract, str(folder))
+        place = str(store.place(sha256))
+        project = _project(folder / name, sha256) if store.follows_folder and folder is not root else None
+        judged = _judged(store, name, place, source, sha256, env_class, contract, str(folder), project)
         return msgspec.structs.replace(judged, entry=name, origin=origin)
+
+
+def _project(file: Path, sha256: str) -> Project | None:
+    """The files of its project that a file of an audited folder needs, if the file is still as it was judged."""
+    try:
+        target = read_target(str(file))
+    except UsageError:
+        return None
+    return with_project(target).project if target.sha256 == sha256 else None
 
 
 def _row(store: Store, path: Path, name: str | None) -> EnvironmentRow:
@@ -180,15 +195,14 @@ def _of_file(path: Path, contract: str | None) -> EnvSource:
         with Store(parent / FOLDER_CORPUS) as store:
             found = environments.with_source(store, target.sha256, plain(str(whole.relative_to(parent))))
             entry, env_class = (found.name, found.env_class) if found else ("", "")
-            judged = _judged(
-                store, str(path), str(whole), target.source, target.sha256, env_class, contract, str(parent)
-            )
-            return _validated(msgspec.structs.replace(judged, entry=entry, project=target.project), contract)
+            found_there = (target.source, target.sha256, env_class, contract, str(parent), target.project)
+            judged = _judged(store, str(path), str(whole), *found_there)
+            return _validated(msgspec.structs.replace(judged, entry=entry), contract)
     chosen = contract_named(contract or _DEFAULT)
     source = EnvSource(
         str(path), str(whole), target.source, target.sha256, None, chosen, None, _NO_VERDICT, str(whole.parent)
     )
-    return _validated(msgspec.structs.replace(source, project=target.project), contract)
+    return _validated(msgspec.structs.replace(source, project=target.project, audited=False), contract)
 
 
 def _validated(audited: EnvSource, contract: str | None) -> EnvSource:
@@ -230,7 +244,15 @@ def _current(kept: CachedVerdict, project: Project | None) -> bool:
 
 
 def _judged(
-    store: Store, name: str, path: str, source: bytes, sha256: str, env_class: str, contract: str | None, folder: str
+    store: Store,
+    name: str,
+    path: str,
+    source: bytes,
+    sha256: str,
+    env_class: str,
+    contract: str | None,
+    folder: str,
+    project: Project | None = None,
 ) -> EnvSource:
     """A source and class with what a corpus says about them. Raises CorpusDamaged."""
     last = last_verdicts(store, sha256, env_class)
@@ -238,9 +260,24 @@ def _judged(
     given = last.get(chosen.name)
     # A verdict under an earlier version of the contract says nothing about this one.
     if given is None or given.contract_sha256 != contract_digest(chosen):
-        return EnvSource(name, path, source, sha256, env_class or None, chosen, None, _NO_VERDICT, folder)
+        found = EnvSource(name, path, source, sha256, env_class or None, chosen, None, _NO_VERDICT, folder)
+        return msgspec.structs.replace(found, project=project)
     try:
-        judged = decode(given.report).env_class
+        report = decode(given.report)
     except msgspec.DecodeError as error:
         raise CorpusDamaged(f"the report on {name} in {store.root} cannot be read: {error}") from None
-    return EnvSource(name, path, source, sha256, env_class or judged, chosen, given.verdict, given.doubt, folder)
+    doubt = given.doubt or _doubt(report, project, path)
+    chosen_class = env_class or report.env_class
+    found = EnvSource(name, path, source, sha256, chosen_class, chosen, given.verdict, doubt, folder)
+    return msgspec.structs.replace(found, project=project)
+
+
+def _doubt(report: SubjectReport, project: Project | None, path: str) -> str:
+    """Why a pass of a file with others of its project does not count for the file at `path`; empty if it does."""
+    if report.project is None:
+        return ""
+    if any(file.endswith(".py") for file in report.project.files):
+        return "has passed together with other files"
+    same = project is not None and project.digests == report.project.files
+    beside = project is not None and os.path.join(project.root, project.path) == path
+    return "" if same and beside else "has passed with data files that are not beside it now, or have changed,"

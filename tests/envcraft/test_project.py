@@ -186,5 +186,5 @@ def test_an_audit_says_that_it_takes_single_files(maze: Path) -> None:
     target = Target(str(maze / "maze" / "grid.py"), b"from .sizes import SIZE\n")
     subject: Any = SimpleNamespace(left_out=None, contract=GYMNASIUM, target=target)
     words = Source()._why_unknown(".sizes", subject, [])
-    assert words == "a file of its project; only `envcraft validate` judges a file with its project"
+    assert words == "a file of its project, which only `envcraft validate` and the audit of its folder judge with it"
     assert Source()._why_unknown("nunpy", subject, ["numpy"]) == "which is not a known library; did you mean numpy?"

@@ -164,7 +164,7 @@ class TestTrust:
         (tmp_path / "deep").mkdir()
         file = tmp_path / "deep" / "game.py"
         file.write_text(game())
-        with pytest.raises(Untrusted, match=f"`envcraft audit {file.parent}`"):
+        with pytest.raises(Untrusted, match=f"`envcraft validate {file}` judges it"):
             envcraft.make(file)
         with Store.create(tmp_path / ".envcraft", folder=True) as store:
             judged(store, "deep/game.py", game(), "Game", ARCADE, Verdict.PASS)

@@ -31,6 +31,7 @@ from envcraft.version import __version__
 if TYPE_CHECKING:
     from envcraft.corpus.audit import Audit
     from envcraft.corpus.store import Store
+    from envcraft.corpus.store.audits import Projects
     from envcraft.model.events import Event
 
     Judging = Generator[tuple[int, Event], None, None]
@@ -155,10 +156,10 @@ def audit(
         known = read_baseline(baseline) if baseline else None
         ensure(driver)
         stages = [settings_of(promised, selected, driver, BUDGETS[name], seed) for name in budget]
-        opened, folder = _open(place, store)
+        opened, folder, projects = _open(place, store, promised.project)
         stack.enter_context(opened)
         selection = Selection(only_failed, changed, sample, seed)
-        run = Audit(opened, opened.settings(stages[0]), selection, folder, resume, complete=not fail_fast)
+        run = Audit(opened, opened.settings(stages[0]), selection, folder, resume, not fail_fast, projects)
         for stage, settings in enumerate(stages):
             count = run.advance(opened.settings(settings)) if stage else run.selected
             if stage and not count:
@@ -214,11 +215,11 @@ def audit(
     ctx.exit(ExitCode.ERROR if verdicts.get("error") or run.kept else ExitCode.PASS)
 
 
-def _open(place: str, store: str | None) -> tuple[Store, str]:
+def _open(place: str, store: str | None, with_projects: bool) -> tuple[Store, str, Projects | None]:
     """Open the corpus to write to, and update it if it follows a folder.
 
     Returns:
-        The corpus, and the folder that it follows or "".
+        The corpus; the folder that it follows or ""; and the files of projects that the folder's environments need.
 
     Raises:
         UsageError, CorpusBusy, CorpusDamaged: if it cannot be opened.
@@ -236,21 +237,22 @@ def _open(place: str, store: str | None) -> tuple[Store, str]:
         if not environments.count(opened):
             opened.close()
             raise UsageError(f"the corpus {place} is empty; `envcraft corpus add {place} FOLDER` adds environments")
-        return opened, ""
+        return opened, "", None
     if not os.path.isdir(place):
         raise UsageError(f"{place} is neither a corpus nor a folder; `envcraft validate` judges single files")
     root = Path(store) if store is not None else Path(place, FOLDER_CORPUS)
     if not is_corpus(root) and next(environments_below(place), None) is None:
-        raise UsageError(f"{place} holds no environment: no .py file below it defines a class and names gymnasium")
+        raise UsageError(f"{place} holds no environment: no .py file in it defines a subclass of gymnasium.Env")
     opened = Store(root, write=True) if is_corpus(root) else Store.create(root, folder=True)
     try:
         if not opened.follows_folder:
             raise UsageError(f"--store {root} is a corpus of its own; the verdicts on a folder need a separate corpus")
-        follow(opened, ((plain(os.path.relpath(target.path, place)), target) for target in environments_below(place)))
+        files = ((plain(os.path.relpath(target.path, place)), target) for target in environments_below(place))
+        projects = follow(opened, files, with_projects)
     except BaseException:
         opened.close()
         raise
-    return opened, place
+    return opened, place, projects
 
 
 def _judge(run: Audit, judging: Judging, resume: bool) -> None:

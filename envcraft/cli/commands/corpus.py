@@ -31,6 +31,7 @@ from envcraft.environments.targets import environments_below
 from envcraft.errors import EnvCraftError, ExitCode, UsageError
 from envcraft.generation.history import history_data, history_lines
 from envcraft.judging.selection import all_checks
+from envcraft.model.project import with_project
 from envcraft.model.target import MAX_SOURCE, Target, read_target
 from envcraft.model.verdict import Outcome, plain
 from envcraft.registry import did_you_mean
@@ -70,7 +71,7 @@ def add(
         # Its sources are named by digests, and its verdicts and origins are not in them.
         if is_corpus(Path(path)):
             raise UsageError(f"{path} is a corpus; `envcraft corpus merge {corpus} {path}` adds its environments")
-    added, known, refused = 0, 0, 0
+    added, known, refused, parts = 0, 0, 0, 0
     with Store(corpus, write=True) as store:
         if store.follows_folder:
             raise UsageError(f"{corpus} follows a folder: put files there, and `envcraft audit` adds them")
@@ -98,7 +99,11 @@ def add(
                 if not fresh and replace:
                     store.describe(name, origin)
                 added, known = added + fresh, known + (not fresh)
+                parts += target.project is not None
         store.prune()
+    if parts:
+        words = "needs other files of its project, which" if parts == 1 else "need other files of their projects, which"
+        click.echo(f"{parts:,} of them {words} a corpus does not hold; `envcraft audit FOLDER` does", err=True)
     click.echo(f"{plural(added, 'environment')} added, {known:,} already present")
     ctx.exit(ExitCode.USAGE if refused else ExitCode.PASS)
 
@@ -299,11 +304,9 @@ def _files(paths: tuple[str, ...]) -> Iterator[tuple[str, Target]]:
                 found = True
                 yield plain(os.path.relpath(target.path, path)), target
             if not found:
-                raise UsageError(
-                    f"{path} holds no environment: no .py file below it defines a class and names gymnasium"
-                )
+                raise UsageError(f"{path} holds no environment: no .py file in it defines a subclass of gymnasium.Env")
         else:
-            yield plain(os.path.basename(path)), read_target(path)
+            yield plain(os.path.basename(path)), with_project(read_target(path))
 
 
 def _restore_hint(root: Path) -> str:

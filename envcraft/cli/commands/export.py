@@ -8,6 +8,7 @@ import click
 
 from envcraft.corpus.export.exporter import exporter_named
 from envcraft.registry import offered
+from envcraft.text import plural
 
 
 class _ExportCommand(click.Command):
@@ -40,5 +41,9 @@ def export(corpus: Path, form: str, output: Path, name: str | None, everything: 
     from envcraft.corpus.store import open_store
 
     with open_store(corpus) as store:
-        for line in exporter.export(Order(store, output, name, everything, licence)):
+        order = Order(store, output, name, everything, licence)
+        for line in exporter.export(order):
             click.echo(line)
+        if left_out := order.left_out:
+            words = "needs other files of its project" if left_out == 1 else "need other files of their projects"
+            click.echo(f"left out {plural(left_out, 'environment')} that {words}", err=True)

@@ -22,13 +22,14 @@ from envcraft.judging.budget import BUDGETS
 from envcraft.judging.driver import Driver, ensure
 from envcraft.judging.selection import checks_named, driver_named
 from envcraft.judging.worker_pool import WorkerPool
+from envcraft.model.project import with_project
 from envcraft.model.target import LazyTargets, Target, read_target
 from envcraft.model.verdict import SubjectReport, Verdict
 from envcraft.text import one_line, plural
 
 if TYPE_CHECKING:
     from envcraft.corpus.records import Record
-    from envcraft.corpus.store import Store
+    from envcraft.corpus.store import Environment, Store
     from envcraft.judging.settings import Settings
 
 _SAMPLE = re.compile(r"(\d+(?:\.\d+)?)(%?)")
@@ -64,6 +65,7 @@ def reverify(
     """
     with contextlib.ExitStack() as stack:
         with uninterrupted():
+            from envcraft.corpus.audit import stored_reader
             from envcraft.corpus.records import read, records_of
             from envcraft.corpus.store import Store
         if os.path.isdir(place):
@@ -78,6 +80,7 @@ def reverify(
         if not known:
             raise UsageError(f"{place} has no verdict to repeat; `envcraft audit` makes verdicts")
         chosen = choose(known, sample, seed)
+        stored = stored_reader(store) if store is not None else None
         came_out: Counter[ExitCode] = Counter()
         for group in _groups(chosen):
             named = sandbox or group[0].settings.driver
@@ -90,7 +93,7 @@ def reverify(
             driver = driver_named(named, require_isolation, runtime, probe=False)
             with contextlib.closing(driver):
                 ensure(driver)
-                came_out.update(_again(group, driver, workers, lambda record: _target(record, place, store)))
+                came_out.update(_again(group, driver, workers, lambda record: _target(record, place, stored)))
     click.echo(
         f"{len(chosen):,} of {plural(len(known), 'record')} judged again: {came_out[ExitCode.PASS]:,} as recorded, "
         f"{came_out[ExitCode.FAIL]:,} drifted, {came_out[ExitCode.ERROR]:,} could not be judged"
@@ -119,27 +122,23 @@ def _groups(records: Iterable[Record]) -> Iterable[list[Record]]:
     return found.values()
 
 
-def _target(record: Record, place: str, store: Store | None) -> Target:
+def _target(record: Record, place: str, stored: Callable[[Environment], Target] | None) -> Target:
     """The source of a record: from the corpus, or a file in the working directory or beside the records.
 
     Raises:
         TargetLost: if the source is missing or has changed.
     """
     path, reason = record.path, f"{record.path} is missing; name its corpus with --corpus"
-    if store is not None:
-        from envcraft.corpus.store import CorpusDamaged
+    if stored is not None:
+        from envcraft.corpus.store import Environment
 
-        try:
-            return Target(path, store.source(record.source_sha256), record.env_class)
-        except CorpusDamaged as error:
-            reason = str(error)
-    else:
-        for file in (path, os.path.join(os.path.dirname(place), path)):
-            with contextlib.suppress(UsageError):
-                target = read_target(file, record.env_class)
-                if target.sha256 == record.source_sha256:
-                    return target
-                reason = f"{file} has changed since it was recorded"
+        return stored(Environment(path, record.source_sha256, record.env_class or ""))
+    for file in (path, os.path.join(os.path.dirname(place), path)):
+        with contextlib.suppress(UsageError):
+            target = read_target(file, record.env_class)
+            if target.sha256 == record.source_sha256:
+                return with_project(target)
+            reason = f"{file} has changed since it was recorded"
     raise TargetLost(path, record.env_class, record.source_sha256, reason)
 
 

@@ -21,6 +21,7 @@ from envcraft.registry import lookup, offered
 
 if TYPE_CHECKING:
     from envcraft.corpus.store import Store
+    from envcraft.corpus.store.verdicts import Last
 
 
 @dataclass(frozen=True)
@@ -85,21 +86,37 @@ class Order:
     def environments(self) -> Iterator[Exported]:
         """The environments to export, sorted by name. Every name is a path inside the export folder.
 
+        An environment that was judged with other files of its project is left out: a corpus does not hold these files.
+
         Raises:
             CorpusDamaged: if a name leads out of the folder.
         """
-        from envcraft.corpus.store import verdicts
-
-        for row in verdicts.last(self.store, passed=not self.everything):
+        for row in self._rows():
             name, source, env_class = row.environment
             if _leaves(name):
                 raise self._invalid_name(name)
             judged = (None,) * 7 if row.settings is None else msgspec.structs.astuple(row.settings)[:7]
-            yield Exported(name, source, env_class, row.origin, row.verdict, row.report, *judged)
+            if not _has_project(row):
+                yield Exported(name, source, env_class, row.origin, row.verdict, row.report, *judged)
+
+    @property
+    def left_out(self) -> int:
+        """The number of environments that need other files of their projects, and are not exported."""
+        return sum(_has_project(row) for row in self._rows())
+
+    def _rows(self) -> Iterator[Last]:
+        from envcraft.corpus.store import verdicts
+
+        return verdicts.last(self.store, passed=not self.everything)
 
     def nothing(self) -> UsageError:
         """The error for an exporter that has no environment to export."""
         root = self.store.root
+        if left_out := self.left_out:
+            return UsageError(
+                f"the environments of {root} that have passed ({left_out:,}) need other files of their projects, and "
+                "an export holds single files: put the project into a package of its own"
+            )
         return UsageError(
             f"no environment of {root} has passed all checks: `envcraft audit {root}` judges them, and --all also "
             "exports the others"
@@ -114,6 +131,12 @@ class Order:
             f"the environment name {name!r} in {root} leads out of the folder that it is exported to; "
             f"`envcraft {repair}` removes it"
         )
+
+
+def _has_project(row: Last) -> bool:
+    from envcraft.corpus.store import decode
+
+    return row.report is not None and decode(row.report).project is not None
 
 
 def _leaves(name: str) -> bool:

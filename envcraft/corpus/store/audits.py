@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import random
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any, NamedTuple
 
 import msgspec
@@ -37,6 +38,10 @@ class Selection(msgspec.Struct, frozen=True):
     seed: int = 0
 
 
+#: The SHA-256 of each file of its project that an environment needs, by source and class.
+Projects = Mapping[tuple[str, str], Mapping[str, str]]
+
+
 class FindingRow(NamedTuple):
     """A finding of an environment."""
 
@@ -44,6 +49,41 @@ class FindingRow(NamedTuple):
     check: str
     code: str
     message: str
+
+
+def outdated(store: Store, settings: int, projects: Projects) -> list[int]:
+    """Find the verdicts with other files of a project than the present ones, and mark their environments as changed.
+
+    Args:
+        store: the corpus of a folder, open for writing.
+        settings: the row number of the settings.
+        projects: the present files of each environment that has some.
+
+    Returns:
+        The row numbers of these verdicts.
+    """
+    cursor = store.db.execute(
+        "SELECT id, verdicts.source, verdicts.class, json_extract(report, '$.project.files') FROM verdicts "
+        "JOIN (SELECT DISTINCT source, class FROM environments) AS present "
+        "ON present.source = verdicts.source AND present.class = verdicts.class WHERE settings = ?",
+        (settings,),
+    )
+    found = [
+        (source, env_class, number)
+        for number, source, env_class, files in cursor
+        if (json.loads(files) if files else {}) != projects.get((source, env_class), {})
+    ]
+    store.db.executemany(
+        "UPDATE environments SET changed = 1 + coalesce((SELECT max(id) FROM audits), 0) "
+        "WHERE source = ? AND class = ?",
+        [row[:2] for row in found],
+    )
+    return [number for _, _, number in found]
+
+
+def forget(store: Store, numbers: Iterable[int]) -> None:
+    """Delete verdicts by their row numbers."""
+    store.db.executemany("DELETE FROM verdicts WHERE id = ?", [(number,) for number in numbers])
 
 
 def select(store: Store, selection: Selection, settings: int) -> tuple[int, bool]:

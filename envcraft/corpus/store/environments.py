@@ -66,6 +66,14 @@ def names(store: Store) -> list[str]:
     return [name for (name,) in store.db.execute("SELECT name FROM environments ORDER BY name")]
 
 
+def names_of(store: Store, source: str, env_class: str) -> list[str]:
+    """The names of the environments with this source and class, sorted."""
+    cursor = store.db.execute(
+        "SELECT name FROM environments WHERE source = ? AND class = ? ORDER BY name", (source, env_class)
+    )
+    return [name for (name,) in cursor]
+
+
 def every(store: Store) -> list[Environment]:
     """All environments in the order of their names."""
     cursor = store.db.execute("SELECT name, source, class FROM environments ORDER BY name")
