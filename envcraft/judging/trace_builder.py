@@ -329,7 +329,9 @@ class TraceBuilder:
         trace.opaque |= layout.opaque
         trace.observations.append(step.digest or self._digest(layout, step.data))
         self._keep_info(step.info)
-        if kept and value is not None:
+        if kept and value is not None and not framed and layout.kind != "array":
+            self._keep_value(layout, step.data)
+        elif kept and value is not None:
             self._keep_frame(trace.frames, layout, value)
 
     def _widen(self, picture: NDArray[np.uint8]) -> None:
@@ -374,6 +376,12 @@ class TraceBuilder:
         if wanted and self._frames + value.nbytes <= _MAX_FRAMES:
             self._frames += value.nbytes
             frames.append(np.array(value))
+
+    def _keep_value(self, layout: ValueCodec, data: memoryview) -> None:
+        if self._frames + layout.size <= _MAX_FRAMES:
+            self._frames += layout.size
+            # The bytes of a message do not outlive it.
+            self.trace.values.append(layout.decode(bytes(data)))
 
     def _keep_info(self, info: bytes) -> None:
         infos = self.trace.infos

@@ -134,6 +134,8 @@ class Trace:
         acted: the steps that changed their action, and to what.
         spaces: those that changed.
         opaque: some observation has a type of another package, whose bytes the worker cannot send.
+        frames: the first observations that are arrays of numbers, as many as the rollout keeps.
+        values: the first observations of other kinds, such as dictionaries, as many as the rollout keeps.
         watched: perceptual hashes of some observations, for a fingerprint.
         ranges: the lowest and highest value of each channel of these observations, if they are pictures.
         columns: whether the digests of long frames read columns of pixels; None without long frames.
@@ -164,6 +166,7 @@ class Trace:
     chosen: list[Any] = field(default_factory=list)
     after: list[tuple[float, bool, bool]] = field(default_factory=list)
     frames: list[NDArray[Any]] = field(default_factory=list)
+    values: list[Any] = field(default_factory=list)
     rendered: list[NDArray[Any]] = field(default_factory=list)
     watched: list[int] = field(default_factory=list)
     ranges: list[tuple[int, int]] = field(default_factory=list)
@@ -321,7 +324,7 @@ FIELDS = ("observation", "reward", "terminated", "truncated", "info")
 class Divergence:
     """The first step (0 is the reset) and field in which two traces differ, with both values if they are known.
 
-    `where` names the part of an observation, in words.
+    `where` names the part of an observation, in words: rows and columns of a picture, keys of a dictionary.
     """
 
     step: int

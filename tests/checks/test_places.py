@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from envcraft_checks.comparing.places import located, region, writing_line
+from envcraft_checks.comparing.places import located, part, writing_line
 
+import envcraft
 from envcraft.model.rollout import Conditions, Rollout
 from envcraft.model.target import Target
 from envcraft.model.trace import Divergence, Trace
@@ -32,10 +33,62 @@ def _painted() -> Any:
         (np.array([np.nan, 2.0, 0]), np.array([np.nan, 3.0, 1]), " in 2 of 3 values, first at [1] (2.0, then 3.0)"),
         (np.array(4), np.array(5), " at [] (4, then 5)"),
         (np.array([0.0]), np.array([-0.0]), ""),
+        (3, 4, " (3, then 4)"),
+        (np.float32(0.5), np.float32(0.25), " (0.5, then 0.25)"),
+        ("left", "right", " (left, then right)"),
+        ({"at": 1, "to": 2}, {"at": 1, "to": 3}, " in ['to'] (2, then 3)"),
+        ({"at": (1, 2), "to": [3]}, {"at": (1, 5), "to": [4]}, " in 2 parts, first in ['at'][1] (2, then 5)"),
+        (
+            {"at": 1, "screen": FRAME},
+            {"at": 1, "screen": _painted()},
+            " in ['screen'] in rows 2 to 4 and columns 3 to 6, first at [2, 3] ([0, 0, 0], then [9, 9, 9])",
+        ),
+        ((np.array([1, 2]), 7), (np.array([1, 3]), 7), " in [0] at [1] (2, then 3)"),
+        ((np.array([1, 2]), 7), (np.array([1]), 7), " in [0]"),
+        ({"at": float("nan")}, {"at": float("nan")}, ""),
+        ({"at": 1}, {"to": 1}, ""),
+        ({"at": None}, {"at": 1}, " in ['at']"),
+        ({"on": {"at": FRAME, "a": 1}}, {"on": {"at": FRAME, "b": 1}}, " in ['on']"),
     ],
 )
 def test_the_part_of_an_observation_that_differs(first: Any, second: Any, words: str) -> None:
-    assert str(region(FOUND, first, second)) == f"observation differs at step 2{words}"
+    assert str(part(FOUND, first, second)) == f"observation differs at step 2{words}"
+
+
+_TOURIST = """import gymnasium as gym
+import numpy as np
+from gymnasium import spaces
+
+
+class Tourist(gym.Env):
+    observation_space = spaces.Dict(
+        at=spaces.Box(0, 9, (2,), np.int64), seen=spaces.Tuple((spaces.Discrete(3), spaces.Discrete(99)))
+    )
+    action_space = spaces.Discrete(2)
+    visits = 0
+
+    def _look(self):
+        return {"at": np.array([self.at, 5]), "seen": (1, Tourist.visits % 99)}
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        Tourist.visits += 1
+        self.at = int(self.np_random.integers(3))
+        return self._look(), {}
+
+    def step(self, action):
+        self.at = min(self.at + int(action), 9)
+        return self._look(), float(self.at == 9), self.at == 9, False, {}
+"""
+
+
+def test_a_finding_names_the_keys_of_an_observation_that_differ() -> None:
+    options: Any = {"contract": "gymnasium", "sandbox": "process", "budget": "quick", "checks": "determinism"}
+    report = envcraft.validate(_TOURIST, **options)
+    found = [finding for check in report.reports[0].checks for finding in check.findings]
+    assert [finding.code for finding in found] == ["EC206", "EC207"]
+    assert all(" in ['seen'][1] (" in finding.message for finding in found)
+    assert found[0].evidence["second"] == found[0].evidence["first"] + 1
 
 
 class Played:
