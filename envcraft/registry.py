@@ -11,6 +11,8 @@ from envcraft.errors import UsageError
 from envcraft.plugins import plugins
 
 _warned: set[str] = set()
+#: The most names that a message lists.
+_FEW = 20
 
 
 def offered(hook: str) -> list[Any]:
@@ -44,7 +46,7 @@ def lookup(kind: str, name: str, known: Mapping[str, Any]) -> Any:
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:
-    """Describe an unknown name: the name with the nearest known one, or with all of them if none is near."""
+    """Describe an unknown name: the name with the nearest known one, else with all if these are few, else with some."""
     # Slow to import, and needed only for an error.
     import difflib
 
@@ -52,6 +54,8 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
     near = difflib.get_close_matches(name.lower(), [other.lower() for other in known], n=1, cutoff=0.5)
     if near:
         return f"{name!r}; did you mean {next(other for other in known if other.lower() == near[0])}?"
+    if len(known) > _FEW:
+        return f"{name!r}; there are {len(known)}, such as {', '.join(known[:3])}"
     return f"{name!r}; there are {', '.join(known)}" if known else repr(name)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import mmap
+import os
 from collections import Counter
 from typing import TYPE_CHECKING
 
@@ -91,13 +92,20 @@ def read_baseline(path: str) -> dict[str, Known]:
     known: dict[str, Known] = {}
     for subject in report.reports:
         seen: Counter[str] = Counter()
+        name = _here(subject.path, path)
         for check in subject.checks:
             # A report that was made with a baseline is a baseline of all that it found.
             for finding in [*check.known, *check.findings]:
-                key = fingerprint(subject.path, finding.code, seen[finding.code])
+                key = fingerprint(name, finding.code, seen[finding.code])
                 seen[finding.code] += 1
-                known[key] = Known(subject.path, check.check, finding.code, finding.message, key)
+                known[key] = Known(name, check.check, finding.code, finding.message, key)
     return known
+
+
+def _here(path: str, report: str) -> str:
+    """A path of a report as this folder names it. A report that was written elsewhere has paths from its own folder."""
+    beside = os.path.join(os.path.dirname(report), path)
+    return beside if not os.path.exists(path) and os.path.exists(beside) else path
 
 
 def compare(audit: Audit, baseline: dict[str, Known]) -> Difference:

@@ -70,8 +70,12 @@ def select_checks(
     if not [check for check in kept if not (check.always or check.gate) or check.name in {*wanted, *named}]:
         values = {"checks": only, "skip": skip, "select": ",".join(select) or None, "ignore": ",".join(ignore) or None}
         options = {name: f"--{name} {value!r}" for name, value in values.items() if value is not None}
-        words = f"{' and '.join(options.values())} leave no check to run; `envcraft checks` lists them all"
+        verb = "leaves" if len(options) == 1 else "leave"
+        words = f"{' and '.join(options.values())} {verb} no check to run; `envcraft checks` lists them all"
         raise UsageError(words, setting=[*options, ""][0])
+    if needed := [check.name for check in checks if check.gate and check.name in unwanted]:
+        words = f"--skip {needed[0]} is not possible: the other checks need the environment that {needed[0]} constructs"
+        raise UsageError(words, setting="skip")
     return kept
 
 

@@ -191,6 +191,9 @@ def test_a_pipe_is_refused_rather_than_waited_for(invoke: Any, tmp_path: Path) -
         (("--workers", "0"), "0"),
         (("--budget", "huge"), "huge"),
         (("--checks", "source", "--skip", "source"), "leave no check to run"),
+        (("--skip", "source"), "--skip source is not possible"),
+        (("--ignore", "EC"), "--ignore 'EC' leaves no check to run"),
+        (("--select", "XX1"), "there is no rule 'XX1'; there are 1"),
     ],
 )
 def test_a_usage_error_is_one_sentence(invoke: Any, good: Path, arguments: tuple[str, ...], words: str) -> None:

@@ -150,6 +150,17 @@ class TestBaseline:
         said = invoke("validate", "games/untidy.py", *SOURCE, "--baseline", "again.json").stdout
         assert "2 known from the baseline" in said
 
+    def test_a_report_from_another_folder_names_the_same_files(
+        self, games: Path, invoke: Invoke, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        options = (*SOURCE, "--strict", "--format", "json")
+        assert invoke("validate", "games/untidy.py", *options, "--output", "base.json").exit_code == 1
+        elsewhere = games.parent / "elsewhere"
+        elsewhere.mkdir()
+        monkeypatch.chdir(elsewhere)
+        again = invoke("validate", "../games/untidy.py", *options, "--baseline", "../base.json")
+        assert (again.exit_code, codes(again.stdout)) == (0, [])
+
     def test_what_other_verdicts_depend_on_is_never_known(self, games: Path, invoke: Invoke) -> None:
         options = ("games/drafts/old.py", *SOURCE, "--format", "json")
         invoke("validate", *options, "--output", "base.json")

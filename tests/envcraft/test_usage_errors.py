@@ -18,8 +18,8 @@ _CHEAP = ("--sandbox", "process", "--budget", "quick")
         (("--class", "Nope"), "defines no class Nope; its classes are Walk"),
         (("--wrap", "nomod:func"), "the module nomod of the wrapper nomod:func is not installed"),
         (("--wrap", "gymnasium.wrappers:TimeLimits"), "has no wrapper TimeLimits; did you mean TimeLimit?"),
-        (("--checks", ""), "--checks '' leave no check to run"),
-        (("--skip", "{every}"), "leave no check to run"),
+        (("--checks", ""), "--checks '' leaves no check to run"),
+        (("--skip", "{every}"), "leaves no check to run"),
     ],
 )
 def test_unknown_names_are_usage_errors(arguments: tuple[str, str], words: str, invoke: Invoke, good: Path) -> None:
