@@ -7,8 +7,10 @@ PYTHONHASHSEED, global random generators in another state, a shifted and faster 
 on the same instance, a second instance that is stepped alongside, `render()` between the steps, and actions as other
 callers pass them: in one array that they overwrite for each step, as int32, and as Python's ints and lists where the
 action space contains these. If this trace differs, the check tries each condition alone. The finding names the
-condition, the first step and the field: of an array the part that differs, and of info the key. Its line is the only
-one that writes the key, or that of `reset` or `step`. For global generators it names the lines that draw from them.
+condition, the first step and the field: of an observation the part that differs, and of info the key. It also names
+the lines that draw from global generators, read the clock, use the order of a set, or write state that episodes or
+instances share, whichever the condition changes. Its line is the only one that writes the key, else the first of these,
+else that of `reset` or `step`.
 
 The episodes are random play and the best episode of a search, such as a win. The earlier episodes include the same
 episode, the best one, a win several times, and one that does nothing until the end. Last, the first steps of random
@@ -36,7 +38,7 @@ def reset(self, *, seed=None, options=None):
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING
 
 from envcraft.errors import Skip
@@ -50,12 +52,24 @@ from envcraft.text import plural
 from envcraft_checks.comparing import causes, conditions, places, seeds
 from envcraft_checks.comparing.causes import REPEATS, TELEMETRY, Cause
 from envcraft_checks.comparing.traces import diverge, interrupted
+from envcraft_checks.linting.clock import clocks
 from envcraft_checks.linting.generators import generators
+from envcraft_checks.linting.leftovers import leftovers
+from envcraft_checks.linting.order import orders
 from envcraft_checks.linting.program import Program, Suspect, in_words
+from envcraft_checks.linting.sharing import shared
 
 if TYPE_CHECKING:
     from envcraft.judging.subject import Subject
 
+#: What finds the lines that may cause a difference, by its code.
+_FINDERS: dict[str, tuple[Callable[[Program], Iterator[Suspect]], ...]] = {
+    "EC203": (orders,),
+    "EC204": (generators,),
+    "EC205": (clocks,),
+    "EC206": (leftovers, shared),
+    "EC207": (shared,),
+}
 #: Codes after which the comparison goes on without their cause.
 _WARNINGS = {*TELEMETRY.values(), "EC218"}
 #: Repetitions of a condition, one of which must differ again.
@@ -347,9 +361,9 @@ class Determinism(Check):
             "EC216": "with actions of another integer type",
             "EC218": "with actions as lists",
         }[code]
-        draws = _draws(subject) if code == "EC204" else []
-        where = f"; {in_words(draws)[0]}" if draws else ""
-        line = draws[0].line if draws else places.writing_line(subject, divergence)
+        suspects = _suspects(subject, code)
+        where = f"; {in_words(suspects)[0]}" if suspects else ""
+        line = places.writing_line(subject, divergence) or (suspects[0].line if suspects else None)
         return self.finding(
             code,
             f"seed {rollout.seed} gives another trace {how}: {divergence}{where}",
@@ -362,12 +376,13 @@ class Determinism(Check):
         )
 
 
-def _draws(subject: Subject) -> list[Suspect]:
-    """The places in a file that draw from global generators; none if they cannot be read."""
-    if subject.target.kind is not Kind.SOURCE:
+def _suspects(subject: Subject, code: str) -> list[Suspect]:
+    """The places in a file that do what a code reports; none if they cannot be read."""
+    if subject.target.kind is not Kind.SOURCE or code not in _FINDERS:
         return []
     try:
-        return list(dict.fromkeys(generators(Program(parse(subject.text), subject.env_class))))
+        program = Program(parse(subject.text), subject.env_class)
+        return list(dict.fromkeys(suspect for find in _FINDERS[code] for suspect in find(program)))
     except (RecursionError, SyntaxError):
         return []
 

@@ -8,6 +8,7 @@ import pytest
 from envcraft_checks.determinism import Determinism
 
 from envcraft.model.rollout import ClockShift, Conditions, Episode, Rollout
+from envcraft.model.target import Kind, Target
 from envcraft.model.trace import Trace
 
 CLOCK, BEFORE = Conditions(clock=ClockShift(1.0, 2.0)), Conditions(before=[Episode(1, [])])
@@ -16,6 +17,8 @@ ALL = Conditions(clock=CLOCK.clock, before=BEFORE.before)
 
 class Played:
     """A subject whose first observation tells the conditions that it depends on."""
+
+    target = Target("Walk-v0", kind=Kind.ID)
 
     def __init__(self, *causes: str) -> None:
         self._causes = causes

@@ -88,6 +88,9 @@ def test_a_finding_names_the_keys_of_an_observation_that_differ() -> None:
     found = [finding for check in report.reports[0].checks for finding in check.findings]
     assert [finding.code for finding in found] == ["EC206", "EC207"]
     assert all(" in ['seen'][1] (" in finding.message for finding in found)
+    line = 1 + _TOURIST.splitlines().index("        Tourist.visits += 1")
+    assert all(f"; line {line} assigns Tourist.visits, which all" in finding.message for finding in found)
+    assert {finding.line for finding in found} == {line}
     assert found[0].evidence["second"] == found[0].evidence["first"] + 1
 
 
