@@ -8,11 +8,13 @@ from random import Random
 from typing import Any
 
 from envcraft.environments.families import Family, Generated
-from envcraft_composer.composition import GROUPS, Composition, combinations
+from envcraft_composer.composition import Composition, combinations
 from envcraft_composer.mechanic import Mechanic
 
 #: The most lines of a source.
 _MOST_LINES = 250
+#: Sets of mechanics among which the next is chosen.
+_CHOICES = 40
 
 
 class ComposerFamily(Family):
@@ -59,22 +61,33 @@ class ComposerFamily(Family):
 
 
 def _varied(rng: Random) -> Iterator[dict[str, Mechanic]]:
-    """Yield sets of mechanics: goals in turn, then those whose other mechanics were used least together."""
-    rest: dict[str, list[dict[str, Mechanic]]] = {}
+    """Yield sets of mechanics: goals in turn, then those whose mechanics were used least together.
+
+    Games with the same world, avatar and goal differ in little code, so such a three comes again only after all others.
+    """
+    rest: dict[str, dict[str, list[dict[str, Mechanic]]]] = {}
     used: dict[tuple[str, str], int] = {}
     while True:
-        if not any(rest.values()):
+        if not any(sets for cores in rest.values() for sets in cores.values()):
             for chosen in combinations():
-                rest.setdefault(chosen["goal"].name, []).append(chosen)
-            for choices in rest.values():
-                rng.shuffle(choices)
-        for goal in [mechanic.name for mechanic in GROUPS["goal"]]:
-            if rest[goal]:
-                best = min(rest[goal][-40:], key=lambda chosen: sum(used.get(pair, 0) for pair in _pairs(chosen)))
-                rest[goal].remove(best)
-                for pair in _pairs(best):
-                    used[pair] = used.get(pair, 0) + 1
-                yield best
+                cores = rest.setdefault(chosen["goal"].name, {})
+                cores.setdefault(f"{chosen['world'].name} {chosen['avatar'].name}", []).append(chosen)
+            for cores in rest.values():
+                for sets in cores.values():
+                    rng.shuffle(sets)
+        waiting = [[sets.pop() for sets in cores.values() if sets] for cores in rest.values()]
+        for choices in waiting:
+            rng.shuffle(choices)
+        while any(waiting):
+            for choices in waiting:
+                if choices:
+                    best = min(
+                        choices[-_CHOICES:], key=lambda chosen: sum(used.get(pair, 0) for pair in _pairs(chosen))
+                    )
+                    choices.remove(best)
+                    for pair in _pairs(best):
+                        used[pair] = used.get(pair, 0) + 1
+                    yield best
 
 
 def _pairs(chosen: dict[str, Mechanic]) -> list[tuple[str, str]]:
