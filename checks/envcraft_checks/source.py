@@ -103,7 +103,7 @@ class Source(Check):
             "EC007",
             "constructor-arguments",
             "The constructor needs arguments.",
-            "Give every parameter of the constructor a default.",
+            "Give every parameter of the constructor a default, or pass values with --kwargs.",
         ),
         Rule(
             "EC008",

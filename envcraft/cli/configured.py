@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import json
 from collections.abc import Callable, Collection, Iterator
 from pathlib import Path
 from typing import Any, ClassVar
@@ -130,7 +131,7 @@ def configuration(
     Args:
         folder: where the search for the file starts.
         options: the allowed settings, each with the parameter that it sets.
-        repeated: parameters that take a list; for the others, a list is joined by commas.
+        repeated: parameters that take a list; for the others, a list is joined by commas, and a table becomes JSON.
         others: gives the settings of other commands, which are ignored.
 
     Returns:
@@ -142,6 +143,8 @@ def configuration(
     path, table = settings(folder)
     values: dict[str, Any] = {}
     for key, value in table.items():
+        if key == "contracts" and not isinstance(value, dict):
+            raise UsageError(f"{path}: [tool.envcraft.contracts] must hold a table for each contract")
         if key in ("contracts", "corpus", "llm", "severity"):
             continue
         name = key.replace("_", "-")
@@ -149,7 +152,11 @@ def configuration(
             continue
         if name not in options:
             raise UsageError(f"{path}: [tool.envcraft] has no setting {did_you_mean(key, options)}")
-        if options[name] in repeated:
+        if name == "baseline" and isinstance(value, str) and path.parent != folder:
+            values[options[name]] = str(path.parent / value)
+        elif isinstance(value, dict):
+            values[options[name]] = json.dumps(value, default=str)
+        elif options[name] in repeated:
             values[options[name]] = value if isinstance(value, list) else [value]
         else:
             values[options[name]] = ",".join(map(str, value)) if isinstance(value, list) else value

@@ -84,9 +84,10 @@ def read_baseline(path: str) -> dict[str, Known]:
         with open(path, "rb") as stream, mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as data:
             report = msgspec.json.decode(data, type=_Report)
     except OSError as error:
-        raise UsageError(f"the baseline {path} cannot be read ({error.strerror}); {hint}") from None
+        raise UsageError(f"the baseline {path} cannot be read ({error.strerror}); {hint}", setting="baseline") from None
     except (ValueError, RecursionError) as error:
-        raise UsageError(f"the baseline {path} is not a report ({one_line(error)}); {hint}") from None
+        words = f"the baseline {path} is not a report ({one_line(error)}); {hint}"
+        raise UsageError(words, setting="baseline") from None
     if report.schema != SCHEMA:
         raise UsageError(f"{path} has schema {report.schema}, and this version of EnvCraft reads schema {SCHEMA}")
     known: dict[str, Known] = {}

@@ -43,6 +43,8 @@ def resolve(path: str, env_class: str | None = None, environments_only: bool = F
     except (OSError, ValueError) as error:
         raise UsageError(f"{path} cannot be read: {getattr(error, 'strerror', None) or error}") from None
     if stat.S_ISREG(mode):
+        if path.endswith(".ipynb"):
+            raise UsageError(f"{path} is a notebook; envcraft.validate(CLASS) in a cell judges a class of it")
         target = read_target(path, env_class)
         if environments_only and not _is_environment(target):
             return []

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -21,6 +22,19 @@ SKIPPED = {"gymnasium": {"instadeath"}}
 def run(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
     command = [sys.executable, "-m", *words]
     return subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=300, check=False)
+
+
+def test_the_tutorial_shows_what_it_writes(invoke: Any, tmp_path: Path) -> None:
+    invoke("new", "Lantern")
+    lines = (tmp_path / "lantern.py").read_text().splitlines()
+    tutorial = (Path(__file__).parents[2] / "docs" / "tutorial.md").read_text("utf-8")
+    removed = next(line[1:] for line in tutorial.splitlines() if line.startswith("-        self.you"))
+    number = 1 + lines.index(removed)
+    assert set(re.findall(r"lantern\.py:(\d+)", tutorial)) == {str(number)}
+    assert f"      {number} | {removed.replace('self.np_random.integers', 'np.random.randint')}\n" in tutorial
+    about = re.search(r"a game of (\d+) lines", tutorial)
+    assert about is not None
+    assert abs(len(lines) - int(about[1])) < 10
 
 
 @pytest.mark.parametrize("contract", CONTRACTS)

@@ -47,6 +47,7 @@ def test_a_class_that_only_running_the_file_defines_is_judged(invoke: Invoke, go
         ('seed = "many"', "seed: 'many' is not a valid integer"),
         ('kwargs = "[1]"', "kwargs: [1] is not a JSON object"),
         ('wrap = ["TimeLimit"]', "wrap: TimeLimit must be MODULE:FUNC"),
+        ("checks = []", "checks: '' leaves no check to run"),
     ],
 )
 def test_a_setting_is_blamed_on_its_file(setting: str, words: str, invoke: Invoke, good: Path, tmp_path: Path) -> None:
@@ -55,6 +56,41 @@ def test_a_setting_is_blamed_on_its_file(setting: str, words: str, invoke: Invok
     assert result.exit_code == 2
     assert f"{tmp_path / 'pyproject.toml'}: [tool.envcraft] {words}" in result.stderr
     assert "--" not in result.stderr
+
+
+def test_a_table_of_contracts_is_one(invoke: Invoke, good: Path, tmp_path: Path) -> None:
+    (tmp_path / "pyproject.toml").write_text("[tool.envcraft]\ncontracts = 3\n")
+    result = invoke("validate", good)
+    assert (result.exit_code, "[tool.envcraft.contracts] must hold a table" in result.stderr) == (2, True)
+
+
+def test_arguments_of_the_constructor_are_a_table(invoke: Invoke, good: Path, tmp_path: Path) -> None:
+    (tmp_path / "pyproject.toml").write_text("[tool.envcraft]\nkwargs = {sise = 3}\n")
+    result = invoke("validate", good, *_CHEAP, "--checks", "source")
+    assert "unexpected keyword argument 'sise'" in " ".join(result.stdout.split())
+    assert "--kwargs" in invoke("explain", "EC007").stdout
+
+
+def test_a_baseline_is_below_the_folder_of_the_settings(
+    invoke: Invoke, good: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "pyproject.toml").write_text('[tool.envcraft]\nbaseline = "base.json"\n')
+    missing = invoke("validate", good)
+    assert missing.exit_code == 2
+    assert (
+        f"{tmp_path / 'pyproject.toml'}: [tool.envcraft] baseline: the baseline base.json" in missing.stderr
+    )
+    (tmp_path / "base.json").write_text('{"reports": []}')
+    (tmp_path / "deeper").mkdir()
+    monkeypatch.chdir(tmp_path / "deeper")
+    assert invoke("validate", good, *_CHEAP, "--checks", "source").exit_code == 0
+
+
+def test_a_notebook_is_no_file_to_judge(invoke: Invoke, tmp_path: Path) -> None:
+    (tmp_path / "game.ipynb").write_text('{"cells": []}')
+    result = invoke("validate", "game.ipynb")
+    assert result.exit_code == 2
+    assert "game.ipynb is a notebook; envcraft.validate(CLASS) in a cell judges a class of it" in result.stderr
 
 
 def test_an_option_is_blamed_on_the_command_line(invoke: Invoke, good: Path, tmp_path: Path) -> None:
