@@ -24,11 +24,14 @@ from envcraft.contracts.builtin import ARCADE
 from envcraft.corpus.report import data, media, output
 from envcraft.corpus.report.data import Entry, Measure, outliers
 from envcraft.corpus.report.facets import Facets, values
+from envcraft.corpus.report.generated import generation_stages
 from envcraft.corpus.report.write import preview_contracts
-from envcraft.corpus.store import Environment, Store, decode
+from envcraft.corpus.store import Environment, Store, decode, generation
+from envcraft.corpus.store.generation import ConceptRow, OutcomeRow
 from envcraft.corpus.verify import verify
 from envcraft.errors import UsageError
 from envcraft.judging.engine import Plan
+from envcraft.judging.statistics import Proportion
 from envcraft.judging.worker_pool import WorkerPool
 from envcraft.model.events import Event, SubjectFinished
 from envcraft.model.verdict import CheckReport, SubjectReport, Verdict, overall
@@ -522,7 +525,32 @@ def test_facets_are_listed_in_the_order_of_stages_and_of_numbers() -> None:
     assert listed["attempts"] == ["9", "10"]
 
 
+def test_stages_of_generation_filter_concepts(tmp_path: Path) -> None:
+    with Store.create(tmp_path / "corpus") as store:
+        generation.add_concepts(store, [ConceptRow(f"c{number}", "", "", {}) for number in range(5)])
+        for number, (stage, result, reason) in enumerate(
+            [
+                *[("viability", "passed", "")] * 3,
+                ("viability", "rejected", "vague: it has no goal"),
+                ("viability", "rejected", "vague: it has no end"),
+                ("code", "passed", ""),
+                ("code", "failed", "<b>no code"),
+            ]
+        ):
+            generation.put_outcome(store, OutcomeRow(f"c{number % 5}", stage, result, reason, {}))
+        first, second = generation_stages(store, ["viability", "code"])
+    assert (first.filter.name, first.filter.entered, first.filter.left) == ("viability", 5, 3)
+    assert (first.rate, first.reasons) == (Proportion(3, 5), [("vague", 2)])
+    # A concept that is still in work is in no outcome.
+    assert (second.filter.entered, second.filter.failed, second.filter.unjudged, second.filter.left) == (2, 0, 1, 1)
+    assert second.reasons == [("<b>no code", 1)]
+
+
 def test_a_family_gives_facets_of_its_axes() -> None:
-    origin = {"family": "snake", "axes": {"goal": "meals", "size": [10, 14], "difficulty": 0.76}}
-    entry = Entry(0, Environment("a.py", "0" * 64, ""), origin, "", None, None)
-    assert values(entry, None) == {"family": ["snake"], "mechanic": ["goal: meals"], "difficulty": ["chosen 0.75 to 1"]}
+    axes = {"goal": "meals", "size": [10, 14], "difficulty": 0.76, "board": {"shape": "ring", "walls": [], "hole": ""}}
+    entry = Entry(0, Environment("a.py", "0" * 64, ""), {"family": "snake", "axes": axes}, "", None, None)
+    assert values(entry, None) == {
+        "family": ["snake"],
+        "mechanic": ["goal: meals", "board shape: ring"],
+        "difficulty": ["chosen 0.75 to 1"],
+    }

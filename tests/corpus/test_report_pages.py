@@ -22,6 +22,15 @@ pytestmark = pytest.mark.browser
 Open = Callable[..., "Page"]
 
 
+#: A page is ready when its list or its environment is drawn, with the pictures in sight.
+READY = """() => {
+    const list = document.querySelector("#rows"), sight = (one) => one.getBoundingClientRect().top < innerHeight;
+    const drawn = !list || list.getAttribute("aria-busy") === "false" || document.querySelector("#one h1");
+    const pictured = [...document.images].every((one) => one.complete || !sight(one));
+    return drawn && pictured && document.readyState === "complete";
+}"""
+
+
 @pytest.fixture(scope="module")
 def site(reported: tuple[Path, Path]) -> Path:
     return reported[1]
@@ -49,7 +58,9 @@ def show(browser: Browser, site: Path) -> Iterator[Open]:
         page.on("pageerror", lambda error: complaints.append(str(error)))
         page.on("request", lambda request: urls.append(request.url.removeprefix(site.as_uri() + "/")))
         page.goto(f"{site.as_uri()}/{name}")
-        page.wait_for_load_state("networkidle")
+        # Not "networkidle": on a busy machine, Chromium may not report the end of each request.
+        if options.get("java_script_enabled", True):
+            page.wait_for_function(READY)
         return page
 
     yield show

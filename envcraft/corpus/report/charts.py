@@ -52,15 +52,17 @@ class Drawn(NamedTuple):
 Draw = Callable[[bool], "Figure"]
 
 
-def cascade(stages: Sequence[Stage], judged: int, passed: int) -> Drawn:
-    """Draw how many environments are left after each check, and how many it removed.
+def cascade(stages: Sequence[Stage], name: str, label: str, judged: int, title: str) -> Drawn:
+    """Draw how many environments or concepts are left after each stage, and how many it removed.
 
     Args:
-        stages: of the checks, in order.
-        judged: the number of environments with a verdict.
-        passed: the number of those that pass and that no check leaves undecided.
+        stages: in the order in which they run.
+        name: of the figure.
+        label: of those that enter the first stage.
+        judged: their number.
+        title: of the figure.
     """
-    labels = ["judged", *(stage.name for stage in stages)]
+    labels = [label, *(stage.name for stage in stages)]
     left = [judged, *(stage.left for stage in stages)]
     failed = [0, *(stage.failed for stage in stages)]
     unjudged = [0, *(stage.unjudged for stage in stages)]
@@ -79,7 +81,7 @@ def cascade(stages: Sequence[Stage], judged: int, passed: int) -> Drawn:
         _names(axes, labels, judged * (1.16 if wide else 1.36))
         return figure
 
-    return _both(draw, "cascade", f"Of {judged:,} environments that were judged, {passed:,} pass")
+    return _both(draw, name, title)
 
 
 def checks(rows: Sequence[CheckRow]) -> Drawn:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 from envcraft.corpus.report.data import Entry
@@ -37,7 +37,7 @@ def values(entry: Entry, history: History | None) -> dict[str, list[str]]:
         found["family"] = [one_line(family)]
     axes = entry.origin.get("axes")
     if isinstance(axes, dict):
-        found["mechanic"] = [one_line(f"{axis}: {word}") for axis, word in axes.items() if isinstance(word, str)]
+        found["mechanic"] = [one_line(words) for words in _choices(axes)]
     if history is not None:
         for kind in ("genre", "mechanic", "theme"):
             found[kind] = history.ingredients(kind)
@@ -53,6 +53,15 @@ def values(entry: Entry, history: History | None) -> dict[str, list[str]]:
         if report.seconds > 0:
             found["speed"] = [speed(report.steps / report.seconds)]
     return {name: words for name, words in found.items() if words}
+
+
+def _choices(axes: dict[str, Any]) -> Iterator[str]:
+    """What a family chose on its axes, in words; an axis may have parts."""
+    for axis, chosen in axes.items():
+        if isinstance(chosen, str) and chosen:
+            yield f"{axis}: {chosen}"
+        elif isinstance(chosen, dict):
+            yield from (f"{axis} {part}: {word}" for part, word in chosen.items() if isinstance(word, str) and word)
 
 
 def speed(rate: float) -> str:

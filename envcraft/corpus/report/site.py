@@ -16,6 +16,7 @@ from envcraft.corpus.report.chunks import ROWS, Chunks
 from envcraft.corpus.report.data import FAR, TIMES, Entry, Survey, entries
 from envcraft.corpus.report.duplicates import DuplicateSummary, summarise
 from envcraft.corpus.report.embedding import Embedding
+from envcraft.corpus.report.generated import generation_stages
 from envcraft.corpus.report.history import history
 from envcraft.corpus.report.output import replaced
 from envcraft.corpus.report.page import Pages, data
@@ -80,6 +81,7 @@ class Site:
         self.store, self.folder, self.files = store, folder, files
         self._live, self._episodes, self._results = live, episodes, results
         self._stages = in_running_order(stages) if (stages := generation.stages(store)) else []
+        self._generated = generation_stages(store, self._stages)
         self._facets, self._words, self._embedding = facets.Facets(self._stages), WordIndex(), Embedding()
         self._pools = PoolCoverage(store)
         self._settings = verdicts.all_settings(store)
@@ -224,6 +226,7 @@ class Site:
             **common,
             **self._figures(),
             notes=notes,
+            generated=self._generated,
             players=self.players,
             results=self._results,
             others=sum(survey.settings.values()) - max(survey.settings.values(), default=0),
@@ -247,10 +250,21 @@ class Site:
     def _figures(self) -> dict[str, Any]:
         survey = self.survey
         drawn = {"players": charts.players(self.players)} if self.players else {}
+        if self._generated:
+            filters = [row.filter for row in self._generated]
+            first, last = filters[0].entered, filters[-1].left
+            title = f"Of {first:,} concepts, {last:,} became environments"
+            drawn["generation"] = charts.cascade(filters, "generation", "begun", first, title)
         if not survey.judged:
             return {"charts": drawn}
         drawn |= {
-            "cascade": charts.cascade(survey.stages(), survey.judged, survey.outcomes["pass"]),
+            "cascade": charts.cascade(
+                survey.stages(),
+                "cascade",
+                "judged",
+                survey.judged,
+                f"Of {survey.judged:,} environments that were judged, {survey.outcomes['pass']:,} pass",
+            ),
             "checks": charts.checks(survey.checks()),
             "spread": charts.distributions(survey.measures[:3]),
         }
