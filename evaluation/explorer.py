@@ -8,11 +8,15 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from envcraft.contracts.lookup import contract_named
 from envcraft.corpus.report.write import write_report
 from envcraft.corpus.store import Store
 from envcraft.judging.driver import Driver
+
+if TYPE_CHECKING:
+    from envcraft_explorer.live import Limits
 
 #: A block walks with the arrows; `words` are in its source and info, and at the position `crash` it raises.
 GAME = '''"""A walker. {words}"""
@@ -63,7 +67,14 @@ class Served:
 
 
 @contextmanager
-def served(root: Path, folder: Path, driver: Driver, most: int = 20, previews: bool = True) -> Iterator[Served]:
+def served(
+    root: Path,
+    folder: Path,
+    driver: Driver,
+    most: int = 20,
+    previews: bool = True,
+    limits: Limits | None = None,
+) -> Iterator[Served]:
     """Serve a corpus from a thread.
 
     Args:
@@ -72,6 +83,7 @@ def served(root: Path, folder: Path, driver: Driver, most: int = 20, previews: b
         driver: the sandbox.
         most: how many environments are open at a time.
         previews: whether to make missing previews.
+        limits: of each session; those of the command by default.
     """
     import uvicorn
     from envcraft_explorer.server import Server
@@ -83,7 +95,7 @@ def served(root: Path, folder: Path, driver: Driver, most: int = 20, previews: b
         root = store.root
     with socket.create_server(("127.0.0.1", 0)) as listening:
         port = listening.getsockname()[1]
-        server = Server(folder, Stage(root, "", driver, contract.name, most), port)
+        server = Server(folder, Stage(root, "", driver, contract.name, most), port, limits)
         config = uvicorn.Config(server.app, log_level="warning", lifespan="off", timeout_graceful_shutdown=2)
         running = uvicorn.Server(config)
         thread = threading.Thread(target=running.run, args=([listening],))

@@ -6,6 +6,7 @@ import contextlib
 import os
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ import msgspec
 from envcraft.corpus.report.data import Entry
 from envcraft.errors import EnvCraftError
 from envcraft.judging.engine import cores
+from envcraft.text import one_line
 from envcraft_explorer.recording import Recorded, of_finding, of_player
 from envcraft_explorer.stage import Stage
 
@@ -27,7 +29,7 @@ _MESSAGE_EVERY = 100
 def record_all(stage: Stage, folder: Path, message: Callable[[str], None]) -> Callable[[Entry, Path], list[Any]]:
     """Record episodes of all environments, several at a time.
 
-    An episode that cannot be played is left out.
+    The page says which episodes are missing and why.
 
     Args:
         stage: the environments.
@@ -40,11 +42,12 @@ def record_all(stage: Stage, folder: Path, message: Callable[[str], None]) -> Ca
     names = stage.names()
 
     def record(number: int) -> None:
-        found = []
+        found: list[dict[str, Any]] = []
         for place, recorded in enumerate(_episodes(stage, names[number])):
+            found.append(recorded.data)
             if recorded.picture is not None:
-                (folder / f"{number}-{place}.webp").write_bytes(recorded.picture)
-                found.append({**recorded.data, "picture": f"{number}-{place}.webp"})
+                found[-1]["picture"] = f"{number}-{place}.webp"
+                (folder / found[-1]["picture"]).write_bytes(recorded.picture)
         (folder / f"{number}.json").write_bytes(msgspec.json.encode(found))
 
     with ThreadPoolExecutor(cores(), "envcraft-export") as threads:
@@ -56,6 +59,8 @@ def record_all(stage: Stage, folder: Path, message: Callable[[str], None]) -> Ca
         found: list[dict[str, Any]] = msgspec.json.decode((folder / f"{entry.number}.json").read_bytes())
         target = Path("episodes") / str(entry.number // _FOLDER)
         for episode in found:
+            if "picture" not in episode:
+                continue
             (site / target).mkdir(parents=True, exist_ok=True)
             os.replace(folder / episode["picture"], site / target / episode["picture"])
             episode["picture"] = str(target / episode["picture"])
@@ -65,19 +70,30 @@ def record_all(stage: Stage, folder: Path, message: Callable[[str], None]) -> Ca
 
 
 def _episodes(stage: Stage, name: str) -> Iterator[Recorded]:
-    players = [player for player in stage.players(name).values() if player.name != _LEFT_OUT]
+    players, findings = list(stage.players(name).values()), stage.findings(name)
     with contextlib.suppress(EnvCraftError), stage.subject(name) as subject:
         for player in players:
-            if player.policy is None:
-                yield from _tried(of_player, subject, player, 0)
-        for number, (check, finding) in enumerate(stage.findings(name)[:_FINDINGS], 1):
-            yield from _tried(of_finding, subject, check, finding, number)
+            if player.name == _LEFT_OUT:
+                yield _omitted("it takes too long for all environments", label=player.name)
+            elif player.policy is None:
+                yield _tried(partial(of_player, subject, player, 0), label=player.name)
+        for number, (check, finding) in enumerate(findings[:_FINDINGS], 1):
+            yield _tried(partial(of_finding, subject, check, finding, number), label=finding.code, finding=number)
+    for number, (_, finding) in enumerate(findings[_FINDINGS:], _FINDINGS + 1):
+        yield _omitted(f"only those of the first {_FINDINGS} findings are", label=finding.code, finding=number)
     for player in players:
         if player.policy is not None:
             with contextlib.suppress(EnvCraftError), stage.subject(name, player.policy) as subject:
-                yield from _tried(of_player, subject, player, 0)
+                yield _tried(partial(of_player, subject, player, 0), label=player.name)
 
 
-def _tried(play: Callable[..., Recorded], *arguments: Any) -> Iterator[Recorded]:
-    with contextlib.suppress(EnvCraftError):
-        yield play(*arguments)
+def _tried(play: Callable[[], Recorded], **about: Any) -> Recorded:
+    try:
+        recorded = play()
+    except EnvCraftError as error:
+        return _omitted(str(error), **about)
+    return recorded if recorded.picture is not None else _omitted(recorded.data["words"], **about)
+
+
+def _omitted(reason: str, **about: Any) -> Recorded:
+    return Recorded({**about, "label": one_line(about["label"]), "omitted": one_line(reason)}, None)

@@ -1,9 +1,10 @@
-"""One person at one environment: messages of the page in, frames out.
+"""One person or one player at one environment: messages of the page in, frames out.
 
-The page sends JSON: first the environment, then ``start``, ``press``, ``release``, ``step``, ``pause``, ``rate`` and
-``save``. The answers are JSON, and one binary message for each frame: the length of a JSON text in four bytes, the
-text, and the pixels in RGB. The session ends with the connection, after an hour, or after ten minutes without a
-message.
+The page sends JSON: first the environment, with a player if it only watches; then ``start``, ``press``, ``release``,
+``step``, ``pause``, ``rate`` and ``save``. The answers are JSON, and one binary message for each frame: the length of a
+JSON text in four bytes, the text, and the pixels in RGB. The session ends with the connection and at its limits.
+
+A player plays its episode at once. Its actions are then taken again, step by step, at the rate of the environment.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ import struct
 import time
 from collections.abc import Callable
 from concurrent.futures import Executor
+from dataclasses import dataclass
 from typing import Any, TypeVar
 
 import msgspec
@@ -25,18 +27,19 @@ from envcraft.cli.play.episode import Watched
 from envcraft.cli.play.game import result
 from envcraft.cli.play.keys import Keys, keys_for
 from envcraft.cli.play.recorded import Played
+from envcraft.demonstrations.player import Player
 from envcraft.errors import EnvCraftError, Skip, UsageError
 from envcraft.judging.engine import Plan, open_subject, report_on
 from envcraft.judging.frame_renderer import pixels, with_frames
 from envcraft.judging.interactive import InteractiveEpisode
 from envcraft.judging.subject import Subject
 from envcraft.model.rollout import Conditions
+from envcraft.model.target import Target
+from envcraft.model.trace import Trace
 from envcraft.model.verdict import CheckReport, Report, Verdict
 from envcraft.text import one_line
 from envcraft_explorer.stage import Stage, rate_of
 
-#: Seconds without a message of the page after which a session ends, and the longest session.
-_IDLE, _LONGEST = 600.0, 3_600.0
 _STEPS = 100_000
 _MAX_SEED = 2**31 - 1
 _MAX_TEXT = 2_000
@@ -45,12 +48,26 @@ _HELD = 8
 _T = TypeVar("_T")
 
 
+@dataclass(frozen=True)
+class Limits:
+    """When a session ends.
+
+    Attributes:
+        idle: seconds without a message of the page; a player that plays needs none.
+        longest: seconds of the whole session.
+    """
+
+    idle: float = 600.0
+    longest: float = 3_600.0
+
+
 class _Message(msgspec.Struct, rename={"act": "do"}):
     """A message of the page; the fields that an action does not use are ignored."""
 
     act: str = "start"
     environment: str = ""
     number: int = -1
+    player: str = ""
     seed: int = 0
     key: str = ""
     held: list[str] = []
@@ -85,15 +102,23 @@ class Session:
         stage: the environments.
         threads: run what waits for the sandbox.
         names: the names of the environments by the number that the page knows.
+        limits: when it ends.
     """
 
-    def __init__(self, socket: WebSocket, stage: Stage, threads: Executor, names: Callable[[], list[str]]) -> None:
+    def __init__(
+        self, socket: WebSocket, stage: Stage, threads: Executor, names: Callable[[], list[str]], limits: Limits
+    ) -> None:
         self._socket, self._stage, self._threads, self._names = socket, stage, threads, names
+        self._limits, self._ends = limits, time.monotonic() + limits.longest
+        self._inbox: asyncio.Queue[_Message | None] = asyncio.Queue()
+        self._gone = asyncio.Event()
         #: The keys that are down, and those that were down since the last step; the last pressed at the end.
         self._held: list[str] = []
         self._tapped: list[str] = []
         self._paused, self._rate, self._due = False, 15.0, 0.0
         self._episode: _Episode | None = None
+        #: What a player played; None if a person plays.
+        self._played: Trace | None = None
 
     async def run(self) -> None:
         """Serve the connection until it ends."""
@@ -107,16 +132,54 @@ class Session:
             pass
 
     async def _play(self, first: _Message) -> None:
-        plan, target = await self._aside(lambda: self._stage.plan(self._name(first)))
+        plan, target, player = await self._aside(lambda: self._opened(first))
         subject = open_subject(plan, target)
+        reader = asyncio.create_task(self._receive())
         try:
-            keys, conditions = await self._aside(lambda: _prepare(subject))
+            keys, conditions = await self._aside(lambda: _prepare(subject, player is None))
+            if player is not None and not await self._let(player, subject, first.seed):
+                return
             self._rate = rate_of(subject)
-            await self._tell("ready", rate=self._rate, turns=not keys.idle, help=keys.help[:-1], pad=keys.pad)
+            known = {} if keys is None else {"turns": not keys.idle, "help": keys.help[:-1], "pad": keys.pad}
+            await self._tell("ready", rate=self._rate, **known)
             await self._loop(plan, subject, keys, conditions, first)
         finally:
+            reader.cancel()
             # Also when the connection is gone: nothing may keep the worker.
             await asyncio.shield(self._aside(lambda: self._close(subject)))
+
+    def _opened(self, first: _Message) -> tuple[Plan, Target, Player | None]:
+        """How the environment is played, its target, and who plays if it is no person. Raises UsageError."""
+        name, player = self._name(first), None
+        if first.player:
+            player = self._stage.players(name).get(first.player)
+            if player is None:
+                raise UsageError(f"there is no player {one_line(first.player)}")
+        return *self._stage.plan(name, None if player is None else player.policy), player
+
+    async def _let(self, player: Player, subject: Subject, number: int) -> bool:
+        """Let a player play its episode; False if the connection ends before that.
+
+        Raises:
+            UsageError: it takes too long.
+            EnvCraftError: the sandbox failed.
+            Skip: the player cannot play it.
+        """
+        playing = asyncio.ensure_future(self._aside(lambda: player.play(subject, max(number, 0))))
+        gone = asyncio.ensure_future(self._gone.wait())
+        left = self._ends - time.monotonic()
+        await asyncio.wait({playing, gone}, timeout=left, return_when=asyncio.FIRST_COMPLETED)
+        gone.cancel()
+        if playing.done():
+            self._played = playing.result()
+            return True
+        # Without its workers, the player cannot go on.
+        await self._aside(subject.close)
+        await asyncio.wait({playing})
+        playing.exception()
+        if self._gone.is_set():
+            return False
+        raise UsageError(f"the player {one_line(player.name)} takes longer than a session may last")
 
     def _name(self, first: _Message) -> str:
         """The name of the environment: the page shows names whose unprintable characters are replaced."""
@@ -126,64 +189,84 @@ class Session:
         raise UsageError(f"the corpus has no environment {one_line(first.environment)}")
 
     async def _loop(
-        self, plan: Plan, subject: Subject, keys: Keys, conditions: Conditions, message: _Message | None
+        self, plan: Plan, subject: Subject, keys: Keys | None, conditions: Conditions, message: _Message | None
     ) -> None:
-        inbox: asyncio.Queue[_Message | None] = asyncio.Queue()
-        reader = asyncio.create_task(self._receive(inbox))
-        ends = time.monotonic() + _LONGEST
-        try:
-            while time.monotonic() < ends:
-                if message is not None:
-                    await self._obey(message, plan, subject, keys, conditions)
-                ticks = self._running and keys.idle and not self._paused
-                wait = max(self._due - time.monotonic(), 0.0) if ticks else _IDLE
-                try:
-                    # wait_for() without time to wait takes nothing from a queue.
-                    message = inbox.get_nowait() if inbox.qsize() else await asyncio.wait_for(inbox.get(), wait)
-                except TimeoutError:
-                    if not ticks:
-                        break
-                    message = None
+        idle = time.monotonic() + self._limits.idle
+        while True:
+            if message is not None:
+                await self._obey(message, plan, subject, keys, conditions)
+                idle = time.monotonic() + self._limits.idle
+            ticks = self._running and not self._paused and (keys is None or keys.idle)
+            ends = self._ends if ticks and keys is None else min(self._ends, idle)
+            if time.monotonic() >= ends:
+                break
+            due = min(self._due, ends) if ticks else ends
+            try:
+                # wait_for() without time to wait takes nothing from a queue.
+                wait = max(due - time.monotonic(), 0.0)
+                message = (
+                    self._inbox.get_nowait() if self._inbox.qsize() else await asyncio.wait_for(self._inbox.get(), wait)
+                )
+            except TimeoutError:
+                message = None
+                if ticks and time.monotonic() >= self._due:
                     self._due = max(self._due + 1 / self._rate, time.monotonic())
-                    await self._step(self._action(keys))
-                else:
-                    if message is None:
-                        return
-        finally:
-            reader.cancel()
+                    await self._tick(keys)
+            else:
+                if message is None:
+                    return
         await self._tell("ended", words="The session is over: play again to start another one")
 
-    async def _receive(self, inbox: asyncio.Queue[_Message | None]) -> None:
+    async def _receive(self) -> None:
         try:
             while True:
-                await inbox.put(_read(await self._socket.receive_text()))
+                await self._inbox.put(_read(await self._socket.receive_text()))
         except (WebSocketDisconnect, EnvCraftError):
-            await inbox.put(None)
+            self._gone.set()
+            await self._inbox.put(None)
 
-    async def _obey(self, message: _Message, plan: Plan, subject: Subject, keys: Keys, conditions: Conditions) -> None:
+    async def _obey(
+        self, message: _Message, plan: Plan, subject: Subject, keys: Keys | None, conditions: Conditions
+    ) -> None:
         if message.act == "start":
             await self._aside(self._leave)
-            self._episode = _Episode(
-                subject, min(max(message.seed, 0), _MAX_SEED), conditions, asyncio.get_running_loop()
-            )
+            seed = message.seed if self._played is None else self._played.rollout.seed
+            self._episode = _Episode(subject, min(max(seed, 0), _MAX_SEED), conditions, asyncio.get_running_loop())
             self._paused, self._due = message.on, time.monotonic()
             await self._show()
-        elif message.act in ("press", "release"):
-            self._held = message.held[-_HELD:]
-            if message.act == "release":
-                return
-            if keys.idle and not self._paused:
-                self._tapped = [*self._tapped, message.key][-_HELD:]
-            elif (action := keys.turn(message.key)) is not None:
-                await self._step(action)
-        elif message.act == "step" and keys.idle:
-            await self._step(self._action(keys))
         elif message.act == "pause":
             self._paused, self._due = message.on, time.monotonic()
         elif message.act == "rate" and math.isfinite(message.rate):
             self._rate = min(max(message.rate, 1.0), 60.0)
+        elif message.act == "step" and (keys is None or keys.idle):
+            await self._tick(keys)
+        elif keys is None:
+            return
+        elif message.act in ("press", "release"):
+            await self._press(message, keys)
         elif message.act == "save":
             await self._save(plan, subject)
+
+    async def _press(self, message: _Message, keys: Keys) -> None:
+        self._held = message.held[-_HELD:]
+        if message.act == "release":
+            return
+        if keys.idle and not self._paused:
+            self._tapped = [*self._tapped, message.key][-_HELD:]
+        elif (action := keys.turn(message.key)) is not None:
+            await self._step(action)
+
+    async def _tick(self, keys: Keys | None) -> None:
+        """Take the step that is due: with the held keys, or as the player did."""
+        if keys is not None:
+            await self._step(self._action(keys))
+        elif self._episode is not None and self._running and self._played is not None:
+            steps, actions = self._episode.shown.trace.steps, self._played.actions
+            if steps < len(actions):
+                await self._step(actions[steps])
+            else:
+                self._episode.stop()
+                await self._show()
 
     def _action(self, keys: Keys) -> Any:
         """The action of the keys that are or were down since the last step."""
@@ -212,7 +295,8 @@ class Session:
         if episode.over:
             end = await self._aside(episode.end)
             trace.end = trace.end or end
-            await self._tell("over", words=f"{result(trace)}; save it, or play again")
+            more = "" if self._played is not None else "; save it, or play again"
+            await self._tell("over", words=f"{result(trace)}{more}")
 
     async def _save(self, plan: Plan, subject: Subject) -> None:
         """Send the episode so far as a report for ``envcraft replay``."""
@@ -245,12 +329,13 @@ class Session:
         await self._socket.send_text(json.dumps({"kind": kind, **more}))
 
 
-def _prepare(subject: Subject) -> tuple[Keys, Conditions]:
-    """The keys of an environment, and the conditions under which it shows frames. Raises UsageError."""
+def _prepare(subject: Subject, person: bool) -> tuple[Keys | None, Conditions]:
+    """The keys of an environment for a person, and the conditions under which it shows frames. Raises UsageError."""
     loaded = subject.load()
     if loaded.trace.fault is not None:
         raise UsageError(f"the environment cannot be constructed: {one_line(loaded.trace.fault)}")
-    return keys_for(subject.contract, subject.action_space), with_frames(subject, Conditions())
+    keys = keys_for(subject.contract, subject.action_space) if person else None
+    return keys, with_frames(subject, Conditions())
 
 
 def _read(text: str) -> _Message:

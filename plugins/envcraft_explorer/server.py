@@ -1,4 +1,4 @@
-"""The server: the pages as files, and beside them live play, players and replays of findings."""
+"""The server: the pages as files, and beside them live play and replays of findings."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any
 
 from starlette.applications import Starlette
-from starlette.datastructures import QueryParams
 from starlette.requests import Request
 from starlette.responses import JSONResponse
 from starlette.routing import Mount, Route, WebSocketRoute
@@ -22,8 +21,8 @@ from starlette.websockets import WebSocket
 from envcraft.errors import EnvCraftError, UsageError
 from envcraft.text import one_line
 from envcraft_explorer.guard import Guard
-from envcraft_explorer.live import Session
-from envcraft_explorer.recording import Recorded, of_finding, of_player
+from envcraft_explorer.live import Limits, Session
+from envcraft_explorer.recording import of_finding
 from envcraft_explorer.stage import MOST, Full, Stage
 
 
@@ -34,20 +33,21 @@ class Server:
         folder: the site, made for a server.
         stage: the environments.
         port: of the server.
+        limits: of each session.
 
     Attributes:
         app: the guarded ASGI application.
     """
 
-    def __init__(self, folder: Path, stage: Stage, port: int) -> None:
-        self._stage = stage
+    def __init__(self, folder: Path, stage: Stage, port: int, limits: Limits | None = None) -> None:
+        self._stage, self._limits = stage, limits or Limits()
         self._names = cache(stage.names)
         # Sessions wait in these threads, and recordings work in them.
         self._threads = ThreadPoolExecutor(MOST + 4, "envcraft-explorer")
         routes = [
             WebSocketRoute("/live/play", self._play),
             Route("/live/players", self._players),
-            Route("/live/episode", self._episode),
+            Route("/live/finding", self._finding),
             Mount("/", StaticFiles(directory=folder, html=True)),
         ]
         self.app = Guard(Starlette(routes=routes), port)
@@ -63,7 +63,7 @@ class Server:
 
     async def _play(self, socket: WebSocket) -> None:
         await socket.accept()
-        await Session(socket, self._stage, self._threads, self._names).run()
+        await Session(socket, self._stage, self._threads, self._names, self._limits).run()
 
     async def _players(self, request: Request) -> JSONResponse:
         def players() -> list[list[str]]:
@@ -72,31 +72,20 @@ class Server:
 
         return await self._answer(players)
 
-    async def _episode(self, request: Request) -> JSONResponse:
+    async def _finding(self, request: Request) -> JSONResponse:
         def episode() -> dict[str, Any]:
-            name, given = self._name(request), request.query_params
-            with self._stage.place():
-                recorded = self._finding(name, given["finding"]) if "finding" in given else self._played(name, given)
+            name, number = self._name(request), _whole(request.query_params.get("finding", ""))
+            found = self._stage.findings(name)
+            if not 0 < number <= len(found):
+                raise UsageError(f"{one_line(name)} has {len(found)} findings, and no finding {number}")
+            with self._stage.place(), self._stage.subject(name) as subject:
+                recorded = of_finding(subject, *found[number - 1], number)
             if recorded.picture is None:
                 raise UsageError(f"there is no picture to show: {recorded.data['words']}")
             encoded = base64.b64encode(recorded.picture).decode()
             return {**recorded.data, "picture": f"data:image/webp;base64,{encoded}"}
 
         return await self._answer(episode)
-
-    def _finding(self, name: str, number: str) -> Recorded:
-        found, place = self._stage.findings(name), _whole(number)
-        if not 0 < place <= len(found):
-            raise UsageError(f"{one_line(name)} has {len(found)} findings, and no finding {place}")
-        with self._stage.subject(name) as subject:
-            return of_finding(subject, *found[place - 1], place)
-
-    def _played(self, name: str, given: QueryParams) -> Recorded:
-        player = self._stage.players(name).get(given.get("player", ""))
-        if player is None:
-            raise UsageError(f"there is no player {one_line(given.get('player', ''))}")
-        with self._stage.subject(name, player.policy) as subject:
-            return of_player(subject, player, max(_whole(given.get("episode", "0")), 0))
 
     async def _answer(self, work: Callable[[], Any]) -> JSONResponse:
         try:

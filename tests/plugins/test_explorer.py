@@ -6,12 +6,13 @@ import http.client
 import json
 import re
 from collections.abc import Callable, Iterator
-from contextlib import closing
+from contextlib import closing, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
 from click.testing import CliRunner
+from envcraft_explorer.live import Limits
 from envcraft_explorer.stage import Stage
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
@@ -82,7 +83,13 @@ def test_only_the_printed_address_is_answered(server: Served) -> None:
         {"Cookie": known, "Origin": f"http://127.0.0.1:{server.port + 1}"},
     ]
     for headers in refused:
-        for path in ("/", "/environments.html", "/live/players?environment=calm.py&number=1", "/data/rows-0.js"):
+        for path in (
+            "/",
+            "/environments.html",
+            "/live/players?environment=calm.py&number=1",
+            "/live/finding?environment=crash.py&number=2&finding=1",
+            "/data/rows-0.js",
+        ):
             assert asked(server, path, **headers)[0] == 403, headers
     assert asked(server, "/?token=guess")[0] == 403
 
@@ -112,9 +119,9 @@ def test_no_other_page_plays(server: Served, origin: str | None, known: str | No
         pass
 
 
-def start(opened: Any) -> dict[str, Any]:
+def start(opened: Any, **more: Any) -> dict[str, Any]:
     """Ask for an environment, and return the answer."""
-    opened.send(json.dumps({"do": "start", "environment": "calm.py", "number": 1, "on": True}))
+    opened.send(json.dumps({"do": "start", "environment": "calm.py", "number": 1, "on": True, **more}))
     answer: dict[str, Any] = json.loads(opened.recv())
     return answer
 
@@ -136,6 +143,76 @@ def test_players_are_bounded_and_places_are_given_back(server: Served) -> None:
     while kind != "ready":
         with socket_to(server) as again:
             kind = start(again)["kind"]
+
+
+def answers(opened: Any) -> Iterator[dict[str, Any]]:
+    """The messages until the end of the connection: those in JSON, and the JSON of frames."""
+    with suppress(ConnectionClosed):
+        while True:
+            data = opened.recv()
+            if isinstance(data, bytes):
+                length = int.from_bytes(data[:4], "big")
+                yield {"kind": "frame", "pixels": data[4 + length :], **json.loads(data[4 : 4 + length])}
+            else:
+                yield json.loads(data)
+
+
+@pytest.mark.parametrize(
+    ("limits", "more"),
+    [
+        (Limits(idle=0.1), {}),
+        # No key is pressed in a running game.
+        (Limits(idle=0.1), {"on": False}),
+        (Limits(longest=1.0), {"on": False}),
+        (Limits(longest=1.0), {"on": False, "player": "noop"}),
+    ],
+)
+def test_a_session_ends_at_its_limits(corpus: Path, tmp_path: Path, limits: Limits, more: dict[str, Any]) -> None:
+    with (
+        closing(driver_named("process")) as driver,
+        served(corpus, tmp_path / "site", driver, most=1, previews=False, limits=limits) as server,
+    ):
+        for _ in range(2):
+            # The second one needs the place of the first.
+            told = {"kind": "refused"}
+            while told["kind"] == "refused" and "being played" in told.get("words", "being played"):
+                with socket_to(server) as opened:
+                    told = start(opened, **more)
+                    last = [told, *answers(opened)][-1]
+            assert last["kind"] in ("ended", "refused"), last
+            assert last["words"].startswith("The session is over") or "longer than a session" in last["words"]
+
+
+def test_sessions_last_ten_minutes_without_a_key_and_one_hour() -> None:
+    assert Limits() == Limits(idle=600.0, longest=3_600.0)
+
+
+def test_a_player_is_shown_step_by_step_and_again(server: Served) -> None:
+    with socket_to(server) as opened:
+        assert start(opened, player="policy 0", seed=3, on=False)["kind"] == "ready"
+        opened.send(json.dumps({"do": "rate", "rate": 60}))
+        shown = []
+        for message in answers(opened):
+            shown.append(message)
+            if len(shown) == 20:
+                opened.send(json.dumps({"do": "pause", "on": True}))
+                opened.send(json.dumps({"do": "start", "on": True}))
+                opened.send(json.dumps({"do": "step"}))
+                opened.send(json.dumps({"do": "save"}))
+            if len(shown) > 20 and json.loads(message["info"] or "{}").get("x", 0) == 1:
+                break
+    positions = [json.loads(message["info"] or '{"x": 0}').get("x", 0) for message in shown]
+    # The policy walks to the right, one pixel a step; then the episode starts again.
+    assert positions[:20] == list(range(20))
+    assert positions[-2:] == [0, 1]
+    assert shown[0]["pixels"] != shown[1]["pixels"]
+    assert all(message["kind"] == "frame" for message in shown)
+
+
+def test_unknown_players_are_refused(server: Served) -> None:
+    with socket_to(server) as opened:
+        told = start(opened, player="<b>nobody")
+        assert (told["kind"], told["words"]) == ("refused", "there is no player <b>nobody")
 
 
 def test_messages_out_of_turn_end_the_session_with_words(server: Served) -> None:
@@ -190,7 +267,6 @@ def test_a_person_searches_opens_and_plays(show: Open, tmp_path: Path) -> None:
     page.keyboard.press("/")
     page.keyboard.type("zeppel")
     expect(page.locator("#shown")).to_have_text("1 of 3")
-    page.keyboard.press("Escape")
     page.locator("#rows a").first.press("Enter")
     expect(page.locator("#one h1")).to_have_text("calm.py")
     controls, screen = page.locator("#part-play .controls"), page.locator("#part-play .large")
@@ -228,12 +304,24 @@ def test_a_finding_is_replayed_and_players_play_side_by_side(show: Open) -> None
     expect(found.locator(".screen")).to_have_attribute("data-ready", "1")
     expect(found.locator(".lane .small").last).to_contain_text("reproduced: seed")
     page.goto(page.url.replace("crash.py", "calm.py"))
-    players = page.locator("#part-watch .controls")
+    players = page.locator("#part-watch .players")
     expect(players).to_have_attribute("data-ready", "1")
     for name in ("noop", "policy 0"):
         players.get_by_role("button", name=name, exact=True).click()
-    expect(page.locator("#part-watch .screen[data-ready]")).to_have_count(2)
-    assert {"noop", "policy 0"} == set(page.locator("#part-watch .lane h3").all_inner_texts())
+    lanes = page.locator("#part-watch .lane")
+    expect(lanes.locator("h3")).to_have_text(["noop", "policy 0"])
+    # Both play at the same time, in front of the person.
+    for number in range(2):
+        expect(lanes.nth(number).locator(".large")).to_have_attribute("data-frames", re.compile(r"^\d{2,}$"))
+    page.get_by_role("button", name="Pause all").click()
+    policy = lanes.nth(1)
+    policy.locator(".scrub").press("Home")
+    expect(policy.locator(".said")).to_have_text(re.compile("^step 0 of"))
+    # There are two places.
+    players.get_by_role("button", name="random", exact=True).click()
+    expect(lanes.nth(2).locator(".state")).to_have_text(re.compile("^2 environments are being played"))
+    policy.get_by_role("button", name="Close policy 0").click()
+    expect(lanes.locator("h3")).to_have_text(["noop", "random"])
 
 
 @pytest.mark.browser
@@ -290,12 +378,15 @@ def test_the_export_plays_recorded_episodes_as_files(browser: Browser, corpus: P
     assert screen.screenshot() != before
     page.goto(f"{site.as_uri()}/environments.html#environment=calm.py")
     expect(page.locator("#part-watch .lane h3")).to_have_text(["random", "noop", "policy 0"])
+    expect(page.locator("#part-watch")).to_contain_text("Not recorded: search, it takes too long")
     # In the order in which they run.
     expect(page.locator("#part-concept .checks li span + span")).to_have_text(["viability", "", "code", ""])
     page.goto(f"{site.as_uri()}/index.html")
     rows = [" ".join(row.split()) for row in page.locator("#training tbody tr").all_inner_texts()]
     assert rows == ["random 2 10 1.5 400", "checkpoint:run 2 10 2 400 1 of 2"]
     assert page.locator("#map a").count() == 0
+    stages = [" ".join(row.split()[:6]) for row in page.locator("#generation tbody tr").all_inner_texts()]
+    assert stages == ["viability 2 0 0 2 100.0%", "code 2 0 0 2 100.0%"]
     pools = {row.split()[0]: row.split()[1:6] for row in page.locator("#pools tbody tr").all_inner_texts()}
     # What a pool does not have counts nowhere.
     assert pools["genre"] == ["42", "0", "0", "0", "0.0%"]
@@ -328,7 +419,7 @@ def test_pages_are_accessible(show: Open, scheme: str) -> None:
     expect(page.locator("#rows li")).to_have_count(3)
     complaints = {"gallery": _complaints(page)}
     page.goto(f"{page.url}#environment=crash.py")
-    expect(page.locator("#part-watch .controls")).to_have_attribute("data-ready", "1")
+    expect(page.locator("#part-watch .players")).to_have_attribute("data-ready", "1")
     complaints["environment"] = _complaints(page)
     page.goto(page.url.partition("environments.html")[0])
     complaints["corpus"] = _complaints(page)

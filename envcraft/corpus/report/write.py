@@ -87,7 +87,9 @@ def write_report(
     for note in notes:
         message(note)
     survey = build(store, output, all_checks(), files, notes, live, episodes, results)
-    message(f"{output / 'index.html'}: {plural(survey.total, 'environment')}")
+    # The pages of a server are read through its address.
+    if not live:
+        message(f"{output / 'index.html'}: {plural(survey.total, 'environment')}")
 
 
 def default_contract(store: Store) -> Contract:

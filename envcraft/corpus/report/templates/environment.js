@@ -43,7 +43,8 @@ function finding(found, about, number) {
     evidence.length ? unfolded("Evidence", ...evidence) : null,
     about.command ? unfolded(`Reproduction: ${found.repro}`, make("pre", "command", replay)) : null);
   const known = about.episodes.find((episode) => episode.finding === number);
-  if (known) section.append(recorded(known).lane);
+  if (known?.omitted) section.append(make("p", "soft small", `The reproduction is not recorded: ${known.omitted}.`));
+  else if (known) section.append(recorded(known).lane);
   else if (live && about.command) section.append(replayer(about, number));
   return section;
 }
@@ -134,8 +135,8 @@ async function one(wanted) {
   const title = make("h1", "", about.name);
   title.tabIndex = -1;
   byId("one").replaceChildren(way(number, around), head(number, row, about, title),
-    ...(live ? stage(about) : watched(about)),
-    ...about.findings.map((found, place) => finding(found, about, place + 1)),
+    ...(live ? stage(about, row[PICTURE] ? pictureOf(number) : "") : watched(about)),
+    ...(about.findings.length ? [part("findings", "Findings", ...about.findings.map((found, place) => finding(found, about, place + 1)))] : []),
     ...story(about.history), ...plots(about.players),
     ...duplicates(about, copies), ...lineage(about),
     source(about), usage(about),
@@ -143,6 +144,17 @@ async function one(wanted) {
   document.title = about.name;
   scrollTo(0, 0);
   title.focus({ preventScroll: true });
+}
+
+/* The values of a facet, each with a link to the environments that have it. More than a few are folded. */
+const FEW = 6;
+const valuesOf = (facet, row) => row[FACETS][info.facets.indexOf(facet)];
+
+function alike(facet, row) {
+  const links = valuesOf(facet, row).map((word) => Object.assign(make("a", "", facet.words[word]), {
+    href: `#${new URLSearchParams({ [facet.name]: facet.words[word] })}`,
+  }));
+  return make("span", "values", ...links);
 }
 
 function way(number, around) {
@@ -161,18 +173,21 @@ function head(number, row, about, title) {
   if (row[PICTURE]) {
     picture.alt = "Random play, with held actions";
     picture.dataset.kept = "1";
-    const toggle = button("Play", () => set(!films.has(picture)));
-    const set = (on) => { on ? play(picture) : stop(picture); toggle.textContent = films.has(picture) ? "Pause" : "Play"; };
+    const toggle = button("Play preview", () => set(!films.has(picture)));
+    const set = (on) => { on ? play(picture) : stop(picture); toggle.textContent = films.has(picture) ? "Pause preview" : "Play preview"; };
     picture.addEventListener("load", () => set(!still.matches));
-    shown.append(toggle);
+    shown.append(make("div", "controls", toggle, live ? button("Play the game", () => byId("part-play").querySelector("button").click()) : null));
   }
-  const facets = info.facets.map((facet, place) => [facet.label.toLowerCase(), row[FACETS][place].map((word) => facet.words[word]).join(", ")]);
+  const known = info.facets.filter((_, place) => row[FACETS][place].length);
+  const [short, long] = [false, true].map((many) => known.filter((facet) => (valuesOf(facet, row).length > FEW) === many));
+  const facets = short.map((facet) => [facet.label.toLowerCase(), alike(facet, row)]);
   const facts = pairs([["class", about.class], ["steps", row[STEPS] ? count(row[STEPS]) : ""],
     ["time", row[SECONDS] ? `${row[SECONDS].toFixed(1)} s` : ""], ["lines", count(row[LINES])],
     ["isolation", about.isolation], ["added", about.added.slice(0, 10)], ["source", about.sha256.slice(0, 12)], ...facets]);
   const checks = about.checks.map(([name, verdict, seconds, reason]) => make("li", "", make("span", `verdict ${verdict}`, verdict),
     make("span", "", name), make("span", "time", `${seconds.toFixed(2)} s`), make("span", "reason soft", reason)));
   return make("div", shown ? "head pictured" : "head", shown, make("div", "", badge(row), title, facts,
+    ...long.map((facet) => unfolded(plural(valuesOf(facet, row).length, facet.label.toLowerCase()), alike(facet, row))),
     about.reason ? make("p", "message", about.reason) : null, make("ul", "checks", ...checks)));
 }
 
@@ -180,6 +195,7 @@ function head(number, row, about, title) {
 function watched(about) {
   const episodes = about.episodes.filter((episode) => !episode.finding);
   if (!episodes.length) return [];
-  const side = lanes(episodes);
-  return [part("watch", "Recorded episodes", episodes.length > 1 ? side.together : null, side.row)];
+  const side = lanes(episodes.filter((episode) => !episode.omitted));
+  const missing = episodes.filter((episode) => episode.omitted).map(({ label, omitted }) => make("p", "soft small", `Not recorded: ${label}, ${omitted}.`));
+  return [part("watch", "Recorded episodes", episodes.length > 1 ? make("p", "controls", side.together) : null, side.row, ...missing)];
 }

@@ -1,6 +1,6 @@
 /* A screen shows one episode: its frames as the agent gets them and enlarged, rewards, flags, and a slider over its steps.
-   A source has `size` (width and height), `frames` (how many), `draw(context, number)` and `step(number)`, which has the
-   reward, the return, the flags and the info of a step. */
+   A source has `size` (width and height), `frames` (how many), `first` (the first that it still has), `draw(context, number)`
+   and `step(number)`, which has the reward, the return, the flags and the info of a step. */
 const FLAGS = ["terminated", "truncated"];
 
 function playback(source, label) {
@@ -12,28 +12,35 @@ function playback(source, label) {
   const flags = make("p", "flags");
   const slider = Object.assign(make("input", "scrub"), { type: "range", min: 0, max: 0, value: 0 });
   slider.setAttribute("aria-label", "Step");
-  const toggle = button("Play", () => (timer ? stop() : start()));
+  const word = source.toggle ?? "Play", toggle = button(word, () => (timer ? stop() : start()));
   const rows = make("div", "steps", button("\u2039", () => jump(at - 1), "One step back"), toggle,
     button("\u203a", () => jump(at + 1), "One step on"), slider);
-  const element = make("div", "screen", make("div", "pictures", large, make("figure", "seen", small,
-    make("figcaption", "small", `${source.size.width}\u00d7${source.size.height}`))), said, flags, rows);
+  const size = make("figcaption", "small");
+  const element = make("div", "screen", make("div", "pictures", large, make("figure", "seen", small, size)), said, flags, rows);
+  rows.hidden = true;
   let at = 0, timer = 0;
 
   function show(number) {
     if (!source.frames) return;
-    at = Math.max(Math.min(number, source.frames - 1), 0);
+    rows.hidden = false;
+    at = Math.max(Math.min(number, source.frames - 1), source.first ?? 0);
     for (const canvas of [large, small]) source.draw(canvas.getContext("2d"), at);
+    size.textContent = `${large.width}\u00d7${large.height}`;
     large.dataset.step = at;
-    slider.max = Math.max(source.frames - 1, 0);
-    slider.value = at;
-    const { reward, total, info: told, ...ended } = source.step(at);
-    said.textContent = `step ${at} of ${source.frames - 1}, reward ${short(reward)}, return ${short(total)}`;
+    const { info: told, ...ended } = source.step(at);
+    extend();
     flags.textContent = [...FLAGS.filter((flag) => ended[flag]), told].filter(Boolean).join(" \u00b7 ");
+  }
+  /* There are more frames than before. */
+  function extend() {
+    const { reward, total } = source.step(at);
+    Object.assign(slider, { min: source.first ?? 0, max: Math.max(source.frames - 1, 0), value: at });
+    said.textContent = `step ${at} of ${source.frames - 1}, reward ${short(reward)}, return ${short(total)}`;
   }
   function stop() {
     clearInterval(timer);
     timer = 0;
-    toggle.textContent = "Play";
+    toggle.textContent = word;
   }
   function start() {
     if (at >= source.frames - 1) show(0);
@@ -45,7 +52,7 @@ function playback(source, label) {
   }
   const jump = (number) => { stop(); show(number); };
   slider.addEventListener("input", () => jump(Number(slider.value)));
-  return { element, show, start, stop, jump, rows, get at() { return at; } };
+  return { element, show, extend, start, stop, shown: large.dataset, get at() { return at; } };
 }
 
 const short = (value) => (Number.isInteger(value) ? String(value) : Number(value).toFixed(3));
@@ -76,8 +83,7 @@ function recorded(episode) {
 function lanes(episodes) {
   const made = episodes.map(recorded);
   const row = make("div", "lanes", ...made.map(({ lane }) => lane));
-  return { row, together: button("Play all", () => { for (const { shown } of made) { shown.jump(0); shown.start(); } }),
-    add(episode) { const more = recorded(episode); made.push(more); row.append(more.lane); return more; } };
+  return { row, together: button("Play all", () => { for (const { shown } of made) { shown.jump(0); shown.start(); } }) };
 }
 
 /* Plots of recorded outcomes: one row of dots for each player. */

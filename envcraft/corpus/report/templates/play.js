@@ -1,12 +1,12 @@
-/* Live play: an episode in a sandbox, over a WebSocket. Each binary message has the length of a JSON text, that text, and
-   the pixels of a frame. */
+/* Live play: episodes in a sandbox, each over a WebSocket. Each binary message has the length of a JSON text, that text,
+   and the pixels of a frame. */
 const KEYS = { ArrowUp: "up", ArrowDown: "down", ArrowLeft: "left", ArrowRight: "right", " ": "space", Enter: "enter" };
+const RATES = [1, 5, 10, 15, 30, 60];
 const MOST_BYTES = 96 * 2 ** 20;
-let socket = null;
+const sockets = new Set();
 
 function leave() {
-  socket?.close();
-  socket = null;
+  for (const socket of sockets) socket.close();
 }
 
 const keyOf = (event) => KEYS[event.key] ?? (event.key.length === 1 ? event.key.toLowerCase() : "");
@@ -14,9 +14,10 @@ const keyOf = (event) => KEYS[event.key] ?? (event.key.length === 1 ? event.key.
 /* The frames of an episode as they arrive; the first are dropped when there are too many. */
 class Film {
   constructor() { this.clear(); this.size = { width: 84, height: 84 }; this.rate = 15; }
-  clear() { this.shots = []; this.dropped = 0; this.bytes = 0; }
-  get frames() { return this.dropped + this.shots.length; }
-  shot(number) { return this.shots[Math.max(number - this.dropped, 0)]; }
+  clear() { this.shots = []; this.first = 0; this.bytes = 0; }
+  get toggle() { return "Replay"; }
+  get frames() { return this.first + this.shots.length; }
+  shot(number) { return this.shots[Math.max(number - this.first, 0)]; }
   draw(context, number) {
     const { told, pixels } = this.shot(number);
     if (!pixels.length) return;
@@ -28,82 +29,122 @@ class Film {
     context.putImageData(image, 0, 0);
   }
   step(number) { return this.shot(number)?.told ?? { reward: 0, total: 0 }; }
-  add(told, pixels) {
+  take(data) {
+    const length = new DataView(data).getUint32(0);
+    const told = JSON.parse(new TextDecoder().decode(new Uint8Array(data, 4, length)));
+    const pixels = new Uint8Array(data, 4 + length);
     this.shots.push({ told, pixels });
     this.bytes += pixels.length;
-    while (this.bytes > MOST_BYTES) { this.bytes -= this.shots.shift().pixels.length; this.dropped += 1; }
+    while (this.bytes > MOST_BYTES) { this.bytes -= this.shots.shift().pixels.length; this.first += 1; }
   }
 }
 
-function stage(about) {
+/* An episode in the sandbox, shown as its frames arrive. `told` gets the other messages, and null at the end. */
+class Line {
+  constructor(about, reel, view, told) { Object.assign(this, { about, reel, view, told, socket: null }); }
+  get open() { return this.socket?.readyState === WebSocket.OPEN; }
+  send(message) { if (this.open) this.socket.send(JSON.stringify(message)); }
+  close() { this.socket?.close(); }
+  start(message) {
+    if (this.open) {
+      this.reel.clear();
+      this.send(message);
+      return;
+    }
+    this.close();
+    const mine = this.socket = new WebSocket(`ws://${location.host}/live/play`);
+    sockets.add(mine);
+    mine.binaryType = "arraybuffer";
+    mine.onopen = () => { this.reel.clear(); this.send({ environment: this.about.name, number: this.about.number, ...message }); };
+    mine.onclose = () => { sockets.delete(mine); if (mine === this.socket) { this.socket = null; this.told(null); } };
+    mine.onmessage = (event) => {
+      if (mine !== this.socket) return;
+      if (typeof event.data === "string") { this.told(JSON.parse(event.data)); return; }
+      // Somebody who looks at an earlier step stays there.
+      const follows = this.view.at >= this.reel.frames - 1;
+      this.reel.take(event.data);
+      this.view.shown.frames = this.reel.frames;
+      follows ? this.view.show(this.reel.frames - 1) : this.view.extend();
+    };
+  }
+}
+
+function speeds(choose) {
+  const made = make("select", "", ...RATES.map((value) => Object.assign(make("option", "", `${value} steps/s`), { value, selected: value === 15 })));
+  made.addEventListener("input", () => choose(Number(made.value)));
+  return made;
+}
+
+const nearest = (rate) => RATES.find((value) => value >= rate) ?? RATES.at(-1);
+
+/* Until the first frame, the screen shows that of the preview. */
+function poster(address, reel, canvases) {
+  if (!address) return;
+  const image = new Image();
+  image.onload = () => { if (!reel.frames) for (const canvas of canvases) canvas.getContext("2d").drawImage(image, 0, 0, image.naturalWidth, image.naturalWidth, 0, 0, canvas.width, canvas.height); };
+  image.src = address;
+}
+
+function stage(about, preview) {
   const reel = new Film();
   const view = playback(reel, "The game: click it and use the keys");
   const large = view.element.querySelector(".large");
+  poster(preview, reel, view.element.querySelectorAll("canvas"));
   large.tabIndex = 0;
   large.setAttribute("role", "application");
-  const state = make("p", "state soft", "Press Play to start an episode");
+  const state = make("p", "state", "Press Play to start an episode");
   state.setAttribute("role", "status");
   const seed = Object.assign(make("input", "seed"), { type: "number", min: 0, max: 2 ** 31 - 1, value: 0 });
-  const rate = make("select", "", ...[1, 5, 10, 15, 30, 60].map((value) => Object.assign(make("option", "", `${value} steps/s`), { value, selected: value === 15 })));
+  const rate = speeds((value) => { reel.rate = value; line.send({ do: "rate", rate: value }); });
   // Keys that are down, and keys of actions.
   const held = new Set(), taken = new Set(), pad = make("div", "pad"), help = make("p", "small help");
-  let paused = false, running = false, following = true;
-  const send = (message) => { if (socket?.readyState === WebSocket.OPEN) socket.send(JSON.stringify(message)); };
+  let paused = false, running = false;
+  const line = new Line(about, reel, view, told);
+  const send = (message) => line.send(message);
   const begin = () => {
-    following = true;
-    const start = { do: "start", seed: Number(seed.value) || 0, on: paused };
-    if (socket?.readyState === WebSocket.OPEN) { reel.clear(); send(start); } else connect(start);
+    view.stop();
+    state.textContent = line.open ? playing() : "Starting\u2026";
+    running = line.open;
+    line.start({ do: "start", seed: Number(seed.value) || 0, on: paused });
     large.focus();
   };
+  let turns = false;
+  const playing = () => (turns ? "Each step waits for a key" : paused ? "Paused: each key takes a step" : "Playing");
   const hold = () => {
     paused = !paused;
     pausing.textContent = paused ? "Continue" : "Pause";
     send({ do: "pause", on: paused });
-    if (running) state.textContent = paused ? "Paused: each key takes a step" : "Playing";
+    if (running) state.textContent = playing();
   };
   const start = button("Play", begin), pausing = button("Pause", hold);
   const step = button("Step", () => { if (!paused) hold(); send({ do: "step" }); }, "Take one step with the held keys");
   const save = button("Save", () => send({ do: "save" }), "Save the episode for `envcraft replay`");
-  view.rows.querySelector("input").addEventListener("input", () => { following = view.at === reel.frames - 1; });
-
-  function connect(first) {
-    leave();
-    state.textContent = "Starting\u2026";
-    const mine = socket = new WebSocket(`ws://${location.host}/live/play`);
-    mine.binaryType = "arraybuffer";
-    mine.onopen = () => { reel.clear(); mine.send(JSON.stringify({ environment: about.name, number: about.number, ...first })); };
-    mine.onclose = () => { running = false; if (mine === socket) { socket = null; if (!state.dataset.final) state.textContent = "Not running"; } };
-    mine.onmessage = (event) => (typeof event.data === "string" ? told(JSON.parse(event.data)) : frame(event.data));
-  }
   function told(message) {
-    delete state.dataset.final;
-    if (message.kind === "ready") {
+    if (message === null) {
+      if (running) state.textContent = "Not running";
+      running = false;
+      delete large.dataset.running;
+    } else if (message.kind === "ready") {
       running = true;
       reel.rate = message.rate;
-      rate.value = [1, 5, 10, 15, 30, 60].find((value) => value >= message.rate) ?? 60;
+      turns = message.turns;
+      rate.value = nearest(message.rate);
       help.textContent = [...message.help, "r plays again, p pauses, Escape leaves the game"].join("; ");
       taken.clear();
       for (const [key] of message.pad) taken.add(key);
       pad.replaceChildren(...message.pad.map(([key, words]) => touch(key, words)));
       large.dataset.running = "1";
-      state.textContent = message.turns ? "Each step waits for a key" : paused ? "Paused: each key takes a step" : "Playing";
+      state.textContent = playing();
     } else if (message.kind === "saved") {
       const link = Object.assign(make("a"), { download: message.name, href: `data:application/json;charset=utf-8,${encodeURIComponent(message.report)}` });
       link.click();
       running = false;
       state.textContent = `Saved: envcraft replay ${message.name}`;
     } else {
+      running = false;
       state.textContent = message.words;
-      state.dataset.final = "1";
       delete large.dataset.running;
     }
-  }
-  function frame(data) {
-    const length = new DataView(data).getUint32(0);
-    const message = JSON.parse(new TextDecoder().decode(new Uint8Array(data, 4, length)));
-    reel.add(message, new Uint8Array(data, 4 + length));
-    if (following) view.show(reel.frames - 1);
-    large.dataset.frames = reel.frames;
   }
   function press(key, down) {
     if (!key) return;
@@ -133,57 +174,90 @@ function stage(about) {
   large.addEventListener("keyup", (event) => press(keyOf(event), false));
   large.addEventListener("blur", () => { for (const key of [...held]) press(key, false); });
   large.addEventListener("click", () => { if (!running) begin(); });
-  rate.addEventListener("input", () => { reel.rate = Number(rate.value); send({ do: "rate", rate: reel.rate }); });
   const controls = make("div", "controls", start, pausing, step, save, make("label", "", "Seed ", seed), make("label", "", "Speed ", rate));
-  return [part("play", "Play", controls, view.element, pad, state, help), watch(about)];
+  return [part("play", "Play", controls, make("div", "stage", view.element, make("div", "aside", state, pad, help))), watch(about)];
 }
 
-/* Policies side by side, and the replay of findings: recorded in the sandbox on request. */
-async function fetched(about, wanted) {
-  const answer = await fetch(`live/episode?${new URLSearchParams({ environment: about.name, number: about.number, ...wanted })}`);
-  const told = await answer.json();
-  if (!answer.ok) throw new Error(told.words);
-  return told;
+/* Players side by side, each in a sandbox of its own. */
+function lane(about, name, episode, ready, ended) {
+  const reel = new Film(), view = playback(reel, name);
+  const state = make("p", "state soft small", "Starting\u2026");
+  state.setAttribute("role", "status");
+  const line = new Line(about, reel, view, (message) => {
+    if (message?.kind === "ready") {
+      reel.rate = message.rate;
+      state.textContent = "Playing";
+      ready(made, message.rate);
+    } else if (message) {
+      state.textContent = message.words;
+    } else if (state.textContent === "Playing") {
+      state.textContent = "Not running";
+    }
+  });
+  const close = button("\u00d7", () => { line.close(); element.remove(); ended(made); }, `Close ${name}`);
+  const element = make("section", "lane", make("div", "title", make("h3", "", name), close), view.element, state);
+  const made = {
+    element, send: (message) => line.send(message),
+    start(paused) {
+      view.stop();
+      state.textContent = line.open ? "Playing" : "The player plays its episode\u2026";
+      line.start({ do: "start", player: name, seed: episode, on: paused });
+    },
+  };
+  return made;
 }
 
-function asking(act, word) {
-  const said = make("span", "soft small");
+function watch(about) {
+  const row = make("div", "lanes"), playing = [];
+  const seed = Object.assign(make("input", "seed"), { type: "number", min: 0, max: 1_000_000, value: 0 });
+  let paused = false, chosen = false;
+  const every = (message) => { for (const one of playing) one.send(message); };
+  const rate = speeds((value) => { chosen = true; every({ do: "rate", rate: value }); });
+  const ready = (one, its) => {
+    if (chosen) one.send({ do: "rate", rate: Number(rate.value) });
+    else rate.value = nearest(its);
+  };
+  const pausing = button("Pause all", () => {
+    paused = !paused;
+    pausing.textContent = paused ? "Continue all" : "Pause all";
+    every({ do: "pause", on: paused });
+  });
+  const again = button("Restart all", () => { for (const one of playing) one.start(paused); });
+  const step = button("Step all", () => { if (!paused) pausing.click(); every({ do: "step" }); });
+  const add = (name) => {
+    const one = lane(about, name, Number(seed.value) || 0, ready, () => playing.splice(playing.indexOf(one), 1));
+    playing.push(one);
+    row.append(one.element);
+    one.start(paused);
+  };
+  const names = make("div", "controls players");
+  fetch(`live/players?${new URLSearchParams({ environment: about.name, number: about.number })}`).then((answer) => answer.json()).then((players) => {
+    names.append(...players.map(([name, summary]) => button(name, () => add(name), summary)));
+    names.dataset.ready = "1";
+  }).catch(() => names.append(make("span", "soft", "The server does not answer.")));
+  return part("watch", "Watch players side by side", names,
+    make("div", "controls", again, pausing, step, make("label", "", "Episode ", seed), make("label", "", "Speed ", rate)), row);
+}
+
+/* The replay of a finding: recorded in the sandbox on request. */
+function replayer(about, number) {
+  const place = make("div", "replayed"), said = make("span", "soft small");
   said.setAttribute("role", "status");
-  const made = button(word, async () => {
+  const made = button("Replay", async () => {
     made.disabled = true;
     said.textContent = "Playing in the sandbox\u2026";
     try {
-      await act();
+      const answer = await fetch(`live/finding?${new URLSearchParams({ environment: about.name, number: about.number, finding: number })}`);
+      const told = await answer.json();
+      if (!answer.ok) throw new Error(told.words);
+      const { lane: episode, shown } = recorded(told);
+      place.replaceChildren(episode);
+      shown.start();
       said.textContent = "";
     } catch (error) {
       said.textContent = error.message;
     }
     made.disabled = false;
   });
-  return make("span", "asking", made, said);
-}
-
-function watch(about) {
-  const side = lanes([]);
-  const seed = Object.assign(make("input", "seed"), { type: "number", min: 0, max: 1_000_000, value: 0 });
-  const row = make("div", "controls", make("label", "", "Episode ", seed), side.together);
-  fetch(`live/players?${new URLSearchParams({ environment: about.name, number: about.number })}`).then((answer) => answer.json()).then((players) => {
-    row.prepend(...players.map(([name, summary]) => {
-      const made = asking(async () => side.add(await fetched(about, { player: name, episode: seed.value })).shown.start(), name);
-      made.title = summary;
-      return made;
-    }));
-    row.dataset.ready = "1";
-  }).catch(() => row.prepend(make("span", "soft", "The server does not answer.")));
-  return part("watch", "Watch players side by side", row, side.row);
-}
-
-function replayer(about, number) {
-  const place = make("div", "replayed");
-  const act = async () => {
-    const { lane, shown } = recorded(await fetched(about, { finding: number }));
-    place.replaceChildren(lane);
-    shown.start();
-  };
-  return make("div", "", asking(act, "Replay"), place);
+  return make("div", "", make("span", "asking", made, said), place);
 }

@@ -89,15 +89,19 @@ function button(text, act, title) {
   const made = make("button", "", text);
   made.type = "button";
   if (title) made.title = title;
+  // A sign has no name of its own.
+  if (title && text.length === 1) made.setAttribute("aria-label", title);
   made.addEventListener("click", act);
   return made;
 }
+
+const pictureOf = (number) => `media/${Math.floor(number / info.folder)}/${number}.webp`;
 
 function film(number, row) {
   if (!row[PICTURE]) return make("span", "film none");
   const image = make("img", "film");
   Object.assign(image, { loading: "lazy", width: 84, height: 84, alt: "" });
-  image.src = `media/${Math.floor(number / info.folder)}/${number}.webp`;
+  image.src = pictureOf(number);
   return image;
 }
 
