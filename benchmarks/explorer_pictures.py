@@ -41,11 +41,9 @@ def shoot(browser: Any, server: Served) -> None:
     """Take the pictures."""
     page = browser.new_page(viewport={"width": 1100, "height": 760})
     page.goto(server.entry)
-    page.wait_for_load_state("networkidle")
     _save(page, "corpus")
     page.goto(f"{server.address}/environments.html")
     page.wait_for_selector("#rows img.film")
-    page.wait_for_load_state("networkidle")
     _save(page, "gallery")
     page.locator("#rows a", has_text="snake").first.click()
     controls = page.locator("#part-play .controls")
@@ -55,17 +53,25 @@ def shoot(browser: Any, server: Served) -> None:
     for number, key in enumerate(["ArrowDown"] * 6 + ["ArrowRight"] * 6, 2):
         page.keyboard.press(key)
         page.wait_for_selector(f"#part-play .large[data-frames='{number}']")
-    for player in ("random", "search"):
-        page.locator("#part-watch .asking button", has_text=player).click()
-        page.locator("#part-watch .lane h3", has_text=player).wait_for()
-    page.wait_for_selector("#part-watch .lane:nth-child(2) .screen[data-ready]")
     page.locator("#part-play").evaluate("part => part.scrollIntoView()")
     _save(page, "play")
+    page.goto(f"{server.address}/environments.html#environment=tetris_0_0003.py")
+    page.wait_for_selector("#part-watch .players[data-ready]")
+    for player in ("random", "noop", "tetris"):
+        page.locator("#part-watch .players").get_by_role("button", name=player, exact=True).click()
+    page.wait_for_function(
+        "() => [...document.querySelectorAll('#part-watch .large')].filter(one => one.dataset.frames > 40).length > 2"
+    )
+    page.locator("#part-watch").evaluate("part => part.scrollIntoView()")
+    _save(page, "watch")
 
 
 def _save(page: Any, name: str) -> None:
     from PIL import Image
 
+    page.wait_for_function(
+        "() => [...document.images].every(one => one.complete || one.getBoundingClientRect().top > innerHeight)"
+    )
     path = DOCS / f"explorer-{name}.png"
     page.screenshot(path=path)
     # A palette is a third of the size.
