@@ -11,23 +11,29 @@ import json
 import os
 import re
 import resource
+import select
 import signal
-import subprocess
 import sys
+import tempfile
 import time
+import traceback
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
 from dataclasses import dataclass, field
 from functools import cache
+from multiprocessing import get_context
 from multiprocessing.util import Finalize
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
+from envcraft_sandbox import leftovers
 from envcraft_sandbox.worker import confine
 
 from envcraft.judging.driver import Driver
 from envcraft.judging.engine import cores
+from envcraft.judging.selection import default_checks
 from envcraft.plugins import plugins
+from tests.hostile import runner
 from tests.hostile.invariants import ROOT, Machine
 
 PROGRAMS = Path(__file__).with_name("programs")
@@ -132,7 +138,8 @@ class Runs:
         self.seen: list[Run] = []
         self._forked = forked
         self._started = self._last = time.monotonic()
-        self._pool = ProcessPoolExecutor(workers, initializer=_set_traps)
+        # Spawned: a fork of the tests' process would have all that the tests hold.
+        self._pool = ProcessPoolExecutor(workers, get_context("spawn"), initializer=_set_traps)
         self._alone: dict[str, Future[Run]] = {}
         self._runs: dict[tuple[str, str], Future[Run]] = {}
 
@@ -177,6 +184,9 @@ _machine: Machine | None = None
 
 def _set_traps() -> None:
     global _machine
+    # Forked checkers share what they import here.
+    plugins()
+    default_checks()
     _machine = Machine().__enter__()
     # The pool ends with its session, however that ends.
     signal.signal(signal.SIGTERM, _leave)
@@ -200,27 +210,14 @@ def _run(program: Program | None, driver: str, forked: bool) -> Run:
     path = str(program.path) if program else None
     job = {"driver_name": driver, "program": path, "values": machine.values, "forked": forked}
     patience = (program.seconds if program else 0.0) + 60
-    process = subprocess.Popen(
-        [sys.executable, "-m", "tests.hostile.runner"],
-        cwd=ROOT,
-        env=machine.environment,
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        preexec_fn=_bound_checker,
-    )
     started = time.monotonic()
-    try:
-        output, errors = process.communicate(json.dumps(job).encode(), patience)
-    except subprocess.TimeoutExpired:
-        process.kill()
-        output, errors = process.communicate()
+    output, errors, status = _check(job, machine.environment, patience)
     seconds = time.monotonic() - started
     broken = machine.broken(driver)
     try:
         result = json.loads(output)
     except ValueError:
-        how = f"{signal.Signals(-process.returncode).name}" if process.returncode < 0 else f"{process.returncode}"
+        how = f"{signal.Signals(-status).name}" if status < 0 else f"{status}"
         last = errors.decode(errors="replace").strip().splitlines()[-1:]
         return Run(
             name,
@@ -241,6 +238,57 @@ def _run(program: Program | None, driver: str, forked: bool) -> Run:
     )
     _compare(program, result, run)
     return run
+
+
+def _check(job: dict[str, Any], environment: dict[str, str], seconds: float) -> tuple[bytes, bytes, int]:
+    """Run a job in a checker of its own: a fork, which has the modules already. Kill it after `seconds`.
+
+    Returns:
+        Its output, its errors, and its status, which is negative for a signal.
+    """
+    output, errors = os.memfd_create("output"), os.memfd_create("errors")
+    checker = os.fork()
+    if not checker:
+        _become_checker(job, environment, output, errors)
+    ended = os.pidfd_open(checker)
+    poll = select.poll()
+    poll.register(ended, select.POLLIN)
+    if not poll.poll(seconds * 1000):
+        os.kill(checker, signal.SIGKILL)
+    status = os.waitstatus_to_exitcode(os.waitpid(checker, 0)[1])
+    os.close(ended)
+    said = []
+    for descriptor in (output, errors):
+        with open(descriptor, "rb") as written:
+            written.seek(0)
+            said.append(written.read())
+    return said[0], said[1], status
+
+
+def _become_checker(job: dict[str, Any], environment: dict[str, str], output: int, errors: int) -> NoReturn:
+    """Run a job and end this process, which is a fork of the pool's."""
+    try:
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)
+        with open(os.devnull) as nothing:
+            os.dup2(nothing.fileno(), 0)
+        os.dup2(output, 1)
+        os.dup2(errors, 2)
+        os.chdir(ROOT)
+        os.environ.clear()
+        os.environ.update(environment)
+        tempfile.tempdir = None
+        _bound_checker()
+        json.dump(runner.run(**job), sys.stdout)
+        # At the end of a process of its own, the folder would go.
+        leftovers._own = None
+        code = 0
+    except BaseException:
+        traceback.print_exc()
+        code = 1
+    finally:
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(code)
 
 
 def _compare(program: Program | None, result: dict[str, Any], run: Run) -> None:

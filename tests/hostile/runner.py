@@ -1,7 +1,6 @@
 """One run in a process of its own: judge a hostile program, then an innocent one, with the same driver.
 
-``python -m tests.hostile.runner`` reads its job as JSON from standard input and writes the result as JSON to standard
-output. The programs' code runs only in the sandbox.
+The programs' code runs only in the sandbox.
 """
 
 from __future__ import annotations
@@ -10,7 +9,6 @@ import hashlib
 import io
 import json
 import re
-import sys
 import time
 import unicodedata
 from collections.abc import Iterator
@@ -153,7 +151,3 @@ def _peak() -> int:
     """The maximum memory of this process so far, in bytes."""
     status = Path("/proc/self/status").read_text()
     return int(status.partition("VmHWM:")[2].split()[0]) * 1024
-
-
-if __name__ == "__main__":
-    json.dump(run(**json.load(sys.stdin)), sys.stdout)
