@@ -188,7 +188,7 @@ def _differing(theirs: Any, mine: Any) -> str:
 def save_agent(path: Path, network: Network, spec: EnvSpec, precision: str = "fp32") -> Path:
     """Write a network, its architecture and the precision of its training; return `path`. Raises EnvCraftError."""
     metadata = {"surface": msgspec.to_builtins(spec), "size": network.size, "head": network.head}
-    metadata["precision"] = precision
+    metadata |= {"precision": precision, "temperature": network.temperature}
     tensors = {name: tensor.detach().cpu().contiguous() for name, tensor in network.state_dict().items()}
     try:
         write_atomically(path, safetensors.torch.save(tensors, {"envcraft": json.dumps(metadata, sort_keys=True)}))
@@ -204,7 +204,9 @@ def load_agent(path: Path) -> tuple[Network, EnvSpec]:
             metadata = json.loads((file.metadata() or {})["envcraft"])
             spec = msgspec.convert(metadata["surface"], EnvSpec)
             with seeded_weights(0):
-                network = Network(spec.shape, spec.choices, metadata["size"], metadata["head"])
+                # Agents of earlier versions are greedy.
+                temperature = float(metadata.get("temperature", 0.0))
+                network = Network(spec.shape, spec.choices, metadata["size"], metadata["head"], temperature)
             names = file.keys()
             tensors = {name: file.get_tensor(name) for name in names}
             network.load_state_dict(tensors)

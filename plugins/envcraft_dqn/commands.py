@@ -112,6 +112,7 @@ def _number(name: str, text: str, minimum: float = 1) -> Callable[[_F], _F]:
     show_default=True,
     help="Give rare actions more weight in the loss of labelled actions.",
 )
+@_number("temperature", "Temperature at which an agent that only imitates draws actions; 0 is greedy.", 0.0)
 @click.option(
     "--augment",
     type=click.Choice(AUGMENTATIONS),
@@ -139,6 +140,7 @@ def _number(name: str, text: str, minimum: float = 1) -> Callable[[_F], _F]:
 @_number("segment", "Steps of an environment between two points at which a checkpoint is possible.")
 @_number("batch", "Transitions in an update.")
 @_number("learning_rate", "Learning rate of Adam.", 0.0)
+@click.option("--decay", is_flag=True, help="Let the learning rate fall linearly to zero.")
 @_number("gamma", "Discount factor.", 0.0)
 @_number("n_step", "Length of n-step returns.")
 @_number("train_every", "Steps per update.")

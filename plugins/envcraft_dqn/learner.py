@@ -32,7 +32,8 @@ class Learner:
         if self.device.type == "cpu":
             keep_memory()
         with seeded_weights(settings.seed):
-            networks = [Network(spec.shape, spec.choices, settings.size, settings.head) for _ in range(2)]
+            parts = settings.size, settings.head, settings.temperature
+            networks = [Network(spec.shape, spec.choices, *parts) for _ in range(2)]
         self.network, self.target = (network.on_device(self.device) for network in networks)
         self.target.load_state_dict(self.network.state_dict())
         self.target.requires_grad_(False)
@@ -63,15 +64,20 @@ class Learner:
         """The greedy joint actions [n] for `frames` [n, *shape]."""
         return self.decide(frames)[0]
 
-    def decide(self, frames: Frames) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
-        """The greedy joint actions [n] for `frames` [n, *shape], and the leads [n] of their values over the next best.
+    def decide(
+        self, frames: Frames, rng: np.random.Generator | None = None
+    ) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
+        """The joint actions [n] for `frames` [n, *shape], and the leads [n] of the highest values over the next ones.
 
-        A small lead, compared with the noise of the values, means that the policy is arbitrary.
+        A small lead, compared with the noise of the values, means that the policy is arbitrary. The actions are those
+        of an agent with the temperature of the settings if there is a random generator, and greedy otherwise.
         """
         with torch.no_grad(), self._autocast():
             pixels = self.network.preprocess(self._on_device(frames))
-            best, actions = self.network.advantages(pixels).topk(2)
-        return actions[:, 0].cpu().numpy(), (best[:, 0] - best[:, 1]).cpu().numpy()
+            values = self.network.advantages(pixels)
+            best, actions = values.topk(2)
+            chosen = actions[:, 0].cpu().numpy() if rng is None else self.network.choose(values, rng)
+        return chosen, (best[:, 0] - best[:, 1]).cpu().numpy()
 
     def update(self, batch: Batch) -> tuple[NDArray[np.float32], float]:
         """Make one step of the optimiser; return the errors [n] of the batch, for its priorities, and its loss.
@@ -88,6 +94,12 @@ class Learner:
         loss.backward()
         self.optimiser.step()
         return errors.cpu().numpy(), float(loss.detach())
+
+    def anneal(self, done: float) -> None:
+        """Set the learning rate for this share of all updates."""
+        if self.settings.decay:
+            for group in self.optimiser.param_groups:
+                group["lr"] = self.settings.learning_rate * max(1.0 - done, 0.0)
 
     def synchronise(self) -> None:
         """Copy the online network to the target network."""

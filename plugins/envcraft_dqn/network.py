@@ -1,4 +1,4 @@
-"""The network: five convolutions and a duelling head. Imports torch."""
+"""The network: convolutions and a duelling head. Imports torch."""
 
 from __future__ import annotations
 
@@ -9,15 +9,19 @@ import threading
 from collections.abc import Iterator, Sequence
 from typing import Any
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.nn import functional
 
 from envcraft_dqn.settings import SIZES
 
-_STRIDES = (2, 2, 2, 2, 1)
 #: Parameters of mallopt(3): the number of allocations by mmap, and the amount of freed memory to keep.
 _MMAP_MAX, _TRIM_THRESHOLD = -4, -1
+
+#: The step between the pixels that standardise a frame, and what is added to their spread for frames of one colour.
+_SAMPLED, _FLAT = 4, 5.0
 
 _SEEDING = threading.Lock()
 
@@ -75,29 +79,62 @@ class Network(nn.Module):
         choices: The number of values of each component of an action.
         size: A key of :data:`envcraft_dqn.settings.SIZES`.
         head: ``joint`` or ``branching``.
+        temperature: The temperature of :meth:`choose`.
     """
 
-    def __init__(self, shape: Sequence[int], choices: Sequence[int], size: str = "small", head: str = "joint") -> None:
+    def __init__(
+        self,
+        shape: Sequence[int],
+        choices: Sequence[int],
+        size: str = "small",
+        head: str = "joint",
+        temperature: float = 0.0,
+    ) -> None:
         super().__init__()
-        self.choices, self.size, self.head = tuple(choices), size, head
-        channels, width = SIZES[size]
+        self.choices, self.size, self.head, self.temperature = tuple(choices), size, head, temperature
+        layers = SIZES[size]
+        width = layers.width
         self.convolutions = nn.ModuleList()
         height, breadth, depth = shape
-        for channel, stride in zip(channels, _STRIDES, strict=True):
-            self.convolutions.append(nn.Conv2d(depth, channel, 3, stride, 1))
+        for channel, kernel, stride in zip(layers.channels, layers.kernels, layers.strides, strict=True):
+            # A map has the size of the last one by the stride, rounded up.
+            padding = (kernel - 1) // 2
+            self.convolutions.append(nn.Conv2d(depth, channel, kernel, stride, padding))
             height, breadth, depth = -(-height // stride), -(-breadth // stride), channel
         # One matrix product computes the first layers of both streams.
         self.streams = nn.Linear(height * breadth * depth, 2 * width)
         self.value = nn.Linear(width, 1)
         self.advantage = nn.Linear(width, sum(choices) if head == "branching" else math.prod(choices))
+        self._standardised = layers.standardised
+        if self._standardised:
+            self._initialise()
 
     def forward(self, frames: Tensor) -> Tensor:
         return self.values(self.preprocess(frames))
 
     def preprocess(self, frames: Tensor) -> Tensor:
-        """Convert frames to inputs of the convolutions, [n, channels, height, width] in [0, 1]."""
+        """Convert frames to inputs of the convolutions, [n, channels, height, width].
+
+        Pixels are in [0, 1]. For a standardised network, each channel of a frame has mean 0, and their standard
+        deviations have mean 1, so that the theme of a frame affects its inputs less.
+        """
         # The frames are in channels_last order already, so this copies nothing.
-        return frames.permute(0, 3, 1, 2).to(self.value.weight.dtype).div_(255)
+        pixels = frames.permute(0, 3, 1, 2).to(self.value.weight.dtype)
+        if not self._standardised:
+            return pixels.div_(255)
+        # One pixel in sixteen gives nearly the same statistics in much less time.
+        some = pixels[:, :, ::_SAMPLED, ::_SAMPLED]
+        spread = some.std((2, 3), unbiased=False).mean(1)[:, None, None, None]
+        return (pixels - some.mean((2, 3), keepdim=True)).div_(spread + _FLAT)
+
+    def _initialise(self) -> None:
+        """Keep the scale of the inputs through the layers (He et al. 2015), with small outputs."""
+        for layer in (*self.convolutions, self.streams):
+            nn.init.kaiming_normal_(layer.weight, nonlinearity="relu")
+            nn.init.zeros_(layer.bias)
+        for output in (self.value, self.advantage):
+            nn.init.normal_(output.weight, std=0.1 / math.sqrt(output.in_features))
+            nn.init.zeros_(output.bias)
 
     def values(self, pixels: Tensor) -> Tensor:
         """The values of all joint actions, [n, actions], from the result of :meth:`preprocess`."""
@@ -111,6 +148,15 @@ class Network(nn.Module):
     def greedy(self, pixels: Tensor) -> Tensor:
         """The joint actions with the highest values, [n]."""
         return self.advantages(pixels).argmax(1)
+
+    def choose(self, advantages: Tensor, rng: np.random.Generator) -> NDArray[np.int64]:
+        """The joint actions [n] for values [n, actions]: the best, or drawn from the softmax at the temperature."""
+        if self.temperature:
+            # The highest of values with Gumbel noise has the distribution of the softmax.
+            noise = rng.gumbel(scale=self.temperature, size=tuple(advantages.shape))
+            advantages = advantages + torch.from_numpy(noise).to(advantages)
+        actions: NDArray[np.int64] = advantages.argmax(1).cpu().numpy()
+        return actions
 
     def advantages(self, pixels: Tensor) -> Tensor:
         """The values of all joint actions up to a constant, [n, actions]. It skips the stream of the state value."""

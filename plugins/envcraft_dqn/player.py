@@ -40,7 +40,7 @@ class CheckpointLoader(PlayerLoader):
 
 
 class TrainedPlayer(Player):
-    """Plays the greedy actions of a trained agent, which sees only frames.
+    """Plays as a trained agent, which sees only frames.
 
     Args:
         path: The file of the agent, or the folder of ``envcraft train``.
@@ -64,6 +64,7 @@ class TrainedPlayer(Player):
             with contextlib.closing(SubjectEnv(name, subject)) as env:
                 spec = spec_of_spaces(env.observation_space, env.action_space, name)
                 policy = self._policy(spec)
+                policy.restart(subject.episode_seed(number))
                 # The trace has the failure.
                 with one_thread(), contextlib.suppress(EnvironmentFailed):
                     frame, _ = env.reset(seed=subject.episode_seed(number))

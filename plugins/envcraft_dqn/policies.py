@@ -89,12 +89,14 @@ class CountingPolicy:
 
 
 class AgentPolicy:
-    """The greedy actions of a trained agent, replaced by random actions at the rate `epsilon`.
+    """The actions of a trained agent, replaced by random actions at the rate `epsilon`.
+
+    An agent that was trained with a temperature draws its actions; others are greedy.
 
     Args:
         path: The file of the agent, or the folder of ``envcraft train``.
         spec: The spaces of the environments.
-        seed: The seed of random actions.
+        seed: The seed of random actions and of drawn ones.
         epsilon: The rate of random actions.
         device: A torch device, or ``auto``.
 
@@ -115,15 +117,20 @@ class AgentPolicy:
             raise UsageError(f"{path} was trained on {trained}, but these environments have {spec}")
         self._device = device_named(device)
         self._network = network.on_device(self._device).requires_grad_(False)
-        self._random, self._epsilon = RandomPolicy(spec, seed), epsilon
-        self._rng = np.random.default_rng([seed, 5])
+        self._spec, self._epsilon = spec, epsilon
+        self.restart(seed)
         self.sha256 = sha256(file.read_bytes()).hexdigest()
+
+    def restart(self, seed: int) -> None:
+        """Start the random numbers over from a seed."""
+        self._random = RandomPolicy(self._spec, seed)
+        self._rng = np.random.default_rng([seed, 5])
 
     def act(self, frames: Frames) -> NDArray[np.int64]:
         import torch
 
         pixels = self._network.preprocess(torch.from_numpy(frames).to(self._device))
-        actions: NDArray[np.int64] = self._network.greedy(pixels).cpu().numpy()
+        actions = self._network.choose(self._network.advantages(pixels), self._rng)
         if not self._epsilon:
             return actions
         return np.where(self._rng.random(len(frames)) < self._epsilon, self._random.act(frames), actions)

@@ -33,7 +33,8 @@ class Batch:
 
     Attributes:
         slots: The slots of the transitions, int64 [n].
-        frames, next_frames: uint8 [n, height, width, channels]; the latter are up to `n_step` steps later.
+        frames, next_frames: uint8 [n, height, width, channels]; the latter are up to `n_step` steps later. An objective
+            that only imitates reads no next frames, [0, ...].
         actions: Joint actions, int64 [n].
         returns: Discounted sums of the rewards in between, float32 [n].
         discounts: The factors of the value of the next frames, float32 [n]; 0 after termination.
@@ -198,10 +199,17 @@ class Replay:
             raise ValueError(f"{self.added:,} of {self.size:,} slots cannot be protected: no slot would remain")
         self.kept, self._demonstrated = self._at, self.drawable
 
-    def sample(self, count: int, beta: float, rng: np.random.Generator, share: float | None = None) -> Batch:
-        """Sample a batch; see :meth:`draw` for the arguments."""
+    def sample(
+        self,
+        count: int,
+        beta: float,
+        rng: np.random.Generator,
+        share: float | None = None,
+        following: bool = True,
+    ) -> Batch:
+        """Sample a batch, with the next frames if `following`; see :meth:`draw` for the other arguments."""
         slots, weights = self.draw(count, beta, rng, share)
-        frames = self._store.read(np.concatenate([slots, self._next[slots]]))
+        frames = self._store.read(np.concatenate([slots, self._next[slots]]) if following else slots)
         return Batch(
             slots,
             frames[:count],

@@ -8,12 +8,32 @@ import msgspec
 
 from envcraft.errors import UsageError
 
-#: The channels of the five convolutions, and the width of each stream of the head.
+
+class Architecture(msgspec.Struct, frozen=True):
+    """The layers of a network.
+
+    Attributes:
+        channels, kernels, strides: The output channels, the kernel size and the stride of each convolution.
+        width: The width of each stream of the head.
+        standardised: Whether frames are standardised and weights initialised after He et al. 2015 (arXiv:1502.01852).
+            Otherwise pixels are in [0, 1], and weights are torch's defaults.
+    """
+
+    channels: tuple[int, ...]
+    width: int
+    kernels: tuple[int, ...] = (3, 3, 3, 3, 3)
+    strides: tuple[int, ...] = (2, 2, 2, 2, 1)
+    standardised: bool = False
+
+
+#: The sizes of networks.
 SIZES = {
-    "tiny": ((8, 16, 16, 32, 32), 64),
+    "tiny": Architecture((8, 16, 16, 32, 32), 64),
     # About as many parameters as the DQN of stable-baselines3 has for these frames.
-    "small": ((8, 8, 16, 16, 32), 723),
-    "reference": ((16, 32, 64, 128, 128), 1290),
+    "small": Architecture((8, 8, 16, 16, 32), 723),
+    # Few operations on large maps, which take most of the time on a CPU.
+    "patches": Architecture((16, 32, 64), 192, (4, 3, 3), (4, 2, 2), standardised=True),
+    "reference": Architecture((16, 32, 64, 128, 128), 1290),
 }
 HEADS = ("joint", "branching")
 REPLAYS = ("packed", "ram", "mapped", "device")
@@ -44,6 +64,7 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, rename=RENAMED):
             and options.
         batch: The transitions in an update.
         learning_rate: The learning rate of Adam.
+        decay: Whether the learning rate falls linearly to zero over all updates.
         gamma: The discount factor.
         n_step: The length of n-step returns.
         train_every: The steps per update.
@@ -68,6 +89,9 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, rename=RENAMED):
         margin: The margin between the value of a labelled action and the values of others.
         balanced: Whether rare actions weigh more in the loss of labelled actions, by the inverse square root of their
             frequency (Mahajan et al. 2018, arXiv:1805.00932).
+        temperature: The temperature at which an agent that only imitates draws actions from the softmax of its values;
+            0 means the action with the highest value. A greedy imitator of a demonstrator that mostly waits waits too
+            long where it is unsure.
         augment: Random changes to frames, one of :data:`AUGMENTATIONS` (Laskin et al. 2020, arXiv:2004.14990).
     """
 
@@ -81,6 +105,7 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, rename=RENAMED):
     segment: int = 1_000
     batch: int = 32
     learning_rate: float = 3e-4
+    decay: bool = False
     gamma: float = 0.99
     n_step: int = 3
     train_every: int = 4
@@ -102,6 +127,7 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, rename=RENAMED):
     objective: str = "dqn"
     margin: float = 0.8
     balanced: bool = True
+    temperature: float = 0.0
     augment: str = "none"
 
     def check(self) -> None:
@@ -125,6 +151,10 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, rename=RENAMED):
                 raise UsageError(f"{name} is {value}; it must be between 0 and 1")
         if not 0 < self.margin < math.inf:
             raise UsageError(f"margin is {self.margin}; it must be positive and finite")
+        if not 0 <= self.temperature < math.inf:
+            raise UsageError(f"temperature is {self.temperature}; it must be 0 or more, and finite")
+        if self.temperature and not self.imitates:
+            raise UsageError(f"--objective {self.objective} learns values and no probabilities: use temperature 0")
         if self.objective == "bc" and self.steps:
             raise UsageError(
                 f"--objective bc learns from demonstrations alone and makes no online steps: use --steps 0, not "

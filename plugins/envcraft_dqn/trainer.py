@@ -236,7 +236,7 @@ class _Run:
         episodes = [_Played([frame.copy()]) for frame in frames]
         running = np.arange(count)
         for _ in range(settings.cycle):
-            actions, gaps = self.learner.decide(frames)
+            actions, gaps = self.learner.decide(frames, self._rng)
             self._callback.on_act(actions, gaps)
             at_random = self._rng.random(count) < settings.epsilon(position.steps)
             actions = np.where(at_random, self._rng.integers(0, self._spec.num_actions, count), actions)
@@ -322,7 +322,9 @@ class _Run:
     def _update(self) -> None:
         settings, position = self._settings, self._position
         share = settings.demonstration_share if position.updates >= settings.pretrain_updates else None
-        batch = self.replay.sample(settings.batch, settings.annealed_beta(position.updates), self._rng, share)
+        beta = settings.annealed_beta(position.updates)
+        batch = self.replay.sample(settings.batch, beta, self._rng, share, following=not settings.imitates)
+        self.learner.anneal(position.updates / max(settings.updates, 1))
         errors, loss = self.learner.update(batch)
         if not math.isfinite(loss):
             raise Diverged(

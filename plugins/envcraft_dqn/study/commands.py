@@ -13,7 +13,7 @@ import click
 
 from envcraft.cli.signals import uninterrupted
 from envcraft.errors import UsageError
-from envcraft_dqn.settings import AUGMENTATIONS, OBJECTIVES
+from envcraft_dqn.settings import AUGMENTATIONS, OBJECTIVES, SIZES
 
 if TYPE_CHECKING:
     from envcraft.corpus.executors import ExecutorPlugin
@@ -24,6 +24,8 @@ _F = TypeVar("_F", bound=Callable[..., Any])
 _LIBRARIES = ("jinja2", "matplotlib", "numba", "safetensors", "tensorboard", "torch", "zstandard")
 _LOCAL = "local"
 _PRESET = "set by the scale"
+#: The value of ``--subset`` for none.
+_NONE = "none"
 #: Options that override the preset, and those that override the settings of its trainings.
 _PROTOCOL = (
     "variants",
@@ -88,7 +90,7 @@ def _count(name: str, text: str, minimum: int = 1) -> Callable[[_F], _F]:
     "subsets",
     multiple=True,
     metavar="SIZE:SPLITS",
-    help="Also train on this many environments in this many splits. Can be repeated.",
+    help="Also train on this many environments in this many splits, or none. Can be repeated.",
 )
 @click.option(
     "--metric",
@@ -97,9 +99,7 @@ def _count(name: str, text: str, minimum: int = 1) -> Callable[[_F], _F]:
     show_default=True,
     help="Metric: length or return of episodes.",
 )
-@click.option(
-    "--size", type=click.Choice(["tiny", "small", "reference"]), show_default=_PRESET, help="Size of the network."
-)
+@click.option("--size", type=click.Choice(list(SIZES)), show_default=_PRESET, help="Size of the network.")
 @click.option("--objective", type=click.Choice(OBJECTIVES), show_default=_PRESET, help="Objective of the agents.")
 @click.option("--augment", type=click.Choice(AUGMENTATIONS), show_default=_PRESET, help="Augmentation of frames.")
 @_count("steps", "Environment steps of each training.", 0)
@@ -261,12 +261,12 @@ def _protocol(scale: str, subsets: tuple[str, ...], options: dict[str, Any]) -> 
     own = {name: options[name] for name in _PROTOCOL if options[name] is not None}
     training = {name: options[name] for name in _TRAINING if options[name] is not None}
     pairs = []
-    for one in subsets:
+    for one in () if subsets == (_NONE,) else subsets:
         size, _, count = one.partition(":")
         if not (size.isdigit() and count.isdigit() and int(size) and int(count)):
             raise UsageError(f"--subset {one} is not SIZE:SPLITS, such as 500:5")
         pairs.append((int(size), int(count)))
-    if pairs:
+    if subsets:
         own["subsets"] = tuple(pairs)
     own["recorded"] = max(own.get("recorded", preset.recorded), training.get("demonstrations", 0))
     folds = own.get("folds", preset.folds)

@@ -180,7 +180,13 @@ def training_settings(protocol: Protocol, task: Task) -> Settings:
     if task.demonstrations or task.steps is not None:
         return settings
     return msgspec.structs.replace(
-        settings, objective="dqn", pretrain_updates=0, epsilon_first=1.0, epsilon_share=0.5, demonstration_share=None
+        settings,
+        objective="dqn",
+        temperature=0.0,
+        pretrain_updates=0,
+        epsilon_first=1.0,
+        epsilon_share=0.5,
+        demonstration_share=None,
     )
 
 

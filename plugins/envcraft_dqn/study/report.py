@@ -11,6 +11,7 @@ from typing import Any
 import msgspec
 
 from envcraft.errors import EnvCraftError
+from envcraft.text import plural
 from envcraft_dqn.files import write_atomically
 from envcraft_dqn.study.competence import Row
 from envcraft_dqn.study.figures import draw, unit
@@ -81,6 +82,21 @@ def write(folder: Path, protocol: Protocol, player: str, results: Mapping[str, T
     except OSError as error:
         raise EnvCraftError(f"{error.filename or folder} cannot be written: {error.strerror or error}") from None
     return folder / "report.md"
+
+
+def section(summary: Summary) -> str:
+    """The competence, the scaling curve and the settings of a study, as Markdown for a page with a title and parts."""
+    protocol = summary.protocol
+    training = protocol.settings
+    size = (
+        f"The study has {protocol.variants:,} environments in {plural(protocol.folds, 'fold')}, of which "
+        f"{plural(protocol.splits or protocol.folds, 'split')} ran. Each player played {protocol.episodes:,} episodes "
+        f"in each environment, and the privileged player {protocol.privileged_episodes:,}. A training made "
+        f"{summary.updates:,} updates of {training.batch:,} transitions and {summary.steps:,} online steps, with "
+        f"{training.demonstrations:,} demonstrated steps of each environment. All tasks took "
+        f"{summary.processor_seconds / 3600:.2f} processor hours, without the sandboxes of the privileged player."
+    )
+    return _render("section.md", [{"text": size}, *_competence(summary)])
 
 
 def write_transfer(folder: Path, protocol: Protocol, player: str, found: Sequence[Transfer]) -> Path:

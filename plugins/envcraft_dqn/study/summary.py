@@ -52,21 +52,26 @@ class Summary(msgspec.Struct, frozen=True):
     """The results of a study.
 
     Attributes:
+        protocol: The protocol.
         conditions: The conditions by name, the agent first.
         without_scale: Environments without a metric, because the confidence interval of the privileged player's lead
             over random play is not above zero.
         competence: The agent beside its controls, and the scaling curve.
         gap: The generalisation gap: the lead of agents trained on an environment over the agent that was not.
         parameters: The number of parameters of the network.
+        updates, steps: The updates and online steps of an agent; whole turns may exceed those of the settings.
         precisions: The precisions of the trainings.
         seconds, processor_seconds: The total time of all tasks.
     """
 
+    protocol: Protocol
     conditions: dict[str, Condition]
     without_scale: list[str]
     competence: Competence
     gap: Interval | None
     parameters: int
+    updates: int
+    steps: int
     precisions: list[str]
     seconds: float
     processor_seconds: float
@@ -101,12 +106,16 @@ def summarise(protocol: Protocol, results: Mapping[str, TaskResult], kinds: Mapp
     conditions = {
         name: _condition(name, sorted(changes[name], key=_key), agent, kinds) for name in sorted(shown, key=_rank)
     }
+    agents = [result for result in results.values() if result.task.condition == AGENT]
     return Summary(
+        protocol,
         conditions,
         sorted(without_scale),
         judge(results.values(), changes),
         _gap(changes.get(FAMILIAR, []), agent),
-        max((result.parameters for result in results.values()), default=0),
+        max((one.parameters for one in agents), default=0),
+        max((one.updates for one in agents), default=0),
+        max((one.steps for one in agents), default=0),
         sorted({result.precision for result in results.values()} - {""}),
         sum(result.seconds for result in results.values()),
         sum(result.processor_seconds for result in results.values()),

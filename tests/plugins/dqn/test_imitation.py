@@ -121,12 +121,45 @@ def test_augmentation_keeps_the_picture_but_for_shift_and_colour() -> None:
     assert augmented(frames, "none", generator) is frames
 
 
+def test_agent_draws_actions_at_its_temperature(tmp_path: Path) -> None:
+    import torch
+    from envcraft_dqn.checkpoint import load_agent, save_agent
+    from envcraft_dqn.learner import Learner
+    from envcraft_dqn.policies import AgentPolicy
+
+    settings = Settings(size="tiny", device="cpu", objective="bc", steps=0, temperature=0.5, precision="fp32")
+    learner = Learner(settings, SMALL)
+    network = learner.network
+    values = torch.zeros((4_000, 20))
+    values[:, 3] = 1.0
+    drawn = np.bincount(network.choose(values, np.random.default_rng(0)), minlength=20) / 4_000
+    # The softmax of a value at the temperature.
+    chances = np.exp(values[0].numpy() / 0.5)
+    assert drawn == pytest.approx(chances / chances.sum(), abs=0.03)
+    with torch.no_grad():
+        network.advantage.weight.mul_(5)
+    file = save_agent(tmp_path / "agent.safetensors", network, SMALL)
+    assert load_agent(file)[0].temperature == 0.5
+    frames = np.random.default_rng(0).integers(0, 256, (200, *SMALL.shape), np.uint8)
+    policy = AgentPolicy(file, SMALL, 1, 0.0, "cpu")
+    first, second = policy.act(frames), policy.act(frames)
+    policy.restart(1)
+    assert (first != second).any()
+    assert (policy.act(frames) == first).all()
+    greedy, leads = learner.decide(frames)
+    assert (learner.act(frames) == greedy).all()
+    sampled, same = learner.decide(frames, np.random.default_rng(0))
+    assert (sampled != greedy).any()
+    assert (leads == same).all()
+
+
 @pytest.mark.parametrize(
     ("settings", "words"),
     [
         (Settings(objective="bc", pretrain_updates=5), "makes no online steps: use --steps 0, not 1,000,000"),
         (Settings(objective="dagger"), "needs a player that advises: name it by --demos"),
         (Settings(objective="dqfd"), "--objective dqfd needs demonstrations"),
+        (Settings(temperature=1.0), "--objective dqn learns values and no probabilities: use temperature 0"),
         (Settings(objective="cloning"), "unknown objective 'cloning'; choose from dqn, bc, dagger, dqfd"),
     ],
 )

@@ -130,10 +130,42 @@ def test_errors_have_full_precision_under_bf16() -> None:
     assert learner.precision == "bf16"
 
 
-def test_restored_learner_continues_bit_for_bit() -> None:
+def test_standardised_network_sees_the_same_under_other_brightness_and_contrast() -> None:
+    import torch
+    from envcraft_dqn.network import Network
+
+    rng = np.random.default_rng(0)
+    frames = torch.from_numpy(rng.integers(0, 100, (3, *SMALL.shape), np.uint8))
+    network, plain = (Network(SMALL.shape, SMALL.choices, size) for size in ("patches", "tiny"))
+    pixels = network.preprocess(frames)
+    assert pixels[:, :, ::4, ::4].mean((2, 3)).abs().max() < 1e-5
+    assert pixels[:, :, ::4, ::4].std((2, 3), unbiased=False).mean(1).numpy() == pytest.approx(1, abs=0.25)
+    assert torch.allclose(network.preprocess(frames + 100), pixels, atol=1e-5)
+    assert (network.preprocess(2 * frames) - pixels).abs().mean() < 0.2
+    assert network.preprocess(torch.zeros_like(frames)).abs().max() == 0
+    assert (plain.preprocess(frames + 100) - plain.preprocess(frames)).mean() > 0.3
+    # One cell of the map for each patch of four by four pixels, and half as many twice.
+    assert network.streams.in_features == 64
+    assert 0.01 < network(frames).std() < 1
+
+
+def test_learning_rate_falls_to_zero_over_all_updates() -> None:
     from envcraft_dqn.learner import Learner
 
-    learner, again = (Learner(Settings(size="tiny", seed=seed, device="cpu"), SMALL) for seed in (1, 2))
+    for decay, wanted in ((True, [1e-2, 5e-3, 0.0]), (False, [1e-2] * 3)):
+        learner = Learner(Settings(size="tiny", device="cpu", learning_rate=1e-2, decay=decay), SMALL)
+        rates = []
+        for done in (0.0, 0.5, 1.2):
+            learner.anneal(done)
+            rates.append(learner.optimiser.param_groups[0]["lr"])
+        assert rates == pytest.approx(wanted)
+
+
+@pytest.mark.parametrize("size", ["tiny", "patches"])
+def test_restored_learner_continues_bit_for_bit(size: str) -> None:
+    from envcraft_dqn.learner import Learner
+
+    learner, again = (Learner(Settings(size=size, seed=seed, device="cpu"), SMALL) for seed in (1, 2))
     for _ in range(3):
         learner.update(batch())
     again.restore({name: value.clone() for name, value in learner.state().items()})
@@ -250,9 +282,10 @@ def test_keys_in_files_are_stable() -> None:
     from envcraft_dqn.study.presets import PRESETS
     from envcraft_dqn.trainer import Position
 
-    keys = "size head seed steps pretrain_updates lanes cycle leg batch learning_rate gamma n_step train_every "
+    keys = "size head seed steps pretrain_updates lanes cycle leg batch learning_rate decay gamma n_step train_every "
     keys += "target_every epsilon_first epsilon_last epsilon_share alpha beta capacity demonstrations starts "
-    keys += "demonstration_share replay precision compiled device value_rescaling objective margin balanced augment"
+    keys += "demonstration_share replay precision compiled device value_rescaling objective margin balanced "
+    keys += "temperature augment"
     assert list(msgspec.to_builtins(Settings())) == keys.split()
     assert list(msgspec.to_builtins(Position())) == ["steps", "updates", "turns"]
     plan = msgspec.json.decode(msgspec.json.encode(PRESETS["smoke"]))

@@ -173,6 +173,11 @@ def test_an_episode_at_once_is_the_same_as_step_by_step(seed: int, n: int, steps
     batch = one.sample(20, 0.5, rng)
     assert (batch.labels == batch.actions).all()
     assert (other.sample(20, 0.5, rng).labels == -1).all()
+    # The same transitions without their next frames.
+    whole, part = (one.sample(20, 0.5, np.random.default_rng(1), following=following) for following in (True, False))
+    assert (whole.slots == part.slots).all()
+    assert (whole.frames == part.frames).all()
+    assert (len(whole.next_frames), len(part.next_frames)) == (20, 0)
 
 
 def test_rare_labels_weigh_more_and_the_mean_is_one() -> None:

@@ -15,6 +15,8 @@ from typing import Any
 import pytest
 from click.testing import CliRunner, Result
 from envcraft_dqn.files import exclusive
+from envcraft_dqn.study import commands
+from envcraft_dqn.study.presets import PRESETS
 
 from envcraft.cli.group import cli
 
@@ -145,6 +147,12 @@ def test_usage_errors(whole: Path, more: tuple[str, ...], words: str) -> None:
     result = study(whole, *more)
     assert result.exit_code == 2, result.output
     assert words in " ".join(result.output.split())
+
+
+@pytest.mark.parametrize(("given", "wanted"), [((), PRESETS["laptop"].subsets), (("7:2",), ((7, 2),)), (("none",), ())])
+def test_subsets_of_the_scale_can_be_replaced_or_omitted(given: tuple[str, ...], wanted: tuple[Any, ...]) -> None:
+    options = dict.fromkeys((*commands._PROTOCOL, *commands._TRAINING))
+    assert commands._protocol("laptop", given, options).subsets == wanted
 
 
 def test_study_without_online_steps(tmp_path: Path) -> None:

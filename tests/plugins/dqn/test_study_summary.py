@@ -12,9 +12,9 @@ from envcraft_dqn.env_spec import EnvSpec
 from envcraft_dqn.study.metric import Interval, Score, bootstrap
 from envcraft_dqn.study.presets import PRESETS
 from envcraft_dqn.study.protocol import AGENT, FAMILIAR, RANDOM, UNTRAINED, Task, tasks
-from envcraft_dqn.study.report import write
+from envcraft_dqn.study.report import section, write
 from envcraft_dqn.study.selection import EnvFactory
-from envcraft_dqn.study.summary import summarise
+from envcraft_dqn.study.summary import Summary, summarise
 from envcraft_dqn.study.worker import TaskRequest, TaskResult, untrained_agent
 
 from envcraft.judging.statistics import Mean
@@ -68,7 +68,7 @@ def test_single_environment_has_an_infinite_interval(tmp_path: Path) -> None:
     assert "so that the gate is closed" in report
 
 
-def test_gate_needs_a_lead_over_every_control_in_training_environments() -> None:
+def test_gate_needs_a_lead_over_every_control_in_training_environments(tmp_path: Path) -> None:
     def played(condition: str, totals: list[float]) -> list[TaskResult]:
         return [result(condition, split, {f"{split}{at}": one for at, one in enumerate(totals)}) for split in (0, 1)]
 
@@ -85,6 +85,16 @@ def test_gate_needs_a_lead_over_every_control_in_training_environments() -> None
     stopped = summarise(protocol, {one.task.name: one for one in scale + agent + weak + strong}, {}).competence
     assert not stopped.passed
     assert stopped.unbeaten == ["constant"]
+    # What documentation states comes from the stored summary alone.
+    held_out = played(RANDOM, [0.0, 1.0, 2.0]) + played("privileged", [40.0, 41.0, 42.0])
+    trained = [TaskResult(Task("train", "train", AGENT, 0, ("0",)), 1.0, 1.0, updates=1234, steps=5678)]
+    found = {one.task.name: one for one in scale + agent + weak + strong + held_out + trained}
+    stored = write(tmp_path, protocol, "search", found, summarise(protocol, found, {})).with_name("summary.json")
+    text = section(msgspec.json.decode(stored.read_bytes(), type=Summary))
+    assert "The gate is not passed" in text
+    assert "the constant action that is best in training environments." in text
+    assert "| coin flip: random moves without buttons | 6 | 7.5 \\[" in text
+    assert "1,234 updates of 16 transitions and 5,678 online steps" in text
     # Without tests in training environments the gate stays closed.
     assert not summarise(protocol, {}, {}).competence.passed
 

@@ -140,7 +140,7 @@ def test_unjudged_code_does_not_run(corpus: Path, tmp_path: Path) -> None:
         result = run("evaluate", target, "--player", "random", "--episodes", "2")
         assert result.exit_code == 2
         assert "has no verdict" in result.output
-        assert "envcraft audit" in result.output
+        assert "judges it" in result.output
     assert not marks.exists()
 
 
