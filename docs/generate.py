@@ -1,5 +1,5 @@
 """``make docs``: write the rule pages with their index, the README's counts, the tables of the pages on statistics and
-families, and the page on pytest from the plugin's docstring; with ``--check`` only compare.
+families, the results of the study, and the page on pytest from the plugin's docstring; with ``--check`` only compare.
 """
 
 from __future__ import annotations
@@ -8,6 +8,9 @@ import inspect
 import sys
 from pathlib import Path
 
+import msgspec
+from envcraft_dqn.study.report import section
+from envcraft_dqn.study.summary import Summary
 from envcraft_families.families import families
 
 from envcraft import pytest_plugin
@@ -28,6 +31,7 @@ def main() -> int:
     blocks = {
         ROOT / "README.md": {"counts": counts(checks)},
         ROOT / "docs" / "families.md": {"families": family_table()},
+        ROOT / "docs" / "study.md": {"results": results()},
         ROOT / "docs" / "statistics.md": {name: write() for name, write in characteristics.BLOCKS.items()},
     }
     for file, written in blocks.items():
@@ -53,6 +57,12 @@ def main() -> int:
             path.unlink()
         print(f"wrote {path.relative_to(ROOT)}")
     return 0
+
+
+def results() -> str:
+    """The results of the committed study."""
+    data = (ROOT / "docs" / "results" / "generalisation" / "summary.json").read_bytes()
+    return section(msgspec.json.decode(data, type=Summary))
 
 
 def family_table() -> str:
