@@ -11,7 +11,9 @@ least half of each of these episodes follows that step. No other play may change
 rotation, or exploration. A game that gets stuck does so at different steps, and some policy plays the action that a
 waiting game needs. A picture is also frozen if it stops changing after some step or reward of at least three episodes
 while the game continues. The game continues if the same action at the same picture earns different rewards, or if a
-search reaches different states that look the same. A game that is over or stuck does neither.
+search reaches different states that look the same. A game that is over or stuck does neither. Last, a picture is frozen
+if a search finds a state after which it stays as it is in at least 60 steps of four episodes, although moves lead to
+different states. A light that is off for a while comes back in these steps.
 
 The contrast is too low if no channel of any picture spans more than eight of 255 levels. A dark game usually has a
 bright pixel in some picture. Small pictures may contain codes instead of colours, and so may grey pictures that no

@@ -108,7 +108,7 @@ def outcome(value: dict[str, Any], action_space: SpaceSpec, most: int) -> Search
     """
     result: SearchOutcome = _convert(value, SearchOutcome)
     lists = {"crash": result.get("crash"), "win": result.get("win"), "best": result.get("best")}
-    for name, actions in {**lists, "loop": result.get("loop")}.items():
+    for name, actions in {**lists, "loop": result.get("loop"), "still": result.get("still")}.items():
         if len(actions or []) > most:
             raise MalformedValue(f"{name} is a list of more than {most} actions")
         for action in actions or []:

@@ -67,6 +67,7 @@ class SearchOutcome(TypedDict, total=False):
 
     Attributes:
         loop: actions whose last `loop_length` ones lead back to the same coarse picture, and pay each time.
+        still: actions of which the last `still_length` ones did not change the picture.
         paid: steps with a reward other than 0.
         states: the states that it met.
         late_states: those of them that it met first in its second half.
@@ -77,6 +78,8 @@ class SearchOutcome(TypedDict, total=False):
     best: list[Any] | None
     loop: list[Any] | None
     loop_length: Count
+    still: list[Any] | None
+    still_length: Count
     paid: Count
     steps: int
     states: int

@@ -148,7 +148,7 @@ def test_an_exploration_sees_draws() -> None:
 
 
 def test_an_exploration_that_time_ends_tells_new_states_of_its_own_second_half() -> None:
-    outcome = searched("explore", step="self.at += 1; __import__('time').sleep(0.005)", max_steps=10_000, seconds=0.5)[
+    outcome = searched("explore", step="self.at += 1; __import__('time').sleep(0.005)", max_steps=10_000, seconds=2.0)[
         0
     ]
     assert outcome.steps < 5_000
@@ -171,3 +171,22 @@ def test_states_that_differ_by_themselves_are_not_known() -> None:
         "class", "COUNT = itertools.count()\n\nclass"
     )
     assert searched("react", step="self.count = next(COUNT)", source=own)[0].states == 0
+
+
+def test_moves_that_end_the_episode_soon_are_held_for_less_time() -> None:
+    hidden = SPRING.replace("40 * self.at", "0").replace("won = self.at == 5", "won = self.moved == 6")
+    found = searched("react", reset="self.moved = 0", step="self.moved += int(action > 0)", source=hidden)[0]
+    assert found.states == 3
+
+
+def test_an_exploration_tells_where_one_picture_is_shown_for_long() -> None:
+    stuck = SPRING.replace("40 * self.at", "min(40 * self.highest, 120)")
+    found = searched("explore", source=stuck.replace("won = self.at == 5", "won = False"))[0]
+    assert found.still is not None
+    assert found.still_length >= 10
+    # The picture shows the highest place, and nothing more from the third on.
+    assert max(map(sum, _prefixes([(0, 1, -1)[action] for action in found.still]))) >= 2
+
+
+def _prefixes(moves: list[int]) -> list[list[int]]:
+    return [moves[:number] for number in range(len(moves) + 1)]

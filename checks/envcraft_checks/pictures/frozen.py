@@ -21,12 +21,14 @@ _FROZEN, _AT_EVENT = 4, 3
 _KINDS, _LIVELY = 5, 0.1
 #: Steps after the last change at which moves are tried, and the fewest states that they lead to.
 _WAIT, _LASTING = 5, 3
+#: The most episodes that go on from a state which a search found, and the fewest steps of all together.
+_PLAYED, _SHOWN = 16, 60
 _ORDINALS = ("first", "second", "third")
 
 
 def find_frozen(subject: Subject, traces: list[Trace]) -> Defect | None:
-    """Find a picture that stops at one step of all episodes, or else at an event of some."""
-    return _find_at_step(subject, traces) or _find_at_event(subject, traces)
+    """Find a picture that stops at one step of all episodes, or at an event of some, or where only a search came."""
+    return _find_at_step(subject, traces) or _find_at_event(subject, traces) or _find_in_search(subject)
 
 
 def _find_at_step(subject: Subject, traces: list[Trace]) -> Defect | None:
@@ -83,6 +85,44 @@ def _find_at_event(subject: Subject, traces: list[Trace]) -> Defect | None:
         first.rollout.cut(first.steps),
         {"step": last, "episodes": len(frozen)},
     )
+
+
+def _find_in_search(subject: Subject) -> Defect | None:
+    """Find a state of an exploration after which no play changes the picture, though moves lead to different states."""
+    from envcraft.judging import actions
+    from envcraft.model.rollout import Rollout
+
+    if not shows_pictures(subject.observation_space):
+        return None
+    for number, outcome in enumerate(subject.searches.explorations):
+        path, seed = outcome.get("still") or [], subject.episode_seed(number)
+        if not path or not subject.affords(_FROZEN * (len(path) + _SHOWN)):
+            continue
+        traces: list[Trace] = []
+        shown = 0
+        for at, draw in zip(range(_PLAYED), itertools.cycle((actions.random_actions, actions.sticky_actions))):
+            later = draw(subject.action_space, seed + at, _SHOWN)
+            traces.append(subject.rollout(Rollout(seed, path + later, player="play after an exploration")))
+            shown += max(traces[-1].steps - len(path), 0)
+            enough = len(traces) >= _FROZEN and shown >= _SHOWN
+            if enough or not _stays(traces[-1], len(path)) or not subject.affords(len(path) + _SHOWN):
+                break
+        if not enough or not all(_stays(trace, len(path)) for trace in traces) or not _lively(traces):
+            continue
+        if subject.searches.hidden_states(path, seed) >= _LASTING:
+            last = _last_change(traces[0])
+            return Defect(
+                f"the picture freezes: after step {last} it does not change in {len(traces)} episodes that go on from "
+                f"there, {shown} steps in all, although moves lead to different states of the game",
+                max(traces, key=lambda trace: trace.steps).rollout,
+                {"step": last, "episodes": len(traces)},
+            )
+    return None
+
+
+def _stays(trace: Trace, start: int) -> bool:
+    """Whether an episode goes on after a step, and its picture does not change from there on."""
+    return trace.usable and not trace.opaque and trace.steps > start and _last_change(trace) <= start
 
 
 def _at_reward(traces: list[Trace]) -> tuple[str, list[Trace]] | None:

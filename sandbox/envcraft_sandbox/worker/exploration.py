@@ -16,6 +16,8 @@ _SIDE = 96
 _AGAIN, _TRIALS, _LONGEST = 3, 0.1, 16
 #: States of an exploration whose random generators are compared with those of its start.
 _DRAWN = 2
+#: Steps of a walk without another picture that are worth a closer look, and the different actions in them.
+_STILL, _DIFFERENT = 10, 4
 #: The key of the state in which the longest walk without another picture ended.
 _WAITING = "waiting"
 #: Number of plans per round, their steps, and how many steps of the best plan are followed.
@@ -28,7 +30,8 @@ def explore(tree: Tree) -> None:
     After Go-Explore (Ecoffet et al., 2021, doi:10.1038/s41586-020-03157-9): an archive of states under the key of a
     coarse picture. It prefers states that were rarely left and that have earned much. Before it knows a second picture,
     it keeps the end of its longest walk: a game may show one picture until a timer ends. The search stops at the
-    budget, or at half of it once it knows a win. It is `stochastic` if a random generator has another state at its end.
+    budget, or at half of it once it knows a win. `still` leads to where one picture was shown the longest while actions
+    changed. It is `stochastic` if a random generator has another state at its end.
     """
     root = tree.root()
     generators, shared_generators = State(root.env).generators, global_generators()
@@ -45,6 +48,7 @@ def explore(tree: Tree) -> None:
         loops.start(start.cell, node)
         action, hold = None, 0
         still: set[int] = set()
+        run = _Run()
         for _ in range(tree.random.randint(4, 24)):
             if hold == 0:
                 action, hold = tree.random.choice(tree.actions), tree.random.choice((1, 1, 2, 3, 5, 8, 13))
@@ -55,6 +59,7 @@ def explore(tree: Tree) -> None:
             seen.setdefault(digest, tree.out.steps)
             if not alive or tree.spent():
                 break
+            run.add(tree, node, action, digest)
             cell = _cell(tree.frame)
             _remember(tree, archive, cell, node)
             loops.visit(cell, node)
@@ -69,6 +74,23 @@ def explore(tree: Tree) -> None:
     known = [node, *list(archive.values())[-_DRAWN:]]
     drawn = any(State(each.env).generators != generators for each in known if each.env is not None)
     tree.out.stochastic = drawn or global_generators() != shared_generators
+
+
+class _Run:
+    """The steps of a walk that show one picture under many actions; the tree keeps where the longest such run began."""
+
+    def __init__(self) -> None:
+        self._picture: int | None = None
+        self._actions: list[str] = []
+
+    def add(self, tree: Tree, node: Node, action: Any, picture: int) -> None:
+        if picture != self._picture:
+            self._picture, self._actions = picture, []
+        self._actions.append(str(action))
+        length = len(self._actions)
+        longer = (length, -node.path.length) > (tree.out.still_length, -len(tree.out.still or ()))
+        if length >= _STILL and longer and len(set(self._actions)) >= min(_DIFFERENT, len(tree.actions)):
+            tree.out.still, tree.out.still_length = node.path.actions(), length
 
 
 class _Loops:

@@ -27,8 +27,8 @@ _monotonic = time.monotonic
 _READINGS = 6
 #: Number of whole episodes that check the states of an exhausted search.
 _EPISODES = 3
-#: Steps for which :func:`react` holds a move, and those after it.
-_HELD, _RESTED = 6, 14
+#: Steps for which :func:`react` holds a move, and those after it, in long branches and in short ones.
+_BRANCHES = ((6, 14), (3, 3))
 
 
 def run(subject: Subject, job: Job) -> None:
@@ -171,25 +171,34 @@ def react(tree: Tree) -> None:
     look like doing nothing throughout.
 
     A state that only keeps the last action is not different. The moves differ from doing nothing in one component, the
-    one with the most values.
+    one with the most values. If most of these branches end early, shorter ones are tried.
     """
     node = tree.root()
     if not all(tree.step(node, action) for action in tree.path):
         return
-    idle, *moves = _moves(tree.actions)
-    seen: list[str] = []
-    pictures: list[int] = []
-    for action in [idle, idle, *moves]:
-        branch, shown = tree.branch(node), []
-        for held in [action] * _HELD + [idle] * _RESTED:
-            if tree.spent() or not tree.step(branch, held):
-                break
-            shown.append(frame_hash(tree.frame))
-        pictures = pictures or shown
-        if len(shown) == _HELD + _RESTED and shown == pictures:
-            seen.append(json.dumps(State(branch.env).values))
+    moves = _moves(tree.actions)
+    for held, rested in _BRANCHES:
+        whole = [branch for move in moves if (branch := _branch(tree, node, move, moves[0], held, rested))]
+        if 2 * len(whole) > len(moves):
+            break
+    if not whole:
+        return
+    alike = {state for _, pictures, state in whole if pictures == whole[0][1]}
     # Where two branches that did the same differ, a difference says nothing.
-    tree.out.states = len(set(seen)) if seen[:1] == seen[1:2] else 0
+    if _branch(tree, node, whole[0][0], moves[0], held, rested) == whole[0]:
+        tree.out.states = len(alike)
+
+
+def _branch(tree: Tree, node: Node, move: Any, idle: Any, held: int, rested: int) -> tuple[Any, list[int], str] | None:
+    """The move, the pictures and the last state of a branch that holds a move and then does nothing; None if it ends
+    before.
+    """
+    branch, pictures = tree.branch(node), []
+    for action in [move] * held + [idle] * rested:
+        if tree.spent() or not tree.step(branch, action):
+            return None
+        pictures.append(frame_hash(tree.frame))
+    return move, pictures, json.dumps(State(branch.env).values)
 
 
 def _moves(actions: list[Any]) -> list[Any]:

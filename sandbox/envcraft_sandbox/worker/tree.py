@@ -64,6 +64,8 @@ class Outcome:
     best_return: float = float("-inf")
     loop: list[Any] | None = None
     loop_length: int = 0
+    still: list[Any] | None = None
+    still_length: int = 0
     paid: int = 0
     states: int = 0
     late_states: int = 0
@@ -71,7 +73,7 @@ class Outcome:
     stochastic: bool = False
 
     def json(self) -> dict[str, Any]:
-        lists = ("crash", "win", "best", "loop")
+        lists = ("crash", "win", "best", "loop", "still")
         values = {name: getattr(self, name) for name in self.__slots__}
         return {name: value if name in lists else jsonable(value) for name, value in values.items()}
 
