@@ -8,17 +8,25 @@ last long enough to play. Gymnasium leaves open what `step` does after an episod
 again are only a warning. It is an error if the first step after the end, and no other one, pays more than any step of
 an episode: the reward of the end comes a step late, and no agent receives it.
 
+It also reads from the code what counts the steps. If nothing else limits an episode, play must not set this count back,
+count only the steps of some actions, or change the count past a number that it must equal.
+
 A success must end the episode as `terminated`. If only `truncated` is set, the check looks for a longer episode on the
 same seed, which shows that the end is not a time limit.
 
 Where info reports no success, an end at the limit that pays more than any step before it is a goal, such as to survive
 so long, and may be terminated. A game may have a rule that ends it at a fixed step before the contract's limit, such as
 a torch that burns out. The check reports a time limit with swapped flags if all episodes that reach this step are
-terminated and all shorter ones are truncated.
+terminated and all shorter ones are truncated. It also does so if the code names the limit, such as `max_steps`, and
+truncates nothing.
 
 Under a contract with a limit, success ends the episode. An episode that continues is a defect if only time passes after
 its success: for at least 30 steps of any play, no reward is paid, or doing nothing earns a reward at each step. A
 temporary success, such as on a plate that opens a door, is fine.
+
+A loss ends the episode, too. It is an error if an episode goes on after the step that costs most, is not rewarded
+differently any more, and shows and pays the same for at least 150 steps under other actions, up to the limit as far as
+the budget allows. A player who is only stunned, or who appears again, acts again before that.
 
 ## Why is this bad?
 An episode that never ends fills a replay memory with one situation and hangs evaluations. A time limit that is reported
@@ -40,11 +48,17 @@ from typing import TYPE_CHECKING
 import msgspec
 
 from envcraft.errors import Skip
+from envcraft.judging.actions import sticky_actions
 from envcraft.judging.check import Check, Rule
 from envcraft.judging.shrink import repro, shrunk
+from envcraft.model.rollout import Rollout
+from envcraft.model.target import Kind, parse
 from envcraft.model.verdict import Finding, Severity
 from envcraft.plugins import hookimpl
 from envcraft.text import plural
+
+from .linting.limits import terminates_at, unlimited
+from .linting.program import Program, in_words
 
 if TYPE_CHECKING:
     from envcraft.judging.subject import Subject
@@ -56,6 +70,8 @@ _PLAYABLE = 5
 _AFTER_SUCCESS = 30
 #: Steps without a change after which a held action is played to the end of its episode.
 _STILL = 30
+#: The fewest steps after a loss in which actions must change nothing, and the fewest actions that must be played there.
+_DEAD, _VARIED = 150, 3
 #: How many times larger than each following one a reward is that is paid once.
 _TIMES = 2
 
@@ -102,6 +118,12 @@ class Termination(Check):
             "The largest reward is paid at the step after the end.",
             "Pay for the end in the step that sets terminated.",
         ),
+        Rule(
+            "EC509",
+            "loss-does-not-end",
+            "The episode goes on after it is lost.",
+            "Set terminated at the step that loses the game.",
+        ),
     )
 
     def judge(self, subject: Subject) -> Iterator[Finding]:
@@ -115,8 +137,12 @@ class Termination(Check):
         limit = subject.contract.limit
         if limit is not None:
             swapped = [*self._judge_limit(subject, usable, limit), *self._judge_own_limit(subject, usable, limit)]
+            swapped = swapped or list(self._judge_named(subject, usable))
             yield from swapped or self._judge_truncated(subject, usable)
+            if not any(finding.code == "EC501" for finding in swapped):
+                yield from self._judge_code(subject, limit)
             yield from self._judge_success(subject)
+            yield from self._judge_loss(subject, usable, limit)
         yield from self._judge_short(subject, usable)
         yield from self._judge_after(subject, usable)
 
@@ -158,6 +184,43 @@ class Termination(Check):
                 line=subject.line_of("step"),
                 repro=repro(mistaken[0].rollout),
                 episodes=len(mistaken),
+            )
+
+    def _judge_named(self, subject: Subject, traces: list[Trace]) -> Iterator[Finding]:
+        """Report a limit of the game's own that the code calls a time limit, and that terminates all that reach it."""
+        program = _program(subject)
+        named = terminates_at(program) if program is not None else None
+        if named is None:
+            return
+        steps, suspect = named
+        last = [trace for trace in traces if trace.ended and trace.steps == steps]
+        if last and len({trace.rollout.seed for trace in last}) < 2 and subject.affords(steps):
+            last += [trace for trace in self._others(subject, last[0]) if trace.ended and trace.steps == steps]
+        # A game may punish who is too late, as a rule of its own.
+        alike = all(self._is_mistaken(trace) and trace.rewards[-1] >= min(trace.rewards[:-1]) for trace in last)
+        if alike and len({trace.rollout.seed for trace in last}) > 1:
+            yield self.finding(
+                "EC502",
+                f"all {len(last)} episodes that reach step {steps} are terminated there, not truncated: line "
+                f"{suspect.line} {suspect.words}",
+                line=suspect.line,
+                repro=repro(last[0].rollout.cut(steps)),
+                episodes=len(last),
+            )
+
+    def _judge_code(self, subject: Subject, limit: int) -> Iterator[Finding]:
+        """Report a step limit that the code lets play evade, where no episode has lasted long enough to show it."""
+        program = _program(subject)
+        if program is None or "limit" in subject.contract.adapter:
+            return
+        suspects = list(unlimited(program, limit))
+        if suspects:
+            words, lines = in_words(suspects)
+            yield self.finding(
+                "EC501",
+                f"{words}, so an episode can last longer than {limit} steps",
+                line=suspects[0].line,
+                lines=lines,
             )
 
     def _standstill(self, subject: Subject) -> Trace | None:
@@ -215,6 +278,32 @@ class Termination(Check):
             step=step,
             episodes=len(later),
         )
+
+    def _judge_loss(self, subject: Subject, traces: list[Trace], limit: int) -> Iterator[Finding]:
+        """Report an episode that goes on after the step that costs most, though no action changes anything any more."""
+        dead = [(trace, step) for trace in traces if (step := _over(trace))]
+        for trace, step in sorted(dead, key=lambda each: each[1]):
+            last = min(limit, trace.steps)
+            if last < limit or any(_survives(other, trace.rewards[step - 1]) for other in traces):
+                continue
+            varied = len({str(action) for action in trace.actions[step:last]}) > _VARIED
+            if not varied or len(set(trace.observations[step : last + 1])) > 1:
+                # The end may be an animation, which other actions leave as it is.
+                if not subject.affords(last):
+                    continue
+                other = subject.rollout(_otherwise(subject, trace, step, last))
+                if not _alike(trace, other, step, last):
+                    continue
+            yield self.finding(
+                "EC509",
+                f"step {step} costs most, with a reward of {trace.rewards[step - 1]:g}, but the episode goes on for "
+                f"{last - step} more steps in which actions change neither the observation nor the reward",
+                line=subject.line_of("step"),
+                repro=repro(trace.rollout.cut(last)),
+                step=step,
+                steps=last - step,
+            )
+            return
 
     def _judge_truncated(self, subject: Subject, traces: list[Trace]) -> Iterator[Finding]:
         """Report a success whose only flag is truncated, though no time limit is there: other play goes on longer."""
@@ -317,6 +406,51 @@ class Termination(Check):
                 late=late,
                 largest=largest,
             )
+
+
+def _program(subject: Subject) -> Program | None:
+    """The code of the environment; None for an installed one, or one that is nested too deeply."""
+    if subject.target.kind is not Kind.SOURCE:
+        return None
+    try:
+        return Program(parse(subject.text), subject.env_class)
+    except RecursionError:
+        return None
+
+
+def _over(trace: Trace) -> int:
+    """The last step that pays another reward than all that follow, if it costs most of all and many follow; else 0."""
+    if trace.opaque or trace.reported_success or trace.terminated[-1]:
+        return 0
+    last = next((step for step in range(trace.steps, 0, -1) if trace.rewards[step - 1] != trace.rewards[-1]), 0)
+    costs = last > 0 and trace.rewards[last - 1] == min(trace.rewards) and trace.rewards[last - 1] < 0
+    return last if costs and trace.steps - last >= _DEAD else 0
+
+
+def _survives(trace: Trace, reward: float) -> bool:
+    """Whether an episode shows something new after a step that costs as much."""
+    if not trace.usable or trace.opaque:
+        return False
+    first = next((step for step, paid in enumerate(trace.rewards, 1) if paid <= reward), trace.steps)
+    later = trace.rewards[first + 1 :]
+    return len(set(later)) > 1
+
+
+def _otherwise(subject: Subject, trace: Trace, step: int, last: int) -> Rollout:
+    """The same episode up to one step after `step`, and then other actions."""
+    seed = trace.rollout.seed
+    others = sticky_actions(subject.action_space, seed + 1, last - step - 1)
+    return Rollout(seed, trace.actions[: step + 1] + others, player=f"other actions after step {step + 1}")
+
+
+def _alike(one: Trace, two: Trace, first: int, last: int) -> bool:
+    """Whether two episodes show and pay the same between two steps."""
+    if not two.usable or two.opaque or two.steps < last or two.terminated[last - 1]:
+        return False
+    return (
+        one.observations[first : last + 1] == two.observations[first : last + 1]
+        and one.rewards[first:last] == two.rewards[first:last]
+    )
 
 
 def _success(trace: Trace) -> int:

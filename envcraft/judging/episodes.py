@@ -142,7 +142,11 @@ class Episodes:
         alike = first.total > 0 and all(trace.total == first.total for trace in self.whole[1:])
         still = len(set(first.observations[first.steps // 2 :])) == 1
         limit = self._probes.contract.limit
-        lost = any(trace.steps == limit and trace.terminated[-1] and not trace.success for trace in self.whole)
+        same = len(self.whole) > 1 and len({trace.steps for trace in self.whole}) == 1
+        lost = any(
+            (same or trace.steps == limit) and trace.ended and trace.terminated[-1] and not trace.success
+            for trace in self.whole
+        )
         failed = any(trace.fault is not None for trace in self.whole)
         return int(_RESERVE * self._budget.steps) if alike or still or lost or failed else 0
 

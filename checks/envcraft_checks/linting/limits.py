@@ -1,0 +1,289 @@
+"""The step limit as the code states it: what it counts, and what starts the count again or skips the limit."""
+
+from __future__ import annotations
+
+import ast
+import re
+from collections.abc import Iterator
+
+from .program import Function, Program, Suspect, line, name_of
+
+_TRUNCATED, _RESULTS = 3, 5
+#: Words in names of what is so when an episode is over.
+_OVER = re.compile(r"done|over|terminat|truncat|lost|lose|dead|died|success|victory|won\b|win\b|finish", re.I)
+#: Names of what limits the time of an episode. A number of moves or of turns may be a rule of the game.
+_LIMIT = re.compile(r"max_?(episode_?)?(steps?|len|frames)|(step|time|episode|frame)_?(limit|length)|horizon", re.I)
+#: How often a limit that starts again must fit into the longest episode that is allowed: one event doubles it.
+_TWICE = 2
+_BOUNDS = (ast.GtE, ast.Gt, ast.Eq)
+
+
+def unlimited(program: Program, limit: int) -> Iterator[Suspect]:
+    """Find what lets an episode last longer than `limit` although the code counts its steps.
+
+    The truncation must test one counter, and nothing else in the tests of the end may count steps. Then an episode may
+    last longer if play sets the counter back, counts only some actions, or changes the counter past a number that it
+    must equal.
+
+    Args:
+        program: the file.
+        limit: the most steps of an episode that the contract allows.
+    """
+    step = program.method(program.env, "step")
+    play = program.reached("step")
+    if step is None or any(function.name == "reset" for function in play):
+        return
+    tests = list(_tests(program, step, _TRUNCATED))
+    bounds = [found for test, function in tests if (found := _bound(program, test, function)) is not None]
+    counted = [(name, most, kind) for name, most, kind in bounds if _adds(play, name)]
+    if len(counted) != 1 or len(bounds) != 1:
+        return
+    name, most, kind = counted[0]
+    ended = {name_of(node) for test, _ in _tests(program, step, _TRUNCATED - 1) for node in ast.walk(test)}
+    ended |= {name_of(node) for test, _ in tests for node in ast.walk(test)}
+    if any(_always(program, step, play, other) for other in ended - {name, ""}):
+        # Something else counts steps, too.
+        return
+    if most * _TWICE > limit:
+        yield from _restarts(program, play, name)
+    yield from _paused(program, step, play, name)
+    if kind is ast.Eq:
+        yield from _jumps(play, name)
+
+
+def terminates_at(program: Program) -> tuple[int, Suspect] | None:
+    """The steps after which an episode is terminated by what its name says is a time limit, while nothing truncates it.
+
+    Returns:
+        The number of steps and the test; None if there is none.
+    """
+    step = program.method(program.env, "step")
+    if step is None:
+        return None
+    flags = [
+        node.value.elts[_TRUNCATED]
+        for node in step.nodes
+        if isinstance(node, ast.Return) and isinstance(node.value, ast.Tuple) and len(node.value.elts) == _RESULTS
+    ]
+    if not flags or not all(_is_false(program, flag, step) for flag in flags):
+        return None
+    play = program.reached("step")
+    for test, function in _tests(program, step, _TRUNCATED - 1):
+        bound = _bound(program, test, function)
+        if bound is None or not isinstance(test, ast.Compare) or not _adds(play, bound[0]):
+            continue
+        if _LIMIT.search(name_of(test.comparators[0])):
+            steps = int(bound[1]) + (bound[2] is ast.Gt)
+            return steps, Suspect(line(test), f"ends it if {ast.unparse(test)}")
+    return None
+
+
+def _is_false(program: Program, flag: ast.expr, step: Function) -> bool:
+    """Whether a flag that step() returns is false, or a name for it."""
+    values = [value for value, _ in program.values(flag, step)] if isinstance(flag, ast.Name) else [flag]
+    return bool(values) and all(isinstance(value, ast.Constant) and value.value is False for value in values)
+
+
+def _tests(program: Program, step: Function, place: int) -> Iterator[tuple[ast.AST, Function]]:
+    """The comparisons that decide a flag which step() returns, through names, attributes and methods."""
+    waiting: list[tuple[ast.AST, Function]] = [
+        (node.value.elts[place], step)
+        for node in step.nodes
+        if isinstance(node, ast.Return) and isinstance(node.value, ast.Tuple) and len(node.value.elts) == _RESULTS
+    ]
+    seen: set[ast.AST] = set()
+    while waiting:
+        value, function = waiting.pop()
+        for node in _deciding(value):
+            if node in seen:
+                continue
+            seen.add(node)
+            if isinstance(node, ast.Compare):
+                yield node, function
+            elif isinstance(node, ast.Call) and (field := function.field(node.func)):
+                called = program.method(program.bound_to(function), field)
+                if called is not None:
+                    waiting += [(one, called) for one in called.node.body]
+            elif isinstance(node, ast.Name) or function.field(node):
+                waiting += _assigned(program, node, function)
+
+
+def _deciding(node: ast.AST) -> Iterator[ast.AST]:
+    """Walk a tree without the sides of comparisons, and without what a ``not`` negates: that the episode goes on."""
+    if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.Not):
+        return
+    yield node
+    for child in ast.iter_child_nodes(node) if not isinstance(node, ast.Compare) else ():
+        yield from _deciding(child)
+
+
+def _assigned(program: Program, node: ast.AST, function: Function) -> Iterator[tuple[ast.AST, Function]]:
+    """The values that a name or an attribute of ``self`` has, and the conditions under which play assigns them."""
+    field = function.field(node)
+    for one in program.play if field else [function]:
+        for target, value, statement in one.bindings:
+            same = (
+                one.field(target) == field
+                if field
+                else isinstance(target, ast.Name) and name_of(target) == name_of(node)
+            )
+            if same:
+                if value is not None:
+                    yield value, one
+                yield from ((test, one) for test in _conditions(program, statement, one))
+
+
+def _conditions(program: Program, node: ast.AST, function: Function) -> Iterator[ast.expr]:
+    """The tests of the statements that hold a node."""
+    while node is not function.node:
+        node = program.parents[node]
+        if isinstance(node, ast.If | ast.While | ast.IfExp):
+            yield node.test
+
+
+def _bound(program: Program, test: ast.AST, function: Function) -> tuple[str, float, type[ast.cmpop]] | None:
+    """The attribute that a test compares with an upper bound, the bound, and the comparison; None for another test."""
+    if not isinstance(test, ast.Compare) or len(test.ops) != 1 or not isinstance(test.left, ast.Attribute):
+        return None
+    most = _constant(program, test.comparators[0], function)
+    kind = type(test.ops[0])
+    return (test.left.attr, most, kind) if most is not None and kind in _BOUNDS else None
+
+
+def _constant(program: Program, node: ast.AST | None, function: Function | None) -> float | None:
+    """The value of a number, of a name that is bound to one number, or of an option with a default."""
+    match node:
+        case ast.Constant(value=int() | float() as value) if not isinstance(value, bool):
+            return value
+        case ast.Name() | ast.Attribute():
+            values = program.values(node, function)
+            if len(values) == 1 and isinstance(values[0][0], ast.Name) and values[0][1] is not None:
+                return _default(values[0][0].id, values[0][1])
+            return _constant(program, *values[0]) if len(values) == 1 and values[0][0] is not node else None
+    return None
+
+
+def _default(name: str, function: Function) -> float | None:
+    """The default of a parameter, if it is a number."""
+    arguments = function.node.args
+    every = [*arguments.posonlyargs, *arguments.args]
+    named = dict(zip(reversed([one.arg for one in every]), reversed(arguments.defaults), strict=False))
+    named |= {
+        one.arg: value
+        for one, value in zip(arguments.kwonlyargs, arguments.kw_defaults, strict=True)
+        if value is not None
+    }
+    value = named.get(name)
+    return value.value if isinstance(value, ast.Constant) and isinstance(value.value, int | float) else None
+
+
+def _adds(play: list[Function], name: str) -> list[tuple[ast.AugAssign, Function]]:
+    """Where play adds one to an attribute of this name."""
+    return [
+        (node, one)
+        for one in play
+        for node in one.nodes
+        if isinstance(node, ast.AugAssign)
+        and isinstance(node.target, ast.Attribute)
+        and node.target.attr == name
+        and isinstance(node.op, ast.Add)
+        and isinstance(node.value, ast.Constant)
+        and node.value.value == 1
+    ]
+
+
+def _always(program: Program, step: Function, play: list[Function], name: str) -> bool:
+    """Whether every step changes an attribute of this name, and play never sets it back."""
+    changed = any(
+        isinstance(node, ast.AugAssign)
+        and isinstance(node.target, ast.Attribute)
+        and node.target.attr == name
+        and program.parents[node] is step.node
+        for node in step.nodes
+    )
+    return changed and not any(True for _ in _sets(play, name))
+
+
+def _sets(play: list[Function], name: str) -> Iterator[tuple[ast.Assign, Function]]:
+    """Where play assigns a number to an attribute of this name."""
+    for one in play:
+        for target, value, statement in one.bindings:
+            if (
+                isinstance(target, ast.Attribute)
+                and target.attr == name
+                and isinstance(statement, ast.Assign)
+                and isinstance(value, ast.Constant)
+            ):
+                yield statement, one
+
+
+def _restarts(program: Program, play: list[Function], name: str) -> Iterator[Suspect]:
+    for statement, function in _sets(play, name):
+        beside = _suite(program, statement)
+        words = [ast.unparse(test) for test in _conditions(program, statement, function)]
+        words += [ast.unparse(target) for one in beside if isinstance(one, ast.Assign) for target in one.targets]
+        if any(map(_OVER.search, words)) or any(isinstance(one, ast.Return | ast.Raise) for one in beside):
+            # The episode may end there.
+            continue
+        yield Suspect(line(statement), f"sets {ast.unparse(statement.targets[0])} back during play")
+
+
+def _suite(program: Program, statement: ast.stmt) -> list[ast.stmt]:
+    """The statements among which a statement stands, unless they are those of a whole function."""
+    parent = program.parents[statement]
+    if isinstance(parent, ast.FunctionDef):
+        return []
+    suites = (getattr(parent, name, None) for name in ("body", "orelse", "finalbody"))
+    return next((suite for suite in suites if isinstance(suite, list) and statement in suite), [])
+
+
+def _paused(program: Program, step: Function, play: list[Function], name: str) -> Iterator[Suspect]:
+    """Find the test of an action under which a step does not count: around the sum, or around a return before it."""
+    adds = _adds(play, name)
+    if len(adds) != 1 or adds[0][1] is not step or len(step.parameters) < _TWICE:
+        return
+    count = adds[0][0]
+    decided = _decided(program, step, play)
+    for test in _conditions(program, count, step):
+        if _names(test) & decided:
+            yield Suspect(line(count), f"counts a step only if {ast.unparse(test)[:40]}")
+            return
+    for node in step.nodes:
+        if isinstance(node, ast.Return) and line(node) < line(count):
+            flags = node.value.elts[_TRUNCATED - 1 : _TRUNCATED + 1] if isinstance(node.value, ast.Tuple) else []
+            tests = list(_conditions(program, node, step))
+            goes_on = len(flags) == _TWICE and all(isinstance(one, ast.Constant) and not one.value for one in flags)
+            if goes_on and tests and _names(tests[0]) <= decided:
+                yield Suspect(line(node), f"returns if {ast.unparse(tests[0])[:40]}, before the step is counted")
+                return
+
+
+def _decided(program: Program, step: Function, play: list[Function]) -> set[str]:
+    """The names and attributes that the action alone decides in every step."""
+    found = {step.parameters[1]}
+    for target, value, statement in step.bindings:
+        first = program.parents[statement] is step.node and value is not None and bool(_names(value))
+        if first and value is not None and _names(value) <= found:
+            found.add(name_of(target))
+    kept = {target.attr for one in play for target, _, _ in one.bindings if isinstance(target, ast.Attribute)}
+    changed = [target.attr for one in play for target, _, _ in one.bindings if isinstance(target, ast.Attribute)]
+    return {one for one in found if one not in kept or changed.count(one) == 1}
+
+
+def _names(test: ast.AST) -> set[str]:
+    """The names and attributes of an expression, without ``self`` and what only converts a value."""
+    attributes = {node.attr for node in ast.walk(test) if isinstance(node, ast.Attribute)}
+    names = {node.id for node in ast.walk(test) if isinstance(node, ast.Name)}
+    return attributes | (names - {"self", "int", "bool", "any", "np", "len", "float"})
+
+
+def _jumps(play: list[Function], name: str) -> Iterator[Suspect]:
+    for one in play:
+        for node in one.nodes:
+            if (
+                isinstance(node, ast.AugAssign)
+                and isinstance(node.target, ast.Attribute)
+                and node.target.attr == name
+                and not (isinstance(node.value, ast.Constant) and node.value.value == 1)
+            ):
+                yield Suspect(line(node), f"changes {ast.unparse(node.target)} by more than 1, past the limit")

@@ -1,0 +1,108 @@
+"""What the code says of the step limit: when play can evade it, and when it terminates."""
+
+from __future__ import annotations
+
+import ast
+
+import pytest
+from envcraft_checks.linting.limits import terminates_at, unlimited
+from envcraft_checks.linting.program import Program
+
+GAME = """
+import gymnasium as gym
+MAX_STEPS = 1000
+FUEL = 400
+class Game(gym.Env):
+    def reset(self, *, seed=None, options=None):
+        self.steps = self.level_steps = self.level = self.fuel = 0
+        self.enter()
+        return 0, {{}}
+    def enter(self):
+        {enter}
+    def step(self, action):
+        {first}
+        {count}
+        won = self.level == 9
+        {event}
+        lost = False
+        terminated = {terminated}
+        truncated = {truncated}
+        return 0, 0.0, terminated, truncated, {{}}
+"""
+
+LIMIT = "self.steps >= MAX_STEPS"
+
+
+def program(
+    enter: str = "pass",
+    first: str = "pass",
+    count: str = "self.steps += 1",
+    event: str = "pass",
+    terminated: str = "won or lost",
+    truncated: str = LIMIT,
+) -> Program:
+    text = GAME.format(enter=enter, first=first, count=count, event=event, terminated=terminated, truncated=truncated)
+    return Program(ast.parse(text))
+
+
+@pytest.mark.parametrize(
+    "parts",
+    [
+        {"event": "if action == 3: self.level += 1; self.steps = 0"},
+        {"event": "if action == 3: self.enter()", "enter": "self.steps = 0"},
+        {"event": "if action == 3: self.steps = 0", "truncated": f"{LIMIT} and not (won or lost)"},
+        {"event": "if action == 3: self.steps = 0", "truncated": "bool(self.steps > 600)"},
+        {"count": "if action: self.steps += 1"},
+        {"first": "if action == 2: return 0, 0.0, False, False, {}"},
+        {"first": "paused = action == 2\n        if paused: return 0, 0.0, False, False, {}"},
+        {"truncated": "self.steps == MAX_STEPS", "event": "if action == 3: self.steps += 500"},
+    ],
+)
+def test_a_limit_that_play_can_evade(parts: dict[str, str]) -> None:
+    assert list(unlimited(program(**parts), 1000))
+
+
+@pytest.mark.parametrize(
+    "parts",
+    [
+        {},
+        # Two levels fit into the limit.
+        {"event": "if action == 3: self.steps = 0", "truncated": "self.steps >= 500"},
+        # Another count, which nothing sets back, limits the episode, too.
+        {"event": "self.level_steps += 1\n        if won: self.level_steps = 0", "truncated": f"{LIMIT} or won"},
+        {
+            "count": "self.steps += 1\n        self.level_steps += 1",
+            "event": "if action == 3: self.level_steps = 0",
+            "truncated": f"{LIMIT} or self.level_steps >= 900",
+        },
+        {"count": "self.steps += 1\n        self.fuel -= 1", "terminated": "won or self.fuel <= -FUEL",
+         "event": "if action == 3: self.steps = 0"},
+        # The episode ends where the count starts again.
+        {"event": "if won: self.steps = 0"},
+        {"event": "if self.level == 4: lost = True; self.steps = 0"},
+        # A pause that ends by itself, which the action does not hold.
+        {"first": "if self.fuel > 0: return 0, 0.0, False, False, {}"},
+        {"truncated": "self.steps >= MAX_STEPS", "event": "if action == 3: self.steps += 500"},
+        # No limit in the code: only play can tell.
+        {"truncated": "False"},
+    ],
+)  # fmt: skip
+def test_a_limit_that_holds_or_is_not_known(parts: dict[str, str]) -> None:
+    assert not list(unlimited(program(**parts), 1000))
+
+
+def test_a_time_limit_that_terminates_is_known_by_its_name() -> None:
+    found = terminates_at(program(terminated=f"won or {LIMIT}", truncated="False"))
+    assert found is not None
+    assert found[0] == 1000
+    later = terminates_at(program(terminated="won or self.steps > MAX_STEPS", truncated="False"))
+    assert later is not None
+    assert later[0] == 1001
+
+
+@pytest.mark.parametrize(
+    ("terminated", "truncated"),
+    [("won or self.steps >= FUEL", "False"), ("won", LIMIT), (f"won or {LIMIT}", LIMIT), ("won or lost", "False")],
+)
+def test_a_rule_of_the_game_is_no_time_limit(terminated: str, truncated: str) -> None:
+    assert terminates_at(program(terminated=terminated, truncated=truncated)) is None
