@@ -96,6 +96,6 @@ class Look:
             (hue, 0.3, margin),
         ]
         channels = [round(255 * part) for tone in tones for part in colorsys.hsv_to_rgb(tone[0] % 1, *tone[1:])]
-        texture, wall = rng.choice(sorted(TEXTURES)), rng.choice(sorted(WALLS))
+        texture, walls = rng.choice(sorted(TEXTURES)), rng.choice(sorted(WALLS))
         shapes = {name: rng.randrange(len(found)) for name, found in sprites.items()}
-        return cls(bytes(channels).hex(), texture, wall, shapes)
+        return cls(bytes(channels).hex(), texture, walls, shapes)

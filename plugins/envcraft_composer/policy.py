@@ -146,16 +146,16 @@ class Composed(Planner):
     def _lost(self, ghost: Any) -> float:
         """What accidents since the start of the search count."""
         if hasattr(ghost, "lives"):
-            return _ACCIDENT * (self._lives - ghost.lives)
+            return float(_ACCIDENT * (self._lives - ghost.lives))
         if hasattr(ghost, "energy"):
             # Each step costs one, which is no loss.
-            return max(self._fuel - ghost.energy - ghost.clock, 0.0)
+            return float(max(self._fuel - ghost.energy - ghost.clock, 0.0))
         return 0.0
 
     def _to_target(self, ghost: Any) -> float:
         """The steps to the nearest target, and what accidents count."""
         targets = ghost._targets()
-        lost = self._lost(ghost) + _UNDONE * max(ghost._remaining() - self._before, 0)
+        lost: float = self._lost(ghost) + _UNDONE * max(ghost._remaining() - self._before, 0)
         if not targets:
             return lost
         if self._plane:
