@@ -84,10 +84,13 @@ async def crowd(server: Served) -> tuple[int, float, str]:
         sockets = []
         for _ in range(PLAYERS + 1):
             socket = await stack.enter_async_context(connect(address, additional_headers=cookie))
-            await socket.send(json.dumps({"environment": "walk.py", "number": 0}))
+            await socket.send(json.dumps({"environment": "walk.py", "number": 0, "on": True}))
             sockets.append((socket, json.loads(await socket.recv())))
         ready = [socket for socket, told in sockets if told["kind"] == "ready"]
         refused = next((told["words"] for _, told in sockets if told["kind"] == "refused"), "")
+        # Paused until all are open: nobody reads what comes before.
+        for socket in ready:
+            await socket.send(json.dumps({"do": "pause", "on": False}))
         counts = await asyncio.gather(*(_frames(socket) for socket in ready))
     return len(ready), min(counts) / SECONDS, refused
 
