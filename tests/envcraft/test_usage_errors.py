@@ -77,9 +77,7 @@ def test_a_baseline_is_below_the_folder_of_the_settings(
     (tmp_path / "pyproject.toml").write_text('[tool.envcraft]\nbaseline = "base.json"\n')
     missing = invoke("validate", good)
     assert missing.exit_code == 2
-    assert (
-        f"{tmp_path / 'pyproject.toml'}: [tool.envcraft] baseline: the baseline base.json" in missing.stderr
-    )
+    assert f"{tmp_path / 'pyproject.toml'}: [tool.envcraft] baseline: the baseline base.json" in missing.stderr
     (tmp_path / "base.json").write_text('{"reports": []}')
     (tmp_path / "deeper").mkdir()
     monkeypatch.chdir(tmp_path / "deeper")
