@@ -17,6 +17,7 @@ from envcraft.judging.driver import Driver, driver_for
 from envcraft.judging.engine import Plan, open_subject
 from envcraft.judging.selection import all_checks
 from envcraft.judging.subject import Subject
+from envcraft.model.project import with_project
 from envcraft.model.target import PolicyFile, Target
 from envcraft.model.verdict import CheckReport, Finding
 from envcraft.registry import offered
@@ -107,6 +108,8 @@ class Stage:
         settings = None if given is None else given.settings
         env_class = environment.env_class or (decode(given.report).env_class if given is not None else None)
         target = Target(path, source, env_class)
+        if self._files:
+            target = with_project(target)
         contract = contract_named(self._default if settings is None else settings.contract)
         budget = BUDGETS.get(settings.budget if settings is not None else "", BUDGETS["standard"])
         plan = Plan(

@@ -19,6 +19,7 @@ from websockets.sync.client import connect
 from websockets.typing import Origin
 
 from envcraft.cli.group import cli
+from envcraft.corpus.store import Store
 from envcraft.demonstrations.player import PolicyPlayer
 from envcraft.judging.selection import driver_named
 from envcraft.model.target import PolicyFile
@@ -392,6 +393,19 @@ def test_the_export_plays_recorded_episodes_as_files(browser: Browser, corpus: P
     assert pools["genre"] == ["42", "0", "0", "0", "0.0%"]
     assert pools["mechanic"] == ["56", "1", "1", "1", "1.8%"]
     assert not complaints, complaints
+
+
+def test_an_environment_of_a_folder_is_played_with_its_project(tmp_path: Path) -> None:
+    source = b"import gymnasium\nfrom sizes import SIZE\n\n\nclass Walk(gymnasium.Env):\n    size = SIZE\n"
+    (tmp_path / "walk.py").write_bytes(source)
+    (tmp_path / "sizes.py").write_text("SIZE = 8\n")
+    root = tmp_path / ".envcraft"
+    with Store.create(root, folder=True) as store:
+        store.add("walk.py", source)
+    with closing(driver_named("process")) as driver:
+        _, target = Stage(root, str(tmp_path), driver, "gymnasium").plan("walk.py")
+    assert target.project is not None
+    assert list(target.project.files) == ["sizes.py"]
 
 
 def test_chosen_players_play_beside_the_others(corpus: Path) -> None:
