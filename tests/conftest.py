@@ -3,6 +3,9 @@
 ``ENVCRAFT_REQUIRE_DRIVERS=docker,bubblewrap`` turns the skips of tests with these markers into failures: CI installs
 the drivers, so nothing may skip their tests.
 
+``ENVCRAFT_TEST_DEADLINE`` is the time, in seconds since the epoch, after which no test starts. CI sets it, so that a
+slow machine reports the results that it has. The later tests are skipped, and the summary says so.
+
 ``make test`` distributes whole files to the processes of pytest-xdist, in the order that is defined here.
 """
 
@@ -10,6 +13,7 @@ from __future__ import annotations
 
 import os
 import signal
+import time
 from collections.abc import Generator
 from pathlib import Path
 from typing import Any
@@ -24,6 +28,8 @@ ROOT = Path(__file__).resolve().parent.parent
 hypothesis.settings.register_profile("envcraft", deadline=None, suppress_health_check=[hypothesis.HealthCheck.too_slow])
 hypothesis.settings.load_profile("envcraft")
 _REQUIRED = {name for name in os.environ.get("ENVCRAFT_REQUIRE_DRIVERS", "").split(",") if name}
+_DEADLINE = float(os.environ.get("ENVCRAFT_TEST_DEADLINE", "inf"))
+_LATE = pytest.StashKey[bool]()
 #: Slow files run first, so that none of them is the last. The hostile programs start first of all, beside other tests
 #: that wait for deadlines.
 _FIRST = (
@@ -58,6 +64,13 @@ def pytest_configure() -> None:
         os.environ.pop(name, None)
 
 
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    if time.time() > _DEADLINE:
+        item.stash[_LATE] = True
+        pytest.skip("not run: this machine is too slow for the time that ENVCRAFT_TEST_DEADLINE leaves")
+
+
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_makereport(
     item: pytest.Item, call: pytest.CallInfo[None]
@@ -65,7 +78,7 @@ def pytest_runtest_makereport(
     report: pytest.TestReport = yield
     needed = _REQUIRED & {mark.name for mark in item.iter_markers()}
     # pytest reports an expected failure as skipped, too.
-    if report.skipped and needed and not hasattr(report, "wasxfail"):
+    if report.skipped and needed and not hasattr(report, "wasxfail") and _LATE not in item.stash:
         reason: Any = report.longrepr[2] if isinstance(report.longrepr, tuple) else report.longrepr
         report.outcome = "failed"
         report.longrepr = f"ENVCRAFT_REQUIRE_DRIVERS names {', '.join(sorted(needed))}, but: {reason}"
