@@ -48,7 +48,6 @@ from typing import TYPE_CHECKING
 import msgspec
 
 from envcraft.errors import Skip
-from envcraft.judging.actions import sticky_actions
 from envcraft.judging.check import Check, Rule
 from envcraft.judging.shrink import repro, shrunk
 from envcraft.model.rollout import Rollout
@@ -438,6 +437,8 @@ def _survives(trace: Trace, reward: float) -> bool:
 
 def _otherwise(subject: Subject, trace: Trace, step: int, last: int) -> Rollout:
     """The same episode up to one step after `step`, and then other actions."""
+    from envcraft.judging.actions import sticky_actions
+
     seed = trace.rollout.seed
     others = sticky_actions(subject.action_space, seed + 1, last - step - 1)
     return Rollout(seed, trace.actions[: step + 1] + others, player=f"other actions after step {step + 1}")
