@@ -75,7 +75,7 @@ def latencies(page: Any, server: Served) -> dict[str, list[float]]:
 
 
 async def crowd(server: Served) -> tuple[int, float, str]:
-    """How many play at once, the slowest one's steps per second, and what the next one is told."""
+    """How many play at once, the slowest one's steps per second, and the refusal that the next one receives."""
     from websockets.asyncio.client import connect
 
     cookie = {"Cookie": f"envcraft-{server.port}={server.token}"}
