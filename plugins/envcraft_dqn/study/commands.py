@@ -63,6 +63,29 @@ def _count(name: str, text: str, minimum: int = 1) -> Callable[[_F], _F]:
     return click.option(f"--{name}", type=click.IntRange(minimum), show_default=_PRESET, help=text)
 
 
+_EXECUTION = (
+    click.option("--seed", type=click.IntRange(0, 2**31 - 1), default=0, show_default=True, help="Random seed."),
+    click.option(
+        "--device", default="auto", show_default=True, metavar="NAME", help="Torch device, such as cpu or cuda."
+    ),
+    click.option(
+        "--sandbox", default="auto", show_default=True, metavar="NAME", help="Sandbox of the privileged player."
+    ),
+    click.option(
+        "--executor", default=_LOCAL, show_default=True, metavar="NAME", help="Executor of the tasks: local or dask."
+    ),
+    click.option("--scheduler", metavar="ADDRESS", help="Scheduler address of the dask cluster."),
+    click.option("--workers", type=click.IntRange(0, 1024), help="Number of parallel tasks.  [default: one per core]"),
+)
+
+
+def _execution(command: _F) -> _F:
+    """The options on where and how tasks run."""
+    for option in reversed(_EXECUTION):
+        command = option(command)
+    return command
+
+
 @study.command()
 @click.argument("corpus", metavar="[CORPUS]", required=False, type=click.Path(path_type=Path))
 @click.option("--output", required=True, metavar="DIR", type=click.Path(path_type=Path), help="Folder of the study.")
@@ -114,14 +137,7 @@ def _count(name: str, text: str, minimum: int = 1) -> Callable[[_F], _F]:
 )
 @_count("batch", "Transitions in an update.")
 @_count("threads", "Threads of each task.")
-@click.option("--seed", type=click.IntRange(0, 2**31 - 1), default=0, show_default=True, help="Random seed.")
-@click.option("--device", default="auto", show_default=True, metavar="NAME", help="Torch device, such as cpu or cuda.")
-@click.option("--sandbox", default="auto", show_default=True, metavar="NAME", help="Sandbox of the privileged player.")
-@click.option(
-    "--executor", default=_LOCAL, show_default=True, metavar="NAME", help="Executor of the tasks: local or dask."
-)
-@click.option("--scheduler", metavar="ADDRESS", help="Scheduler address of the dask cluster.")
-@click.option("--workers", type=click.IntRange(0, 1024), help="Number of parallel tasks.  [default: one per core]")
+@_execution
 def generalisation(
     corpus: Path | None,
     output: Path,
@@ -183,14 +199,7 @@ def generalisation(
 @_count("steps", "Environment steps of the training on the other families.", 0)
 @_count("pretrain-updates", "Updates on demonstrations alone, before online training.")
 @_count("threads", "Threads of each task.")
-@click.option("--seed", type=click.IntRange(0, 2**31 - 1), default=0, show_default=True, help="Random seed.")
-@click.option("--device", default="auto", show_default=True, metavar="NAME", help="Torch device, such as cpu or cuda.")
-@click.option("--sandbox", default="auto", show_default=True, metavar="NAME", help="Sandbox of the privileged players.")
-@click.option(
-    "--executor", default=_LOCAL, show_default=True, metavar="NAME", help="Executor of the tasks: local or dask."
-)
-@click.option("--scheduler", metavar="ADDRESS", help="Scheduler address of the dask cluster.")
-@click.option("--workers", type=click.IntRange(0, 1024), help="Number of parallel tasks.  [default: one per core]")
+@_execution
 def transfer(
     output: Path,
     scale: str,

@@ -108,6 +108,7 @@ class Tree:
             self.copies = Copies(env, exact=self.exact)
             self.copies.of(env)
         except BaseException:
+            # Copying runs the environment's own code, which can raise anything.
             self.out.copies = False
         return node
 
