@@ -2,7 +2,8 @@
 
 The page sends JSON: first the environment, with a player if it only watches; then ``start``, ``press``, ``release``,
 ``step``, ``pause``, ``rate`` and ``save``. The answers are JSON, and one binary message for each frame: the length of a
-JSON text in four bytes, the text, and the pixels in RGB. The session ends with the connection and at its limits.
+JSON text in four bytes, the text, and the pixels in RGB. ``started`` comes before the first frame of each episode. The
+session ends with the connection and at its limits.
 
 A player plays its episode at once. Its actions are then taken again, step by step, at the rate of the environment.
 """
@@ -233,6 +234,8 @@ class Session:
             seed = message.seed if self._played is None else self._played.rollout.seed
             self._episode = _Episode(subject, min(max(seed, 0), _MAX_SEED), conditions, asyncio.get_running_loop())
             self._paused, self._due = message.on, time.monotonic()
+            self._tapped = []
+            await self._tell("started")
             await self._show()
         elif message.act == "pause":
             self._paused, self._due = message.on, time.monotonic()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import http.client
+import itertools
 import json
 import re
 from collections.abc import Callable, Iterator
@@ -192,8 +193,11 @@ def test_a_player_is_shown_step_by_step_and_again(server: Served) -> None:
     with socket_to(server) as opened:
         assert start(opened, player="policy 0", seed=3, on=False)["kind"] == "ready"
         opened.send(json.dumps({"do": "rate", "rate": 60}))
-        shown = []
+        shown, started = [], 0
         for message in answers(opened):
+            if message["kind"] == "started":
+                started += 1
+                continue
             shown.append(message)
             if len(shown) == 20:
                 opened.send(json.dumps({"do": "pause", "on": True}))
@@ -208,6 +212,20 @@ def test_a_player_is_shown_step_by_step_and_again(server: Served) -> None:
     assert positions[-2:] == [0, 1]
     assert shown[0]["pixels"] != shown[1]["pixels"]
     assert all(message["kind"] == "frame" for message in shown)
+    assert started == 2
+
+
+def test_keys_after_the_end_are_not_of_the_next_episode(server: Served) -> None:
+    with socket_to(server) as opened:
+        assert start(opened, environment="crash.py", number=2, on=False)["kind"] == "ready"
+        opened.send(json.dumps({"do": "press", "key": "right", "held": ["right"]}))
+        told = answers(opened)
+        assert any(message["kind"] == "over" for message in told)
+        for message in ({"do": "release"}, {"do": "press", "key": "right"}, {"do": "start"}):
+            opened.send(json.dumps(message))
+        shown = [message for message in itertools.islice(told, 6) if message["kind"] == "frame"]
+    assert [json.loads(message["info"])["x"] for message in shown[1:]] == [0] * len(shown[1:])
+    assert len(shown) >= 4
 
 
 def test_unknown_players_are_refused(server: Served) -> None:
@@ -323,6 +341,68 @@ def test_a_finding_is_replayed_and_players_play_side_by_side(show: Open) -> None
     expect(lanes.nth(2).locator(".state")).to_have_text(re.compile("^2 environments are being played"))
     policy.get_by_role("button", name="Close policy 0").click()
     expect(lanes.locator("h3")).to_have_text(["noop", "random"])
+
+
+@pytest.mark.browser
+def test_another_episode_shows_no_frame_of_the_last_one(show: Open) -> None:
+    from playwright.sync_api import expect
+
+    page = show("environments.html#environment=calm.py")
+    controls, screen = page.locator("#part-play .controls"), page.locator("#part-play .large")
+    save = controls.get_by_role("button", name="Save")
+    expect(save).to_be_disabled()
+    controls.get_by_role("button", name="Play").click()
+    controls.get_by_label("Speed").select_option("60")
+    for _ in range(3):
+        expect(screen).to_have_attribute("data-frames", re.compile(r"^\d{2,}$"))
+        screen.press("r")
+        expect(page.locator("#part-play .state")).to_have_text("Playing")
+    controls.get_by_role("button", name="Pause").click()
+    expect(page.locator("#part-play .state")).to_have_text("Paused: each key takes a step")
+    with page.expect_download() as saving:
+        save.click()
+    (finding,) = json.loads(saving.value.path().read_text())["reports"][0]["checks"][0]["findings"]
+    steps = len(finding["repro"]["actions"])
+    expect(page.locator("#part-play .said")).to_have_text(re.compile(f"^step {steps} of {steps},"))
+    # The episode is over: it has no next step, and can be saved again.
+    expect(controls.get_by_role("button", name="Step")).to_be_disabled()
+    expect(save).to_be_enabled()
+
+
+@pytest.mark.browser
+def test_a_player_that_plans_says_so(show: Open) -> None:
+    from playwright.sync_api import expect
+
+    page = show("environments.html#environment=calm.py")
+    # It plans until the server answers.
+    page.route_web_socket("**/live/play", lambda socket: None)
+    page.locator("#part-watch .players").get_by_role("button", name="search").click()
+    expect(page.get_by_role("progressbar", name="search plans its episode")).to_be_visible()
+    expect(page.locator("#part-watch .lane .state")).to_contain_text("plans its whole episode")
+    page.unroute_all()
+
+
+@pytest.mark.browser
+def test_a_phone_shows_the_game_first_with_its_buttons(show: Open) -> None:
+    from playwright.sync_api import expect
+
+    size = {"width": 390, "height": 664}
+    page = show("environments.html#environment=calm.py", viewport=size, is_mobile=True, has_touch=True)
+    play = page.locator("#part-play").get_by_role("button", name="Play", exact=True)
+    expect(play).to_be_in_viewport(ratio=1)
+    play.tap()
+    right = page.locator("#part-play .key-right")
+    for one in (page.locator("#part-play .large"), right, page.locator("#part-play .key-z")):
+        expect(one).to_be_in_viewport(ratio=1)
+    # As long as the finger is down.
+    right.dispatch_event("pointerdown")
+    expect(page.locator("#part-play .flags")).to_contain_text('"x": 10')
+    right.dispatch_event("pointerup")
+    page.locator("#part-play").get_by_role("button", name="Pause").tap()
+    expect(page.locator("#part-play .state")).to_have_text("Paused: each key takes a step")
+    frames = int(page.locator("#part-play .large").get_attribute("data-frames") or 0)
+    right.tap()
+    expect(page.locator("#part-play .large")).to_have_attribute("data-frames", str(frames + 1))
 
 
 @pytest.mark.browser

@@ -134,8 +134,9 @@ async function one(wanted) {
   if (mine !== listed.turn || !about) return;
   const title = make("h1", "", about.name);
   title.tabIndex = -1;
-  byId("one").replaceChildren(way(number, around), head(number, row, about, title),
-    ...(live ? stage(about, row[PICTURE] ? pictureOf(number) : "") : watched(about)),
+  // People would rather play than read.
+  const play = live ? stage(about, row[PICTURE] ? pictureOf(number) : "") : watched(about);
+  byId("one").replaceChildren(way(number, around), badge(row), title, ...play, judged(number, row, about, !play.length),
     ...(about.findings.length ? [part("findings", "Findings", ...about.findings.map((found, place) => finding(found, about, place + 1)))] : []),
     ...story(about.history), ...plots(about.players),
     ...duplicates(about, copies), ...lineage(about),
@@ -167,16 +168,17 @@ function way(number, around) {
   return made;
 }
 
-function head(number, row, about, title) {
+/* What was judged, with the preview where nothing else moves. */
+function judged(number, row, about, previewed) {
   const picture = film(number, row);
-  const shown = row[PICTURE] ? make("div", "preview", picture) : null;
-  if (row[PICTURE]) {
+  const shown = previewed && row[PICTURE] ? make("div", "preview", picture) : null;
+  if (shown) {
     picture.alt = "Random play, with held actions";
     picture.dataset.kept = "1";
     const toggle = button("Play preview", () => set(!films.has(picture)));
     const set = (on) => { on ? play(picture) : stop(picture); toggle.textContent = films.has(picture) ? "Pause preview" : "Play preview"; };
     picture.addEventListener("load", () => set(!still.matches));
-    shown.append(make("div", "controls", toggle, live ? button("Play the game", () => byId("part-play").querySelector("button").click()) : null));
+    shown.append(make("div", "controls", toggle));
   }
   const known = info.facets.filter((_, place) => row[FACETS][place].length);
   const [short, long] = [false, true].map((many) => known.filter((facet) => (valuesOf(facet, row).length > FEW) === many));
@@ -186,9 +188,9 @@ function head(number, row, about, title) {
     ["isolation", about.isolation], ["added", about.added.slice(0, 10)], ["source", about.sha256.slice(0, 12)], ...facets]);
   const checks = about.checks.map(([name, verdict, seconds, reason]) => make("li", "", make("span", `verdict ${verdict}`, verdict),
     make("span", "", name), make("span", "time", `${seconds.toFixed(2)} s`), make("span", "reason soft", reason)));
-  return make("div", shown ? "head pictured" : "head", shown, make("div", "", badge(row), title, facts,
+  return part("judged", "Verdict", make("div", shown ? "pictured" : "", shown, make("div", "", facts,
     ...long.map((facet) => unfolded(plural(valuesOf(facet, row).length, facet.label.toLowerCase()), alike(facet, row))),
-    about.reason ? make("p", "message", about.reason) : null, make("ul", "checks", ...checks)));
+    about.reason ? make("p", "message", about.reason) : null, make("ul", "checks", ...checks))));
 }
 
 /* Recorded episodes, where no server plays. */

@@ -46,20 +46,22 @@ class Line {
   send(message) { if (this.open) this.socket.send(JSON.stringify(message)); }
   close() { this.socket?.close(); }
   start(message) {
-    if (this.open) {
-      this.reel.clear();
-      this.send(message);
-      return;
-    }
+    if (this.open) { this.send(message); return; }
     this.close();
     const mine = this.socket = new WebSocket(`ws://${location.host}/live/play`);
     sockets.add(mine);
     mine.binaryType = "arraybuffer";
-    mine.onopen = () => { this.reel.clear(); this.send({ environment: this.about.name, number: this.about.number, ...message }); };
+    mine.onopen = () => this.send({ environment: this.about.name, number: this.about.number, ...message });
     mine.onclose = () => { sockets.delete(mine); if (mine === this.socket) { this.socket = null; this.told(null); } };
     mine.onmessage = (event) => {
       if (mine !== this.socket) return;
-      if (typeof event.data === "string") { this.told(JSON.parse(event.data)); return; }
+      if (typeof event.data === "string") {
+        const message = JSON.parse(event.data);
+        // Frames of the episode before it may have come after the press that ended it.
+        if (message.kind === "started") this.reel.clear();
+        this.told(message);
+        return;
+      }
       // Somebody who looks at an earlier step stays there.
       const follows = this.view.at >= this.reel.frames - 1;
       this.reel.take(event.data);
@@ -103,8 +105,7 @@ function stage(about, preview) {
   const send = (message) => line.send(message);
   const begin = () => {
     view.stop();
-    state.textContent = line.open ? playing() : "Starting\u2026";
-    running = line.open;
+    state.textContent = "Starting\u2026";
     line.start({ do: "start", seed: Number(seed.value) || 0, on: paused });
     large.focus();
   };
@@ -118,14 +119,17 @@ function stage(about, preview) {
   };
   const start = button("Play", begin), pausing = button("Pause", hold);
   const step = button("Step", () => { if (!paused) hold(); send({ do: "step" }); }, "Take one step with the held keys");
-  const save = button("Save", () => send({ do: "save" }), "Save the episode for `envcraft replay`");
+  const save = button("Save", () => send({ do: "save" }), "End the episode here, and save it for `envcraft replay`");
+  const allow = (runs, saves) => { running = runs; step.disabled = !runs; save.disabled = !saves; };
+  allow(false, false);
   function told(message) {
     if (message === null) {
       if (running) state.textContent = "Not running";
-      running = false;
-      delete large.dataset.running;
+      allow(false, false);
+    } else if (message.kind === "started") {
+      state.textContent = playing();
+      allow(true, true);
     } else if (message.kind === "ready") {
-      running = true;
       reel.rate = message.rate;
       turns = message.turns;
       rate.value = nearest(message.rate);
@@ -133,17 +137,16 @@ function stage(about, preview) {
       taken.clear();
       for (const [key] of message.pad) taken.add(key);
       pad.replaceChildren(...message.pad.map(([key, words]) => touch(key, words)));
-      large.dataset.running = "1";
-      state.textContent = playing();
+      // On a phone, the picture and the buttons below it are in sight together.
+      pad.scrollIntoView({ block: "nearest" });
     } else if (message.kind === "saved") {
       const link = Object.assign(make("a"), { download: message.name, href: `data:application/json;charset=utf-8,${encodeURIComponent(message.report)}` });
       link.click();
-      running = false;
       state.textContent = `Saved: envcraft replay ${message.name}`;
+      allow(false, true);
     } else {
-      running = false;
       state.textContent = message.words;
-      delete large.dataset.running;
+      allow(false, message.kind === "over");
     }
   }
   function press(key, down) {
@@ -175,19 +178,23 @@ function stage(about, preview) {
   large.addEventListener("blur", () => { for (const key of [...held]) press(key, false); });
   large.addEventListener("click", () => { if (!running) begin(); });
   const controls = make("div", "controls", start, pausing, step, save, make("label", "", "Seed ", seed), make("label", "", "Speed ", rate));
-  return [part("play", "Play", controls, make("div", "stage", view.element, make("div", "aside", state, pad, help))), watch(about)];
+  view.element.querySelector(".pictures").after(pad);
+  return [part("play", "Play", controls, state, make("div", "stage", view.element, help)), watch(about)];
 }
 
 /* Players side by side, each in a sandbox of its own. */
 function lane(about, name, episode, ready, ended) {
   const reel = new Film(), view = playback(reel, name);
-  const state = make("p", "state soft small", "Starting\u2026");
+  const state = make("p", "state soft small", "Starting\u2026"), planning = make("progress");
   state.setAttribute("role", "status");
+  planning.setAttribute("aria-label", `${name} plans its episode`);
   const line = new Line(about, reel, view, (message) => {
+    planning.hidden = true;
     if (message?.kind === "ready") {
       reel.rate = message.rate;
-      state.textContent = "Playing";
       ready(made, message.rate);
+    } else if (message?.kind === "started") {
+      state.textContent = "Playing";
     } else if (message) {
       state.textContent = message.words;
     } else if (state.textContent === "Playing") {
@@ -195,12 +202,13 @@ function lane(about, name, episode, ready, ended) {
     }
   });
   const close = button("\u00d7", () => { line.close(); element.remove(); ended(made); }, `Close ${name}`);
-  const element = make("section", "lane", make("div", "title", make("h3", "", name), close), view.element, state);
+  const element = make("section", "lane", make("div", "title", make("h3", "", name), close), view.element, planning, state);
   const made = {
     element, send: (message) => line.send(message),
     start(paused) {
       view.stop();
-      state.textContent = line.open ? "Playing" : "The player plays its episode\u2026";
+      planning.hidden = line.open;
+      state.textContent = line.open ? "Starting\u2026" : "The player plans its whole episode before the first frame\u2026";
       line.start({ do: "start", player: name, seed: episode, on: paused });
     },
   };
