@@ -6,6 +6,8 @@ import http.client
 import itertools
 import json
 import re
+import subprocess
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import closing, suppress
 from pathlib import Path
@@ -333,6 +335,7 @@ def test_a_finding_is_replayed_and_players_play_side_by_side(show: Open) -> None
     for number in range(2):
         expect(lanes.nth(number).locator(".large")).to_have_attribute("data-frames", re.compile(r"^\d{2,}$"))
     page.get_by_role("button", name="Pause all").click()
+    expect(lanes.locator(".state")).to_have_text(["Paused", "Paused"])
     policy = lanes.nth(1)
     policy.locator(".scrub").press("Home")
     expect(policy.locator(".said")).to_have_text(re.compile("^step 0 of"))
@@ -380,6 +383,17 @@ def test_a_player_that_plans_says_so(show: Open) -> None:
     expect(page.get_by_role("progressbar", name="search plans its episode")).to_be_visible()
     expect(page.locator("#part-watch .lane .state")).to_contain_text("plans its whole episode")
     page.unroute_all()
+
+
+@pytest.mark.browser
+def test_the_copied_lines_open_an_environment_from_anywhere(show: Open, tmp_path: Path) -> None:
+    page = show("environments.html#environment=crash.py", permissions=["clipboard-read", "clipboard-write"])
+    page.locator("#part-use").get_by_role("button", name="Copy").click()
+    page.locator("#part-use").get_by_role("button", name="Copied").wait_for()
+    lines = page.evaluate("() => navigator.clipboard.readText()")
+    command = [sys.executable, "-c", f"{lines}\nprint(observation.shape)"]
+    ran = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=300)
+    assert ran.stdout.split("\n")[-2:] == ["(84, 84, 3)", ""], ran.stderr
 
 
 @pytest.mark.browser

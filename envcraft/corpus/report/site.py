@@ -140,7 +140,7 @@ class Site:
             "layers": duplicates.layers_of(entry.number),
             "history": None if known is None else known.page(),
             "players": played(self.store, entry.environment),
-            "corpus": self._title(),
+            "corpus": one_line(self.files or self.store.root),
             "episodes": [] if self._episodes is None else self._episodes(entry, self.folder),
         }
         row = self._facets.row(facets.values(entry, known))

@@ -114,8 +114,10 @@ function lineage(about) {
     ...long.map(([key, value]) => unfolded(key, make("pre", "", value))))];
 }
 
-function usage(about) {
-  const call = `import envcraft\n\nenv = envcraft.make(${JSON.stringify(about.corpus)}, ${JSON.stringify(about.name)})\nobservation, info = env.reset(seed=0)`;
+/* What has not passed runs in a sandbox only. */
+function usage(about, row) {
+  const inside = ["pass", "undecided"].includes(verdictOf(row)) ? "" : ', sandbox="auto"';
+  const call = `import envcraft\n\nenv = envcraft.make(${JSON.stringify(about.corpus)}, ${JSON.stringify(about.name)}${inside})\nobservation, info = env.reset(seed=0)`;
   return part("use", "Use it from Python", copied(call));
 }
 
@@ -140,7 +142,7 @@ async function one(wanted) {
     ...(about.findings.length ? [part("findings", "Findings", ...about.findings.map((found, place) => finding(found, about, place + 1)))] : []),
     ...story(about.history), ...plots(about.players),
     ...duplicates(about, copies), ...lineage(about),
-    source(about), usage(about),
+    source(about), usage(about, row),
     ...(about.record ? [part("record", "Validation record", unfolded("What was judged, how, and the result", copied(about.record)))] : []));
   document.title = about.name;
   scrollTo(0, 0);

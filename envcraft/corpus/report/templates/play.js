@@ -194,22 +194,29 @@ function lane(about, name, episode, ready, ended) {
       reel.rate = message.rate;
       ready(made, message.rate);
     } else if (message?.kind === "started") {
-      state.textContent = "Playing";
-    } else if (message) {
-      state.textContent = message.words;
-    } else if (state.textContent === "Playing") {
-      state.textContent = "Not running";
+      made.running = true;
+      made.pause(paused);
+    } else {
+      if (message || made.running) state.textContent = message?.words ?? "Not running";
+      made.running = false;
     }
   });
   const close = button("\u00d7", () => { line.close(); element.remove(); ended(made); }, `Close ${name}`);
+  let paused = false;
   const element = make("section", "lane", make("div", "title", make("h3", "", name), close), view.element, planning, state);
   const made = {
-    element, send: (message) => line.send(message),
-    start(paused) {
+    element, running: false, send: (message) => line.send(message),
+    pause(on) {
+      paused = on;
+      line.send({ do: "pause", on });
+      if (made.running) state.textContent = on ? "Paused" : "Playing";
+    },
+    start(on) {
+      paused = on;
       view.stop();
       planning.hidden = line.open;
       state.textContent = line.open ? "Starting\u2026" : "The player plans its whole episode before the first frame\u2026";
-      line.start({ do: "start", player: name, seed: episode, on: paused });
+      line.start({ do: "start", player: name, seed: episode, on });
     },
   };
   return made;
@@ -228,7 +235,7 @@ function watch(about) {
   const pausing = button("Pause all", () => {
     paused = !paused;
     pausing.textContent = paused ? "Continue all" : "Pause all";
-    every({ do: "pause", on: paused });
+    for (const one of playing) one.pause(paused);
   });
   const again = button("Restart all", () => { for (const one of playing) one.start(paused); });
   const step = button("Step all", () => { if (!paused) pausing.click(); every({ do: "step" }); });
