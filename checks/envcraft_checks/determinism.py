@@ -9,8 +9,16 @@ callers pass them: in one array that they overwrite for each step, as int32, and
 action space contains these. If this trace differs, the check tries each condition alone. The finding names the
 condition, the first step and the field: of an observation the part that differs, and of info the key. It also names
 the lines that draw from global generators, read the clock, use the order of a set, or write state that episodes or
-instances share, whichever the condition changes. Its line is the only one that writes the key, else the first of these,
-else that of `reset` or `step`.
+instances share, whichever the condition changes.
+
+Then the check plays both runs once more and compares their states after each step: the attributes of the environment
+and of its objects, class attributes, globals of the module, default arguments and random generators. The finding names
+what differs first, with both values, and the line that writes it: `self.speed differs first, after step 3: 0.25 and
+0.75, and line 41 writes it`. What also differs between two equal runs, such as a time of day, is not named. Of several
+fields that differ after the same step, the one that the others are calculated from is named.
+
+The line of a finding is the only one that writes the key of info, else the one that draws, reads or writes what differs
+first, else the first of those lines, else that of `reset` or `step`.
 
 The episodes are random play and the best episode of a search, such as a win. The earlier episodes include the same
 episode, the best one, a win several times, and one that does nothing until the end. Last, the first steps of random
@@ -38,38 +46,25 @@ def reset(self, *, seed=None, options=None):
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from envcraft.errors import Skip
 from envcraft.judging.check import Check, Rule
 from envcraft.judging.shrink import repro
 from envcraft.model.rollout import Conditions, Rollout
-from envcraft.model.target import Kind, parse
 from envcraft.model.verdict import Finding, Severity
 from envcraft.plugins import hookimpl
 from envcraft.text import plural
 from envcraft_checks.comparing import causes, conditions, places, seeds
 from envcraft_checks.comparing.causes import REPEATS, TELEMETRY, Cause
+from envcraft_checks.comparing.states import first_field, in_words
 from envcraft_checks.comparing.traces import diverge, interrupted
-from envcraft_checks.linting.clock import clocks
-from envcraft_checks.linting.generators import generators
-from envcraft_checks.linting.leftovers import leftovers
-from envcraft_checks.linting.order import orders
-from envcraft_checks.linting.program import Program, Suspect, in_words
-from envcraft_checks.linting.sharing import shared
+from envcraft_checks.comparing.writers import Writers
 
 if TYPE_CHECKING:
     from envcraft.judging.subject import Subject
 
-#: What finds the lines that may cause a difference, by its code.
-_FINDERS: dict[str, tuple[Callable[[Program], Iterator[Suspect]], ...]] = {
-    "EC203": (orders,),
-    "EC204": (generators,),
-    "EC205": (clocks,),
-    "EC206": (leftovers, shared),
-    "EC207": (shared,),
-}
 #: Codes after which the comparison goes on without their cause.
 _WARNINGS = {*TELEMETRY.values(), "EC218"}
 #: Repetitions of a condition, one of which must differ again.
@@ -361,9 +356,11 @@ class Determinism(Check):
             "EC216": "with actions of another integer type",
             "EC218": "with actions as lists",
         }[code]
-        suspects = _suspects(subject, code)
-        where = f"; {in_words(suspects)[0]}" if suspects else ""
-        line = places.writing_line(subject, divergence) or (suspects[0].line if suspects else None)
+        writers = Writers(subject, code)
+        field = first_field(subject, rollout, cause, writers)
+        where, line = in_words(writers, field)
+        evidence = {"state": field.evidence} if field is not None else {}
+        line = places.writing_line(subject, divergence) or line
         return self.finding(
             code,
             f"seed {rollout.seed} gives another trace {how}: {divergence}{where}",
@@ -373,18 +370,8 @@ class Determinism(Check):
             field=divergence.field,
             first=divergence.first,
             second=divergence.second,
+            **evidence,
         )
-
-
-def _suspects(subject: Subject, code: str) -> list[Suspect]:
-    """The places in a file that do what a code reports; none if they cannot be read."""
-    if subject.target.kind is not Kind.SOURCE or code not in _FINDERS:
-        return []
-    try:
-        program = Program(parse(subject.text), subject.env_class)
-        return list(dict.fromkeys(suspect for find in _FINDERS[code] for suspect in find(program)))
-    except (RecursionError, SyntaxError):
-        return []
 
 
 @hookimpl

@@ -1,4 +1,4 @@
-"""Schemas of two messages of the worker: the description of a file and the outcome of a search.
+"""Schemas of three messages of the worker: the description of a file, the outcome of a search, and a state's fields.
 
 Untrusted code shares a process with the worker and can send any bytes. A message that does not fit its schema raises
 MalformedValue, which ends the job as forged.
@@ -9,14 +9,21 @@ from __future__ import annotations
 from typing import Annotated, Any, TypedDict
 
 import msgspec
+from envcraft_protocol.wire import MAX_FIELD_LINES, MAX_FIELDS, MAX_PATH, MAX_SHOWN
 
 from envcraft.errors import MalformedValue
 from envcraft.model.job import SearchOutcome
+from envcraft.model.trace import StateChange
 from envcraft.spaces.spec import SpaceSpec, read_space
 from envcraft.spaces.validation import validate_action
 
 _Digest = Annotated[str, msgspec.Meta(pattern=r"\A[0-9a-f]{64}\Z")]
 _Name = Annotated[str, msgspec.Meta(max_length=1000)]
+_Path = Annotated[str, msgspec.Meta(min_length=1, max_length=MAX_PATH)]
+_Field = tuple[
+    _Path, Annotated[str, msgspec.Meta(pattern=r"\A[0-9a-f]{32}\Z")], Annotated[str, msgspec.Meta(max_length=MAX_SHOWN)]
+]
+_Line = Annotated[int, msgspec.Meta(ge=0, lt=2**31)]
 
 
 class DefinedClass(TypedDict):
@@ -82,6 +89,14 @@ Description = TypedDict(
 )
 
 
+class _Fields(TypedDict):
+    """Of one state, see :class:`envcraft_protocol.jobs.Fields`."""
+
+    changed: Annotated[list[_Field], msgspec.Meta(max_length=MAX_FIELDS)]
+    gone: Annotated[list[_Path], msgspec.Meta(max_length=MAX_FIELDS)]
+    lines: Annotated[list[_Line], msgspec.Meta(max_length=MAX_FIELD_LINES)]
+
+
 def describe(value: dict[str, Any]) -> Description:
     """Validate a description.
 
@@ -117,6 +132,19 @@ def outcome(value: dict[str, Any], action_space: SpaceSpec, most: int) -> Search
     if result.get("loop_length", 0) > len(result.get("loop") or []):
         raise MalformedValue("a loop that is longer than its actions")
     return result
+
+
+def fields(value: dict[str, Any]) -> StateChange:
+    """Validate the fields of a state that changed.
+
+    Raises:
+        MalformedValue: they do not fit the schema, or a text cannot be printed.
+    """
+    found: _Fields = _convert(value, _Fields)
+    if not all(text.isprintable() for path, _, shown in found["changed"] for text in (path, shown)):
+        raise MalformedValue("a field whose text cannot be printed")
+    changed = {path: (digest, shown) for path, digest, shown in found["changed"]}
+    return StateChange(changed, tuple(found["gone"]), frozenset(found["lines"]))
 
 
 def _convert(value: dict[str, Any], kind: Any) -> Any:

@@ -111,6 +111,8 @@ class JobBuilder:
             job["options"] = {}
         if rollout.policy and self._policy is not None:
             job["policy"] = {"source": self._policy.source, "filename": "<envcraft_policy>"}
+        if rollout.fields:
+            job["fields"] = True
         if every_step:
             job["every_step"] = True
         if not (measured or rollout.interactive):

@@ -351,4 +351,4 @@ class RolloutCache:
 def _is_plain(rollout: Rollout) -> bool:
     """Whether a trace of the rollout says all about the same episode with fewer actions."""
     plain = rollout.conditions in (Conditions(), Conditions(after_end=rollout.conditions.after_end))
-    return plain and not rollout.live and not rollout.keep
+    return plain and not (rollout.live or rollout.keep or rollout.fields)

@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xxhash
-from envcraft_protocol.wire import LONG, is_shown
+from envcraft_protocol.wire import LONG, MAX_STATES_BYTES, is_shown
 from numpy.typing import NDArray
 
 from envcraft.errors import MalformedValue
 from envcraft.judging.description import Description, describe
+from envcraft.judging.description import fields as read_fields
 from envcraft.judging.description import outcome as read_outcome
 from envcraft.judging.driver import Step, Steps, Stop
 from envcraft.model.contract import Success
@@ -96,6 +97,7 @@ class TraceBuilder:
         self._parts = 0
         self._infos = 0
         self._frames = 0
+        self._bytes = 0
         self._phase = ""
         #: The recorded episodes before the last one.
         self._before: list[Trace] = []
@@ -283,6 +285,15 @@ class TraceBuilder:
         if self._action_space is None:
             raise MalformedValue("a search's result without a search")
         self.trace.result = read_outcome(outcome, self._action_space, self.trace.rollout.max_steps)
+
+    def fields(self, state: dict[str, Any]) -> None:
+        trace = self.trace
+        if not self._rollout.fields or self._is_earlier or len(trace.states) + 1 != len(trace.observations):
+            raise MalformedValue("the fields of a state that was not requested")
+        trace.states.append(change := read_fields(state))
+        self._bytes += change.size
+        if self._bytes > MAX_STATES_BYTES:
+            raise MalformedValue(f"fields of more than {MAX_STATES_BYTES} bytes")
 
     def end(self) -> None:
         """Check that a complete job sent the whole episode or the reason why it stopped.

@@ -108,7 +108,7 @@ class Rollout(msgspec.Struct, frozen=True, dict=True):
     `player` names the action source in messages. With `policy` the privileged policy chooses up to `max_steps`
     actions, and with `interactive` a player on the host does; `actions` is empty then. With `policy` and `actions` the
     actions are taken, and the policy says in each state what it would do. `keep` is the number of
-    observations, from the first, whose frames the trace keeps.
+    observations, from the first, whose frames the trace keeps. With `fields` it also keeps the fields of each state.
     """
 
     seed: int
@@ -119,6 +119,7 @@ class Rollout(msgspec.Struct, frozen=True, dict=True):
     interactive: bool = False
     max_steps: int = 0
     keep: int = 0
+    fields: bool = False
 
     @property
     def live(self) -> bool:
@@ -131,7 +132,7 @@ class Rollout(msgspec.Struct, frozen=True, dict=True):
 
     @cached_property
     def _key(self) -> bytes:
-        parts = (self.seed, self.actions, self.conditions, self.policy, self.max_steps, self.keep)
+        parts = (self.seed, self.actions, self.conditions, self.policy, self.max_steps, self.keep, self.fields)
         return hashlib.blake2b(msgspec.json.encode(parts), digest_size=16).digest()
 
     def cut(self, steps: int) -> Rollout:

@@ -115,6 +115,27 @@ class Resources:
     queued: int
 
 
+@dataclass(frozen=True)
+class StateChange:
+    """How the fields of the environment's state changed in one call, as the worker says.
+
+    Attributes:
+        changed: the digest and a short text of each new or changed field, by its path.
+        gone: the paths of fields that no longer exist.
+        lines: the lines of the file that the call ran.
+    """
+
+    changed: dict[str, tuple[str, str]]
+    gone: tuple[str, ...] = ()
+    lines: frozenset[int] = frozenset()
+
+    @property
+    def size(self) -> int:
+        """About the bytes that it takes as JSON."""
+        texts = sum(len(path) + len(digest) + len(shown) for path, (digest, shown) in self.changed.items())
+        return texts + sum(map(len, self.gone))
+
+
 #: Microseconds from which a step counts as slow.
 SLOW = 1_000
 
@@ -142,6 +163,7 @@ class Trace:
         earlier: the first of two traces under the condition `again`.
         before: the earlier episodes under the condition `recorded`, as many as time allowed.
         resources: what the process used after such an episode.
+        states: how the state changed in the first calls, if the rollout keeps its fields.
     """
 
     rollout: Rollout
@@ -178,6 +200,7 @@ class Trace:
     earlier: Trace | None = None
     before: list[Trace] = field(default_factory=list)
     resources: Resources | None = None
+    states: list[StateChange] = field(default_factory=list)
     rule: Success = field(default_factory=Success)
 
     @property

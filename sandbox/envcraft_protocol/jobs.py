@@ -159,6 +159,7 @@ class Job(TypedDict):
             job's first long frame decides.
         marks: line and column, in bytes of UTF-8, of statements in the target's source; the job says which of them were
             reached.
+        fields: send the fields of the environment's state after the reset and each step (FIELDS).
         series: the process may run further jobs.
         new_process: the job is the first one of its process.
         search: name of the search.
@@ -184,12 +185,27 @@ class Job(TypedDict):
     pictures: NotRequired[Pictures]
     columns: NotRequired[bool]
     marks: NotRequired[list[list[int]]]
+    fields: NotRequired[bool]
     series: NotRequired[bool]
     new_process: NotRequired[bool]
     search: NotRequired[str]
     path: NotRequired[list[Any]]
     limit: NotRequired[int]
     seconds: NotRequired[float]
+
+
+class Fields(TypedDict):
+    """Payload of a FIELDS message, which follows a reset or a step.
+
+    Attributes:
+        changed: the path, the digest and a short text of each field that is new or differs from the last state.
+        gone: the paths of fields that no longer exist.
+        lines: the lines of the target's file that the call ran.
+    """
+
+    changed: list[list[str]]
+    gone: list[str]
+    lines: list[int]
 
 
 class End(TypedDict, total=False):

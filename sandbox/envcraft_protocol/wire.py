@@ -69,6 +69,11 @@ MAX_ITEMS = 4096
 MAX_DIMENSIONS = 32
 
 
+#: Of a FIELDS message: fields, characters of a path and of a value, numbers of lines; and bytes of all these messages
+#: of an episode.
+MAX_FIELDS, MAX_PATH, MAX_SHOWN, MAX_FIELD_LINES = 1000, 200, 400, 2000
+MAX_STATES_BYTES = 4 * 1024 * 1024
+
 #: Bytes of a job, which has the source, and of a control message.
 MAX_MESSAGE = 16 * 1024 * 1024
 
@@ -94,6 +99,9 @@ class Kind(IntEnum):
     ASK = 15  #: empty: the job waits for its next action
     SPACE = 16  #: JSON object: the name of a space that changed, its text before and now
     RESOURCES = 17  #: RESOURCES struct: what the process uses after a recorded episode
+    #: JSON object: the fields of the environment's state that changed, and the lines that ran; see
+    #: :class:`envcraft_protocol.jobs.Fields`
+    FIELDS = 18
 
 
 #: The kinds whose payload is a fixed part and the bytes of values.
@@ -104,7 +112,7 @@ def longest(kind: int) -> int:
     """The maximum length in bytes of the payload of a message of this kind."""
     if kind in VALUED:
         return BLOCK.size + MAX_STEPS * STEP.size + DIGEST + MAX_OBSERVATION + MAX_INFO + MAX_JSON
-    return MAX_LONG_JSON if kind in (Kind.LOADED, Kind.RESULT) else MAX_JSON
+    return MAX_LONG_JSON if kind in (Kind.LOADED, Kind.RESULT, Kind.FIELDS) else MAX_JSON
 
 
 class Type(IntEnum):

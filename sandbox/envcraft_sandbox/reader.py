@@ -153,6 +153,7 @@ class Reader:
                 Kind.CHANGED: recorder.changed,
                 Kind.SPACE: recorder.space,
                 Kind.RESULT: recorder.result,
+                Kind.FIELDS: recorder.fields,
             }[kind](value)
 
     def _value(self, flags: int, layout: int, data: memoryview) -> tuple[bytes, memoryview]:

@@ -7,6 +7,7 @@ from typing import Any
 import pytest
 from envcraft_checks.determinism import Determinism
 
+from envcraft.judging.budget import BUDGETS
 from envcraft.model.rollout import ClockShift, Conditions, Episode, Rollout
 from envcraft.model.target import Kind, Target
 from envcraft.model.trace import Trace
@@ -19,6 +20,7 @@ class Played:
     """A subject whose first observation tells the conditions that it depends on."""
 
     target = Target("Walk-v0", kind=Kind.ID)
+    budget = BUDGETS["quick"]
 
     def __init__(self, *causes: str) -> None:
         self._causes = causes

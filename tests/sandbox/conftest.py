@@ -91,10 +91,13 @@ def play(
     new_process: bool = False,
     conditions: Conditions | None = None,
     project: Any = None,
+    fields: bool = False,
 ) -> Ran:
     """Run one job: by default a rollout of ten actions, with a `player` one of at most ten that it chooses."""
     listed = [] if player else [[number % 5, 0, 1] for number in range(10)]
-    rollout = Rollout(seed=seed, actions=listed, interactive=player is not None, max_steps=10 if player else 0)
+    rollout = Rollout(
+        seed=seed, actions=listed, interactive=player is not None, max_steps=10 if player else 0, fields=fields
+    )
     rollout = rollout.under(conditions or Conditions())
     recording = TraceBuilder(rollout, read_space(ARCADE.observation), read_space(ARCADE.action))
     job: Any = {
@@ -110,6 +113,7 @@ def play(
         "pictures": recording.pictures,
         "series": series,
         "new_process": new_process,
+        "fields": fields,
     }
     if project is not None:
         job["target"]["project"] = project

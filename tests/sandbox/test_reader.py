@@ -35,7 +35,7 @@ from hypothesis import strategies as st
 from envcraft.contracts.builtin import ARCADE
 from envcraft.judging.trace_builder import TraceBuilder
 from envcraft.model.rollout import Conditions, Episode, Rollout
-from envcraft.model.trace import Resources, diverge
+from envcraft.model.trace import Resources, StateChange, diverge
 from envcraft.spaces.spec import read_space
 
 FLOAT = {"k": "float"}
@@ -182,6 +182,80 @@ def test_any_stream_is_read_or_forged(parts: list[bytes], size: int) -> None:
 def test_no_json_is_long(kind: Kind) -> None:
     with pytest.raises(Forged):
         Reader(recording()).feed(HEADER.pack(kind, 9 * 1024 * 1024))
+
+
+FIELD = ["self.speed", "0" * 32, "0.25"]
+
+
+def stated(*states: Any, steps: int = 1) -> TraceBuilder:
+    rollout = Rollout(0, [[0, 0, 0]] * steps, fields=True)
+    builder = TraceBuilder(rollout, read_space(ARCADE.observation), read_space(ARCADE.action))
+    parts = [message(Kind.LAYOUT, FLOAT), step(Kind.RESET), message(Kind.FIELDS, states[0])]
+    for state in states[1:]:
+        parts += [step(Kind.STEPS), message(Kind.FIELDS, state)]
+    Reader(builder).feed(b"".join(parts))
+    return builder
+
+
+def fields(changed: Any = (), gone: Any = (), lines: Any = ()) -> dict[str, Any]:
+    return {"changed": changed, "gone": gone, "lines": lines}
+
+
+def test_the_fields_of_each_state_are_kept() -> None:
+    states = stated(fields([FIELD], lines=[3, 4]), fields(gone=["self.speed"])).trace.states
+    assert states[0] == StateChange({"self.speed": ("0" * 32, "0.25")}, (), frozenset({3, 4}))
+    assert states[1] == StateChange({}, ("self.speed",), frozenset())
+
+
+@pytest.mark.parametrize(
+    "state",
+    [
+        {},
+        fields(1),
+        fields([["self.speed", "0" * 32]]),
+        fields([["self.speed", "0" * 31, ""]]),
+        fields([["self.speed", "0" * 32 + "\n", ""]]),
+        fields([["", "0" * 32, ""]]),
+        fields([["x" * 201, "0" * 32, ""]]),
+        fields([["self.speed", "0" * 32, "x" * 401]]),
+        fields([["self.\x1b[31m", "0" * 32, ""]]),
+        fields([["self.speed", "0" * 32, "1\n2"]]),
+        fields([["self.speed", "0" * 32, 5]]),
+        fields([FIELD] * 1001),
+        fields(gone=["a"] * 1001),
+        fields(gone=["x" * 201]),
+        fields(gone=[None]),
+        fields(lines=[-1]),
+        fields(lines=[2**31]),
+        fields(lines=[1.5]),
+        fields(lines=[1] * 2001),
+    ],
+)
+def test_fields_that_the_worker_would_not_send_are_forged(state: Any) -> None:
+    with pytest.raises(Forged):
+        stated(state)
+
+
+def test_fields_belong_to_a_state() -> None:
+    one = message(Kind.FIELDS, fields([FIELD]))
+    builder = TraceBuilder(Rollout(0, [[0, 0, 0]], fields=True), read_space(ARCADE.observation), None)
+    for parts in ([one], [message(Kind.LAYOUT, FLOAT), step(Kind.RESET), one, one]):
+        builder.restart()
+        with pytest.raises(Forged, match="not requested"):
+            Reader(builder).feed(b"".join(parts))
+    with pytest.raises(Forged, match="not requested"):
+        Reader(recording()).feed(b"".join([message(Kind.LAYOUT, FLOAT), step(Kind.RESET), one]))
+
+
+def test_the_fields_of_an_episode_are_bounded() -> None:
+    many = [[f"{'x' * 190} {number}", "0" * 32, "y" * 400] for number in range(1000)]
+    with pytest.raises(Forged, match="bytes"):
+        stated(*[fields(many)] * 8, steps=8)
+
+
+def test_earlier_episodes_have_no_fields() -> None:
+    with pytest.raises(Forged, match="not requested"):
+        recorded(*FIRST, message(Kind.FIELDS, fields([FIELD])))
 
 
 USED = message(Kind.RESOURCES, RESOURCES.pack(*range(1, 10)))

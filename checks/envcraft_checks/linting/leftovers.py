@@ -47,7 +47,7 @@ def _growing(program: Program, own: list[Function]) -> Iterator[Suspect]:
         for node in one.nodes
         if isinstance(node, ast.Attribute) and node.attr not in MUTATORS and one.field(node.value)
     }
-    used = _used(program, own)
+    used = used_fields(program, own)
     for function in own:
         again = [
             (target, node)
@@ -77,7 +77,7 @@ def _of_itself(function: Function, field: str, value: ast.AST | None) -> bool:
 
 
 def _latches(program: Program, own: list[Function]) -> Iterator[Suspect]:
-    resetting, used = program.reached("reset"), _used(program, own)
+    resetting, used = program.reached("reset"), used_fields(program, own)
     for field, values in program.field_values(program.env).items():
         during = [(value, one) for value, one in values if one in own]
         constants = [value.value for value, _ in values if isinstance(value, ast.Constant)]
@@ -96,7 +96,7 @@ def _latches(program: Program, own: list[Function]) -> Iterator[Suspect]:
                     yield Suspect(line(node), words)
 
 
-def _used(program: Program, own: list[Function]) -> set[str]:
+def used_fields(program: Program, own: list[Function]) -> set[str]:
     """The attributes that these functions read for more than changing them, or telling them in info."""
     found = set()
     for function in own:

@@ -16,6 +16,7 @@ from envcraft_protocol.wire import Kind
 
 from .caller import Caller
 from .channel import jsonable
+from .fields import Fields
 from .policy import Policy
 from .resources import Lines, Resources
 from .returned import Returned
@@ -129,6 +130,7 @@ def _episode(subject: Subject, job: Job, conditions: Conditions, resources: Reso
 
     reread, renders = bool(conditions.get("reread")), bool(conditions.get("render"))
     spaces = Spaces(subject, env, reread)
+    fields = Fields(subject, env) if job.get("fields") else None
     channel.phase("reset")
     perturb()
     seed = None if conditions.get("unseeded") else job["seed"]
@@ -136,7 +138,7 @@ def _episode(subject: Subject, job: Job, conditions: Conditions, resources: Reso
     measured = bool(job.get("count_waits"))
     waits = _waits() if measured else 0
     started = _perf_counter()
-    result = subject.call("reset", env.reset, **keywords)
+    result = subject.call("reset", fields.watching(env.reset) if fields else env.reset, **keywords)
     seconds = _perf_counter() - started
     channel.waits += measured and _waits() > waits
     if not (isinstance(result, tuple) and len(result) == 2):
@@ -144,6 +146,8 @@ def _episode(subject: Subject, job: Job, conditions: Conditions, resources: Reso
     observation, info = result
     subject.call("reset", channel.step, Kind.RESET, observation, 0.0, False, False, _info(info), seconds)
     _note_info(channel, info)
+    if fields:
+        fields.send()
     if renders:
         _render(subject, env)
     # Whoever else refers to an observation is counted.
@@ -178,7 +182,7 @@ def _episode(subject: Subject, job: Job, conditions: Conditions, resources: Reso
         channel.steps += 1
         waits, cpu = (_waits(), _thread_time()) if measured else (0, 0.0)
         started = _perf_counter()
-        result = subject.call("step", env.step, action)
+        result = subject.call("step", fields.watching(env.step) if fields else env.step, action)
         seconds = _perf_counter() - started
         if measured:
             waited = _waits() > waits
@@ -192,6 +196,8 @@ def _episode(subject: Subject, job: Job, conditions: Conditions, resources: Reso
         observation, reward, terminated, truncated, info = result
         subject.call("step", channel.step, Kind.STEPS, observation, reward, terminated, truncated, _info(info), seconds)
         _note_info(channel, info)
+        if fields:
+            fields.send()
         del result
         returned.add(observation)
         if renders:

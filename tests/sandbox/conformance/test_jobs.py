@@ -238,3 +238,15 @@ class TestConditions:
         assert hung[0].end.reason is ExitReason.TIMEOUT
         other.close()
         assert play(worker, environment()).trace.steps == 8
+
+
+def test_the_fields_of_each_state(worker: Worker, play: Any, environment: Environment) -> None:
+    source = environment(reset="self.seen = []", step="self.seen.append(int(action[0]))")
+    ran = play(worker, source, fields=True)
+    assert (ran.end.reason, len(ran.trace.states)) == ("done", 9)
+    shown = [change.changed.get("self.seen", ("", ""))[1] for change in ran.trace.states]
+    assert shown[:4] == ["[]", "[0]", "[0, 1]", "[0, 1, 2]"]
+    assert {"random", "self.np_random", "self.steps"} <= ran.trace.states[0].changed.keys()
+    line = 1 + source.splitlines().index("        self.seen.append(int(action[0]))")
+    assert [line in change.lines for change in ran.trace.states] == [False, *[True] * 8]
+    assert not play(worker, source).trace.states

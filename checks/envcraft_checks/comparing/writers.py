@@ -1,0 +1,282 @@
+"""What the file says about fields that differ: which of them the others are made from, and where each is written."""
+
+from __future__ import annotations
+
+import ast
+import re
+from collections.abc import Callable, Iterable, Iterator
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+from envcraft.model.target import Kind, parse
+from envcraft_checks.linting.clock import clocks
+from envcraft_checks.linting.generators import generators
+from envcraft_checks.linting.leftovers import leftovers, used_fields
+from envcraft_checks.linting.order import orders
+from envcraft_checks.linting.program import Function, Program, Suspect, bindings, line, name_of, root
+from envcraft_checks.linting.sharing import is_bookkeeping, only_remembers, shared
+
+if TYPE_CHECKING:
+    from envcraft.judging.subject import Subject
+
+#: What finds the lines that may cause a difference, by its code.
+FINDERS: dict[str, tuple[Callable[[Program], Iterator[Suspect]], ...]] = {
+    "EC201": (generators,),
+    "EC202": (orders, generators),
+    "EC203": (orders,),
+    "EC204": (generators,),
+    "EC205": (clocks,),
+    "EC206": (leftovers, shared),
+    "EC207": (shared,),
+}
+_GENERATORS = ("random", "numpy.random", "np_random")
+
+
+class Writers:
+    """Answers about the fields of one subject.
+
+    Args:
+        subject: the environment. Of one that is no file, and of a file that cannot be read, nothing is known.
+        code: of the finding.
+
+    Attributes:
+        code: of the finding.
+        suspects: the places in the file that do what the code reports.
+    """
+
+    def __init__(self, subject: Subject, code: str) -> None:
+        self.code = code
+        self._program: Program | None = None
+        self.suspects: list[Suspect] = []
+        if subject.target.kind is not Kind.SOURCE:
+            return
+        try:
+            self._program = program = Program(parse(subject.text), subject.env_class)
+            self.suspects = list(dict.fromkeys(one for find in FINDERS.get(code, ()) for one in find(program)))
+        except (RecursionError, SyntaxError):
+            self._program = None
+
+    def most_causal(self, paths: list[str]) -> str:
+        """The field that the others follow from, as far as the file tells; of several the first with the shortest path.
+
+        Args:
+            paths: fields that differ after the same call.
+        """
+        made = {path: self._made_from(_base(path)) for path in paths}
+
+        def rank(path: str) -> tuple[bool | int, ...]:
+            base = _base(path)
+            others = {_base(other) for other in paths} - {base}
+            made_from = any(other in made[path] and base not in self._made_from(other) for other in others)
+            depth = len(re.findall(r"[.\[]", path))
+            return self._is_idle(path), base in _GENERATORS, made_from, not self._is_suspect(path), depth
+
+        return min(paths, key=rank)
+
+    def ordered(self, paths: list[str]) -> list[str]:
+        """Those of some sets whose order a suspect line uses; all of them if no line names one."""
+        texts = [self._text_at(suspect.line) for suspect in self.suspects]
+        named = [path for path in paths if any(re.search(rf"\b{re.escape(_last(path))}\b", text) for text in texts)]
+        return named or (paths if not texts else [])
+
+    def line(self, path: str, ran: Iterable[int] = ()) -> int | None:
+        """The line that writes a field: if some of those that do have run, one of these.
+
+        Args:
+            path: the field.
+            ran: lines that ran in the call after which it differs.
+        """
+        lines, suspected = set(ran), {suspect.line for suspect in self.suspects}
+
+        def rank(write: tuple[ast.AST, bool]) -> tuple[bool, bool, bool, int]:
+            node, first = write
+            own = _lines(node)
+            # A constant is mostly a default, which another line replaces.
+            return lines.isdisjoint(own), suspected.isdisjoint(own), first, line(node)
+
+        found = min(self._writes(path), key=rank, default=None)
+        return line(found[0]) if found is not None else None
+
+    def _text_at(self, number: int) -> str:
+        assert self._program is not None
+        return " ".join(
+            ast.unparse(node)
+            for node in self._program.nodes
+            if isinstance(node, ast.expr) and line(node) == number and not isinstance(node, ast.Constant)
+        )
+
+    def places(self, path: str) -> frozenset[int]:
+        """All lines of the statements that write a field."""
+        return frozenset(number for node, _ in self._writes(path) for number in _lines(node))
+
+    def _is_suspect(self, path: str) -> bool:
+        places = self.places(path)
+        return any(suspect.line in places for suspect in self.suspects)
+
+    def _is_idle(self, path: str) -> bool:
+        """Whether nothing but the field itself and info depends on it, or it only remembers what was calculated."""
+        program, name = self._program, _base(path)
+        if is_bookkeeping(name) or name == "_np_random_seed":
+            return True
+        if program is None or not path.startswith("self."):
+            return False
+        own = [function for function in program.all if program.bound_to(function) == program.env]
+        writes = [(one, node) for one in own for target, node in _targets(one) if one.field(target) == name]
+        # What is taken out of a container is used.
+        taken = any(_takes(program, one, node, name) for one in own for node in one.nodes)
+        remembers = bool(writes) and all(
+            only_remembers(program, one, name, node) or _is_empty(node) for one, node in writes
+        )
+        return remembers or (bool(writes) and not taken and name not in used_fields(program, own))
+
+    def _writes(self, path: str) -> list[tuple[ast.AST, bool]]:
+        """Each node that writes a field, and whether it writes a constant or the first value."""
+        program, name = self._program, _last(path)
+        if program is None:
+            return []
+        if parameter := re.search(r"(\w+)\((\w+)\)", _plain(path)):
+            return self._default_writes(*parameter.groups())
+        found: dict[ast.AST, bool] = {}
+        for function in self._functions:
+            for target, node in _targets(function):
+                if _names(target, name, function, path):
+                    assigned = node.value if isinstance(node, ast.Assign | ast.AnnAssign) else None
+                    found[node] = isinstance(assigned, ast.Constant) or function.name == "__init__"
+            if _base(path) in _GENERATORS or not found:
+                found.update((node, False) for node in function.nodes if _draws(program, node, name, function))
+        for target, _, node in bindings(self._outside):
+            if isinstance(target, ast.Name) and target.id == name and not path.startswith("self."):
+                found[node] = True
+        return list(found.items())
+
+    @cached_property
+    def _outside(self) -> list[ast.AST]:
+        """The nodes of the module and of the bodies of its classes, outside functions."""
+        program = self._program
+        if program is None:
+            return []
+        return [*program.module_nodes, *(node for owner in program.classes.values() for node in owner.body)]
+
+    def _default_writes(self, function: str, parameter: str) -> list[tuple[ast.AST, bool]]:
+        return [
+            (node, False)
+            for one in self._functions
+            if one.name == function
+            for target, node in one.writes
+            if isinstance(target, ast.Name) and target.id == parameter
+        ]
+
+    @cached_property
+    def _functions(self) -> list[Function]:
+        """All functions and methods of the file."""
+        if (program := self._program) is None:
+            return []
+        methods = (method for owner in program.classes for method in program.methods(owner))
+        return list(dict.fromkeys([*program.functions.values(), *methods]))
+
+    def _made_from(self, base: str) -> frozenset[str]:
+        """The names whose values a field's values are calculated from, directly or not."""
+        found: set[str] = set()
+        waiting = [base]
+        while waiting:
+            for name in self._sources.get(waiting.pop(), ()):
+                if name not in found:
+                    found.add(name)
+                    waiting.append(name)
+        return frozenset(found)
+
+    @cached_property
+    def _sources(self) -> dict[str, set[str]]:
+        """The names that appear in what is assigned to each attribute, or put into it."""
+        program = self._program
+        found: dict[str, set[str]] = {}
+        for function in program.all if program is not None else ():
+            for target, value, node in function.bindings:
+                base = function.field(target) or (target.id if isinstance(target, ast.Name) else "")
+                origin = value if value is not None else getattr(node, "iter", getattr(node, "value", None))
+                found.setdefault(base, set()).update(_mentioned(origin))
+            for target, node in function.writes:
+                base = function.field(root(target)) or name_of(target)
+                put = [*node.args] if isinstance(node, ast.Call) else [getattr(node, "value", None)]
+                if isinstance(node, ast.Subscript) and program is not None:
+                    put = [node.slice, getattr(program.parents[node], "value", None)]
+                found.setdefault(base, set()).update(name for one in put for name in _mentioned(one))
+            for node in function.nodes:
+                if isinstance(node, ast.Return):
+                    found.setdefault(function.name, set()).update(_mentioned(node.value))
+        return found
+
+
+_WRAPPED = re.compile(r"(?:len|list|iter)\(")
+
+
+def _plain(path: str) -> str:
+    """A path without what the worker puts around it."""
+    return path[path.index("(") + 1 : -1] if _WRAPPED.match(path) else path
+
+
+def _base(path: str) -> str:
+    """The attribute of the environment or of a class, or the global, that leads to a field."""
+    plain = _plain(path)
+    if plain in _GENERATORS:
+        return plain
+    parts = re.split(r"[.\[(]", plain)
+    return parts[1] if len(parts) > 1 and (parts[0] == "self" or parts[0][:1].isupper()) else parts[0]
+
+
+def _last(path: str) -> str:
+    """The last name of a path."""
+    plain = _plain(path)
+    if plain == "numpy.random":
+        return plain
+    return re.findall(r"[^\W\d]\w*", re.sub(r"\[[^\]]*\]|\.flat\b", "", plain))[-1:][0] if plain else ""
+
+
+def _mentioned(node: ast.AST | None) -> Iterator[str]:
+    for one in ast.walk(node) if node is not None else ():
+        if isinstance(one, ast.Attribute):
+            yield one.attr
+        elif isinstance(one, ast.Name):
+            yield one.id
+
+
+def _targets(function: Function) -> Iterator[tuple[ast.expr, ast.AST]]:
+    """Each name or attribute that a function binds or changes in place, and the node that does it."""
+    yield from ((target, node) for target, _, node in function.bindings)
+    yield from function.writes
+    yield from ((node.target, node) for node in function.nodes if isinstance(node, ast.AugAssign))
+
+
+def _names(target: ast.expr, name: str, function: Function, path: str) -> bool:
+    target = root(target)
+    if isinstance(target, ast.Attribute):
+        return target.attr == name
+    # A global, or one that a field of it follows.
+    shared = isinstance(target, ast.Name) and target.id == name and name not in function.local
+    return shared and _plain(path).split(".")[0].split("[")[0] == name
+
+
+def _draws(program: Program, node: ast.AST, name: str, function: Function) -> bool:
+    """Whether a node is a call of a method of the generator with this name."""
+    if not isinstance(node, ast.Call) or not isinstance(node.func, ast.Attribute):
+        return False
+    if name in ("random", "numpy.random"):
+        return program.path(node.func, function).rpartition(".")[0] == name
+    return name_of(node.func.value) == name
+
+
+def _takes(program: Program, function: Function, node: ast.AST, name: str) -> bool:
+    """Whether a node uses what it takes out of an attribute."""
+    match node:
+        case ast.Call(func=ast.Attribute(value=value, attr="pop" | "popitem" | "popleft")):
+            return function.field(root(value)) == name and not isinstance(program.parents[node], ast.Expr)
+    return False
+
+
+def _is_empty(node: ast.AST) -> bool:
+    value = getattr(node, "value", None)
+    return (isinstance(value, ast.Constant) and value.value is None) or (isinstance(value, ast.Dict) and not value.keys)
+
+
+def _lines(node: ast.AST) -> range:
+    return range(line(node), (getattr(node, "end_lineno", None) or line(node)) + 1)
