@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 from click.testing import CliRunner
+from envcraft_explorer import export, recording
 from envcraft_explorer.live import Limits
 from envcraft_explorer.stage import Stage
 from websockets.exceptions import ConnectionClosed, InvalidStatus
@@ -22,6 +23,7 @@ from websockets.sync.client import connect
 from websockets.typing import Origin
 
 from envcraft.cli.group import cli
+from envcraft.corpus.report.data import entries
 from envcraft.corpus.store import Store
 from envcraft.demonstrations.player import PolicyPlayer
 from envcraft.judging.selection import driver_named
@@ -471,6 +473,9 @@ def test_the_export_plays_recorded_episodes_as_files(browser: Browser, corpus: P
     watched.first.locator(".scrub").press("End")
     expect(watched.first.locator(".said")).not_to_have_text(re.compile("^step 0"))
     assert screen.screenshot() != before
+    page.get_by_role("button", name="Play all").click()
+    for number in range(2):
+        expect(watched.nth(number).locator(".said")).not_to_have_text(re.compile("^step 0"))
     page.goto(f"{site.as_uri()}/environments.html#environment=calm.py")
     expect(page.locator("#part-watch .lane h3")).to_have_text(["random", "noop", "policy 0"])
     expect(page.locator("#part-watch")).to_contain_text("Not recorded: search, it takes too long")
@@ -487,6 +492,22 @@ def test_the_export_plays_recorded_episodes_as_files(browser: Browser, corpus: P
     assert pools["genre"] == ["42", "0", "0", "0", "0.0%"]
     assert pools["mechanic"] == ["56", "1", "1", "1", "1.8%"]
     assert not complaints, complaints
+
+
+def test_the_export_says_which_episodes_are_short_and_which_are_missing(
+    corpus: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(export, "_FINDINGS", 0)
+    monkeypatch.setattr(recording, "FRAMES", 4)
+    with closing(driver_named("process")) as driver:
+        stage = Stage(corpus, "", driver, "arcade")
+        put = export.record_all(stage, tmp_path, print)
+    with Store(corpus) as store:
+        told = {episode["label"]: episode for episode in put(list(entries(store))[2], tmp_path / "site")}
+    assert told["noop"]["frames"] == 4
+    assert told["noop"]["words"] == "seed 0, 1,000 steps, truncated; the first 4 frames"
+    assert told["search"]["omitted"] == "it takes too long for all environments"
+    assert told["EC107"]["omitted"] == "only those of the first 0 findings are"
 
 
 def test_an_environment_of_a_folder_is_played_with_its_project(tmp_path: Path) -> None:
@@ -528,6 +549,8 @@ def test_pages_are_accessible(show: Open, scheme: str) -> None:
     complaints = {"gallery": _complaints(page)}
     page.goto(f"{page.url}#environment=crash.py")
     expect(page.locator("#part-watch .players")).to_have_attribute("data-ready", "1")
+    for summary in page.locator("#one summary").all():
+        summary.click()
     complaints["environment"] = _complaints(page)
     page.goto(page.url.partition("environments.html")[0])
     complaints["corpus"] = _complaints(page)

@@ -83,7 +83,7 @@ function recorded(episode) {
 function lanes(episodes) {
   const made = episodes.map(recorded);
   const row = make("div", "lanes", ...made.map(({ lane }) => lane));
-  return { row, together: button("Play all", () => { for (const { shown } of made) { shown.jump(0); shown.start(); } }) };
+  return { row, together: button("Play all", () => { for (const { shown } of made) { shown.stop(); shown.show(0); shown.start(); } }) };
 }
 
 /* Plots of recorded outcomes: one row of dots for each player. */

@@ -81,6 +81,8 @@ function linked(text, changes) {
 function make(tag, classes, ...children) {
   const made = document.createElement(tag);
   if (classes) made.className = classes;
+  // Long ones scroll, also by keyboard.
+  if (tag === "pre") made.tabIndex = 0;
   made.append(...children.filter((child) => child !== null && child !== undefined && child !== ""));
   return made;
 }
