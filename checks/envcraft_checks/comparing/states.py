@@ -84,7 +84,7 @@ def first_field(subject: Subject, rollout: Rollout, cause: Cause, writers: Write
         return None
     short = msgspec.structs.replace(rollout.cut(found.step), fields=True)
     info, spent = found.field == "info", 0
-    best: FieldDifference | None = None
+    best: list[FieldDifference | None] = []
     for plain, changed in _pairs(under):
         cost = 2 * _steps(short, plain) + _steps(short, changed)
         if cost > subject.budget.steps * _SHARE - spent or not subject.affords(cost):
@@ -99,13 +99,14 @@ def first_field(subject: Subject, rollout: Rollout, cause: Cause, writers: Write
             continue
         if (again := diverge(runs[0], runs[1], info)) is None:
             continue
-        # Without a third run, or if it differs, nothing says what is no cause.
-        steady = len(runs) > 2 and diverge(runs[0], runs[2], info) is None
-        named = _first(writers, cause, runs if steady else runs[:2], again.step)
-        if named is not None and (steady or changed.again):
-            return named
-        best = best or named
-    return best
+        named = _first(writers, cause, runs, again.step)
+        if len(runs) < 3 or diverge(runs[0], runs[2], info) is None:
+            if named is not None:
+                return named
+            continue
+        # Equal runs differ, too, so what they differ by may be the cause.
+        best += [named, _first(writers, cause, runs[:2], again.step)]
+    return next((named for named in [*best[::2], *best[1::2]] if named is not None), None)
 
 
 def _pairs(under: Conditions) -> list[tuple[Conditions, Conditions]]:
@@ -135,10 +136,14 @@ def _first(writers: Writers, cause: Cause, runs: list[Trace], last: int) -> Fiel
     noise = {path for paths in compared for path in paths}
     given = cause.conditions.perturb is not None or cause.conditions.global_seed is not None
     ignored = noise | (_GLOBAL if given else set())
+    ignored |= {path for paths in steps for path in paths if path.endswith("_space.np_random")}
     # The order of a set always differs under another hash seed, so it only counts if no value does.
     for orders in (False, True):
         for step, paths in enumerate(steps):
             named = [path for path in paths if path.startswith("iter(") == orders and path not in ignored]
+            if writers.suspects and writers.code not in _SHARED:
+                # A line that uses a clock, an order or a draw at once leaves no other field.
+                named = [path for path in named if not writers.is_idle(path)]
             if orders:
                 named = writers.ordered(named)
             if named:
@@ -160,8 +165,8 @@ def in_words(writers: Writers, field: FieldDifference | None) -> tuple[str, int 
     line = None
     if field is not None:
         words, line = f"; {field}", field.line
-        places = writers.places(field.path)
-        ranks = {suspect: (suspect.line not in places, suspect.line not in field.lines) for suspect in suspects}
+        known = writers.places(field.path), writers.around(field.path), field.lines
+        ranks = {suspect: tuple(suspect.line not in lines for lines in known) for suspect in suspects}
         suspects = sorted(suspects, key=ranks.__getitem__)
         if suspects and not (ranks[suspects[0]][0] if writers.code in _SHARED else all(ranks[suspects[0]])):
             line = suspects[0].line

@@ -57,7 +57,7 @@ class Writers:
             self._program = None
 
     def most_causal(self, paths: list[str]) -> str:
-        """The field that the others follow from, as far as the file tells; of several the first with the shortest path.
+        """The field that the others follow from, as far as the file tells; of several the first one.
 
         Args:
             paths: fields that differ after the same call.
@@ -66,10 +66,9 @@ class Writers:
 
         def rank(path: str) -> tuple[bool | int, ...]:
             base = _base(path)
-            others = {_base(other) for other in paths} - {base}
+            others = {_base(other) for other in paths} - {base, *_GENERATORS}
             made_from = any(other in made[path] and base not in self._made_from(other) for other in others)
-            depth = len(re.findall(r"[.\[]", path))
-            return self._is_idle(path), base in _GENERATORS, made_from, not self._is_suspect(path), depth
+            return self.is_idle(path), base in _GENERATORS, made_from, not self._is_suspect(path), path.count(".")
 
         return min(paths, key=rank)
 
@@ -109,11 +108,17 @@ class Writers:
         """All lines of the statements that write a field."""
         return frozenset(number for node, _ in self._writes(path) for number in _lines(node))
 
+    def around(self, path: str) -> frozenset[int]:
+        """The lines of the functions that write a field."""
+        nodes = {node for node, _ in self._writes(path)}
+        own = (one for one in self._functions if one.name != "reset" and not nodes.isdisjoint(one.nodes))
+        return frozenset(number for one in own for number in _lines(one.node))
+
     def _is_suspect(self, path: str) -> bool:
         places = self.places(path)
         return any(suspect.line in places for suspect in self.suspects)
 
-    def _is_idle(self, path: str) -> bool:
+    def is_idle(self, path: str) -> bool:
         """Whether nothing but the field itself and info depends on it, or it only remembers what was calculated."""
         program, name = self._program, _base(path)
         if is_bookkeeping(name) or name == "_np_random_seed":
