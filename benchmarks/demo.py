@@ -43,7 +43,8 @@ def main() -> int:
     print(f"\n{len(report.reports) - surprises} of {len(report.reports)} as expected.")
     print(f"The files are in {os.path.relpath(ROOT / 'examples')}. Next, read about a finding and judge a file:\n")
     command = os.path.join(os.path.relpath(os.path.dirname(sys.executable)), "envcraft")
-    print(f"  {command} explain EC203\n  {command} validate {os.path.relpath(ROOT / 'examples' / 'breakout.py')}")
+    game, policy = (os.path.relpath(ROOT / "examples" / name) for name in ("snake.py", "policies/snake.py"))
+    print(f"  {command} explain EC203\n  {command} validate {game} --policy {policy}")
     return int(surprises > 0)
 
 

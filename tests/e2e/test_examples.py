@@ -98,6 +98,14 @@ def test_examples_get_the_codes_of_their_headers(report: Path, root: Path) -> No
         assert entry["verdict"] == ("fail" if fixture.codes else "pass"), entry["path"]
 
 
+@pytest.mark.parametrize("name", [fixture.path.name for fixture in examples() if not fixture.codes])
+def test_a_policy_wins_each_game(name: str, root: Path) -> None:
+    options = ("--policy", f"examples/policies/{name}", "--budget", "quick", "--format", "concise", "--strict")
+    done = envcraft("validate", f"examples/{name}", *options, *SANDBOX, cwd=root)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "1 passed, 0 failed, 0 undecided" in done.stdout + done.stderr
+
+
 def test_every_finding_is_reproduced(report: Path, root: Path) -> None:
     findings = [
         finding
