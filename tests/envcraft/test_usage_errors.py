@@ -47,6 +47,7 @@ def test_a_class_that_only_running_the_file_defines_is_judged(invoke: Invoke, go
         ('seed = "many"', "seed: 'many' is not a valid integer"),
         ('kwargs = "[1]"', "kwargs: [1] is not a JSON object"),
         ('wrap = ["TimeLimit"]', "wrap: TimeLimit must be MODULE:FUNC"),
+        ('policy = "none.py"', "policy: the policy none.py cannot be read: No such file or directory"),
         ("checks = []", "checks: '' leaves no check to run"),
     ],
 )

@@ -163,7 +163,10 @@ def validate(
     if policy:
         from envcraft.demonstrations.player import policy_named
 
-        privileged = policy_named(policy)
+        try:
+            privileged = policy_named(policy)
+        except UsageError as error:
+            raise UsageError(str(error), setting="policy") from None
     report: Report | None = None
     with contextlib.ExitStack() as stack:
         driver = driver_for(driver_named(sandbox, require_isolation, runtime, probe=False), files)
