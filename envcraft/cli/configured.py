@@ -48,7 +48,7 @@ class Configured(click.Command):
     ) -> click.Context:
         options = {name: param for name, param in self._options().items() if name not in self.apart}
         repeated = {str(param.name) for param in self.params if isinstance(param, click.Option) and param.multiple}
-        extra["default_map"] = configuration(Path.cwd(), options, repeated, _settings_of_all_commands)
+        extra["default_map"] = configuration(Path.cwd(), options, repeated, settings_of_all_commands)
         with _blaming_the_file():
             return super().make_context(info_name, args, parent, **extra)
 
@@ -57,7 +57,8 @@ class Configured(click.Command):
             return super().invoke(ctx)
 
 
-def _settings_of_all_commands() -> set[str]:
+def settings_of_all_commands() -> set[str]:
+    """The settings of every command that judges."""
     # Making a command registers its settings.
     offered("envcraft_commands")
     return Configured._settings
@@ -101,13 +102,21 @@ def _blaming_the_file(ctx: click.Context | None = None) -> Iterator[None]:
         if error.param is None or not _configured(ctx or error.ctx, error.param):
             raise
         option = max(error.param.opts, key=len)
-        raise UsageError(f"{_place(option.removeprefix('--'))}: {error.message}") from None
+        raise UsageError(f"{place(option.removeprefix('--'))}: {error.message}") from None
     except UsageError as error:
-        options = {option: param for param in ctx.command.params for option in param.opts} if ctx is not None else {}
-        option = f"--{error.setting}"
-        if option not in options or not _configured(ctx, options[option]):
+        if ctx is None or (other := blamed(ctx, error)) is error:
             raise
-        raise UsageError(f"{_place(error.setting)}: {str(error).removeprefix(f'{option} ')}") from None
+        raise other from None
+
+
+def blamed(ctx: click.Context, error: UsageError) -> UsageError:
+    """Return an error that names the file and the setting if its value is from there; else the error itself."""
+    options = {option: param for param in ctx.command.params for option in param.opts}
+    option = f"--{error.setting}"
+    if option not in options or not _configured(ctx, options[option]):
+        return error
+    words = str(error).removeprefix(f"{option} ").removeprefix(f"{option}: ")
+    return UsageError(f"{place(error.setting)}: {words}")
 
 
 def _configured(ctx: click.Context | None, param: click.Parameter) -> bool:
@@ -115,8 +124,9 @@ def _configured(ctx: click.Context | None, param: click.Parameter) -> bool:
     return ctx is not None and ctx.get_parameter_source(str(param.name)) is ParameterSource.DEFAULT_MAP
 
 
-def _place(setting: str) -> str:
-    path, _ = settings(Path.cwd())
+def place(setting: str, folder: Path | None = None) -> str:
+    """Where a setting of `folder` is, for messages; without a folder, of the working directory."""
+    path, _ = settings(folder or Path.cwd())
     return f"{path}: [tool.envcraft] {setting}"
 
 
@@ -151,7 +161,8 @@ def configuration(
         if name not in options and name in others():
             continue
         if name not in options:
-            raise UsageError(f"{path}: [tool.envcraft] has no setting {did_you_mean(key, options)}")
+            known = dict.fromkeys([*options, *sorted(others())])
+            raise UsageError(f"{path}: [tool.envcraft] has no setting {did_you_mean(key, known)}")
         if name == "baseline" and isinstance(value, str) and path.parent != folder:
             values[options[name]] = str(path.parent / value)
         elif isinstance(value, dict):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import stat
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import click
@@ -17,13 +17,28 @@ from envcraft.text import one_line, plural
 _SKIPPED_FOLDERS = {"__pycache__", "node_modules", "site-packages", "build", "dist"}
 
 
-def resolve(path: str, env_class: str | None = None, environments_only: bool = False) -> list[Target]:
+#: Receives the path of a file or folder that cannot be read, and the error.
+Unreadable = Callable[[str, UsageError], None]
+
+
+def refuse(path: str, error: UsageError) -> None:
+    """Raise an error."""
+    raise error
+
+
+def resolve(
+    path: str,
+    env_class: str | None = None,
+    environments_only: bool = False,
+    unreadable: Unreadable = refuse,
+) -> list[Target]:
     """Find what a TARGET names.
 
     Args:
         path: a file, a folder, ``package.module:Class`` or a registered id.
         env_class: the class to judge if a file defines several.
         environments_only: skip a file that defines no environment; nothing may be left then.
+        unreadable: receives each file and folder below a folder that cannot be read, with the error.
 
     Raises:
         UsageError: the target does not exist, cannot be read, or holds no environment.
@@ -38,7 +53,8 @@ def resolve(path: str, env_class: str | None = None, environments_only: bool = F
             ) from None
         if env_class is not None:
             words = "names its class" if kind is Kind.MODULE else "has one class"
-            raise UsageError(f"{path} {words}; remove --class {env_class}") from None
+            text = f"--class {env_class} does not apply to {path}, which {words}; leave it out"
+            raise UsageError(text, setting="class") from None
         return [_module(path) if kind is Kind.MODULE else Target(path, kind=kind)]
     except (OSError, ValueError) as error:
         raise UsageError(f"{path} cannot be read: {getattr(error, 'strerror', None) or error}") from None
@@ -52,20 +68,32 @@ def resolve(path: str, env_class: str | None = None, environments_only: bool = F
         return [with_project(target)]
     if not stat.S_ISDIR(mode):
         raise UsageError(f"{path} is neither a file nor a folder; save the environment in a file first")
-    found = list(environments_below(path, env_class))
-    if not found and not environments_only:
+    errors: dict[str, UsageError] = {}
+    found = list(environments_below(path, env_class, errors.__setitem__))
+    for place in errors:
+        unreadable(place, errors[place])
+    if not found and not errors and not environments_only:
         raise UsageError(f"{path} holds no environment: no .py file in it defines a subclass of gymnasium.Env")
     return found
 
 
-def environments_below(folder: str, env_class: str | None = None) -> Iterator[Target]:
-    """Yield the environments in a folder by path; report on stderr at the end how many files define none."""
+def environments_below(folder: str, env_class: str | None = None, unreadable: Unreadable = refuse) -> Iterator[Target]:
+    """Yield the environments in a folder by path; report on stderr at the end how many files define none.
+
+    Args:
+        folder: the folder.
+        env_class: the class to judge if a file defines several.
+        unreadable: receives each file and folder that cannot be read and may hold an environment, with the error.
+
+    Raises:
+        UsageError: a file cannot be read, and `unreadable` raises its error.
+    """
     passed = []
-    for file in _python_files(folder):
+    for file in _python_files(folder, unreadable):
         try:
             target = read_target(file, env_class)
-        except UsageError:
-            passed.append(file)
+        except UsageError as error:
+            unreadable(file, error)
             continue
         if _is_environment(target):
             yield with_project(target)
@@ -104,10 +132,14 @@ def _require_class(target: Target) -> None:
     raise UsageError(f"{target.path} defines no class {wanted}{there}", setting="class")
 
 
-def _python_files(folder: str) -> Iterator[str]:
+def _python_files(folder: str, unreadable: Unreadable) -> Iterator[str]:
     from envcraft.corpus.store import is_corpus
 
-    for parent, folders, files in os.walk(folder):
+    def report(error: OSError) -> None:
+        place = os.fspath(error.filename)
+        unreadable(place, UsageError(f"{place} cannot be read: {error.strerror}"))
+
+    for parent, folders, files in os.walk(folder, onerror=report):
         folders[:] = sorted(
             name
             for name in folders

@@ -57,7 +57,7 @@ def select_checks(
             raise UsageError(f"there is no rule {did_you_mean(code, codes)}", setting=setting)
     for code in ignore:
         if not any(check.waivable(rule.code) for check in checks for rule in check.rules if rule.code.startswith(code)):
-            raise UsageError(f"{code} cannot be ignored, because other verdicts depend on it")
+            raise UsageError(f"{code} cannot be ignored, because other verdicts depend on it", setting="ignore")
     kept = [
         check
         for check in checks

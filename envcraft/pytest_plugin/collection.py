@@ -79,9 +79,12 @@ def is_test_module(path: Path, config: pytest.Config) -> bool:
 def environment_line(path: Path) -> int | None:
     """Return the line of the first environment class of a file that imports gymnasium, or None.
 
-    A file that does not parse but mentions both counts as an environment: the check ``source`` reports the error.
+    A file that does not parse but mentions both counts as an environment: the check ``source`` reports the error. So
+    does a file that cannot be read, which then is an error.
     """
     source = _read(path)
+    if source is None:
+        return 1
     if b"gym" not in source or b"class" not in source:
         return None
     tree = _parse(source)
@@ -95,19 +98,19 @@ def environment_line(path: Path) -> int | None:
 
 def defines_tests(path: Path) -> bool:
     """Return whether a file defines functions or classes that pytest would run."""
-    tree = _parse(_read(path))
+    tree = _parse(_read(path) or b"")
     return tree is not None and any(
         isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef) and node.name.lower().startswith("test")
         for node in tree.body
     )
 
 
-def _read(path: Path) -> bytes:
+def _read(path: Path) -> bytes | None:
     try:
         with path.open("rb") as stream:
             return stream.read(_MAX_SOURCE)
     except OSError:
-        return b""
+        return None
 
 
 def _parse(source: bytes) -> ast.Module | None:

@@ -13,11 +13,10 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-import click
 import msgspec
 import pytest
 
-from envcraft.cli.configured import configuration
+from envcraft.cli.configured import configuration, place, settings_of_all_commands
 from envcraft.contracts.lookup import contract_named
 from envcraft.environments.targets import resolve
 from envcraft.errors import EnvCraftError, UsageError
@@ -277,6 +276,7 @@ def _class_spec(target: type) -> Spec:
 def settings(config: pytest.Config, given: dict[str, Any] | None = None) -> Settings:
     """Resolve the settings; `given` ones win. Raises UsageError if a value does not exist."""
     found = _of_project(config.rootpath)
+    of_file = set(found)
     for name in SETTINGS:
         for value in (
             (given or {}).get(name),
@@ -285,41 +285,44 @@ def settings(config: pytest.Config, given: dict[str, Any] | None = None) -> Sett
         ):
             if value is not None and value != "":
                 found[name] = value
+                of_file.discard(name)
                 break
-    chosen = Settings(**{name: _plain(name, value) for name, value in found.items() if value is not None})
+    try:
+        chosen = Settings(**{name: _plain(name, value) for name, value in found.items()})
+        _require(chosen)
+    except UsageError as error:
+        if error.setting.replace("-", "_") not in of_file:
+            raise
+        raise UsageError(f"{place(error.setting, config.rootpath)}: {error}") from None
+    severity_table(config.rootpath)
+    return chosen
+
+
+def _require(chosen: Settings) -> None:
+    """Raise UsageError if a name does not exist."""
     contract_named(chosen.contract)
     select_checks(chosen.checks, chosen.skip)
-    severity_table(config.rootpath)
     if chosen.budget not in BUDGETS:
-        raise UsageError(f"there is no budget {did_you_mean(chosen.budget, BUDGETS)}")
+        raise UsageError(f"there is no budget {did_you_mean(chosen.budget, BUDGETS)}", setting="budget")
     if chosen.sandbox != "auto":
         # Loading the drivers takes longer than collecting a folder.
         drivers = ["auto", *(driver.name for driver in offered("envcraft_sandbox_drivers"))]
         if chosen.sandbox not in drivers:
-            raise UsageError(f"there is no sandbox {did_you_mean(chosen.sandbox, drivers)}")
-    return chosen
+            raise UsageError(f"there is no sandbox {did_you_mean(chosen.sandbox, drivers)}", setting="sandbox")
 
 
 def _of_project(folder: Path) -> dict[str, Any]:
-    """Read the settings of ``envcraft validate`` in ``[tool.envcraft]`` that apply to tests."""
-    from envcraft.cli.commands.validate import validate
-
-    options = {
-        option.removeprefix("--"): str(param.name)
-        for param in validate.params
-        if isinstance(param, click.Option)
-        for option in param.opts
-    }
-    table = configuration(folder, options)
-    table["least"] = table.get("require_isolation")
-    return {name: value for name, value in table.items() if name in Settings._fields}
+    """Read the settings in ``[tool.envcraft]`` that apply to tests; those of the commands alone are ignored."""
+    options = {name.replace("_", "-"): name for name in Settings._fields if name != "least"}
+    return configuration(folder, options | {"require-isolation": "least"}, others=settings_of_all_commands)
 
 
 def _plain(name: str, value: Any) -> Any:
     """Convert a setting to its type."""
     if name == "seed":
         if not str(value).isdecimal() or int(value) > _MAX_SEED:
-            raise UsageError(f"the seed {value!r} is not a whole number from 0 to {_MAX_SEED}")
+            words = f"the seed {value!r} is not a whole number from 0 to {_MAX_SEED}"
+            raise UsageError(words, setting="seed")
         return int(value)
     if name == "time_limit":
         try:
@@ -327,13 +330,14 @@ def _plain(name: str, value: Any) -> Any:
         except (TypeError, ValueError):
             seconds = math.nan
         if not 0 < seconds < math.inf:
-            raise UsageError(f"the time limit {value!r} is not a number of seconds above 0")
+            words = f"the time limit {value!r} is not a number of seconds above 0"
+            raise UsageError(words, setting="time-limit")
         return seconds
     names = [value] if isinstance(value, str) else value
     if name in ("checks", "skip"):
         return ",".join(split(",".join(map(str, names)))) or None
     if not isinstance(value, str):
-        raise UsageError(f"{name} must be a name, not {value!r}")
+        raise UsageError(f"{name} must be a name, not {value!r}", setting=name)
     return value
 
 

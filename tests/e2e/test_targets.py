@@ -226,7 +226,7 @@ def test_what_cannot_be_made(target: str, status: int, words: str, tmp_path: Pat
         (("CartPole-v1", "--kwargs", "[1]"), "--kwargs [1] is not a JSON object"),
         (("CartPole-v1", "--kwargs", "{1}"), "is not JSON"),
         (("CartPole-v1", "--wrap", "TimeLimit"), "--wrap TimeLimit must be MODULE:FUNC"),
-        (("CartPole-v1", "--class", "CartPoleEnv"), "remove --class"),
+        (("CartPole-v1", "--class", "CartPoleEnv"), "--class CartPoleEnv does not apply to CartPole-v1"),
     ],
 )
 def test_a_usage_error_is_a_sentence(arguments: tuple[str, ...], words: str, tmp_path: Path) -> None:

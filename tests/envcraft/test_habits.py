@@ -63,7 +63,7 @@ class TestSelection:
         [
             (("--ignore", "EC999"), "there is no rule 'EC999'"),
             (("--ignore", "EC901"), "EC901 cannot be ignored, because other verdicts depend on it"),
-            (("-q", "-v"), "--quiet and --verbose contradict each other"),
+            (("-q", "-v"), "quiet and verbose contradict each other"),
             (("--exclude", "*"), "--exclude leaves none of 3 environments"),
             (("--baseline", "nothing.json"), "the baseline nothing.json cannot be read"),
         ],

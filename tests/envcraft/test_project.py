@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
+from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -11,6 +13,8 @@ import pytest
 from envcraft_checks.source import Source
 
 from envcraft.contracts.builtin import GYMNASIUM
+from envcraft.environments.targets import environments_below
+from envcraft.errors import UsageError
 from envcraft.model.project import defines_environment, defining_file, with_project
 from envcraft.model.target import Target
 from tests.envcraft.conftest import ENVIRONMENT, Invoke
@@ -79,6 +83,62 @@ def test_files_without_an_environment_are_passed_over_and_counted(command: str, 
     result = invoke(command, project, "--sandbox", "process", "--budget", "quick", "--checks", "source")
     assert result.exit_code == 0, result.output
     assert "skipped 3 files without an environment" in result.stderr
+
+
+def test_a_file_that_cannot_be_read_is_not_passed_over(invoke: Invoke, project: Path) -> None:
+    # Reading the first byte of a process's memory fails, for the superuser too.
+    (project / "hidden.py").symlink_to("/proc/self/mem")
+    options = ("--sandbox", "process", "--budget", "quick", "--checks", "source")
+    result = invoke("validate", project, *options, "--format", "json")
+    assert result.exit_code == 2
+    assert f"Error: {project / 'hidden.py'} cannot be read" in result.stderr
+    assert [Path(report["path"]).name for report in json.loads(result.stdout)["reports"]] == ["walk.py"]
+    refused = invoke("audit", project, *options)
+    assert (refused.exit_code, "hidden.py cannot be read" in refused.stderr) == (2, True)
+    assert invoke("validate", project, *options, "--exclude", "hidden.py").exit_code == 0
+
+
+def test_a_folder_that_cannot_be_read_is_not_passed_over(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    tmp_path.chmod(0o755)
+    Path("closed").mkdir(0)
+    user = os.geteuid()
+    errors: dict[str, UsageError] = {}
+    try:
+        if not user:
+            # The superuser reads every folder.
+            os.seteuid(65534)
+        found = list(environments_below(".", unreadable=errors.__setitem__))
+    finally:
+        os.seteuid(user)
+        Path("closed").chmod(0o755)
+    assert not found
+    assert list(errors) == ["./closed"]
+    assert str(errors["./closed"]) == "./closed cannot be read: Permission denied"
+
+
+def test_a_file_that_is_named_twice_is_judged_once(
+    invoke: Invoke, project: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(project)
+    result = invoke("validate", "walk.py", "./walk.py", ".", "--sandbox", "process", "--checks", "source", "-q")
+    assert "1 passed, 0 failed" in result.stdout
+
+
+def test_an_interrupted_run_of_a_folder_says_what_keeps_verdicts(
+    invoke: Invoke, project: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(*_: object) -> Iterator[object]:
+        yield from ()
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("envcraft.judging.engine.validate", interrupted)
+    (project / "other.py").write_text(ENVIRONMENT)
+    result = invoke("validate", project, "--sandbox", "process")
+    assert result.exit_code == 130
+    assert "0 of 2 were judged and not stored; `envcraft audit FOLDER` stores each verdict and resumes" in result.stderr
+    alone = invoke("validate", project / "walk.py", "--sandbox", "process")
+    assert (alone.exit_code, "audit" in alone.stderr) == (130, False)
 
 
 def test_the_hook_passes_named_files_over_and_a_named_file_is_judged(invoke: Invoke, project: Path) -> None:

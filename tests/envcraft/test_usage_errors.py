@@ -49,14 +49,36 @@ def test_a_class_that_only_running_the_file_defines_is_judged(invoke: Invoke, go
         ('wrap = ["TimeLimit"]', "wrap: TimeLimit must be MODULE:FUNC"),
         ('policy = "none.py"', "policy: the policy none.py cannot be read: No such file or directory"),
         ("checks = []", "checks: '' leaves no check to run"),
+        ('class = "Nope"', "class: walk.py defines no class Nope; its classes are Walk"),
+        ('ignore = "EC901"', "ignore: EC901 cannot be ignored"),
+        ("quiet = true\nverbose = true", "quiet: quiet and verbose contradict each other"),
+        ('output = "none/report.json"', "output: the report none/report.json cannot be written"),
+        ('report = ["json:none/report.json"]', "report: the report none/report.json cannot be written"),
     ],
 )
 def test_a_setting_is_blamed_on_its_file(setting: str, words: str, invoke: Invoke, good: Path, tmp_path: Path) -> None:
     (tmp_path / "pyproject.toml").write_text(f"[tool.envcraft]\n{setting}\n")
-    result = invoke("validate", good)
+    result = invoke("validate", good.name)
     assert result.exit_code == 2
     assert f"{tmp_path / 'pyproject.toml'}: [tool.envcraft] {words}" in result.stderr
     assert "--" not in result.stderr
+
+
+@pytest.mark.parametrize(
+    ("setting", "target", "words"),
+    [
+        ('class = "Nope"', "CartPole-v1", "class: Nope does not apply to CartPole-v1, which has one class"),
+        ('exclude = "*"', ".", "exclude: leaves none of 1 environment"),
+        ('wrap = ["nomod:func"]', "walk.py", "wrap: the module nomod of the wrapper nomod:func is not installed"),
+    ],
+)
+def test_a_setting_that_does_not_fit_the_target_is_blamed_on_its_file(
+    setting: str, target: str, words: str, invoke: Invoke, good: Path, tmp_path: Path
+) -> None:
+    (tmp_path / "pyproject.toml").write_text(f"[tool.envcraft]\n{setting}\n")
+    result = invoke("validate", target, "--sandbox", "process", "--checks", "source")
+    assert result.exit_code == 2, result.output
+    assert f"{tmp_path / 'pyproject.toml'}: [tool.envcraft] {words}" in result.stderr
 
 
 def test_a_table_of_contracts_is_one(invoke: Invoke, good: Path, tmp_path: Path) -> None:

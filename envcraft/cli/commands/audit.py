@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import os
-import sys
 from collections.abc import Generator
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -13,7 +12,7 @@ import click
 
 from envcraft.cli import completion
 from envcraft.cli.commands.audit_reports import read_audit_reports, write
-from envcraft.cli.commands.outputs import report_file
+from envcraft.cli.commands.outputs import report_stream
 from envcraft.cli.configured import Configured
 from envcraft.cli.options import check_options, format_option, output_option, sandbox_options
 from envcraft.cli.signals import uninterrupted
@@ -152,7 +151,7 @@ def audit(
             from envcraft.judging.settings import settings_of
 
         # A file that cannot be written is an error before the judging, not after it.
-        streams = [stack.enter_context(report_file(path)) if path and path != "-" else sys.stdout for _, path in wanted]
+        streams = [stack.enter_context(report_stream(path, not number)) for number, (_, path) in enumerate(wanted)]
         known = read_baseline(baseline) if baseline else None
         ensure(driver)
         stages = [settings_of(promised, selected, driver, BUDGETS[name], seed) for name in budget]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import sys
 from collections.abc import Iterator
 from typing import BinaryIO, TextIO
 
@@ -12,12 +13,13 @@ from envcraft.files import atomic_write
 
 
 @contextlib.contextmanager
-def output_file(path: str, what: str = "") -> Iterator[BinaryIO]:
+def output_file(path: str, what: str = "", setting: str = "") -> Iterator[BinaryIO]:
     """Open a file with :func:`envcraft.files.atomic_write`.
 
     Args:
         path: the file.
         what: words for messages, before the path.
+        setting: the option that names the file.
 
     Raises:
         UsageError: if the file cannot be written.
@@ -26,14 +28,25 @@ def output_file(path: str, what: str = "") -> Iterator[BinaryIO]:
         try:
             stream = stack.enter_context(atomic_write(path))
         except OSError as error:
-            raise UsageError(f"{what}{path} cannot be written: {error.strerror}") from None
+            raise UsageError(f"{what}{path} cannot be written: {error.strerror}", setting) from None
         yield stream
 
 
 @contextlib.contextmanager
-def report_file(path: str) -> Iterator[TextIO]:
-    """Open the file of a report as text. Raises UsageError."""
-    with output_file(path, "the report ") as data:
+def report_stream(path: str | None, first: bool) -> Iterator[TextIO]:
+    """Open the stream of a report.
+
+    Args:
+        path: the file; None or ``-`` for standard output.
+        first: whether ``--output`` names the file, and not ``--report``.
+
+    Raises:
+        UsageError: if the file cannot be written.
+    """
+    if path in (None, "-"):
+        yield sys.stdout
+        return
+    with output_file(path, "the report ", "output" if first else "report") as data:
         stream = io.TextIOWrapper(data, "utf-8")
         try:
             yield stream

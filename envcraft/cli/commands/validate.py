@@ -5,8 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 import os
-import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any, TextIO
@@ -15,8 +14,8 @@ import click
 import msgspec
 
 from envcraft.cli import completion
-from envcraft.cli.commands.outputs import report_file
-from envcraft.cli.configured import Configured
+from envcraft.cli.commands.outputs import report_stream
+from envcraft.cli.configured import Configured, blamed
 from envcraft.cli.options import check_options, format_option, output_option, sandbox_options
 from envcraft.cli.signals import uninterrupted
 from envcraft.contracts.lookup import contract_named
@@ -28,7 +27,7 @@ from envcraft.judging.driver import Limits, driver_for
 from envcraft.judging.selection import all_checks, driver_named, rules_of, select_checks, split
 from envcraft.judging.severity import SeverityPolicy, severity_table
 from envcraft.judging.worker_pool import WorkerPool
-from envcraft.model.events import Finished
+from envcraft.model.events import Finished, SubjectFinished
 from envcraft.model.target import Kind, Target, kind_of
 from envcraft.model.verdict import Report, Verdict
 from envcraft.registry import offered
@@ -153,9 +152,9 @@ def validate(
     known = read_baseline(baseline) if baseline else ()
     severity = SeverityPolicy(severity_table(Path.cwd()), strict, True, codes, ignored, frozenset(known))
     if quiet and verbose:
-        raise UsageError("--quiet and --verbose contradict each other; leave one out")
+        raise UsageError("quiet and verbose contradict each other; leave one out", setting="quiet")
     changes = {"kwargs": read_kwargs(kwargs), "wrappers": read_wrappers(wrap)}
-    files, unusable = _files(targets, env_class, environments_only, exclude, changes)
+    files, unusable = _files(ctx, targets, env_class, environments_only, exclude, changes)
     if not files and (unusable or not environments_only):
         ctx.exit(ExitCode.USAGE)
 
@@ -174,7 +173,7 @@ def validate(
         pool = stack.enter_context(WorkerPool(driver, Limits(), len(files)))
         # Slow work comes here, while the first worker starts.
         selected = select_checks(checks, skip, codes, ignored)
-        streams = [sys.stdout if path in (None, "-") else stack.enter_context(report_file(path)) for _, path in wanted]
+        streams = [stack.enter_context(report_stream(path, not number)) for number, (_, path) in enumerate(wanted)]
         with uninterrupted():
             from envcraft.cli.progress import Progress
             from envcraft.judging.engine import Plan
@@ -205,16 +204,34 @@ def validate(
             frames = stack.enter_context(FrameRenderer(plan))
             for reporter in filmed:
                 reporter.frames = frames
+        stack.enter_context(_counting(finished := [], len(files)))
         for event in stack.enter_context(contextlib.closing(judge(plan, workers, pool, exitfirst))):
             if not quiet:
                 progress.handle(event)
             for reporter in reporters:
                 reporter.handle(event)
+            if isinstance(event, SubjectFinished):
+                finished.append(event)
             if isinstance(event, Finished):
                 report = event.report
         assert report is not None
         record(plan, report)
+    for reason in {check.reason for subject in report.reports for check in subject.checks if check.wrong_use}:
+        if (other := blamed(ctx, wrong := UsageError(reason, setting="wrap"))) is not wrong:
+            click.echo(f"Error: {other}", err=True)
     ctx.exit(ExitCode.USAGE if unusable else exit_code(report, exit_zero))
+
+
+@contextlib.contextmanager
+def _counting(finished: list[SubjectFinished], every: int) -> Iterator[None]:
+    """If the user interrupts a run of several environments, say how many were judged and which command keeps them."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        if every > 1:
+            words = "were judged and not stored; `envcraft audit FOLDER` stores each verdict and resumes"
+            click.echo(f"{len(finished):,} of {every:,} {words}", err=True)
+        raise
 
 
 def exit_code(report: Report, exit_zero: bool = False) -> ExitCode:
@@ -271,6 +288,7 @@ def read_wrappers(names: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def _files(
+    ctx: click.Context,
     targets: tuple[str, ...],
     env_class: str | None,
     environments_only: bool,
@@ -284,20 +302,25 @@ def _files(
     """
     excluded = 0
     files: dict[str, Target] = {}
-    unusable = False
+    errors: dict[str, None] = {}
+
     for path in targets:
+        unreadable: dict[str, UsageError] = {}
         try:
-            for target in resolve(path, env_class, environments_only):
+            for target in resolve(path, env_class, environments_only, unreadable.__setitem__):
                 if exclude and os.path.isdir(path) and is_excluded(target.path, path, exclude):
                     excluded += 1
                     continue
-                files.setdefault(target.path, msgspec.structs.replace(target, **changes))
+                files.setdefault(os.path.normpath(target.path), msgspec.structs.replace(target, **changes))
         except UsageError as error:
-            click.echo(f"Error: {error}", err=True)
-            unusable = True
-    if excluded and not files and not unusable:
-        raise UsageError(f"--exclude leaves none of {plural(excluded, 'environment')}; leave out a pattern")
-    return list(files.values()), unusable
+            errors[str(blamed(ctx, error))] = None
+        errors |= {str(unreadable[place]): None for place in unreadable if not is_excluded(place, path, exclude)}
+    for words in errors:
+        click.echo(f"Error: {words}", err=True)
+    if excluded and not files and not errors:
+        words = f"--exclude leaves none of {plural(excluded, 'environment')}; leave out a pattern"
+        raise UsageError(words, setting="exclude")
+    return list(files.values()), bool(errors)
 
 
 def is_excluded(path: str, folder: str, patterns: tuple[str, ...]) -> bool:

@@ -71,6 +71,12 @@ def test_what_is_an_environment_is_told_by_the_source(tmp_path: Path, source: st
     assert environment_line(path) == line
 
 
+def test_a_file_that_cannot_be_read_counts_and_is_then_an_error(tmp_path: Path) -> None:
+    # Reading the first byte of a process's memory fails, for the superuser too.
+    (tmp_path / "game.py").symlink_to("/proc/self/mem")
+    assert environment_line(tmp_path / "game.py") == 1
+
+
 def test_the_sources_of_others_raise_no_warning_here(tmp_path: Path, recwarn: pytest.WarningsRecorder) -> None:
     path = tmp_path / "a.py"
     path.write_text("import gymnasium\nclass A(gymnasium.Env):\n    x = '\\d'\n")

@@ -62,3 +62,34 @@ def test_wrong_settings_are_a_sentence(walk: Path, run: Run, option: str, senten
     assert result.ret == pytest.ExitCode.USAGE_ERROR
     result.stderr.fnmatch_lines([sentence])
     assert "Traceback" not in result.stderr.str()
+
+
+@pytest.mark.parametrize(
+    ("setting", "words"),
+    [
+        ('contract = "arcad"', "contract: there is no contract 'arcad'; did you mean arcade?"),
+        ('budget = "quik"', "budget: there is no budget 'quik'; did you mean quick?"),
+        ('sandbox = "doker"', "sandbox: there is no sandbox 'doker'; did you mean docker?"),
+        ("seed = -1", "seed: the seed -1 is not a whole number"),
+        ("time-limit = 0", "time-limit: the time limit 0 is not a number of seconds above 0"),
+        ('skip = ["reword"]', "skip: there is no check 'reword'; did you mean reward?"),
+    ],
+)
+def test_a_setting_is_blamed_on_its_file(pytester: pytest.Pytester, walk: Path, setting: str, words: str) -> None:
+    file = pytester.makepyprojecttoml(f"[tool.envcraft]\n{setting}\n")
+    result = pytester.runpytest_inprocess("--envcraft", "games")
+    assert result.ret == pytest.ExitCode.USAGE_ERROR
+    assert f"{file}: [tool.envcraft] {words}" in result.stderr.str()
+
+
+def test_an_option_is_not_blamed_on_the_file(pytester: pytest.Pytester, walk: Path, run: Run) -> None:
+    pytester.makepyprojecttoml('[tool.envcraft]\ncontract = "gymnasium"\n')
+    result = run("games", "--envcraft-contract=arcad")
+    assert result.ret == pytest.ExitCode.USAGE_ERROR
+    assert "pyproject" not in result.stderr.str()
+
+
+def test_a_setting_of_a_command_is_ignored(pytester: pytest.Pytester, walk: Path, run: Run, canned: Canned) -> None:
+    pytester.makepyprojecttoml('[tool.envcraft]\nexecutor = "local"\nseed = 3\n')
+    run("games")
+    assert canned.plans[-1].seed == 3
