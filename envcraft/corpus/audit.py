@@ -181,6 +181,10 @@ class Audit:
             counts |= {Outcome.PASS: counts[Outcome.PASS] - undecided, Outcome.UNDECIDED: undecided}
         return {outcome: counts[outcome] for outcome in Outcome if counts.get(outcome)}
 
+    def undecided(self) -> dict[str, int]:
+        """The number of environments that each check left undecided, the most frequent check first."""
+        return audits.undecided_checks(self.store)
+
     def codes(self) -> dict[str, int]:
         """The number of environments with each code, the most frequent code first."""
         return audits.code_counts(self.store)

@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import csv
 import hashlib
+import io
 import json
 from pathlib import Path
 
 import msgspec
 import pytest
 
+from envcraft.cli.commands.audit_reports import write
 from envcraft.corpus.audit import Audit
 from envcraft.corpus.report.data import Survey, entries
 from envcraft.corpus.store import Environment, Store
 from envcraft.corpus.store.audits import Selection
 from envcraft.model.verdict import CheckReport, Finding, Outcome, Severity, Verdict
+from envcraft.reports.reporter import reporter_named
 
 from .conftest import SETTINGS, Invoke, report, source
 from .reported import written
@@ -50,6 +53,15 @@ def test_an_audit_counts_them(corpus: Path) -> None:
         run = Audit(store, store.settings(SETTINGS), Selection())
         assert run.verdicts() == {"pass": 20}
         assert run.outcomes() == {Outcome.PASS: 2, Outcome.UNDECIDED: 18}
+        assert run.undecided() == {"difficulty": 18}
+        text = io.StringIO()
+        write(run, [(reporter_named("console"), text)], {}, run.outcomes(), None)
+    assert "difficulty  undecided in 18 environments; `envcraft corpus show` has the reasons" in text.getvalue()
+
+
+def test_an_environment_shows_its_reasons(corpus: Path, invoke: Invoke) -> None:
+    assert "  difficulty undecided: no episode was won" in invoke("corpus", "show", corpus, "env5").stdout
+    assert "difficulty" not in invoke("corpus", "show", corpus, "env1").stdout
 
 
 def test_the_list_filters_on_them(corpus: Path, invoke: Invoke) -> None:

@@ -123,6 +123,8 @@ def _write_summary(stream: TextIO, run: Audit, outcomes: dict[Outcome, int], dif
     say(f"{run.judged:,} judged now, {run.known:,} known; {plural(steps, 'step')} in {seconds:,.0f} s of judging")
     if late := run.out_of_time():
         say(f"{late:,} ran out of time: the next audit judges {'it' if late == 1 else 'them'} again")
+    for check, times in run.undecided().items() if outcomes.get(Outcome.UNDECIDED) else ():
+        say(f"  {one_line(check)}  undecided in {plural(times, 'environment')}; `envcraft corpus show` has the reasons")
     shared = run.shared()
     for each in shared:
         say(f"  {each.words}")

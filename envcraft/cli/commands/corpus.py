@@ -182,6 +182,9 @@ def show(corpus: Path, name: str, source: bool, form: str) -> None:
         words = ", ".join(f"{key} {getattr(settings, key)}" for key in keys[:5])
         click.echo(f"\n{judged_report.outcome.value}  {words}")
         for check in judged_report.checks:
+            if check.outcome in (Outcome.UNDECIDED, Outcome.ERROR):
+                words = "undecided" if check.outcome is Outcome.UNDECIDED else "could not be judged"
+                click.echo(f"  {one_line(check.check)} {words}: {one_line(check.reason)}")
             for finding in check.findings:
                 click.echo(f"  {one_line(finding.code)} {finding.severity.value}: {one_line(finding.message)}")
     for line in history_lines(history) if history else ():

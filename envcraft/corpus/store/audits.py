@@ -224,6 +224,17 @@ def undecided(store: Store) -> int:
     return count
 
 
+def undecided_checks(store: Store) -> dict[str, int]:
+    """The number of selected environments that each check left undecided, the most frequent check first."""
+    cursor = store.db.execute(
+        f"SELECT json_extract(one.value, '$.check') AS name_of, count(*) AS times FROM {_VERDICTS}, "
+        f"json_each(verdicts.report, '$.checks') AS one WHERE {UNDECIDED.format('verdicts')} "
+        "AND json_extract(one.value, '$.undecided') AND json_extract(one.value, '$.verdict') = 'skip' "
+        "GROUP BY name_of ORDER BY times DESC, name_of"
+    )
+    return dict(cursor)
+
+
 def code_counts(store: Store) -> dict[str, int]:
     """The number of selected environments with each code, the most frequent code first."""
     cursor = store.db.execute(
