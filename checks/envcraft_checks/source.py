@@ -45,6 +45,7 @@ import ast
 import contextlib
 import re
 from collections.abc import Iterator, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from envcraft.errors import UsageError, WorkerLost
@@ -67,6 +68,8 @@ if TYPE_CHECKING:
 
 _OLD_NAMES = {"gym": "gymnasium", "pygame_ce": "pygame", "np": "numpy"}
 _SLOW_IMPORT = 3.0
+#: The base class of environments, as a class statement names it.
+_ENV = re.compile(r"((gym|gymnasium)(\.core)?\.)?Env(\[.*\])?")
 
 
 class Source(Check):
@@ -92,7 +95,12 @@ class Source(Check):
             "Importing the file does not end.",
             'Move code from module level into methods, or under `if __name__ == "__main__":`.',
         ),
-        Rule("EC005", "no-environment", "The file defines no environment class.", "Derive a class from gymnasium.Env."),
+        Rule(
+            "EC005",
+            "no-environment",
+            "The file defines no environment class.",
+            "Derive a class from gymnasium.Env, and define reset and step.",
+        ),
         Rule(
             "EC006",
             "several-environments",
@@ -235,6 +243,8 @@ class Source(Check):
         beside = with_project(subject.target).project
         if beside is not None and name in beside.modules:
             return "a file of its project, which only `envcraft validate` and the audit of its folder judge with it"
+        if name.startswith("."):
+            return f"which is no file of its package{_near_file(name, Path(subject.target.path))}"
         near = _nearest(name, [*(contract.libraries or ()), *known])
         return f"which is not a known library{f'; did you mean {near}?' if near else ''}"
 
@@ -249,7 +259,7 @@ class Source(Check):
         yield from self._judge_effects(description.get("effects", {}), end.output)
         classes = [entry["name"] for entry in description.get("classes", [])]
         if subject.target.env_class is None and len(classes) != 1:
-            yield self._wrong_count(classes, description)
+            yield self._wrong_count(classes, description, parse(subject.text))
             return
         if subject.target.env_class is not None and "class" not in description:
             yield self.finding("EC005", f"the file defines no class {subject.target.env_class}", classes=classes)
@@ -257,7 +267,7 @@ class Source(Check):
         if description.get("required"):
             yield self._needs(subject.env_class, description)
         elif fault is not None:
-            _refuse_wrapper(subject, fault)
+            _refuse_options(subject, fault)
             words = f"{subject.env_class}() raises {fault}"
             if fault.phase == "spaces":
                 words = f"reading the spaces of a new {subject.env_class} raises {fault}"
@@ -268,7 +278,7 @@ class Source(Check):
         fault, description, name = loaded.trace.fault, loaded.description, subject.target.path
         if fault is not None:
             ask_for_dependency(subject, fault)
-            _refuse_wrapper(subject, fault)
+            _refuse_options(subject, fault)
         if loaded.end.reason is not ExitReason.DONE:
             yield self._broken(loaded)
         elif fault is not None and _absent(fault, name):
@@ -316,16 +326,19 @@ class Source(Check):
         if found:
             yield self.finding("EC009", f"loading the file {' and '.join(found)}", **effects)
 
-    def _wrong_count(self, classes: list[str], description: Description) -> Finding:
+    def _wrong_count(self, classes: list[str], description: Description, tree: ast.Module) -> Finding:
         if classes:
             return self.finding(
                 "EC006", f"the file defines {len(classes)} environments: {', '.join(classes)}", classes=classes
             )
         alike = ", ".join(description.get("lookalikes", []))
         hint = f"; {alike} has reset and step but does not derive from gymnasium.Env" if alike else ""
-        return self.finding(
-            "EC005", f"the file defines no concrete subclass of gymnasium.Env with reset and step{hint}"
-        )
+        lacking = next(_lacking(tree), None)
+        if not hint and lacking is not None:
+            node, methods = lacking
+            hint = f"; {node.name} has no {' and no '.join(methods)}"
+        words = f"the file defines no concrete subclass of gymnasium.Env with reset and step{hint}"
+        return self.finding("EC005", words, line=None if lacking is None else lacking[0].lineno)
 
 
 def _owners() -> dict[str, Check]:
@@ -344,10 +357,38 @@ def _absent(fault: Fault, name: str) -> bool:
     return fault.type.endswith("NoSuchEnvironment") and fault.message.startswith("no installed package")
 
 
-def _refuse_wrapper(subject: Subject, fault: Fault) -> None:
-    """Raise UsageError if a wrapper that the user names does not exist."""
+def _lacking(tree: ast.Module) -> Iterator[tuple[ast.ClassDef, list[str]]]:
+    """The classes that name ``Env`` of Gymnasium as their base, each with the methods that it does not define."""
+    for node in tree.body:
+        if isinstance(node, ast.ClassDef) and any(_ENV.fullmatch(ast.unparse(base)) for base in node.bases):
+            methods = {each.name for each in node.body if isinstance(each, ast.FunctionDef)}
+            if lacks := [name for name in ("reset", "step") if name not in methods]:
+                yield node, lacks
+
+
+def _refuse_options(subject: Subject, fault: Fault) -> None:
+    """Raise UsageError if a wrapper or an argument of the constructor that the user names does not exist."""
     if subject.target.wrappers and fault.type.endswith("targets.NoSuchWrapper"):
         raise UsageError(f"--wrap: {fault.message}")
+    unknown = any(f"unexpected keyword argument {name!r}" in fault.message for name in subject.target.kwargs)
+    # An error that a line of the environment raises is its own.
+    if unknown and fault.type == "TypeError" and fault.line is None:
+        raise UsageError(f"--kwargs: {fault.message}")
+
+
+def _near_file(name: str, file: Path) -> str:
+    """Suggest the file of a package that a relative import may mean."""
+    import difflib
+
+    module = name.lstrip(".")
+    level = len(name) - len(module)
+    folder = Path(*[".."] * (level - 1))
+    try:
+        names = [each.stem for each in (file.parent / folder).iterdir() if each.suffix == ".py" and each != file]
+    except OSError:
+        return ""
+    close = difflib.get_close_matches(module, names, n=1)
+    return f"; did you mean {'.' * level}{close[0]}?" if close else ""
 
 
 def ask_for_dependency(subject: Subject, fault: Fault) -> None:

@@ -4,16 +4,26 @@ from __future__ import annotations
 
 import os
 import stat
+import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import click
 
 from envcraft.errors import UsageError
-from envcraft.model.project import defined_classes, defined_names, defines_environment, defining_file, with_project
+from envcraft.model.project import (
+    Place,
+    defined_classes,
+    defined_names,
+    defines_environment,
+    defining_file,
+    with_project,
+)
 from envcraft.model.target import Kind, Target, kind_of, read_target
 from envcraft.text import one_line, plural
 
+#: The most modules that a message names.
+_FEW = 5
 _SKIPPED_FOLDERS = {"__pycache__", "node_modules", "site-packages", "build", "dist"}
 
 
@@ -111,11 +121,35 @@ def environments_below(folder: str, env_class: str | None = None, unreadable: Un
 def _module(name: str) -> Target:
     """The class that ``package.module:Class`` names, from the working directory, else from what is installed."""
     module, _, env_class = name.partition(":")
-    found = defining_file(Path.cwd(), module, env_class)
-    if found is None:
-        return Target(name, kind=Kind.MODULE)
-    file, defined = found
-    return with_project(read_target(os.path.relpath(file), defined), Path.cwd())
+    root = Path.cwd()
+    found = defining_file(root, module, env_class)
+    if found is not None:
+        file, defined = found
+        return with_project(read_target(os.path.relpath(file), defined), root)
+    if (own := Place(root, module).find(root / module, module)) is not None:
+        _require_class(read_target(os.path.relpath(own), env_class))
+    else:
+        _require_module(root, module)
+    return Target(name, kind=Kind.MODULE)
+
+
+def _require_module(root: Path, module: str) -> None:
+    """Raise UsageError if a name means a package below a folder that lacks the module."""
+    package = module.partition(".")[0]
+    if package == module or next(root.glob(f"{package}/*.py"), None) is None or _is_installed(package, root):
+        return
+    folder = root.joinpath(*module.split(".")[:-1])
+    names = sorted(file.stem for file in folder.glob("*.py") if file.stem != "__init__")
+    there = f"; {os.path.relpath(folder, root)} has {', '.join(names[:_FEW])}" if names else ""
+    raise UsageError(f"the folder {package} has no module {module}{there}")
+
+
+def _is_installed(package: str, folder: Path) -> bool:
+    """Whether Python finds a package outside a folder, without importing it."""
+    from importlib.machinery import PathFinder
+
+    path = [each for each in sys.path if Path(each or ".").resolve() != folder.resolve()]
+    return PathFinder.find_spec(package, path) is not None
 
 
 def _is_environment(target: Target) -> bool:

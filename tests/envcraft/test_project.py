@@ -13,10 +13,10 @@ import pytest
 from envcraft_checks.source import Source
 
 from envcraft.contracts.builtin import GYMNASIUM
-from envcraft.environments.targets import environments_below
+from envcraft.environments.targets import environments_below, resolve
 from envcraft.errors import UsageError
 from envcraft.model.project import defines_environment, defining_file, with_project
-from envcraft.model.target import Target
+from envcraft.model.target import Kind, Target
 from tests.envcraft.conftest import ENVIRONMENT, Invoke
 
 _ROOM = "class Room(gym.Env):\n    def reset(self, *, seed=None, options=None): ...\n    def step(self, action): ...\n"
@@ -240,6 +240,47 @@ def test_a_module_is_judged_with_its_project(invoke: Invoke, maze: Path, monkeyp
     refused = invoke("validate", "maze/grid.py", *options[:-2])
     assert refused.exit_code == 1
     assert "a file of its project, and the contract arcade is for single files" in " ".join(refused.stdout.split())
+
+
+@pytest.mark.parametrize(
+    ("target", "words"),
+    [
+        ("walk:Wlak", "walk.py defines no class Wlak; its classes are Walk"),
+        ("games.snake:Snakes", "games/snake.py defines no class Snakes; its classes are Snake"),
+        ("games.snale:Snake", "the folder games has no module games.snale; games has snake"),
+    ],
+)
+def test_a_module_of_the_working_directory_that_lacks_the_class_is_a_sentence(
+    target: str, words: str, invoke: Invoke, good: Path
+) -> None:
+    (good.parent / "games").mkdir()
+    (good.parent / "games" / "snake.py").write_text(ENVIRONMENT.replace("Walk", "Snake"))
+    result = invoke("validate", target)
+    assert (result.exit_code, result.stderr) == (2, f"Error: {words}\n")
+
+
+def test_an_installed_package_wins_over_a_folder_of_its_name(good: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(good.parent)
+    Path("gymnasium").mkdir()
+    Path("gymnasium", "own.py").write_text("")
+    [target] = resolve("gymnasium.envs.classic_control:CartPoleEnv")
+    assert target.kind is Kind.MODULE
+
+
+def test_a_relative_import_of_no_file_suggests_the_nearest(invoke: Invoke, good: Path) -> None:
+    (good.parent / "helpers.py").write_text("SIZE = 3\n")
+    good.write_text(f"from .helper import SIZE\n{ENVIRONMENT}")
+    result = invoke("validate", good, "--sandbox", "process", "--contract", "gymnasium", "--format", "concise")
+    assert "line 1 imports .helper, which is no file of its package; did you mean .helpers?" in result.stdout
+
+
+def test_a_class_that_lacks_a_method_is_named_with_its_line(invoke: Invoke, good: Path) -> None:
+    good.write_text(
+        "import gymnasium as gym\n\nclass Game(gym.Env):\n    def reset(self, *, seed=None, options=None): ...\n"
+    )
+    result = invoke("validate", good, "--sandbox", "process", "--format", "concise")
+    assert f"{good}:3: EC005" in result.stdout
+    assert "Game has no step" in result.stdout
 
 
 def test_an_audit_says_that_it_takes_single_files(maze: Path) -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.envcraft.conftest import Invoke
+from tests.envcraft.conftest import ENVIRONMENT, Invoke
 
 _CHEAP = ("--sandbox", "process", "--budget", "quick")
 
@@ -69,6 +69,7 @@ def test_a_setting_is_blamed_on_its_file(setting: str, words: str, invoke: Invok
     [
         ('class = "Nope"', "CartPole-v1", "class: Nope does not apply to CartPole-v1, which has one class"),
         ('exclude = "*"', ".", "exclude: leaves none of 1 environment"),
+        ("kwargs = {sise = 3}", "walk.py", "kwargs: Walk.__init__() got an unexpected keyword argument 'sise'"),
         ('wrap = ["nomod:func"]', "walk.py", "wrap: the module nomod of the wrapper nomod:func is not installed"),
     ],
 )
@@ -92,6 +93,15 @@ def test_arguments_of_the_constructor_are_a_table(invoke: Invoke, good: Path, tm
     result = invoke("validate", good, *_CHEAP, "--checks", "source")
     assert "unexpected keyword argument 'sise'" in " ".join(result.stdout.split())
     assert "--kwargs" in invoke("explain", "EC007").stdout
+
+
+def test_an_argument_that_the_constructor_passes_on_is_the_environment_s_fault(invoke: Invoke, good: Path) -> None:
+    good.write_text(
+        ENVIRONMENT.replace("render_mode=None):", "**more):\n        render_mode = dict(key=more)[more['size']]")
+    )
+    result = invoke("validate", good, *_CHEAP, "--checks", "source", "--kwargs", '{"size": 3}')
+    assert result.exit_code == 1, result.output
+    assert "EC008" in result.stdout
 
 
 def test_a_baseline_is_below_the_folder_of_the_settings(

@@ -217,7 +217,8 @@ def validate(
         assert report is not None
         record(plan, report)
     for reason in {check.reason for subject in report.reports for check in subject.checks if check.wrong_use}:
-        if (other := blamed(ctx, wrong := UsageError(reason, setting="wrap"))) is not wrong:
+        setting = reason.removeprefix("--").partition(":")[0]
+        if (other := blamed(ctx, wrong := UsageError(reason, setting=setting))) is not wrong:
             click.echo(f"Error: {other}", err=True)
     ctx.exit(ExitCode.USAGE if unusable else exit_code(report, exit_zero))
 

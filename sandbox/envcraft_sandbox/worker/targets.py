@@ -233,7 +233,10 @@ def find_spec(wanted: str) -> Any:
     module, _, name = wanted.rpartition(":")
     if module:
         # `module:Id`, or an abbreviation of the module's name.
-        for candidate in [module] if _importable(module) else _packages_like(module):
+        packages = [module] if _importable(module) else _packages_like(module)
+        if not packages:
+            raise NoSuchEnvironment(f"no installed package is named {module}")
+        for candidate in packages:
             importlib.import_module(candidate)
             _register(candidate)
         found = _look_up(name)
