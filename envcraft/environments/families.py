@@ -70,6 +70,10 @@ class Family(ABC):
 
         Frames, rewards, flags and infos are the same bit for bit. ``envcraft.make_vec(..., fast=True)`` calls this.
 
+        A vector may also advise learners: ``advise(wanted)`` takes the environments to advise, bool [num_envs], and
+        returns the probabilities with which a player who sees the states would choose the joint actions, [num_envs,
+        actions].
+
         Args:
             generated: The environments, one for each row of the vector.
             autoreset_mode: What follows the end of an episode.

@@ -15,8 +15,9 @@ import numba  # noqa: TID253 (the simulator needs it)
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from envcraft_tetris import placement
 from envcraft_tetris.axes import clearing, controls
-from envcraft_tetris.equivalence import compare
+from envcraft_tetris.equivalence import Pair, actions, compare
 from envcraft_tetris.family import TetrisFamily, variant_of
 from envcraft_tetris.vectorized import pcg64
 from envcraft_tetris.vectorized.vector import make_vec
@@ -107,6 +108,75 @@ def test_one_held_action_does_not_win_with_sand() -> None:
         over |= terminated | truncated
     vector.close()
     assert won.reshape(len(sand), len(held), episodes).mean(2).max() < 0.9
+
+
+def test_advice_rates_places_as_the_player_does(generated: list[Generated]) -> None:
+    from envcraft_tetris.vectorized import advice
+
+    simulator: Any = TetrisFamily().simulate(generated, AutoresetMode.NEXT_STEP, copy=False)
+    vector = NamedVectorEnv(simulator, [one.name for one in generated])
+    pairs = [Pair(one, simulator, index) for index, one in enumerate(generated)]
+    rng = np.random.default_rng(3)
+    result: Any = vector.reset(seed=0)
+    for index, pair in enumerate(pairs):
+        pair.reset(index, result, rng)
+    games = [placement.Game(pair.env) for pair in pairs]
+    compared = blocked = 0
+    for step, action in zip(range(40), actions(rng, len(pairs)), strict=False):
+        wanted = np.arange(len(pairs)) % 3 != step % 3
+        ratings = advice.rate(simulator._rules, simulator._which, simulator._games, wanted)
+        assert not ratings[~wanted].any()
+        for index in np.flatnonzero(wanted & ~simulator._ended):
+            expected = rated_by_the_player(games[index], pairs[index].env)
+            stay = ratings[index][0]
+            for one, other in zip(ratings[index].tolist(), expected, strict=True):
+                # A piece that lands where it is, because it cannot move, is rated for the direction as well.
+                blocked += one == stay and one != other
+                assert one == pytest.approx(other) or one == stay
+                compared += 1
+        result = vector.step(action)
+        for pair in pairs:
+            pair.step(action[pair._index], result, rng)
+    assert compared > 2_000
+    assert blocked < compared / 50
+
+
+def rated_by_the_player(game: placement.Game, env: Any) -> list[float]:
+    """The ratings of the best places that waiting, going left and going right lead to, by the policy of the player."""
+    game.follow(env)
+    ghost = game._ghost
+    start, turn = dict(ghost.__dict__), ghost.turn
+    game._note(ghost)
+    board = game._bits(ghost.board)
+    row = game._landing(board, ghost.kind, turn, ghost.row, ghost.column)
+    best = [game._rate(board, ghost.kind, turn, row, ghost.column)]
+    for direction in (3, 4):
+        found: dict[tuple[int, int, int], Any] = {}
+        game._steer(start, board, turn, direction, None, found)
+        ratings = [game._rate(board, ghost.kind, *place) for place, moves in found.items() if moves]
+        best.append(max(ratings, default=-np.inf))
+    ghost.__dict__.update(start)
+    return best
+
+
+def test_advice_moves_pieces_where_they_fit(generated: list[Generated]) -> None:
+    def cleared(advised: bool) -> float:
+        simulator: Any = TetrisFamily().simulate(generated, AutoresetMode.NEXT_STEP, copy=False)
+        everyone = np.ones(len(generated), np.bool_)
+        rng = np.random.default_rng(0)
+        simulator.reset(seed=0)
+        found = 0
+        for _ in range(400):
+            probabilities = simulator.advise(everyone)
+            assert probabilities.sum(1) == pytest.approx(1)
+            assert set(np.flatnonzero(probabilities.any(0))) <= {0, 12, 16}
+            joint = probabilities.argmax(1) if advised else rng.choice([12, 16], len(generated))
+            before = simulator._games["cleared"].copy()
+            simulator.step(np.stack(np.unravel_index(joint, (5, 2, 2)), 1))
+            found += int((simulator._games["cleared"] - before).clip(0).sum())
+        return found
+
+    assert cleared(True) > 2.5 * cleared(False)
 
 
 @pytest.mark.parametrize("mode", list(AutoresetMode))

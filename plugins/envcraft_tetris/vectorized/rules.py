@@ -87,6 +87,17 @@ def step(rules: Any, game: Any, direction: int, first: int, second: int) -> None
 
 @jit
 def _advance(rules: Any, game: Any, direction: int, first: int, second: int) -> None:
+    landed = maneuver(rules, game, direction, first, second)
+    if rules.holds and game.lost:
+        return
+    if landed:
+        _lock(rules, game)
+    _tick(rules, game)
+
+
+@jit
+def maneuver(rules: Any, game: Any, direction: int, first: int, second: int) -> bool:
+    """Move the piece by the controls and by gravity, and return whether it has landed."""
     game.drop_rest = max(0, game.drop_rest - 1)
     first_acts = first != 0 and not (rules.first_once and game.first_down)
     second_acts = second != 0 and not (rules.second_once and game.second_down)
@@ -104,15 +115,13 @@ def _advance(rules: Any, game: Any, direction: int, first: int, second: int) -> 
             _act(rules, game, function, direction)
             drop |= function == HARD
     if rules.holds and game.lost:
-        return
-    dropped = drop and game.drop_rest == 0
-    if dropped:
+        return False
+    if drop and game.drop_rest == 0:
         while move(rules, game, game.turn, game.row + 1, game.column):
             pass
         game.drop_rest = rules.rest
-    if dropped or _fall(rules, game):
-        _lock(rules, game)
-    _tick(rules, game)
+        return True
+    return _fall(rules, game)
 
 
 @jit

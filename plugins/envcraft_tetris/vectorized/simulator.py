@@ -119,6 +119,14 @@ class Simulator(gymnasium.vector.VectorEnv[Any, Any, Any]):
                 infos[f"_{key}"] = known
         return infos
 
+    def advise(self, wanted: NDArray[np.bool_]) -> NDArray[np.float32]:
+        """What a player who sees the states would do in the `wanted` games [num_envs]: the probabilities of the joint
+        actions, [num_envs, actions]. The rows of other games have no meaning.
+        """
+        from envcraft_tetris.vectorized import advice
+
+        return advice.probabilities(advice.rate(self._rules, self._which, self._games, wanted))
+
     def render(self) -> tuple[Any, ...]:
         """Copies of the current frames."""
         return tuple(frame.copy() for frame in self._frames)
