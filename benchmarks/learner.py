@@ -69,7 +69,7 @@ def batch(count: int = 32) -> Batch:
     frames = rng.integers(0, 256, (2 * count, *PAD.shape), np.uint8)
     ones = np.ones(count, np.float32)
     actions, labels = rng.integers(0, 20, count), np.zeros(count, np.int64)
-    parts = ones, ones * 0.97, ones, labels, ones
+    parts = ones, ones * 0.97, ones, labels, ones, np.zeros((count, 0), np.float32)
     return Batch(np.arange(count), frames[:count], frames[count:], actions, *parts)
 
 

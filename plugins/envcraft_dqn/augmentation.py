@@ -12,6 +12,8 @@ from torch import Tensor
 _SHIFT = 4
 #: The range of the factors of colour channels.
 _DARKEST, _BRIGHTEST = 0.6, 1.4
+#: The standard deviation of the weights of a mixed channel, and the step between the pixels that give the mean colour.
+_CONTRAST, _SAMPLED = 0.7, 17
 
 
 def augmented(frames: Tensor, kind: str, generator: torch.Generator) -> Tensor:
@@ -19,7 +21,7 @@ def augmented(frames: Tensor, kind: str, generator: torch.Generator) -> Tensor:
 
     Args:
         frames: Frames of bytes, [n, height, width, channels].
-        kind: ``shift``, ``colour`` or ``both``.
+        kind: ``shift``, ``colour``, ``both`` or ``mixed``.
         generator: The random generator, on the CPU.
 
     Returns:
@@ -29,6 +31,8 @@ def augmented(frames: Tensor, kind: str, generator: torch.Generator) -> Tensor:
         frames = _shifted(frames, generator)
     if kind in ("colour", "both"):
         frames = _recoloured(frames, generator)
+    if kind == "mixed":
+        frames = _mixed(frames, generator)
     return frames
 
 
@@ -49,3 +53,15 @@ def _recoloured(frames: Tensor, generator: torch.Generator) -> Tensor:
     factors = torch.empty((count, 1, 1, channels)).uniform_(_DARKEST, _BRIGHTEST, generator=generator)
     permuted = frames.gather(3, order[:, None, None, :].expand(frames.shape))
     return (permuted * factors.to(frames.device)).clamp_(0, 255).to(torch.uint8)
+
+
+def _mixed(frames: Tensor, generator: torch.Generator) -> Tensor:
+    """Replace the colour channels of each frame by random linear combinations of them, which keeps shapes alone.
+
+    Networks that standardise frames remove the offset and the scale that the combinations cause.
+    """
+    count, _, _, channels = frames.shape
+    weights = torch.randn((count, channels, channels), generator=generator).mul_(_CONTRAST / channels**0.5)
+    pixels = frames.flatten(1, 2).float()
+    pixels -= pixels[:, ::_SAMPLED].mean(1, keepdim=True)
+    return torch.bmm(pixels, weights.to(frames.device)).add_(127.5).clamp_(0, 255).to(torch.uint8).view_as(frames)

@@ -48,14 +48,15 @@ class Identified(Protocol):
 class Adviser(Protocol):
     """A demonstrator that says what it would do in states that it did not bring about."""
 
-    def advise(self, episodes: Sequence[tuple[str, int, NDArray[np.int64]]]) -> Sequence[NDArray[np.int64] | None]:
+    def advise(self, episodes: Sequence[tuple[str, int, NDArray[np.int64]]]) -> Sequence[NDArray[Any] | None]:
         """Label episodes.
 
         Args:
             episodes: The environment, the seed and the actions [steps, parts] of each episode.
 
         Returns:
-            The demonstrator's actions [steps, parts] in each episode; None where it gives no advice.
+            For each episode, the demonstrator's actions as integers [steps, parts], or the probabilities with which it
+            would choose the joint actions, as floats [steps, actions]; None where it gives no advice.
 
         Raises:
             EnvCraftError: The demonstrator gives no advice at all.

@@ -88,7 +88,15 @@ class Learner:
         if (kind := self.settings.augment) != "none":
             frames, next_frames = (augmented(some, kind, self._generator) for some in (frames, next_frames))
         label_weights = batch.label_weights if self.settings.balanced else (batch.labels >= 0).astype(np.float32)
-        arrays = (batch.actions, batch.returns, batch.discounts, batch.weights, batch.labels, label_weights)
+        arrays = (
+            batch.actions,
+            batch.returns,
+            batch.discounts,
+            batch.weights,
+            batch.labels,
+            label_weights,
+            batch.advice,
+        )
         loss, errors = self._loss(frames, next_frames, *(self._on_device(array) for array in arrays))
         self.optimiser.zero_grad()
         loss.backward()
@@ -115,6 +123,7 @@ class Learner:
         weights: Tensor,
         labels: Tensor,
         label_weights: Tensor,
+        advice: Tensor,
     ) -> tuple[Tensor, Tensor]:
         """The loss of the objective, and the errors [n] for priorities."""
         with self._autocast():
@@ -126,6 +135,10 @@ class Learner:
         if self.settings.imitates:
             # Unlike a margin, the likelihood has its optimum at the most frequent label where labels are noisy.
             imitation = functional.cross_entropy(values, known, reduction="none")
+            if advice.shape[1]:
+                advised = advice.sum(1) > 0
+                imitation = torch.where(advised, functional.cross_entropy(values, advice, reduction="none"), imitation)
+                label_weights = torch.where(advised, torch.ones_like(label_weights), label_weights)
             return (weights * label_weights * imitation).mean(), imitation.detach() * (labels >= 0)
         imitation = large_margin(values, known, self.settings.margin)
         loss, errors = self._td_loss(values, next_frames, actions, returns, discounts)

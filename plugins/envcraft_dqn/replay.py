@@ -41,6 +41,8 @@ class Batch:
         weights: Importance weights, float32 [n], at most 1.
         labels: The joint actions of the demonstrator in these states, int64 [n]; -1 where they are not known.
         label_weights: The weights of the labels, float32 [n]; rare labels weigh more.
+        advice: The demonstrator's probabilities of the joint actions, float32 [n, actions]; zeros where only the label
+            is known, and [n, 0] in a replay without advice.
     """
 
     slots: Slots
@@ -52,6 +54,7 @@ class Batch:
     weights: NDArray[np.float32]
     labels: NDArray[np.int64]
     label_weights: NDArray[np.float32]
+    advice: NDArray[np.float32]
 
 
 class Replay:
@@ -63,6 +66,7 @@ class Replay:
         n: The length of n-step returns.
         gamma: The discount factor.
         alpha: The exponent of priorities.
+        advised: The number of joint actions, to store their probabilities; 0 stores none.
 
     Attributes:
         kept: The number of slots at the start that hold demonstrations and are never overwritten.
@@ -72,7 +76,9 @@ class Replay:
             single large error would let all later transitions be drawn before the known ones.
     """
 
-    def __init__(self, store: FrameStore, size: int, n: int, gamma: float, alpha: float = 0.6) -> None:
+    def __init__(
+        self, store: FrameStore, size: int, n: int, gamma: float, alpha: float = 0.6, advised: int = 0
+    ) -> None:
         self._store, self.size, self._n, self._alpha = store, size, n, alpha
         self._gammas = gamma ** np.arange(n + 1)
         self._tree = SumTree(size)
@@ -82,6 +88,7 @@ class Replay:
         self._next = np.zeros(size, np.int64)
         self._labels = np.full(size, -1, np.int16)
         self._label_weights: NDArray[np.float32] | None = None
+        self._advice = np.zeros((size, advised), np.float16)
         self.highest = 1.0
         self.kept = self.added = self.drawable = self._demonstrated = 0
         self._at = 0
@@ -157,6 +164,7 @@ class Replay:
         rewards: NDArray[np.float64],
         terminated: bool,
         labels: NDArray[np.int64],
+        advice: NDArray[np.floating[Any]] | None = None,
     ) -> None:
         """Add consecutive steps of one episode.
 
@@ -166,6 +174,7 @@ class Replay:
             rewards: The rewards, [steps].
             terminated: Whether the last step terminated the episode; otherwise it is truncated there.
             labels: The joint actions of the demonstrator, [steps].
+            advice: The probabilities of its joint actions, [steps, actions].
 
         Raises:
             ValueError: The episode is longer than the ring.
@@ -184,6 +193,8 @@ class Replay:
             discounts[ends == steps] = 0.0
         slots = slots[:steps]
         self._actions[slots], self._labels[slots] = actions, labels
+        if advice is not None:
+            self._advice[slots] = advice
         self._label_weights = None
         self._finish(slots, sums, following[ends], discounts)
 
@@ -220,6 +231,7 @@ class Replay:
             weights,
             self._labels[slots].astype(np.int64),
             self._weights_of_labels()[self._labels[slots]],
+            self._advice[slots].astype(np.float32),
         )
 
     def _weights_of_labels(self) -> NDArray[np.float32]:
@@ -286,6 +298,7 @@ class Replay:
             self.drawable -= int(np.count_nonzero(self._tree.leaves[slots]))
             self._tree.set(slots, np.zeros(len(slots)))
             self._labels[slots] = -1
+            self._advice[slots] = 0
         self._store.write(slots, frames)
         return slots
 
@@ -353,4 +366,5 @@ class Replay:
             ("discounts", self._discounts),
             ("next", self._next),
             ("labels", self._labels),
+            ("advice", self._advice),
         )

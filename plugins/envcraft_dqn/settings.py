@@ -40,7 +40,7 @@ REPLAYS = ("packed", "ram", "mapped", "device")
 PRECISIONS = ("auto", "fp32", "bf16")
 #: Q-learning, behaviour cloning, dataset aggregation, and Q-learning from demonstrations.
 OBJECTIVES = ("dqn", "bc", "dagger", "dqfd")
-AUGMENTATIONS = ("none", "shift", "colour", "both")
+AUGMENTATIONS = ("none", "shift", "colour", "both", "mixed")
 #: Options and keys in files whose attributes have other names.
 RENAMED = {"num_envs": "lanes", "segment": "leg"}
 _MINIMUM = {

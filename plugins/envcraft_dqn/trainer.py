@@ -154,7 +154,8 @@ class _Run:
         self._spec, self._checkpoint, self._callback = spec, checkpoint, callback
         self.learner = Learner(settings, spec)
         store = make_store(settings.replay, settings.capacity, spec.shape, folder, self.learner.device)
-        self.replay = Replay(store, settings.capacity, settings.n_step, settings.gamma, settings.alpha)
+        advised = spec.num_actions if settings.objective == "dagger" else 0
+        self.replay = Replay(store, settings.capacity, settings.n_step, settings.gamma, settings.alpha, advised)
         self._rng = np.random.default_rng([settings.seed, 0])
         self._position = Position()
         #: The joint actions [num_envs] of each step of the running turn, and a digest of the frames after them.
@@ -236,10 +237,11 @@ class _Run:
         episodes = [_Played([frame.copy()]) for frame in frames]
         running = np.arange(count)
         for _ in range(settings.cycle):
-            actions, gaps = self.learner.decide(frames, self._rng)
-            self._callback.on_act(actions, gaps)
-            at_random = self._rng.random(count) < settings.epsilon(position.steps)
-            actions = np.where(at_random, self._rng.integers(0, self._spec.num_actions, count), actions)
+            chosen, gaps = self.learner.decide(frames[running], self._rng)
+            self._callback.on_act(chosen, gaps)
+            at_random = self._rng.random(len(running)) < settings.epsilon(position.steps)
+            actions = np.zeros(count, np.int64)
+            actions[running] = np.where(at_random, self._rng.integers(0, self._spec.num_actions, len(running)), chosen)
             frames, rewards, terminated, truncated, _ = envs.step(self._spec.split(actions))
             for index in running.tolist():
                 episodes[index].add(frames[index].copy(), actions[index], rewards[index], terminated[index])
@@ -254,10 +256,11 @@ class _Run:
         advice = self._adviser.advise(list(zip(turn.names, turn.seeds, split, strict=True)))
         for episode, labels in zip(episodes, advice, strict=True):
             if labels is not None:
-                joint = self._spec.join(labels)
+                soft = labels if np.issubdtype(labels.dtype, np.floating) else None
+                joint = self._spec.join(labels) if soft is None else soft.argmax(1)
                 rewarded = np.array(episode.rewards, np.float64)
                 taken = np.array(episode.actions, np.int64)
-                self.replay.add_episode(np.stack(episode.frames), taken, rewarded, episode.terminated, joint)
+                self.replay.add_episode(np.stack(episode.frames), taken, rewarded, episode.terminated, joint, soft)
         due = position.steps // settings.train_every
         while self.replay.drawable and position.updates - settings.pretrain_updates < due:
             self._update()

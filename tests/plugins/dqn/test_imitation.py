@@ -60,6 +60,45 @@ def test_dataset_aggregation_learns_from_labels_of_its_own_states(tmp_path: Path
     assert min(returns(agent, NAMES, SMALL, open_corridors)) > 0.9
 
 
+class Teacher(Walker):
+    """Advises by probabilities: it would sometimes wait."""
+
+    def advise(self, episodes: Sequence[tuple[str, int, NDArray[np.int64]]]) -> list[Any]:
+        advice = []
+        for (name, _, _), actions in zip(episodes, super().advise(episodes), strict=True):
+            assert actions is not None
+            probabilities = np.zeros((len(actions), 20), np.float32)
+            probabilities[:, 0 if name == "left" else 16] = 0.75
+            probabilities[:, 8] = 0.25
+            advice.append(probabilities)
+        return advice
+
+
+def test_dataset_aggregation_learns_the_probabilities_of_the_advice(tmp_path: Path) -> None:
+    from envcraft_dqn.checkpoint import load_agent
+    from envcraft_dqn.trainer import train
+
+    settings = Settings(
+        size="tiny",
+        device="cpu",
+        objective="dagger",
+        steps=900,
+        num_envs=4,
+        cycle=20,
+        learning_rate=3e-3,
+        train_every=2,
+        capacity=2_000,
+    )
+    agent = train(settings, NAMES, open_corridors, tmp_path, adviser=Teacher())
+    assert min(returns(agent, NAMES, SMALL, open_corridors)) > 0.9
+    import torch
+
+    frame = torch.from_numpy(Corridor(False).reset(seed=0)[0][None])
+    learned = load_agent(agent)[0](frame).softmax(1)[0].detach().numpy()
+    assert learned[16] == pytest.approx(0.75, abs=0.15)
+    assert learned[8] == pytest.approx(0.25, abs=0.15)
+
+
 def test_behaviour_cloning_and_fine_tuning_from_its_agent(tmp_path: Path) -> None:
     from envcraft_dqn.checkpoint import load_agent
     from envcraft_dqn.trainer import train
@@ -119,6 +158,22 @@ def test_augmentation_keeps_the_picture_but_for_shift_and_colour() -> None:
     assert ((coloured[:, 7, 7] > 0).sum(1) == 2).all()
     assert len({tuple(one.tolist()) for one in coloured[:, 7, 7]}) > 50
     assert augmented(frames, "none", generator) is frames
+
+
+def test_mixed_colours_keep_shapes_and_forget_colours() -> None:
+    import torch
+    from envcraft_dqn.augmentation import augmented
+
+    frames = torch.full((64, 16, 16, 3), 40, dtype=torch.uint8)
+    frames[:, 6:9, 6:9] = torch.tensor([200, 100, 0], dtype=torch.uint8)
+    mixed = augmented(frames, "mixed", torch.Generator().manual_seed(0)).int()
+    inside, outside = mixed[:, 6:9, 6:9].flatten(1, 2), mixed[:, :6].flatten(1, 2)
+    assert (inside == inside[:, :1]).all()
+    assert (outside == outside[:, :1]).all()
+    steps = inside[:, 0] - outside[:, 0]
+    # The block is brighter than the ground about as often as darker, and seldom as bright.
+    assert 0.35 < (steps > 0).float().mean() < 0.65
+    assert (steps == 0).float().mean() < 0.05
 
 
 def test_agent_draws_actions_at_its_temperature(tmp_path: Path) -> None:

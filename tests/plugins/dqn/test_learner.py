@@ -83,6 +83,7 @@ def batch(count: int = 8) -> Batch:
         rng.random(count).astype(np.float32),
         rng.integers(-1, 20, count),
         np.ones(count, np.float32),
+        np.zeros((count, 0), np.float32),
     )
 
 

@@ -307,6 +307,34 @@ def test_a_ring_that_could_come_round_too_soon_is_refused() -> None:
         Replay(RawFrames(60, SHAPE), 60, 3, GAMMA).reset(8)
 
 
+def test_advice_belongs_to_its_transition_until_it_is_overwritten() -> None:
+    replay = Replay(RawFrames(40, SHAPE), 40, 1, GAMMA, advised=4)
+    rng = np.random.default_rng(0)
+
+    def add(steps: int, advised: bool) -> None:
+        advice = np.eye(4)[np.arange(steps) % 4] * 0.5 + 0.125 if advised else None
+        frames = rng.integers(0, 255, (steps + 1, *SHAPE), dtype=np.uint8)
+        replay.add_episode(frames, np.arange(steps), np.zeros(steps), True, np.arange(steps) % 4, advice)
+
+    replay.reset(1)
+    add(20, True)
+    add(10, False)
+    batch = replay.sample(200, 0.0, rng)
+    known = batch.slots < 20
+    assert 0 < known.sum() < 200
+    assert (batch.advice[known].argmax(1) == batch.labels[known]).all()
+    assert batch.advice[known].sum(1) == pytest.approx(1)
+    assert not batch.advice[~known].any()
+    again = Replay(RawFrames(40, SHAPE), 40, 1, GAMMA, advised=4)
+    again.load(0, replay.dump(0, len(replay)))
+    again.restore(*replay.state())
+    assert (again.sample(200, 0.0, np.random.default_rng(1)).advice[:, 0] > 0).any()
+    # The ring comes round.
+    add(25, False)
+    batch = replay.sample(200, 0.0, rng)
+    assert not batch.advice[batch.slots < 15].any()
+
+
 def test_a_replay_is_put_back_as_it_was() -> None:
     rng = np.random.default_rng(5)
     replay = Replay(RawFrames(90, SHAPE), 90, 2, GAMMA)
@@ -330,6 +358,7 @@ def test_a_replay_is_put_back_as_it_was() -> None:
         "weights",
         "labels",
         "label_weights",
+        "advice",
     ):
         assert (getattr(one, field_name) == getattr(other, field_name)).all(), field_name
     play(replay, np.random.default_rng(6), 2, 5, 1000)
