@@ -111,7 +111,8 @@ class Experiment:
         factory = selection.factory_for(root.resolve(), environments)
         player = privileged.player_for(environments)
         experiment = cls(protocol, folder, factory, environments, player.name, device, sandbox)
-        privileged.record(root, names, player, protocol.recorded, protocol.seed, sandbox, workers or None)
+        if protocol.recorded:
+            privileged.record(root, names, player, protocol.recorded, protocol.seed, sandbox, workers or None)
         return experiment
 
     @classmethod
@@ -153,7 +154,8 @@ class Experiment:
         experiment = cls(protocol, folder, factory, environments, names, device, sandbox, steps)
         for family, player in players.items():
             own = [one.name for one in environments if one.family == family]
-            privileged.record(root, own, player, protocol.recorded, protocol.seed, sandbox, workers or None)
+            if protocol.recorded:
+                privileged.record(root, own, player, protocol.recorded, protocol.seed, sandbox, workers or None)
         return experiment
 
     def summary(self) -> str:

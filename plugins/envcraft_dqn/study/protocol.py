@@ -69,8 +69,8 @@ class Protocol(msgspec.Struct, frozen=True, kw_only=True, rename={"num_envs": "l
     def check(self) -> None:
         """Raises UsageError for invalid or incompatible values."""
         self.settings.check()
-        if not self.settings.pretrain_updates:
-            raise UsageError("a study pretrains on demonstrations: --pretrain-updates must be 1 or more")
+        if not self.settings.pretrain_updates and self.settings.objective != "dagger":
+            raise UsageError("without --objective dagger, a study pretrains: --pretrain-updates must be 1 or more")
         if self.recorded < self.settings.demonstrations:
             raise UsageError(
                 f"--recorded is {self.recorded:,}, but a training uses {self.settings.demonstrations:,} steps"
@@ -215,8 +215,9 @@ def _plays(protocol: Protocol, split: Split, training: Task) -> Iterator[Task]:
     agent = f"runs/{training.name}/agent.safetensors"
     yield _play(protocol, split, training.condition, split.test, agent, training.name)
     if training.condition == AGENT:
-        before = f"runs/{training.name}/pretrained.safetensors"
-        yield _play(protocol, split, PRETRAINED, split.test, before, training.name)
+        if protocol.settings.pretrain_updates:
+            before = f"runs/{training.name}/pretrained.safetensors"
+            yield _play(protocol, split, PRETRAINED, split.test, before, training.name)
         if known := sample(split, protocol.familiar, protocol.seed):
             yield _play(protocol, split, FAMILIAR, known, agent, training.name)
     elif training.condition.startswith(SUBSET) and protocol.familiar:

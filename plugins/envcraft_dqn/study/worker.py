@@ -121,7 +121,7 @@ def _train(request: TaskRequest) -> dict[str, Any]:
     task = request.task
     folder = Path(request.folder, "runs", task.name)
     settings = msgspec.structs.replace(training_settings(request.protocol, task), device=request.device)
-    demonstrations = _demonstrations(request) if task.demonstrations else None
+    demonstrations = _demonstrations(request) if task.demonstrations and request.protocol.recorded else None
     adviser = _adviser(request) if settings.objective == "dagger" else None
     file = folder / "curve.jsonl"
     sources = source_digests(Path(request.factory.corpus), task.environments, None)
@@ -170,9 +170,11 @@ def _demonstrations(request: TaskRequest) -> RecordedDemonstrations:
 
 
 def _adviser(request: TaskRequest) -> Adviser:
-    from envcraft_dqn.privileged import FamilyAdviser, PlayerAdviser
+    from envcraft_dqn.privileged import FamilyAdviser, PlayerAdviser, SimulatorAdviser
     from envcraft_dqn.study.privileged import player_for
 
+    if request.factory.advises(request.environments[0].name):
+        return SimulatorAdviser(request.factory.open)
     families: dict[str, list[StudyEnv]] = {}
     for one in request.environments:
         families.setdefault(one.family, []).append(one)
