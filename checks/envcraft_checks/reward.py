@@ -48,9 +48,10 @@ from envcraft.judging.check import Check, Rule
 from envcraft.judging.shrink import repro, shrunk
 from envcraft.model.rollout import Conditions, Rollout
 from envcraft.model.target import Kind
-from envcraft.model.verdict import Finding, Severity
+from envcraft.model.verdict import Finding, Line, Severity
 from envcraft.plugins import hookimpl
 
+from .reward_lines import reward_line
 from .zero_rewards import pays_nothing
 
 if TYPE_CHECKING:
@@ -163,7 +164,7 @@ class Reward(Check):
                 yield self.finding(
                     code,
                     f"{words} (under {trace.rollout.player})",
-                    line=subject.line_of("step"),
+                    line=_line(subject),
                     repro=repro(trace.rollout.cut(step)),
                     step=step,
                     reward=reward,
@@ -196,7 +197,7 @@ class Reward(Check):
                 f"rewards grow throughout each of {len(long)} long episodes under every policy: "
                 f"at most {max(sizes[: _LONG // 2]):g} in the first {_LONG // 2} steps, "
                 f"{max(sizes):g} by step {longest.steps}",
-                line=subject.line_of("step"),
+                line=_line(subject),
                 repro=repro(longest.rollout.cut(longest.steps)),
                 episodes=len(long),
                 growth=min(grown[id(trace)] for trace in long),
@@ -218,7 +219,7 @@ class Reward(Check):
             f"the reward of every step is 0 in {len(played)} episodes and {searched:,} steps of exploration"
             f"{'' if succeeds else ', and no success is reported'}"
             f"{'; step() returns no other value' if certain else ''}",
-            line=subject.line_of("step"),
+            line=_line(subject),
             repro=repro(longest.rollout.cut(longest.steps)),
             episodes=len(played),
             certain=certain,
@@ -257,7 +258,7 @@ class Reward(Check):
                 f"repeating {_in_words(actions[-size:])} pays at least {least:g} each time, without success: "
                 f"{trace.total:g} in {trace.steps} steps, while success on the same seed pays {success.total:g} in "
                 f"{success.steps} steps",
-                line=subject.line_of("step"),
+                line=_line(subject),
                 repro=repro(trace.rollout),
                 loop=actions[-size:],
                 gain=least,
@@ -296,7 +297,7 @@ class Reward(Check):
             f"{failure.rollout.player} earns {failure.total:g} in {failure.steps} steps without success, while success "
             f"on the same seed earns {success.total:g} in {success.steps} steps; {len(shown)} of {len(won)} successes "
             "earn clearly less than a failure on their seed, and none earns clearly more",
-            line=subject.line_of("step"),
+            line=_line(subject),
             repro=repro(failure.rollout.cut(failure.steps)),
             earned=failure.total,
             success=success.total,
@@ -325,10 +326,16 @@ class Reward(Check):
             "EC305",
             f"winning pays {shown.total:g} in {shown.steps} steps (under {shown.rollout.player}), and doing nothing "
             f"pays {idled[shown.rollout.seed].total:g} on the same seed; none of the {len(won)} won episodes pays more",
-            line=subject.line_of("step"),
+            line=_line(subject),
             repro=repro(shown.rollout.cut(shown.steps)),
             won=len(won),
         )
+
+
+def _line(subject: Subject) -> int | Line:
+    """The line that writes the reward if there is one such line, else that of step()."""
+    own = subject.target.kind is Kind.SOURCE
+    return (reward_line(subject.text, subject.env_class) if own else None) or subject.line_of("step")
 
 
 def _successes(traces: list[Trace]) -> list[Trace]:
