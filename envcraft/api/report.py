@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import html
 import io
+from collections import Counter
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Literal
 
@@ -13,6 +14,7 @@ from envcraft.model.verdict import Report
 from envcraft.reports.console import ConsoleReporter
 from envcraft.reports.html import HtmlReporter
 from envcraft.reports.reporter import Reporter
+from envcraft.reports.summary import counted
 
 if TYPE_CHECKING:
     from rich.console import Console, ConsoleOptions
@@ -29,6 +31,10 @@ class ShownReport(Report):
     def of(cls, report: Report) -> ShownReport:
         """Copy a report."""
         return cls(**{name: getattr(report, name) for name in report.__struct_fields__})
+
+    def __repr__(self) -> str:
+        outcomes = Counter(subject.outcome for subject in self.reports)
+        return f"<Report: {', '.join(words for _, words in counted(outcomes)) or 'nothing judged'}>"
 
     def __str__(self) -> str:
         from rich.console import Console

@@ -20,7 +20,7 @@ from envcraft.judging.settings import contract_digest
 from envcraft.judging.verdict_cache import CachedVerdict, cached
 from envcraft.model.contract import Contract
 from envcraft.model.project import with_project
-from envcraft.model.target import Project, read_target
+from envcraft.model.target import Kind, Project, kind_of, read_target
 from envcraft.model.verdict import SubjectReport, Verdict, plain
 
 #: The environment variable that names a corpus.
@@ -150,6 +150,9 @@ def resolve(target: str | os.PathLike[str], name: str | None = None, contract: s
         if name is not None:
             raise UsageError(f"{path} is a file, and has no environment {name}: name a corpus, or leave {name} out")
         return _of_file(path, contract)
+    if not path.exists() and kind_of(str(target)) is Kind.ID:
+        words = "envcraft.make takes a file or an environment of a corpus, and gymnasium.make makes a registered one"
+        raise UsageError(f"{target} is an id; {words}")
     root = find(path)
     with Store(root) as store:
         (name, sha256, env_class), origin = _row(store, path, name)

@@ -24,6 +24,8 @@ from envcraft.text import one_line, plural
 
 #: The most modules that a message names.
 _FEW = 5
+#: How the names of files end that a project has beside its Python files.
+_OTHER = {".cfg", ".csv", ".ini", ".json", ".md", ".rst", ".toml", ".txt", ".yaml", ".yml"}
 _SKIPPED_FOLDERS = {"__pycache__", "node_modules", "site-packages", "build", "dist"}
 
 
@@ -57,6 +59,8 @@ def resolve(
         mode = os.stat(path).st_mode
     except FileNotFoundError:
         if (kind := kind_of(path)) is None:
+            if os.path.isfile(f"{path}.py"):
+                raise UsageError(f"{path} does not exist; did you mean {path}.py?") from None
             raise UsageError(
                 f"{path} does not exist; give a Python file, a folder with some, package.module:Class or an id like "
                 "CartPole-v1"
@@ -71,6 +75,8 @@ def resolve(
     if stat.S_ISREG(mode):
         if path.endswith(".ipynb"):
             raise UsageError(f"{path} is a notebook; envcraft.validate(CLASS) in a cell judges a class of it")
+        if os.path.splitext(path)[1].lower() in _OTHER:
+            raise UsageError(f"{path} is no Python file; the name of an environment's file ends in .py")
         target = read_target(path, env_class)
         if environments_only and not _is_environment(target):
             return []

@@ -124,6 +124,20 @@ def test_a_notebook_is_no_file_to_judge(invoke: Invoke, tmp_path: Path) -> None:
     assert "game.ipynb is a notebook; envcraft.validate(CLASS) in a cell judges a class of it" in result.stderr
 
 
+@pytest.mark.parametrize(
+    ("target", "words"),
+    [
+        ("walk", "walk does not exist; did you mean walk.py?"),
+        ("README.md", "README.md is no Python file; the name of an environment's file ends in .py"),
+        ("CartPole", "CartPole does not exist; give a Python file, a folder with some,"),
+    ],
+)
+def test_what_is_no_file_of_python_is_a_sentence(target: str, words: str, invoke: Invoke, good: Path) -> None:
+    good.with_name("README.md").write_text("Hello\n")
+    result = invoke("validate", target)
+    assert (result.exit_code, words in result.stderr) == (2, True)
+
+
 def test_an_option_is_blamed_on_the_command_line(invoke: Invoke, good: Path, tmp_path: Path) -> None:
     (tmp_path / "pyproject.toml").write_text('[tool.envcraft]\ncontract = "arcade"\n')
     result = invoke("validate", good, "--contract", "arcaed")

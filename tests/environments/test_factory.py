@@ -184,6 +184,8 @@ class TestUsageErrors:
             envcraft.make(corpus, "eel")
         with pytest.raises(UsageError, match=r"several environments: name one, such as ant\.py"):
             envcraft.make(corpus)
+        with pytest.raises(UsageError, match=r"CartPole-v1 is an id; .* gymnasium\.make makes"):
+            envcraft.make("CartPole-v1")
         with pytest.raises(UsageError, match="is not a corpus"):
             envcraft.make(tmp_path / "nothing", "ant")
         with pytest.raises(UsageError, match="cannot be read"):
