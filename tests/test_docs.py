@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import html
 import importlib
 import importlib.util
 import inspect
@@ -48,6 +49,33 @@ def test_rule_pages_and_table_are_up_to_date(root: Path) -> None:
     command = [sys.executable, "-m", "docs.generate", "--check"]
     result = subprocess.run(command, cwd=root, capture_output=True, text=True, timeout=240, check=False)
     assert result.returncode == 0, result.stderr
+
+
+def test_the_readme_takes_two_screens(root: Path) -> None:
+    assert len((root / "README.md").read_text("utf-8").splitlines()) <= 105
+
+
+def test_the_recording_shows_the_five_first_commands_with_their_seconds(root: Path) -> None:
+    assert "(docs/first-commands.svg)" in (root / "README.md").read_text("utf-8")
+    rows: dict[float, list[tuple[float, str]]] = {}
+    texts = re.findall(r'<text[^>]* x="([\d.]+)" y="([\d.]+)"[^>]*>(.*?)</text>', recording(root), re.DOTALL)
+    for x, y, words in texts:
+        rows.setdefault(float(y), []).append((float(x), html.unescape(words).replace("\xa0", " ")))
+    lines = ["".join(words for _, words in sorted(rows[y])).strip() for y in sorted(rows)]
+    shown = [line.removeprefix("$ ").partition(" #")[0].strip() for line in lines if line.startswith("$ ")]
+    assert shown == [
+        "envcraft validate lantern.py",
+        "envcraft validate games/",
+        "envcraft validate gymnasium:CartPole-v1 --contract gymnasium",
+        "python cell.py",
+        "pytest --envcraft games/ -q",
+    ]
+    assert len([line for line in lines if re.fullmatch(r"\d+\.\d s", line)]) == len(shown)
+    assert len([line for line in lines if " passed, 0 failed, " in line]) == len(shown) - 1
+
+
+def recording(root: Path) -> str:
+    return (root / "docs" / "first-commands.svg").read_text("utf-8")
 
 
 @pytest.mark.parametrize("page", PAGES, ids=NAMES)
