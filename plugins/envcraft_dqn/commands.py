@@ -120,6 +120,7 @@ def _number(name: str, text: str, minimum: float = 1) -> Callable[[_F], _F]:
     show_default=True,
     help="Random changes to frames in updates.",
 )
+@_number("lead", "Share of episodes of dataset aggregation that the advice of a simulator plays.", 0.0)
 @click.option(
     "--initial",
     metavar="AGENT",

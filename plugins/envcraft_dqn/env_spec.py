@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -50,6 +51,12 @@ class EnvSpec(msgspec.Struct, frozen=True):
     def num_actions(self) -> int:
         """The number of joint actions."""
         return math.prod(self.choices)
+
+
+def advises(open_vector: OpenVector, name: str) -> bool:
+    """Whether the vector of an environment advises learners."""
+    with contextlib.closing(open_vector([name])) as vector:
+        return hasattr(vector.unwrapped, "advise")
 
 
 def spec_of(vector: VectorEnv[Any, Any, Any], name: str) -> EnvSpec:

@@ -6,7 +6,7 @@ import contextlib
 import io
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 import numpy as np
@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from envcraft.environments.sources import EnvSource
     from envcraft.judging.driver import Driver
     from envcraft.model.verdict import SubjectReport
-    from envcraft_dqn.env_spec import OpenVector
     from envcraft_dqn.evaluation import Evaluation
     from envcraft_dqn.selection import Selection
 
@@ -144,35 +143,6 @@ class PlayerAdviser:
         if all(one is None for one in found):
             raise EnvCraftError(f"{self._player.name} advises on none of {len(episodes)} episodes: {reason}")
         return found
-
-
-class SimulatorAdviser:
-    """A simulator that advises on its own games (see :meth:`envcraft.environments.families.Family.simulate`).
-
-    Args:
-        open_vector: Makes a vector of named environments, all of them simulated.
-    """
-
-    def __init__(self, open_vector: OpenVector) -> None:
-        self._open = open_vector
-
-    def advise(self, episodes: Sequence[tuple[str, int, NDArray[np.int64]]]) -> list[NDArray[np.float32]]:
-        """See :meth:`envcraft_dqn.demonstrations.Adviser.advise`."""
-        names, seeds, actions = zip(*episodes, strict=True)
-        lengths = np.array([len(one) for one in actions])
-        padded = np.zeros((len(actions), int(lengths.max()), actions[0].shape[1]), np.int64)
-        for row, one in zip(padded, actions, strict=True):
-            row[: len(one)] = one
-        vector: Any = self._open(names)
-        with contextlib.closing(vector) as envs:
-            simulator = envs.unwrapped
-            envs.reset(seed=list(seeds))
-            advice = []
-            for step in range(padded.shape[1]):
-                advice.append(simulator.advise(step < lengths))
-                envs.step(padded[:, step])
-        every = np.stack(advice, 1)
-        return [own[:length] for own, length in zip(every, lengths.tolist(), strict=True)]
 
 
 class FamilyAdviser:

@@ -47,7 +47,7 @@ _MINIMUM = {
     1: ("num_envs", "cycle", "segment", "batch", "n_step", "train_every", "target_every"),
     0: ("seed", "steps", "pretrain_updates", "demonstrations", "starts"),
 }
-_FRACTIONS = ("gamma", "epsilon_first", "epsilon_last", "epsilon_share", "alpha", "beta", "demonstration_share")
+_FRACTIONS = ("gamma", "epsilon_first", "epsilon_last", "epsilon_share", "alpha", "beta", "demonstration_share", "lead")
 
 
 class Settings(msgspec.Struct, frozen=True, kw_only=True, rename=RENAMED):
@@ -93,6 +93,8 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, rename=RENAMED):
             0 means the action with the highest value. A greedy imitator of a demonstrator that mostly waits waits too
             long where it is unsure.
         augment: Random changes to frames, one of :data:`AUGMENTATIONS` (Laskin et al. 2020, arXiv:2004.14990).
+        lead: The share of episodes that the advice plays, if the vector advises; the learner plays the others. While it
+            plays badly, its own episodes have no states of good play.
     """
 
     size: str = "small"
@@ -129,6 +131,7 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, rename=RENAMED):
     balanced: bool = True
     temperature: float = 0.0
     augment: str = "none"
+    lead: float = 0.0
 
     def check(self) -> None:
         """Raises UsageError for unknown, invalid or incompatible values."""

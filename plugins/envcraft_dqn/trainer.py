@@ -24,7 +24,7 @@ from envcraft.errors import EnvCraftError, UsageError
 from envcraft_dqn.callbacks import Callback
 from envcraft_dqn.checkpoint import Checkpoint, load_agent, save_agent
 from envcraft_dqn.demonstrations import Adviser, DemonstrationSource, identity, seed_replay
-from envcraft_dqn.env_spec import EnvSpec, OpenVector
+from envcraft_dqn.env_spec import EnvSpec, OpenVector, advises
 from envcraft_dqn.frames import Frames, make_store
 from envcraft_dqn.held_out import HeldOut
 from envcraft_dqn.learner import Learner
@@ -96,7 +96,8 @@ def train(
         callback: Receives the events of the run.
         every: The approximate seconds between two checkpoints.
         sources: The identities of the environments by name, to detect changes before resuming.
-        adviser: Labels the states of the learner, for the objective ``dagger``.
+        adviser: Labels the states of the learner, for the objective ``dagger``; None if the vector itself advises (see
+            :meth:`envcraft.environments.families.Family.simulate`).
         initial: The file of an agent whose weights the network starts with; by default they are random.
         held_out: Tests the agent during training in environments that it does not train on, and keeps the best one.
 
@@ -111,7 +112,7 @@ def train(
         raise UsageError("--demonstration-share needs demonstrations: name their player by --demos, or omit the share")
     if settings.objective in ("bc", "dqfd") and demonstrations is None:
         raise UsageError(f"--objective {settings.objective} needs demonstrations: name their player by --demos")
-    if settings.objective == "dagger" and adviser is None:
+    if settings.objective == "dagger" and adviser is None and not advises(open_vector, names[0]):
         raise UsageError("--objective dagger needs a player that advises: name it by --demos")
     spec = EnvSpec.of(open_vector, names[0])
     if spec.num_actions > MOST_ACTIONS:
@@ -228,44 +229,57 @@ class _Run:
 
         A turn starts over after an interruption, so that nothing of it is saved.
         """
-        assert self._adviser is not None
         settings, position = self._settings, self._position
         count = settings.num_envs
         frames, _ = envs.reset(seed=turn.seeds)
         self.replay.reset(count)
         self._callback.on_reset(count, turn.names)
         episodes = [_Played([frame.copy()]) for frame in frames]
-        running = np.arange(count)
+        running, following = np.arange(count), np.ones(count, np.bool_)
+        if self._adviser is None:
+            following = self._rng.random(count) >= settings.lead
         for _ in range(settings.cycle):
-            chosen, gaps = self.learner.decide(frames[running], self._rng)
-            self._callback.on_act(chosen, gaps)
-            at_random = self._rng.random(len(running)) < settings.epsilon(position.steps)
+            active = np.zeros(count, np.bool_)
+            active[running] = True
             actions = np.zeros(count, np.int64)
-            actions[running] = np.where(at_random, self._rng.integers(0, self._spec.num_actions, len(running)), chosen)
+            if self._adviser is None:
+                advice = envs.unwrapped.advise(active)
+                actions = advice.argmax(1)
+                for index in running.tolist():
+                    episodes[index].advice.append(advice[index])
+            if (deciding := np.flatnonzero(active & following)).size:
+                actions[deciding], gaps = self.learner.decide(frames[deciding], self._rng)
+                self._callback.on_act(actions[deciding], gaps)
+            at_random = self._rng.random(count) < settings.epsilon(position.steps)
+            actions = np.where(at_random, self._rng.integers(0, self._spec.num_actions, count), actions)
             frames, rewards, terminated, truncated, _ = envs.step(self._spec.split(actions))
             for index in running.tolist():
                 episodes[index].add(frames[index].copy(), actions[index], rewards[index], terminated[index])
-            ends = np.zeros(count, np.bool_)
-            ends[running] = (terminated | truncated)[running]
+            ends = active & (terminated | truncated)
             self._callback.on_step(running, rewards, ends)
             position.steps += len(running)
             running = running[~ends[running]]
             if not running.size:
                 break
-        split = [self._spec.split(np.array(episode.actions)) for episode in episodes]
-        advice = self._adviser.advise(list(zip(turn.names, turn.seeds, split, strict=True)))
-        for episode, labels in zip(episodes, advice, strict=True):
+        for episode, labels in zip(episodes, self._labels(turn, episodes), strict=True):
             if labels is not None:
-                soft = labels if np.issubdtype(labels.dtype, np.floating) else None
-                joint = self._spec.join(labels) if soft is None else soft.argmax(1)
+                advised = labels if np.issubdtype(labels.dtype, np.floating) else None
+                joint = self._spec.join(labels) if advised is None else advised.argmax(1)
                 rewarded = np.array(episode.rewards, np.float64)
                 taken = np.array(episode.actions, np.int64)
-                self.replay.add_episode(np.stack(episode.frames), taken, rewarded, episode.terminated, joint, soft)
+                self.replay.add_episode(np.stack(episode.frames), taken, rewarded, episode.terminated, joint, advised)
         due = position.steps // settings.train_every
         while self.replay.drawable and position.updates - settings.pretrain_updates < due:
             self._update()
             self._callback.on_progress(position.steps, position.updates, position.steps)
         position.turns += 1
+
+    def _labels(self, turn: Turn, episodes: Sequence[_Played]) -> Sequence[NDArray[Any] | None]:
+        """The advice on the episodes of a turn; see :meth:`Adviser.advise`."""
+        if self._adviser is None:
+            return [np.stack(episode.advice) for episode in episodes]
+        split = [self._spec.split(np.array(episode.actions)) for episode in episodes]
+        return self._adviser.advise(list(zip(turn.names, turn.seeds, split, strict=True)))
 
     def _take(self, turn: Turn, envs: Any) -> None:
         """Play one turn, or the rest of it."""
@@ -352,6 +366,8 @@ class _Played:
     actions: list[int] = field(default_factory=list)
     rewards: list[float] = field(default_factory=list)
     terminated: bool = False
+    #: What the vector advised before each action, if it does.
+    advice: list[NDArray[np.float32]] = field(default_factory=list)
 
     def add(self, frame: NDArray[np.uint8], action: Any, reward: Any, terminated: Any) -> None:
         self.frames.append(frame)

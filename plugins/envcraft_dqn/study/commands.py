@@ -104,7 +104,7 @@ def _execution(command: _F) -> _F:
 @_count("splits", "Number of splits whose agents train and are tested; 0 means all.", 0)
 @_count("episodes", "Episodes of each environment and player.", 2)
 @_count("privileged-episodes", "Episodes of the privileged player; 0 disables it.", 0)
-@_count("recorded", "Demonstrated steps to record in each environment.")
+@_count("recorded", "Demonstrated steps to record in each environment.", 0)
 @_count("seeds", "Number of agents with different seeds.")
 @_count("controls", "Number of splits with the controls that need training.", 0)
 @_count("familiar", "Number of training environments in which each agent is tested as well.", 0)
@@ -126,8 +126,8 @@ def _execution(command: _F) -> _F:
 @click.option("--objective", type=click.Choice(OBJECTIVES), show_default=_PRESET, help="Objective of the agents.")
 @click.option("--augment", type=click.Choice(AUGMENTATIONS), show_default=_PRESET, help="Augmentation of frames.")
 @_count("steps", "Environment steps of each training.", 0)
-@_count("pretrain-updates", "Updates on demonstrations alone, before online training.")
-@_count("demonstrations", "Demonstrated steps in each environment.")
+@_count("pretrain-updates", "Updates on demonstrations alone, before online training.", 0)
+@_count("demonstrations", "Demonstrated steps in each environment.", 0)
 @click.option("--learning-rate", type=click.FloatRange(0), show_default=_PRESET, help="Learning rate of Adam.")
 @click.option(
     "--demonstration-share",
@@ -197,7 +197,7 @@ def generalisation(
 @_count("variants", "Number of environments of each family.", 2)
 @_count("episodes", "Episodes of each environment and player.", 2)
 @_count("steps", "Environment steps of the training on the other families.", 0)
-@_count("pretrain-updates", "Updates on demonstrations alone, before online training.")
+@_count("pretrain-updates", "Updates on demonstrations alone, before online training.", 0)
 @_count("threads", "Threads of each task.")
 @_execution
 def transfer(

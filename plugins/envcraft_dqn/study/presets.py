@@ -54,6 +54,7 @@ PRESETS = {
             size="patches",
             objective="dagger",
             augment="mixed",
+            lead=0.5,
             steps=600_000,
             demonstrations=0,
             num_envs=64,

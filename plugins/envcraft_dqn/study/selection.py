@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 from collections.abc import Sequence
 from fnmatch import fnmatchcase
 from pathlib import Path
@@ -40,13 +39,6 @@ class EnvFactory(msgspec.Struct, frozen=True):
 
         # Tasks run in parallel, so that each needs no further processes.
         return make_vec(list(names), corpus=self.corpus, fast=self.fast, trust=self.trust, workers=0)
-
-    def advises(self, name: str) -> bool:
-        """Whether the simulator of an environment can advise a learner."""
-        if not self.fast:
-            return False
-        with contextlib.closing(self.open([name])) as envs:
-            return hasattr(envs.unwrapped, "advise")
 
 
 class StudyEnv(msgspec.Struct, frozen=True):

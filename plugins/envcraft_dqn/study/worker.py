@@ -114,6 +114,7 @@ def _train(request: TaskRequest) -> dict[str, Any]:
     import json
 
     from envcraft_dqn.checkpoint import load_agent
+    from envcraft_dqn.env_spec import advises
     from envcraft_dqn.selection import source_digests
     from envcraft_dqn.study.curve import LearningCurve, read
     from envcraft_dqn.trainer import train
@@ -122,10 +123,11 @@ def _train(request: TaskRequest) -> dict[str, Any]:
     folder = Path(request.folder, "runs", task.name)
     settings = msgspec.structs.replace(training_settings(request.protocol, task), device=request.device)
     demonstrations = _demonstrations(request) if task.demonstrations and request.protocol.recorded else None
-    adviser = _adviser(request) if settings.objective == "dagger" else None
+    open_vector = request.factory.open
+    by_player = settings.objective == "dagger" and not advises(open_vector, task.environments[0])
+    adviser = _adviser(request) if by_player else None
     file = folder / "curve.jsonl"
     sources = source_digests(Path(request.factory.corpus), task.environments, None)
-    open_vector = request.factory.open
     agent = train(
         settings,
         task.environments,
@@ -170,11 +172,9 @@ def _demonstrations(request: TaskRequest) -> RecordedDemonstrations:
 
 
 def _adviser(request: TaskRequest) -> Adviser:
-    from envcraft_dqn.privileged import FamilyAdviser, PlayerAdviser, SimulatorAdviser
+    from envcraft_dqn.privileged import FamilyAdviser, PlayerAdviser
     from envcraft_dqn.study.privileged import player_for
 
-    if request.factory.advises(request.environments[0].name):
-        return SimulatorAdviser(request.factory.open)
     families: dict[str, list[StudyEnv]] = {}
     for one in request.environments:
         families.setdefault(one.family, []).append(one)

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from envcraft_dqn.settings import Settings
+from gymnasium.vector import SyncVectorEnv
 from numpy.typing import NDArray
 
 from envcraft.errors import UsageError
@@ -60,28 +62,32 @@ def test_dataset_aggregation_learns_from_labels_of_its_own_states(tmp_path: Path
     assert min(returns(agent, NAMES, SMALL, open_corridors)) > 0.9
 
 
-class Teacher(Walker):
-    """Advises by probabilities: it would sometimes wait."""
+class Advising(SyncVectorEnv):
+    """Corridors that advise: to walk to the end, and sometimes to wait."""
 
-    def advise(self, episodes: Sequence[tuple[str, int, NDArray[np.int64]]]) -> list[Any]:
-        advice = []
-        for (name, _, _), actions in zip(episodes, super().advise(episodes), strict=True):
-            assert actions is not None
-            probabilities = np.zeros((len(actions), 20), np.float32)
-            probabilities[:, 0 if name == "left" else 16] = 0.75
-            probabilities[:, 8] = 0.25
-            advice.append(probabilities)
-        return advice
+    def advise(self, wanted: NDArray[np.bool_]) -> NDArray[np.float32]:
+        corridors: Any = self.envs
+        probabilities = np.zeros((self.num_envs, 20), np.float32)
+        for index in np.flatnonzero(wanted):
+            probabilities[index, 0 if corridors[index]._flip else 16] = 0.75
+            probabilities[index, 8] = 0.25
+        return probabilities
 
 
-def test_dataset_aggregation_learns_the_probabilities_of_the_advice(tmp_path: Path) -> None:
+@pytest.mark.parametrize("lead", [0.0, 0.5])
+def test_dataset_aggregation_learns_the_probabilities_of_the_advice(lead: float, tmp_path: Path) -> None:
+    import torch
     from envcraft_dqn.checkpoint import load_agent
     from envcraft_dqn.trainer import train
+
+    def open_vector(names: Sequence[str]) -> Any:
+        return Advising([partial(Corridor, name == "left") for name in names])
 
     settings = Settings(
         size="tiny",
         device="cpu",
         objective="dagger",
+        lead=lead,
         steps=900,
         num_envs=4,
         cycle=20,
@@ -89,10 +95,8 @@ def test_dataset_aggregation_learns_the_probabilities_of_the_advice(tmp_path: Pa
         train_every=2,
         capacity=2_000,
     )
-    agent = train(settings, NAMES, open_corridors, tmp_path, adviser=Teacher())
+    agent = train(settings, NAMES, open_vector, tmp_path)
     assert min(returns(agent, NAMES, SMALL, open_corridors)) > 0.9
-    import torch
-
     frame = torch.from_numpy(Corridor(False).reset(seed=0)[0][None])
     learned = load_agent(agent)[0](frame).softmax(1)[0].detach().numpy()
     assert learned[16] == pytest.approx(0.75, abs=0.15)
