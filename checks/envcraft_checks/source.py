@@ -203,9 +203,11 @@ class Source(Check):
             line = source.count(b"\n", 0, error.start) + 1
             return self.finding("EC001", f"byte {source[error.start]:#04x} in line {line} is not UTF-8 text", line=line)
         except SyntaxError as error:
-            return self.finding("EC001", f"{error.msg} (line {error.lineno})", line=error.lineno)
+            # Python 3.11 reports a null byte without its line.
+            line = error.lineno or _line_of_null(source)
+            return self.finding("EC001", f"{error.msg} (line {line})", line=line)
         except (ValueError, RecursionError, MemoryError) as error:
-            line = source.count(b"\n", 0, source.find(b"\0")) + 1 if b"\0" in source else 1
+            line = _line_of_null(source)
             return self.finding("EC001", f"not Python source: {error or 'nested too deeply'}", line=line)
         return None
 
@@ -339,6 +341,11 @@ class Source(Check):
             hint = f"; {node.name} has no {' and no '.join(methods)}"
         words = f"the file defines no concrete subclass of gymnasium.Env with reset and step{hint}"
         return self.finding("EC005", words, line=None if lacking is None else lacking[0].lineno)
+
+
+def _line_of_null(source: bytes) -> int:
+    """The line of the first null byte, or 1."""
+    return source.count(b"\n", 0, source.find(b"\0")) + 1 if b"\0" in source else 1
 
 
 def _owners() -> dict[str, Check]:

@@ -274,6 +274,13 @@ def test_a_relative_import_of_no_file_suggests_the_nearest(invoke: Invoke, good:
     assert "line 1 imports .helper, which is no file of its package; did you mean .helpers?" in result.stdout
 
 
+def test_a_null_byte_has_a_line(invoke: Invoke, good: Path) -> None:
+    good.write_bytes(b"import gymnasium\nx = 1\0\n")
+    result = invoke("validate", good, "--sandbox", "process", "--format", "concise")
+    assert f"{good}:2: EC001" in result.stdout
+    assert "(line None)" not in result.stdout
+
+
 def test_a_class_that_lacks_a_method_is_named_with_its_line(invoke: Invoke, good: Path) -> None:
     good.write_text(
         "import gymnasium as gym\n\nclass Game(gym.Env):\n    def reset(self, *, seed=None, options=None): ...\n"
