@@ -126,12 +126,12 @@ def test_advice_rates_places_as_the_player_does(generated: list[Generated]) -> N
         wanted = np.arange(len(pairs)) % 3 != step % 3
         ratings = advice.rate(simulator._rules, simulator._which, simulator._games, wanted)
         assert not ratings[~wanted].any()
-        for index in np.flatnonzero(wanted & ~simulator._ended):
+        for index in np.flatnonzero(wanted & ~simulator._ended).tolist():
             expected = rated_by_the_player(games[index], pairs[index].env)
             stay = ratings[index][0]
             for one, other in zip(ratings[index].tolist(), expected, strict=True):
                 # A piece that lands where it is, because it cannot move, is rated for the direction as well.
-                blocked += one == stay and one != other
+                blocked += int(one == stay and one != other)
                 assert one == pytest.approx(other) or one == stay
                 compared += 1
         result = vector.step(action)
@@ -160,7 +160,7 @@ def rated_by_the_player(game: placement.Game, env: Any) -> list[float]:
 
 
 def test_advice_moves_pieces_where_they_fit(generated: list[Generated]) -> None:
-    def cleared(advised: bool) -> float:
+    def cleared(advised: bool) -> int:
         simulator: Any = TetrisFamily().simulate(generated, AutoresetMode.NEXT_STEP, copy=False)
         everyone = np.ones(len(generated), np.bool_)
         rng = np.random.default_rng(0)
