@@ -132,7 +132,24 @@ PRESETS = {
 #: The presets of a transfer, with the variants of each family, of which a fold is for testing.
 TRANSFER = {
     "smoke": msgspec.structs.replace(PRESETS["smoke"], variants=2, familiar=0),
-    "laptop": msgspec.structs.replace(PRESETS["laptop"], variants=50, folds=5, splits=0, subsets=(), familiar=0),
+    "laptop": msgspec.structs.replace(
+        PRESETS["laptop"],
+        variants=50,
+        folds=5,
+        splits=0,
+        subsets=(),
+        familiar=0,
+        recorded=300,
+        # Players in sandboxes label some fifty states a second.
+        settings=msgspec.structs.replace(
+            PRESETS["laptop"].settings,
+            steps=150_000,
+            pretrain_updates=4_000,
+            demonstrations=300,
+            train_every=25,
+            lead=0.0,
+        ),
+    ),
     "gpu": msgspec.structs.replace(PRESETS["gpu"], variants=250, folds=5, splits=0, subsets=(), familiar=0),
 }
 #: The numbers of steps of further training in the family that was left out.
