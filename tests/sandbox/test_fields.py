@@ -1,4 +1,4 @@
-"""What a job tells of an environment's state, field by field, whatever the environment holds."""
+"""The fields that a job reads from environments, hostile ones included."""
 
 from __future__ import annotations
 
