@@ -286,7 +286,7 @@ def test_keys_in_files_are_stable() -> None:
     keys = "size head seed steps pretrain_updates lanes cycle leg batch learning_rate decay gamma n_step train_every "
     keys += "target_every epsilon_first epsilon_last epsilon_share alpha beta capacity demonstrations starts "
     keys += "demonstration_share replay precision compiled device value_rescaling objective margin balanced "
-    keys += "temperature augment"
+    keys += "temperature augment lead"
     assert list(msgspec.to_builtins(Settings())) == keys.split()
     assert list(msgspec.to_builtins(Position())) == ["steps", "updates", "turns"]
     plan = msgspec.json.decode(msgspec.json.encode(PRESETS["smoke"]))
