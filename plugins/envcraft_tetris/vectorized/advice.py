@@ -297,8 +297,7 @@ def rate(rules: Any, which: Any, games: Any, wanted: NDArray[np.bool_]) -> NDArr
 def probabilities(ratings: NDArray[np.float64]) -> NDArray[np.float32]:
     """The softmax of ratings [games, 3] as probabilities of the joint actions, [games, 20].
 
-    Near-equal actions get near-equal probabilities. A learner of the best action alone has to tell them apart, and
-    learns less from as many states.
+    Actions with close ratings get close probabilities, which a label of the best action alone does not tell apart.
     """
     scaled = np.exp(np.maximum(ratings - ratings.max(1, keepdims=True), -_WORST) / _TEMPERATURE)
     found = np.zeros((len(ratings), NUM_ACTIONS), np.float32)
