@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -59,6 +59,20 @@ class Family(ABC):
             The environments, in order.
         """
 
+    def where(self, axes: Mapping[str, str]) -> Family:
+        """The environments of this family that have these values on some axes.
+
+        Args:
+            axes: The values by the dotted names of the axes, as written on a command line: ``{"board.rows": "16"}``.
+
+        Returns:
+            A family of the same name that generates these environments alone.
+
+        Raises:
+            UsageError: The family has no such axis, or an axis has no such value.
+        """
+        raise UsageError(f"the family {self.name} has no axis that --where can fix")
+
     def kind(self, metadata: dict[str, Any]) -> str:
         """A short name of the kind of environment with this metadata, by which reports group environments; "" if the
         family has one kind.
@@ -94,15 +108,29 @@ def family_named(name: str) -> Family:
     return found
 
 
-def families_named(names: str, difficulty: float | None = None) -> list[Family]:
+def axes_from(options: Sequence[str]) -> dict[str, str]:
+    """The axes of ``--where AXIS=VALUE``, given once for each axis. Raises UsageError."""
+    axes: dict[str, str] = {}
+    for option in options:
+        axis, equals, value = (part.strip() for part in option.partition("="))
+        if not (axis and equals and value):
+            raise UsageError(f"--where {option} is not AXIS=VALUE, such as board.rows=16")
+        if axis in axes:
+            raise UsageError(f"--where gives {axis} twice: {axes[axis]} and {value}")
+        axes[axis] = value
+    return axes
+
+
+def families_named(names: str, difficulty: float | None = None, axes: Mapping[str, str] | None = None) -> list[Family]:
     """The families with these names.
 
     Args:
         names: One name, or several with commas between them.
         difficulty: The difficulty that they are to have, if any.
+        axes: The values that some axes are to have; see :meth:`Family.where`.
 
     Raises:
-        UsageError: A name is unknown or repeated, or its family has no difficulty.
+        UsageError: A name is unknown or repeated, or its family has no difficulty or no such axis.
     """
     found = [family_named(name.strip()) for name in names.split(",")]
     known: set[str] = set()
@@ -114,7 +142,7 @@ def families_named(names: str, difficulty: float | None = None) -> list[Family]:
             able = [other.name for other in offered("envcraft_families") if other.has_difficulty]
             others = f"the families with a difficulty are {', '.join(able)}" if able else "no family has one"
             raise UsageError(f"the family {family.name} has no --difficulty; {others}")
-    return found
+    return [family.where(axes) for family in found] if axes else found
 
 
 def simulate(sources: Sequence[EnvSource], autoreset_mode: AutoresetMode, copy: bool) -> VectorEnv:

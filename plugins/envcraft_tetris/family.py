@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import itertools
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from operator import attrgetter
 from random import Random
 from typing import TYPE_CHECKING, Any
 
@@ -12,6 +13,7 @@ import msgspec
 
 from envcraft.environments.families import Family, Generated
 from envcraft.errors import UsageError
+from envcraft.registry import lookup
 from envcraft_tetris.axes.controls import Controls
 from envcraft_tetris.variant import Variant
 
@@ -22,28 +24,57 @@ if TYPE_CHECKING:
 
 #: The kinds of environments, by the control that drops a piece.
 _KINDS = {"button": "a button drops pieces", "down": "down drops pieces", "none": "nothing drops pieces"}
+#: The draws in a row of which one must have the values of --where. The rarest single values come once in some hundred.
+_PATIENCE = 50_000
 
 
 class TetrisFamily(Family):
-    """Falling-piece games under the contract ``arcade``."""
+    """Falling-piece games under the contract ``arcade``.
+
+    Args:
+        axes: The values of some axes as text, by dotted names.
+    """
 
     name = "tetris"
     summary = "falling pieces: boards, pieces, controls, clearing, goals and looks drawn at random (contract arcade)"
 
+    def __init__(self, axes: Mapping[str, str] | None = None) -> None:
+        self._axes = dict(axes or {})
+
     def generate(self, count: int, seed: int, difficulty: float | None = None) -> Iterator[Generated]:
-        """Generate `count` variants with distinct rules. Each is named after the number of its draw."""
+        """Generate `count` variants with distinct rules. Each is named after the number of its draw.
+
+        Raises:
+            UsageError: None of many draws has the values of --where.
+        """
         rng = Random(seed)
         known: set[object] = set()
+        last = written = 0
         # Rejected draws keep their numbers, so that a stricter filter renames no variant.
         for number in itertools.count():
-            if len(known) == count:
+            if written == count:
                 return
+            if number - last > _PATIENCE:
+                wanted = " and ".join(f"{axis}={value}" for axis, value in self._axes.items())
+                raise UsageError(f"--where: none of {_PATIENCE:,} draws has {wanted}; ask for fewer values at once")
             variant = Variant.draw(rng)
             if variant.rules in known or not variant.fair:
                 continue
             known.add(variant.rules)
+            if not self._matches(variant):
+                continue
+            last, written = number, written + 1
             source = variant.write(f"Tetris{number:04}")
             yield Generated(f"tetris_{seed}_{number:04}", source, {"axes": variant.axes()})
+
+    def where(self, axes: Mapping[str, str]) -> TetrisFamily:
+        known = _scalars(Variant.draw(Random(0)).axes())
+        for axis in axes:
+            lookup("axis", axis, known)
+        return TetrisFamily({**self._axes, **axes})
+
+    def _matches(self, variant: Variant) -> bool:
+        return all(str(attrgetter(axis)(variant)).lower() == value.lower() for axis, value in self._axes.items())
 
     def kind(self, metadata: dict[str, Any]) -> str:
         """The control that drops a piece at once. Episodes last longer for players that never use it."""
@@ -58,6 +89,17 @@ class TetrisFamily(Family):
             if one.source not in known:
                 known[one.source] = variant_of(one)
         return Simulator([known[one.source] for one in generated], autoreset_mode, copy)
+
+
+def _scalars(axes: dict[str, Any], group: str = "") -> dict[str, Any]:
+    """The values of all axes that are no sequences, by dotted names."""
+    found: dict[str, Any] = {}
+    for name, value in axes.items():
+        if isinstance(value, dict):
+            found |= _scalars(value, f"{group}{name}.")
+        elif not isinstance(value, list | tuple):
+            found[f"{group}{name}"] = value
+    return found
 
 
 def variant_of(generated: Generated) -> Variant:

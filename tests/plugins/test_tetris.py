@@ -216,6 +216,24 @@ def fingerprint(env: Any) -> behavioural.Series:
     return behavioural.Series(b"script", end, step, np.array(frames, "<u8"), np.round(rewards, 4).astype("<f4"))
 
 
+class TestWhere:
+    def test_it_selects_from_the_same_variants(self, hundred: list[Generated]) -> None:
+        chosen = [one for one in hundred if one.metadata["axes"]["board"]["columns"] == 8][:5]
+        assert len(chosen) == 5
+        assert list(TetrisFamily().where({"board.columns": "8"}).generate(5, 0)) == chosen
+
+    def test_values_of_several_axes(self) -> None:
+        axes = {"board.wrap": "true", "look.theme": "Mono", "clearing.rule": "rows"}
+        for one in TetrisFamily().where(axes).generate(4, 0):
+            found = one.metadata["axes"]
+            assert (found["board"]["wrap"], found["look"]["theme"], found["clearing"]["rule"]) == (True, "mono", "rows")
+
+    def test_a_value_that_never_comes_is_an_error(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        monkeypatch.setattr("envcraft_tetris.family._PATIENCE", 50)
+        with pytest.raises(UsageError, match=r"none of 50 draws has board\.columns=40"):
+            next(TetrisFamily().where({"board.columns": "40"}).generate(1, 0))
+
+
 class TestMoves:
     def test_a_piece_falls_and_stays_where_it_can_fall_no_further(self) -> None:
         env = game()
@@ -463,6 +481,13 @@ class TestCommand:
             (["--family", "tetri", "--output", "x"], "did you mean tetris"),
             (["--output", "x"], "choose a --family"),
             (["--family", "tetris"], "either --corpus DIR or --output DIR"),
+            (["--family", "tetris", "--where", "board.row=9", "--output", "x"], "did you mean board.rows"),
+            (["--family", "tetris", "--where", "board.rows", "--output", "x"], "is not AXIS=VALUE"),
+            (
+                ["--family", "tetris", "--where", "board.rows=9", "--where", "board.rows=8", "--output", "x"],
+                "gives board.rows twice: 9 and 8",
+            ),
+            (["--family", "snake", "--where", "board.rows=9", "--output", "x"], "snake has no axis that --where can"),
         ],
     )
     def test_a_usage_error_is_named(self, arguments: list[str], words: str) -> None:

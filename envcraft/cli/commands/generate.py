@@ -14,7 +14,7 @@ import click
 from click.core import ParameterSource
 
 from envcraft.cli.configured import PartlyConfigured
-from envcraft.environments.families import families_named
+from envcraft.environments.families import axes_from, families_named
 from envcraft.errors import UsageError
 from envcraft.registry import offered
 
@@ -105,6 +105,12 @@ class _Generate(PartlyConfigured):
     help="The difficulty of all environments. Without it, each family draws one for each environment.",
 )
 @click.option(
+    "--where",
+    multiple=True,
+    metavar="AXIS=VALUE",
+    help="Generate only environments with this value on an axis, such as board.rows=16. Can be repeated.",
+)
+@click.option(
     "--corpus",
     metavar="DIR",
     type=click.Path(path_type=Path),
@@ -119,6 +125,7 @@ def generate(
     count: int,
     seed: int,
     difficulty: float | None,
+    where: tuple[str, ...],
     corpus: Path | None,
     output: Path | None,
 ) -> None:
@@ -135,7 +142,7 @@ def generate(
         return
     if family is None:
         raise UsageError("choose a --family, which `envcraft generate --list` lists, or a number of --concepts")
-    writers = families_named(family, difficulty)
+    writers = families_named(family, difficulty, axes_from(where))
     if (corpus is None) == (output is None):
         raise UsageError("choose where to write: either --corpus DIR or --output DIR")
     try:

@@ -24,7 +24,7 @@ _F = TypeVar("_F", bound=Callable[..., Any])
 _LIBRARIES = ("jinja2", "matplotlib", "numba", "safetensors", "tensorboard", "torch", "zstandard")
 _LOCAL = "local"
 _PRESET = "set by the scale"
-#: The value of ``--subset`` for none.
+#: The value of ``--subset`` and ``--where`` for none.
 _NONE = "none"
 #: Options that override the preset, and those that override the settings of its trainings.
 _PROTOCOL = (
@@ -116,6 +116,13 @@ def _execution(command: _F) -> _F:
     help="Also train on this many environments in this many splits, or none. Can be repeated.",
 )
 @click.option(
+    "--where",
+    multiple=True,
+    metavar="AXIS=VALUE",
+    show_default=_PRESET,
+    help="Generate only environments with this value on an axis, such as board.rows=16, or none. Can be repeated.",
+)
+@click.option(
     "--metric",
     type=click.Choice(["auto", "length", "return"]),
     default="auto",
@@ -144,6 +151,7 @@ def generalisation(
     scale: str,
     select: tuple[str, ...],
     subsets: tuple[str, ...],
+    where: tuple[str, ...],
     metric: str,
     device: str,
     sandbox: str,
@@ -161,7 +169,9 @@ def generalisation(
     _require_libraries()
     with uninterrupted():
         from envcraft_dqn.study.experiment import Experiment
-    protocol = _protocol(scale, subsets, options)
+    if corpus is not None and where:
+        raise UsageError(f"--where is for environments that the study generates, not for those of {corpus}")
+    protocol = _protocol(scale, subsets, where, options)
     plugin = _plugin(executor, scheduler)
     started = time.monotonic()
     experiment = Experiment.prepare(protocol, corpus, output, select, metric, sandbox, device, workers)
@@ -260,7 +270,7 @@ def _reporter(started: float) -> Callable[[TaskResult, int, int], None]:
     return on_result
 
 
-def _protocol(scale: str, subsets: tuple[str, ...], options: dict[str, Any]) -> Protocol:
+def _protocol(scale: str, subsets: tuple[str, ...], where: tuple[str, ...], options: dict[str, Any]) -> Protocol:
     """The preset with the given options. Raises UsageError."""
     import msgspec
 
@@ -277,6 +287,8 @@ def _protocol(scale: str, subsets: tuple[str, ...], options: dict[str, Any]) -> 
         pairs.append((int(size), int(count)))
     if subsets:
         own["subsets"] = tuple(pairs)
+    if where:
+        own["where"] = () if where == (_NONE,) else where
     own["recorded"] = max(own.get("recorded", preset.recorded), training.get("demonstrations", 0))
     folds = own.get("folds", preset.folds)
     own["splits"] = min(own.get("splits", preset.splits), folds)

@@ -100,9 +100,10 @@ class Experiment:
         if corpus is None:
             # Incompatible options are reported before anything is written.
             tasks(protocol, [str(number) for number in range(protocol.variants)])
-            root = selection.generate(folder / "corpus", protocol.variants, protocol.seed)
+            root = selection.generate(folder / "corpus", protocol.variants, protocol.seed, where=protocol.where)
         else:
             root = corpus
+            protocol = msgspec.structs.replace(protocol, where=())
         environments = selection.select(root, patterns)
         protocol = msgspec.structs.replace(protocol, variants=len(environments))
         # Incompatible options are reported before demonstrations are recorded.

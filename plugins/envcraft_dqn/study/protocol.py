@@ -30,6 +30,7 @@ class Protocol(msgspec.Struct, frozen=True, kw_only=True, rename={"num_envs": "l
     Attributes:
         scale: The name of the preset.
         variants: The number of environments.
+        where: The values of some axes that all generated environments have, each as ``AXIS=VALUE``.
         folds: The number of folds.
         episodes: The episodes of each environment by random play and by each agent.
         privileged_episodes: The episodes of each environment by the privileged player.
@@ -62,6 +63,7 @@ class Protocol(msgspec.Struct, frozen=True, kw_only=True, rename={"num_envs": "l
     familiar: int
     splits: int = 0
     subsets: tuple[tuple[int, int], ...] = ()
+    where: tuple[str, ...] = ()
     metric: str = "return"
     threads: int = 1
     settings: Settings

@@ -89,14 +89,19 @@ def section(summary: Summary) -> str:
     protocol = summary.protocol
     training = protocol.settings
     size = (
-        f"The study has {protocol.variants:,} environments in {plural(protocol.folds, 'fold')}, of which "
-        f"{plural(protocol.splits or protocol.folds, 'split')} ran. Each player played {protocol.episodes:,} episodes "
-        f"in each environment, and the privileged player {protocol.privileged_episodes:,}. A training made "
+        f"The study has {protocol.variants:,} environments{_where(protocol)} in {plural(protocol.folds, 'fold')}, of "
+        f"which {plural(protocol.splits or protocol.folds, 'split')} ran. Each player played {protocol.episodes:,} "
+        f"episodes in each environment, and the privileged player {protocol.privileged_episodes:,}. A training made "
         f"{summary.updates:,} updates of {training.batch:,} transitions and {summary.steps:,} online steps, with "
         f"{training.demonstrations:,} demonstrated steps of each environment. All tasks took "
         f"{summary.processor_seconds / 3600:.2f} processor hours, without the sandboxes of the privileged player."
     )
     return _render("section.md", [{"text": size}, *_competence(summary)])
+
+
+def _where(protocol: Protocol) -> str:
+    """The axes that all environments share, in words."""
+    return f" (all with {', '.join(protocol.where)})" if protocol.where else ""
 
 
 def write_transfer(folder: Path, protocol: Protocol, player: str, found: Sequence[Transfer]) -> Path:
@@ -362,6 +367,7 @@ def _settings(protocol: Protocol, player: str, summary: Summary) -> list[list[st
     """The settings that reproduce the study, and its cost."""
     own = {
         "environments": f"{protocol.variants:,}",
+        **({"axes with one value": ", ".join(protocol.where)} if protocol.where else {}),
         "folds": f"{protocol.folds}",
         "episodes per environment and player": f"{protocol.episodes:,}",
         "episodes of the privileged player": f"{protocol.privileged_episodes:,}",

@@ -13,7 +13,7 @@ import msgspec
 from envcraft.corpus.deduplication import clusters
 from envcraft.corpus.store import Environment, Store, is_corpus
 from envcraft.corpus.store import environments as store_environments
-from envcraft.environments.families import family_named
+from envcraft.environments.families import axes_from, families_named, family_named
 from envcraft.environments.sources import resolve
 from envcraft.errors import UsageError
 
@@ -57,12 +57,17 @@ class StudyEnv(msgspec.Struct, frozen=True):
     kind: str = ""
 
 
-def generate(root: Path, count: int, seed: int, families: Sequence[str] = (FAMILY,)) -> Path:
-    """Add the first `count` variants of each family to the corpus `root`, which is created if needed."""
+def generate(root: Path, count: int, seed: int, families: Sequence[str] = (FAMILY,), where: Sequence[str] = ()) -> Path:
+    """Add the first `count` variants of each family to the corpus `root`, which is created if needed.
+
+    Raises:
+        UsageError: A family has no such axis or value as `where` has, each as ``AXIS=VALUE``.
+    """
+    known = families_named(",".join(families), axes=axes_from(where))
     with Store(root, write=True) if is_corpus(root) else Store.create(root) as store, store.transaction():
-        for family in families:
-            for one in family_named(family).generate(count, seed):
-                origin = {"family": family, "seed": seed, **one.metadata}
+        for family in known:
+            for one in family.generate(count, seed):
+                origin = {"family": family.name, "seed": seed, **one.metadata}
                 store.add(f"{one.name}.py", one.source.encode(), origin=origin)
     return root
 

@@ -15,10 +15,11 @@ from typing import Any
 import pytest
 from click.testing import CliRunner, Result
 from envcraft_dqn.files import exclusive
-from envcraft_dqn.study import commands
+from envcraft_dqn.study import commands, selection
 from envcraft_dqn.study.presets import PRESETS
 
 from envcraft.cli.group import cli
+from envcraft.corpus.store import Store, environments
 
 _OPTIONS = ("--scale", "smoke", "--device", "cpu", "--sandbox", "process")
 
@@ -140,6 +141,7 @@ def test_executors_give_the_same_results(whole: Path, tmp_path: Path) -> None:
         (("--subset", "many"), "--subset many is not SIZE:SPLITS"),
         (("--subset", "4:1"), "a subset of 4 is not possible: a split trains on 3"),
         (("--scheduler", "tcp://somewhere:1"), "--scheduler needs --executor dask"),
+        (("--where", "board.row=16"), "there is no axis 'board.row'; did you mean board.rows?"),
         (("--metric", "return", "--privileged-episodes", "0"), "--privileged-episodes must be 2 or more"),
     ],
 )
@@ -152,7 +154,23 @@ def test_usage_errors(whole: Path, more: tuple[str, ...], words: str) -> None:
 @pytest.mark.parametrize(("given", "wanted"), [((), PRESETS["laptop"].subsets), (("7:2",), ((7, 2),)), (("none",), ())])
 def test_subsets_of_the_scale_can_be_replaced_or_omitted(given: tuple[str, ...], wanted: tuple[Any, ...]) -> None:
     options = dict.fromkeys((*commands._PROTOCOL, *commands._TRAINING))
-    assert commands._protocol("laptop", given, options).subsets == wanted
+    assert commands._protocol("laptop", given, (), options).subsets == wanted
+
+
+@pytest.mark.parametrize(
+    ("given", "wanted"),
+    [((), PRESETS["laptop"].where), (("board.rows=16",), ("board.rows=16",)), (("none",), ())],
+)
+def test_axes_of_the_scale_can_be_replaced_or_freed(given: tuple[str, ...], wanted: tuple[str, ...]) -> None:
+    options = dict.fromkeys((*commands._PROTOCOL, *commands._TRAINING))
+    assert commands._protocol("laptop", (), given, options).where == wanted
+
+
+def test_environments_of_a_study_share_the_given_axes(tmp_path: Path) -> None:
+    root = selection.generate(tmp_path / "corpus", 3, 0, where=("board.columns=7", "board.wrap=true"))
+    with Store(root) as store:
+        boards = [row.origin["axes"]["board"] for row in environments.rows(store)]
+    assert [(board["columns"], board["wrap"]) for board in boards] == [(7, True)] * 3
 
 
 def test_study_without_online_steps(tmp_path: Path) -> None:
