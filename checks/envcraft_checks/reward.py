@@ -21,6 +21,12 @@ success on its seed that takes half as long, and than the step that wins, and no
 is an error if at least three successes show it, or two whose last steps are punished, else a warning. Varied play that
 fails and collects more than a short success does not count: a better success may collect the same.
 
+The line of a finding is the one that writes the reward, also where a method or a dictionary of the file gives it. If
+several lines do, the check plays the episode once more, and the worker notes which lines each call runs. The finding
+then names the line that ran in the call it is about: for a NaN the one that divides or takes a logarithm, for a value
+out of range the one without which it would be inside, and for what pays too much the one that pays most. If the calls
+do not tell, the line is that of `step`.
+
 ## Why is this bad?
 One NaN turns every weight of a network into NaN. A rare reward of a million outweighs everything else that an agent
 could learn, and a reward that grows with time teaches the agent to wait. An agent has no reason to learn a win that
@@ -51,7 +57,7 @@ from envcraft.model.target import Kind
 from envcraft.model.verdict import Finding, Line, Severity
 from envcraft.plugins import hookimpl
 
-from .reward_lines import reward_line
+from .reward_blame import blamed_line, reward_line
 from .zero_rewards import pays_nothing
 
 if TYPE_CHECKING:
@@ -122,29 +128,32 @@ class Reward(Check):
             for finding in self.find(subject, trace):
                 if finding.code not in seen:
                     seen.add(finding.code)
-                    yield shrunk(subject, trace.rollout, finding, lambda played: self.find(subject, played))
+                    small = shrunk(subject, trace.rollout, finding, lambda played: self.find(subject, played))
+                    same = str(small.evidence["reward"]) == str(finding.evidence["reward"])
+                    yield _placed(subject, small, trace.rollout.cut(finding.evidence["step"]) if same else None)
         grown = [] if {"EC301", "EC303"} & seen else list(self._judge_growth(subject, traces))
-        yield from grown
+        yield from (_placed(subject, finding) for finding in grown)
         if {"EC301", "EC302"} & seen:
             # Returns that are no numbers compare with nothing.
             return
         if (silent := self._judge_silence(subject, traces)) is not None:
-            yield silent
+            yield _placed(subject, silent)
             return
         unpaid, failing = self._judge_wins(subject, traces), self._judge_failures(subject, traces)
         if failing is not None and not grown and (unpaid is None or failing.evidence["earned"] > 0):
-            yield failing
+            yield _placed(subject, failing)
         elif unpaid is not None:
-            yield unpaid
+            yield _placed(subject, unpaid)
         if not grown:
-            yield from self._judge_loops(subject, traces)
+            yield from (_placed(subject, finding) for finding in self._judge_loops(subject, traces))
 
     def confirm(self, subject: Subject, finding: Finding) -> Finding | None:
         if finding.code not in ("EC301", "EC302", "EC303"):
             return super().confirm(subject, finding)
         conditions = Conditions.from_json(finding.repro.conditions)
         trace = subject.rollout(Rollout(finding.repro.seed, finding.repro.actions, conditions))
-        return next((found for found in self.find(subject, trace) if found.code == finding.code), None)
+        again = next((found for found in self.find(subject, trace) if found.code == finding.code), None)
+        return _placed(subject, again, bounded=False) if again is not None else None
 
     def find(self, subject: Subject, trace: Trace) -> Iterator[Finding]:
         """Judge the single rewards of one trace, and report the first of each kind."""
@@ -168,6 +177,7 @@ class Reward(Check):
                     repro=repro(trace.rollout.cut(step)),
                     step=step,
                     reward=reward,
+                    kind=kind,
                 )
 
     def _judge_growth(self, subject: Subject, traces: list[Trace]) -> Iterator[Finding]:
@@ -336,6 +346,19 @@ def _line(subject: Subject) -> int | Line:
     """The line that writes the reward if there is one such line, else that of step()."""
     own = subject.target.kind is Kind.SOURCE
     return (reward_line(subject.text, subject.env_class) if own else None) or subject.line_of("step")
+
+
+def _placed(subject: Subject, finding: Finding, episode: Rollout | None = None, bounded: bool = True) -> Finding:
+    """A finding with the line that causes it, if the calls of its episode tell which of several does.
+
+    Args:
+        subject: the environment.
+        finding: what an episode shows.
+        episode: a longer one that shows the same at its last step.
+        bounded: whether it is played only if the budget has its steps left.
+    """
+    line = blamed_line(subject, finding, episode, bounded)
+    return finding if line is None else msgspec.structs.replace(finding, line=line)
 
 
 def _successes(traces: list[Trace]) -> list[Trace]:

@@ -1,92 +1,716 @@
-"""The line of an environment that writes its reward, read from its syntax tree."""
+"""The lines of an environment that write its reward, read from its syntax tree."""
 
 from __future__ import annotations
 
 import ast
+import operator
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from typing import NamedTuple
 
 from envcraft.model.target import parse
 
-_NUMBERS = {"float", "int", "round", "float32", "float64"}
+from .linting.program import Function, Program, line, name_of, root
+
 _RESULTS = 5
-_BINDING = (ast.Assign, ast.AnnAssign, ast.AugAssign, ast.NamedExpr)
+_REWARD = 1
+#: Calls of a value that do not change it, and those that only limit it.
+_NUMBERS = frozenset({"float", "int", "round", "float32", "float64", "item"})
+_LIMITS = frozenset({"clip", "min", "max", "minimum", "maximum"})
+#: Names and calls that lead from one to the next, and all of them.
+_DEEPEST, _MOST = 30, 2_000
+_OPERATORS: dict[type[ast.operator], Callable[[float, float], float]] = {
+    ast.Add: operator.add,
+    ast.Sub: operator.sub,
+    ast.Mult: operator.mul,
+    ast.Div: operator.truediv,
+}
+_SIGNS = {ast.Add: 1, ast.Sub: -1}
+_LOOPS = (ast.For, ast.AsyncFor, ast.While)
+_SCOPES = (ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef, ast.Lambda)
 
 
-def reward_line(text: str, env_class: str | None) -> int | None:
-    """Return the line that writes the reward that ``step`` of a class returns.
+class Unknown(Exception):
+    """The tree does not tell what writes the reward."""
 
-    A line that writes a zero counts only if no other line writes the reward.
+
+@dataclass(eq=False)
+class Scope:
+    """One call of a function.
+
+    Attributes:
+        function: what is called.
+        arguments: the value of each parameter, with the statement of the call and the scope around it.
+        repeated: whether the function may be called several times in a step.
+    """
+
+    function: Function
+    arguments: dict[str, tuple[ast.expr, ast.stmt, Scope]] = field(default_factory=dict)
+    repeated: bool = False
+
+
+class Write(NamedTuple):
+    """A place that gives the reward its value, or a part of it.
+
+    Attributes:
+        line: of the statement.
+        value: what it writes.
+        statement: the statement.
+        scope: the call of the function that it is part of.
+        amount: what it adds to the reward, if the file says so.
+        once: whether the reward is the sum of this and of what the other places write, each once.
+    """
+
+    line: int
+    value: ast.expr
+    statement: ast.stmt
+    scope: Scope
+    amount: float | None
+    once: bool
+
+    @property
+    def is_zero(self) -> bool:
+        return self.amount == 0
+
+
+class _Binding(NamedTuple):
+    """A statement that binds a name or changes its value: ``=``, ``+``, ``-``, or ``*`` for any other change."""
+
+    statement: ast.stmt
+    value: ast.expr
+    change: str
+    part: int | None = None
+
+
+class RewardLines:
+    """The places in a file that write the reward.
 
     Args:
         text: the source.
         env_class: the name of the class.
 
-    Returns:
-        The line; None if several lines write the reward, or if the tree does not tell.
+    Raises:
+        Unknown: the file has no such class, the class has no ``step`` in it, or it cannot be parsed.
     """
-    try:
-        tree = parse(text)
-    except (SyntaxError, ValueError, RecursionError, MemoryError):
+
+    def __init__(self, text: str, env_class: str | None) -> None:
+        try:
+            self.program = program = Program(parse(text), env_class)
+        except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
+            raise Unknown from error
+        step = program.method(env_class, "step") if env_class in program.classes and env_class else None
+        if step is None:
+            raise Unknown
+        self.step = step
+        self._known: dict[tuple[frozenset[int] | None, bool], list[Write]] = {}
+
+    def writes(self, ran: frozenset[int] | None = None, deep: bool = True) -> list[Write]:
+        """Find the places that write the reward that ``step`` returns.
+
+        Args:
+            ran: the lines that a call of it has run; without them, those of every call count.
+            deep: whether to follow the terms of a sum and the methods that give the reward.
+
+        Raises:
+            Unknown: something else than a value of the file may be the reward, or the lines do not reach the end of
+                the call.
+        """
+        key = ran, deep
+        if key not in self._known:
+            walk = Walk(self.program, ran, deep)
+            try:
+                walk.returned(self.step, Scope(self.step), _REWARD)
+            except RecursionError as error:
+                raise Unknown from error
+            if not walk.once:
+                walk.found = [write._replace(once=False) for write in walk.found]
+            self._known[key] = list({(one.line, id(one.value)): one for one in walk.found}.values())
+        return self._known[key]
+
+
+class Walk:
+    """The way from a returned value back to what writes it.
+
+    Args:
+        program: the file.
+        ran: the lines that ran, if they are known.
+        deep: whether to follow terms and methods.
+
+    Attributes:
+        found: the places so far.
+        once: whether nothing multiplies or limits the reward on the way.
+    """
+
+    def __init__(self, program: Program, ran: frozenset[int] | None, deep: bool) -> None:
+        self.found: list[Write] = []
+        self.once = True
+        self._program = program
+        self._ran = ran
+        self._deep = deep
+        self._seen: set[tuple[int, int, int | None]] = set()
+        #: Kept, so that no other scope has the id of one that was seen.
+        self._scopes: list[Scope] = []
+        self._depth = 0
+
+    def ran(self, node: ast.AST) -> bool:
+        """Whether a statement may have run."""
+        if self._ran is None:
+            return True
+        return any(number in self._ran for number in range(line(node), (getattr(node, "end_lineno", 0) or 0) + 1))
+
+    def returned(
+        self,
+        function: Function,
+        scope: Scope,
+        index: int | None,
+        sign: int = 1,
+        once: bool = True,
+        call: tuple[ast.expr, ast.stmt, Scope] | None = None,
+    ) -> None:
+        """Follow what a function returns.
+
+        Args:
+            function: the function.
+            scope: its call.
+            index: of the result in the tuple that it returns; None if it is what the function returns.
+            sign: by which the result counts.
+            once: whether it counts once.
+            call: the call, which is the place if nothing is returned.
+        """
+        values = [(one.value, one) for one in returns(function) if self.ran(one) and one.value is not None]
+        if not values and call is not None:
+            self._leaf(*call, sign, once)
+        elif not values:
+            raise Unknown
+        for value, statement in values:
+            if index is not None and isinstance(value, ast.Tuple) and call is None and len(value.elts) != _RESULTS:
+                raise Unknown
+            self.follow(value, statement, scope, index, sign, once)
+
+    def follow(
+        self,
+        value: ast.expr,
+        at: ast.stmt,
+        scope: Scope,
+        index: int | None = None,
+        sign: int = 1,
+        once: bool = True,
+    ) -> None:
+        """Find what writes a value.
+
+        Args:
+            value: an expression.
+            at: its statement.
+            scope: the call of the function with the statement.
+            index: of the part of a tuple.
+            sign: by which it counts.
+            once: whether it counts once.
+        """
+        value = self._plain(value) if index is None else value
+        if (id(value), id(scope), index) in self._seen:
+            return
+        self._seen.add((id(value), id(scope), index))
+        self._scopes.append(scope)
+        self._depth += 1
+        if self._depth > _DEEPEST or len(self._seen) > _MOST:
+            raise Unknown
+        called = self.called(value, scope)
+        local = isinstance(value, ast.Name) and value.id in scope.function.local
+        if isinstance(value, ast.Tuple | ast.List) and index is not None:
+            if index >= len(value.elts) or any(isinstance(one, ast.Starred) for one in value.elts[: index + 1]):
+                raise Unknown
+            self.follow(value.elts[index], at, scope, None, sign, once)
+        elif called is not None and isinstance(value, ast.Call) and (self._deep or index is not None):
+            inner = self.scope(called, value, at, scope)
+            self.returned(called, inner, index, sign, once and not inner.repeated, (value, at, scope))
+        elif isinstance(value, ast.Name) and local:
+            self._name(value.id, value, at, scope, index, sign, once)
+        elif isinstance(value, ast.IfExp) and (index is not None or self._is_followed(value, scope)):
+            for branch in (value.body, value.orelse):
+                self.follow(branch, at, scope, index, sign, False)
+        elif isinstance(value, ast.Name) and index is None and not self._is_fixed(value.id):
+            raise Unknown
+        elif isinstance(value, ast.Attribute) and index is None:
+            self._attribute(value, at, scope, sign, once)
+        elif index is None and self._deep and self._is_followed(value, scope):
+            self._terms(value, at, scope, sign, once)
+        elif index is None and self._deep and (items := self.items(value, scope)):
+            for place, item, change in items:
+                self.follow(item, place, scope, None, -sign if change == "-" else sign, once and change != "*")
+        elif index is not None and isinstance(at, ast.Return):
+            # What gives the whole result is elsewhere.
+            raise Unknown
+        else:
+            self._leaf(value, at, scope, sign, once)
+        self._depth -= 1
+
+    def _leaf(self, value: ast.expr, at: ast.stmt, scope: Scope, sign: int, once: bool) -> None:
+        known = constant(value, scope, self._program)
+        number = line(value) if isinstance(at, ast.Assign) and isinstance(at.value, ast.Dict) else line(at)
+        amount = sign * known if known is not None else None
+        once = once and not scope.repeated and not _is_looped(at, scope, self._program)
+        self.found.append(Write(number, value, at, scope, amount, once and self.is_sure(at)))
+
+    def is_sure(self, statement: ast.stmt) -> bool:
+        """Whether a statement has run if its line has: it does not share it with a condition."""
+        parent = self._program.parents.get(statement)
+        return not isinstance(parent, ast.stmt) or isinstance(parent, _SCOPES) or line(parent) != line(statement)
+
+    def _plain(self, value: ast.expr) -> ast.expr:
+        """An expression without what only converts or limits it."""
+        while isinstance(value, ast.Call) and not value.keywords:
+            name = name_of(value.func)
+            method = isinstance(value.func, ast.Attribute) and not isinstance(value.func.value, ast.Name)
+            if name in _NUMBERS and len(value.args) == 1:
+                value = value.args[0]
+            elif name in _NUMBERS | {"clip"} and isinstance(value.func, ast.Attribute) and (name == "item" or method):
+                self.once = self.once and name == "item"
+                value = value.func.value
+            elif name in _LIMITS and len(value.args) > 1 and not (name == "clip" and _is_constant(value.args[0])):
+                inner = [one for one in value.args if not _is_constant(one)]
+                inner = value.args[:1] if name == "clip" else inner
+                if len(inner) != 1:
+                    return value
+                self.once, value = False, inner[0]
+            else:
+                return value
+        return value
+
+    # Names
+
+    def _name(
+        self, name: str, use: ast.expr, at: ast.stmt, scope: Scope, index: int | None, sign: int, once: bool
+    ) -> None:
+        bound = self.bindings(name, scope)
+        if not bound:
+            if name not in scope.arguments:
+                # Only the caller of step() knows its argument.
+                if index is None and not scope.arguments and scope.function.name == "step":
+                    raise Unknown
+                self._leaf(use, at, scope, sign, once)
+                return
+            value, statement, outer = scope.arguments[name]
+            self.follow(value, statement, outer, index, sign, once)
+            return
+        reaching = self.reaching(bound, at, scope)
+        for one in reaching:
+            self._bound(one, name, scope, index, sign, once)
+        if any(one.change == "*" for one in reaching):
+            self.once = False
+
+    def _bound(self, one: _Binding, name: str, scope: Scope, index: int | None, sign: int, once: bool) -> None:
+        """Follow one binding of a name or an attribute."""
+        if one.change == "=":
+            if one.part is not None and index is not None:
+                raise Unknown
+            self.follow(one.value, one.statement, scope, index if one.part is None else one.part, sign, once)
+            return
+        sign = -sign if one.change == "-" else sign
+        once = once and one.change != "*"
+        if self._deep and one.change != "*" and self._is_followed(one.value, scope, alone=True):
+            self.follow(one.value, one.statement, scope, None, sign, once)
+        else:
+            self._leaf(one.value, one.statement, scope, sign, once)
+
+    def _is_fixed(self, name: str) -> bool:
+        """Whether only the module binds a name, outside functions."""
+        changed = any(isinstance(node, ast.Global) and name in node.names for node in self._program.nodes)
+        return name in self._program.module_values and not changed
+
+    def bindings(self, name: str, scope: Scope) -> list[_Binding]:
+        """The statements of a function that bind a name, in the order of the text."""
+        found: list[_Binding] = []
+        known = 0
+        nodes = scope.function.nodes
+        for node in nodes:
+            for target, one in _bound_by(node, self._program):
+                if isinstance(target, ast.Name) and target.id == name:
+                    known += 1
+                    found += _changes(one, lambda part: isinstance(part, ast.Name) and part.id == name, self._plain)
+        stored = [
+            node
+            for node in nodes
+            if isinstance(node, ast.Name) and node.id == name and not isinstance(node.ctx, ast.Load)
+        ]
+        if len(stored) != known:
+            # A loop, a pattern or a context manager binds it.
+            raise Unknown
+        return sorted((one for one in found if self.ran(one.statement)), key=lambda one: _place(one.statement))
+
+    def reaching(self, bound: list[_Binding], use: ast.stmt, scope: Scope) -> list[_Binding]:
+        """The bindings whose value may still be there at a statement of the same function."""
+        blocks = {one.statement: _blocks(one.statement, self._program) for one in bound}
+        blocks[use] = _blocks(use, self._program)
+        certain = self._ran is not None and not scope.repeated
+
+        def is_lost(one: _Binding) -> bool:
+            start = blocks[one.statement]
+            if one.statement is not use and not _comes_before(start, blocks[use]):
+                return True
+            for other in bound:
+                middle = blocks[other.statement]
+                if other.change != "=" or other.statement is one.statement:
+                    continue
+                if not (_comes_before(start, middle, looped=False) and _comes_before(middle, blocks[use], False)):
+                    continue
+                outer = [step[:2] for step in middle]
+                always = outer in ([step[:2] for step in way[: len(outer)]] for way in (start, blocks[use]))
+                if always or (certain and self.is_sure(other.statement)):
+                    return True
+            return False
+
+        return [one for one in bound if not is_lost(one)]
+
+    # Attributes and items
+
+    def _attribute(self, value: ast.Attribute, at: ast.stmt, scope: Scope, sign: int, once: bool) -> None:
+        own = self.field_bindings(value, scope)
+        if not own:
+            method = self._program.method(self._program.bound_to(scope.function), scope.function.field(value))
+            if method is not None and "property" in {name_of(one) for one in method.node.decorator_list}:
+                self.returned(method, Scope(method), None, sign, once, (value, at, scope))
+            else:
+                self._leaf(value, at, scope, sign, once)
+            return
+        here = [one for function, one in own if function is scope.function]
+        # Without a first value in this call it is what all calls before have added up.
+        once = once and len(here) == len(own) and any(one.change == "=" for one in here)
+        reached = self.reaching(here, at, scope)
+        for function, one in own:
+            if function is not scope.function:
+                self._bound(one, value.attr, Scope(function, repeated=True), None, sign, False)
+            elif one in reached:
+                self._bound(one, value.attr, scope, None, sign, once)
+
+    def field_bindings(self, value: ast.Attribute, scope: Scope) -> list[tuple[Function, _Binding]]:
+        """The statements that bind an attribute, those of play if there are any."""
+        mine = bool(scope.function.field(value))
+        found: list[tuple[Function, _Binding]] = []
+        for function in self._program.all:
+            same = self._program.bound_to(function) == self._program.bound_to(scope.function)
+
+            def is_it(part: ast.AST, function: Function = function, same: bool = same) -> bool:
+                if not isinstance(part, ast.Attribute) or part.attr != value.attr:
+                    return False
+                return (same and bool(function.field(part))) if mine else True
+
+            for node in function.nodes:
+                for target, one in _bound_by(node, self._program):
+                    if is_it(target) and self.ran(one.statement):
+                        found += [(function, change) for change in _changes(one, is_it, self._plain)]
+        stepped = set(self._program.reached("step"))
+        played = [one for one in found if one[0] in stepped]
+        return sorted(played or (found if self._ran is None else []), key=lambda one: _place(one[1].statement))
+
+    def items(self, value: ast.expr, scope: Scope) -> list[tuple[ast.stmt, ast.expr, str]]:
+        """What is put into a local dictionary whose item or sum an expression is; empty if it is not such a thing."""
+        key: ast.Constant | None = None
+        match value:
+            case ast.Subscript(value=ast.Name() as held, slice=ast.Constant() as key):
+                pass
+            case ast.Call(
+                func=ast.Name(id="sum"),
+                args=[ast.Call(func=ast.Attribute(value=ast.Name() as held, attr="values"))],
+            ):
+                pass
+            case _:
+                return []
+        if held.id not in scope.function.local:
+            return []
+        bound = self.bindings(held.id, scope)
+        if not bound or not all(isinstance(one.value, ast.Dict) and one.change == "=" for one in bound):
+            return []
+        found: list[tuple[str, _Binding]] = []
+        for one in bound:
+            assert isinstance(one.value, ast.Dict)
+            for name, part in zip(one.value.keys, one.value.values, strict=True):
+                if not isinstance(name, ast.Constant):
+                    return []
+                found.append((repr(name.value), _Binding(one.statement, part, "=")))
+        for node in scope.function.nodes:
+            if not isinstance(node, ast.Assign | ast.AugAssign):
+                continue
+            target = node.targets[0] if isinstance(node, ast.Assign) else node.target
+            if isinstance(target, ast.Subscript) and name_of(root(target)) == held.id and self.ran(node):
+                if not isinstance(target.slice, ast.Constant):
+                    return []
+                change = _change(node.op) if isinstance(node, ast.AugAssign) else "="
+                found.append((repr(target.slice.value), _Binding(node, node.value, change)))
+        at = self._program.parents[value]
+        while not isinstance(at, ast.stmt):
+            at = self._program.parents[at]
+        names = dict.fromkeys(name for name, _ in found)
+        wanted = [name for name in names if key is None or name == repr(key.value)]
+        reached = [
+            one for name in wanted for one in self.reaching([one for other, one in found if other == name], at, scope)
+        ]
+        return [(one.statement, one.value, one.change) for one in reached]
+
+    # Terms and calls
+
+    def _terms(self, value: ast.expr, at: ast.stmt, scope: Scope, sign: int, once: bool) -> None:
+        """Follow those terms of a sum that have places of their own; the others are one place."""
+        others: list[tuple[ast.expr, int]] = []
+        for term, way in _summands(value):
+            plain = self._plain(term)
+            if self._is_followed(plain, scope, alone=True):
+                self.follow(plain, at, scope, None, sign * way, once)
+            else:
+                others.append((term, way))
+        amounts = [constant(term, scope, self._program) for term, _ in others]
+        known = [amount * way for amount, (_, way) in zip(amounts, others, strict=True) if amount is not None]
+        if others:
+            amount = sign * sum(known) if len(known) == len(others) else None
+            number = len(self.found)
+            self._leaf(others[0][0] if len(others) == 1 else value, at, scope, sign, once)
+            self.found[number] = self.found[number]._replace(amount=amount)
+
+    def _is_followed(self, value: ast.expr, scope: Scope, alone: bool = False) -> bool:
+        """Whether a value, or a part of a sum or a choice, has places of its own: a call of a function of the file, or
+        a name that such a call or several statements bind.
+        """
+        value = self._plain(value)
+        if self.called(value, scope) is not None and self._deep:
+            return True
+        if isinstance(value, ast.Name) and value.id in scope.function.local:
+            try:
+                bound = self._all_bindings(value.id, scope)
+                several = len(bound) > 1 or any(self.called(one.value, scope) is not None for one in bound)
+                return alone and self._deep and several
+            except Unknown:
+                return False
+        if isinstance(value, ast.IfExp):
+            return any(self._is_followed(part, scope, alone=True) for part in (value.body, value.orelse))
+        terms = list(_summands(value))
+        return len(terms) > 1 and any(self._is_followed(term, scope, alone=True) for term, _ in terms)
+
+    def _all_bindings(self, name: str, scope: Scope) -> list[_Binding]:
+        ran, self._ran = self._ran, None
+        try:
+            return self.bindings(name, scope)
+        finally:
+            self._ran = ran
+
+    def called(self, value: ast.expr, scope: Scope) -> Function | None:
+        """The function of the file that an expression calls."""
+        if not isinstance(value, ast.Call):
+            return None
+        function, program = scope.function, self._program
+        target = value.func
+        if isinstance(target, ast.Name):
+            return None if target.id in function.local else program.functions.get(target.id)
+        if not isinstance(target, ast.Attribute):
+            return None
+        owner = program.bound_to(function)
+        if function.field(target):
+            return program.method(owner, target.attr)
+        if isinstance(target.value, ast.Call) and name_of(target.value.func) == "super":
+            return program.method(owner, target.attr, after=function.owner)
+        if isinstance(target.value, ast.Attribute | ast.Name) and target.attr not in ("step", "reset"):
+            others = [name for name in program.classes if name not in program.lineage(program.env)]
+            named = [one for name in others for one in program.methods(name) if one.name == target.attr]
+            return named[0] if len(set(named)) == 1 else None
         return None
-    classes = [node for node in tree.body if isinstance(node, ast.ClassDef) and node.name == env_class]
-    steps = [node for owner in classes for node in owner.body if isinstance(node, ast.FunctionDef)]
-    steps = [node for node in steps if node.name == "step"]
-    if len(steps) != 1:
+
+    def scope(self, called: Function, call: ast.Call, at: ast.stmt, scope: Scope) -> Scope:
+        """The scope of a call."""
+        return Scope(called, self._arguments(called, call, at, scope), self._is_repeated(called, call, scope))
+
+    def _is_repeated(self, called: Function, call: ast.Call, scope: Scope) -> bool:
+        if scope.repeated or _is_looped(call, scope, self._program):
+            return True
+        sites = [one for one in self._program.nodes if isinstance(one, ast.Call) and name_of(one.func) == called.name]
+        return len(sites) > 1
+
+    def _arguments(
+        self, called: Function, call: ast.Call, at: ast.stmt, scope: Scope
+    ) -> dict[str, tuple[ast.expr, ast.stmt, Scope]]:
+        if any(isinstance(one, ast.Starred) for one in call.args):
+            return {}
+        names = called.parameters[1:] if called.me else called.parameters
+        given = dict(zip(names, call.args, strict=False))
+        given |= {one.arg: one.value for one in call.keywords if one.arg}
+        return {name: (value, at, scope) for name, value in given.items()}
+
+
+def constant(value: ast.expr, scope: Scope | None, program: Program, depth: int = 0) -> float | None:
+    """The number that an expression always is: of constants, and of names that the file binds once."""
+    if depth > _DEEPEST:
         return None
-    places: dict[int, bool] = {}
-    for node in ast.walk(steps[0]):
+    match value:
+        case ast.Constant(value=bool()):
+            return None
+        case ast.Constant(value=int() | float() as number):
+            return float(number)
+        case ast.UnaryOp(op=ast.USub(), operand=part):
+            known = constant(part, scope, program, depth + 1)
+            return -known if known is not None else None
+        case ast.BinOp(left=one, op=op, right=other) if type(op) in _OPERATORS:
+            pair = [constant(part, scope, program, depth + 1) for part in (one, other)]
+            try:
+                return None if pair[0] is None or pair[1] is None else _OPERATORS[type(op)](pair[0], pair[1])
+            except (ZeroDivisionError, OverflowError):
+                return None
+        case ast.Call(func=func, args=[part], keywords=[]) if name_of(func) in ("float", "int"):
+            return constant(part, scope, program, depth + 1)
+    if scope is None or not isinstance(value, ast.Name | ast.Attribute):
+        return None
+    owner = program.bound_to(scope.function)
+    if isinstance(value, ast.Attribute):
+        if isinstance(value.value, ast.Name) and value.value.id in program.classes:
+            owner = value.value.id
+        elif not scope.function.field(value):
+            return None
+        written = value.attr in program.field_values(owner)
+        known_values = [] if written else [program.class_values(owner).get(value.attr, ("", None))[1]]
+    else:
+        known_values = [one for one, _ in program.values(value, scope.function)]
+    changed = any(isinstance(node, ast.AugAssign) and name_of(node.target) == name_of(value) for node in program.nodes)
+    if changed or len(known_values) != 1 or known_values[0] is None:
+        return None
+    return constant(known_values[0], scope if isinstance(value, ast.Name) else None, program, depth + 1)
+
+
+def returns(function: Function) -> Iterator[ast.Return]:
+    """The returns of a function, without those of functions in it."""
+    waiting: list[ast.AST] = list(function.node.body)
+    while waiting:
+        node = waiting.pop(0)
         if isinstance(node, ast.Return):
-            if not (isinstance(node.value, ast.Tuple) and len(node.value.elts) == _RESULTS):
-                return None
-            value = _plain(node.value.elts[1])
-            found = _bound(value.id, steps[0]) if isinstance(value, ast.Name) else _own(value, classes[0])
-            if found is None:
-                return None
-            places |= found
-    lines = [line for line, zero in places.items() if not zero] or list(places)
-    return lines[0] if len(lines) == 1 else None
+            yield node
+        elif not isinstance(node, _SCOPES):
+            waiting += ast.iter_child_nodes(node)
 
 
-def _own(value: ast.expr, owner: ast.ClassDef) -> dict[int, bool] | None:
-    """The lines that write an expression, each with whether it writes a zero. An attribute is written elsewhere."""
-    if isinstance(value, ast.Attribute) and isinstance(value.value, ast.Name):
-        return _bound(value.attr, owner)
-    return {value.lineno: _is_zero(value)}
+def _bound_by(node: ast.AST, program: Program) -> Iterator[tuple[ast.expr, _Binding]]:
+    """Each name or attribute that a node binds."""
+    match node:
+        case ast.Assign(targets=targets, value=value):
+            for target in targets:
+                yield from _parts(target, _Binding(node, value, "="))
+        case ast.AnnAssign(target=target, value=ast.expr() as value):
+            yield target, _Binding(node, value, "=")
+        case ast.AnnAssign(target=target):
+            # The name has no value yet.
+            yield target, _Binding(node, target, "")
+        case ast.AugAssign(target=target, op=op, value=value):
+            yield target, _Binding(node, value, _change(op))
+        case ast.NamedExpr(target=target, value=value):
+            parent: ast.AST = node
+            while not isinstance(parent, ast.stmt):
+                parent = program.parents[parent]
+            yield target, _Binding(parent, value, "=")
 
 
-def _bound(name: str, part: ast.AST) -> dict[int, bool] | None:
-    """The lines in a part of a file that bind a name or an attribute; None if something else than a value binds it."""
-    places: dict[int, bool] = {}
-    written: set[int] = set()
-    for node in ast.walk(part):
-        if not isinstance(node, _BINDING):
-            continue
-        targets = node.targets if isinstance(node, ast.Assign) else [node.target]
-        for each in (each for target in targets for each in ast.walk(target) if _is_named(each, name)):
-            written.add(id(each))
-            places[node.lineno] = node.value is None or _is_zero(node.value)
-    bindings = [
-        node for node in ast.walk(part) if _is_named(node, name) and isinstance(getattr(node, "ctx", 0), ast.Store)
-    ]
-    arguments = [node for node in ast.walk(part) if isinstance(node, ast.arg) and node.arg == name]
-    if arguments or any(id(node) not in written for node in bindings):
-        return None
-    return places or None
+def _change(op: ast.operator) -> str:
+    return {ast.Add: "+", ast.Sub: "-"}.get(type(op), "*")
 
 
-def _is_named(node: ast.AST, name: str) -> bool:
-    return (isinstance(node, ast.Name) and node.id == name) or (isinstance(node, ast.Attribute) and node.attr == name)
+def _parts(target: ast.expr, binding: _Binding) -> Iterator[tuple[ast.expr, _Binding]]:
+    if not isinstance(target, ast.Tuple | ast.List):
+        yield target, binding
+        return
+    for number, part in enumerate(target.elts):
+        if isinstance(part, ast.Name | ast.Attribute):
+            yield part, binding._replace(part=number)
 
 
-def _is_zero(value: ast.expr) -> bool:
-    value = _plain(value)
-    return isinstance(value, ast.Constant) and value.value == 0
+def _changes(
+    one: _Binding, is_it: Callable[[ast.AST], bool], plain: Callable[[ast.expr], ast.expr]
+) -> Iterator[_Binding]:
+    """A binding as changes of the value before: an assignment may add to it, or keep it."""
+    if one.change != "=" or one.part is not None:
+        if one.change:
+            yield one
+        return
+    value = plain(one.value)
+    if is_it(value):
+        return
+    if not any(is_it(part) for part in ast.walk(value)):
+        yield one
+        return
+    terms = list(_summands(value))
+    own = [term for term, sign in terms if is_it(plain(term)) and sign > 0]
+    others = [(term, sign) for term, sign in terms if term not in own]
+    if len(own) == 1 and not any(is_it(part) for term, _ in others for part in ast.walk(term)):
+        for term, sign in others:
+            yield _Binding(one.statement, term, "+" if sign > 0 else "-")
+    else:
+        yield _Binding(one.statement, value, "*")
 
 
-def _plain(value: ast.expr) -> ast.expr:
-    """An expression without the conversion to a number around it."""
-    while isinstance(value, ast.Call) and len(value.args) == 1 and not value.keywords:
-        func = value.func
-        if (func.id if isinstance(func, ast.Name) else getattr(func, "attr", "")) not in _NUMBERS:
+def _summands(value: ast.expr, sign: int = 1) -> Iterator[tuple[ast.expr, int]]:
+    if isinstance(value, ast.BinOp) and type(value.op) in _SIGNS:
+        yield from _summands(value.left, sign)
+        yield from _summands(value.right, sign * _SIGNS[type(value.op)])
+    else:
+        yield value, sign
+
+
+def _is_constant(value: ast.expr) -> bool:
+    """Whether an expression looks like a fixed limit: a number, or a name in capitals."""
+    if isinstance(value, ast.UnaryOp):
+        return _is_constant(value.operand)
+    return isinstance(value, ast.Constant) or name_of(value).isupper()
+
+
+def _place(node: ast.AST) -> tuple[int, int]:
+    return line(node), getattr(node, "col_offset", 0)
+
+
+_Blocks = list[tuple[ast.AST, str, int]]
+
+
+def _blocks(statement: ast.stmt, program: Program) -> _Blocks:
+    """The way from a function to a statement: in each block the node, the block's name and the position in it."""
+    found: _Blocks = []
+    node: ast.AST = statement
+    while node in program.parents:
+        parent = program.parents[node]
+        for name, value in ast.iter_fields(parent):
+            if isinstance(value, list) and node in value:
+                found.append((parent, name, value.index(node)))
+        if isinstance(parent, _SCOPES):
             break
-        value = value.args[0]
-    return value
+        node = parent
+    return found[::-1]
+
+
+def _comes_before(one: _Blocks, other: _Blocks, looped: bool = True) -> bool:
+    """Whether a statement may run before another one in the same call.
+
+    Args:
+        one: the way to the statement.
+        other: the way to the other one.
+        looped: the answer if a loop runs both.
+    """
+    for depth, (first, second) in enumerate(zip(one, other, strict=False)):
+        if first == second:
+            if isinstance(first[0], _LOOPS) and first[1] == "body":
+                return looped
+            continue
+        if isinstance(first[0], _LOOPS) and first[1] == second[1] == "body":
+            return looped
+        if isinstance(first[0], ast.If | ast.Match) and (first[1] != second[1] or first[1] == "cases"):
+            return False
+        if first[1] != second[1]:
+            return first[1] in ("body", "handlers")
+        return first[1] != "handlers" and first[2] < second[2] and not _ends(one[depth + 1 :])
+    return False
+
+
+def _ends(blocks: _Blocks) -> bool:
+    """Whether one of some blocks leaves the function after a statement in it."""
+    for node, name, position in blocks:
+        later = getattr(node, name)[position + 1 :]
+        if any(isinstance(one, ast.Return | ast.Raise) for one in later):
+            return True
+    return False
+
+
+def _is_looped(node: ast.AST, scope: Scope, program: Program) -> bool:
+    while node in program.parents and node is not scope.function.node:
+        node = program.parents[node]
+        if isinstance(node, (*_LOOPS, ast.ListComp, ast.GeneratorExp, ast.SetComp, ast.DictComp)):
+            return True
+    return False
