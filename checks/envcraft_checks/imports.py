@@ -6,12 +6,14 @@ import ast
 import operator
 from collections.abc import Collection
 
+from envcraft.model.target import nodes, walk
+
 #: Methods that Gymnasium's own code calls.
 _CALLED = {"reset", "step", "render", "close", "seed", "action", "observation", "reward"}
 _ORDERS = {ast.Lt: operator.lt, ast.LtE: operator.le, ast.Gt: operator.gt, ast.GtE: operator.ge}
 
 
-def required_imports(tree: ast.AST, unknown: Collection[str] = (), python: tuple[int, ...] = ()) -> dict[str, int]:
+def required_imports(tree: ast.Module, unknown: Collection[str] = (), python: tuple[int, ...] = ()) -> dict[str, int]:
     """Find the top-level modules that the code cannot do without.
 
     Args:
@@ -78,10 +80,10 @@ def _is_called(function: ast.FunctionDef | ast.AsyncFunctionDef, mentioned: set[
     return name in mentioned | _CALLED or name.startswith("__") or bool(function.decorator_list)
 
 
-def _flags(tree: ast.AST) -> set[str]:
+def _flags(tree: ast.Module) -> set[str]:
     """The variables that say whether a library is installed: find_spec() results, or set beside a guarded import."""
     assigned: list[ast.Assign] = []
-    for node in ast.walk(tree):
+    for node in nodes(tree):
         if isinstance(node, ast.Assign) and "find_spec" in _names(node.value):
             assigned.append(node)
         elif isinstance(node, ast.Try) and any(_catches(handler.type) for handler in node.handlers):
@@ -118,5 +120,6 @@ def _holds(test: ast.expr, python: tuple[int, ...]) -> bool | None:
 
 
 def _names(expression: ast.expr) -> set[str]:
-    names = {node.id for node in ast.walk(expression) if isinstance(node, ast.Name)}
-    return names | {node.attr for node in ast.walk(expression) if isinstance(node, ast.Attribute)}
+    every = walk(expression)
+    names = {node.id for node in every if isinstance(node, ast.Name)}
+    return names | {node.attr for node in every if isinstance(node, ast.Attribute)}

@@ -53,7 +53,7 @@ from envcraft.judging.check import Check, Rule
 from envcraft.judging.driver import Isolation
 from envcraft.model.job import ExitReason
 from envcraft.model.project import with_project
-from envcraft.model.target import parse
+from envcraft.model.target import nodes, parse
 from envcraft.model.verdict import Finding, Severity, Verdict
 from envcraft.plugins import hookimpl
 
@@ -219,7 +219,7 @@ class Source(Check):
             # Importing a file that is not Python raises EC003, with its traceback.
             with contextlib.suppress(SyntaxError, ValueError, RecursionError, MemoryError):
                 trees |= {f"{path} ": parse(data)} if path.endswith(".py") else {}
-        names = {name for tree in trees.values() for node in ast.walk(tree) for name in imported_modules(node)} - own
+        names = {name for tree in trees.values() for node in nodes(tree) for name in imported_modules(node)} - own
         missing, known = subject.find_modules(sorted(names))
         allowed = subject.contract.libraries
         unknown = {

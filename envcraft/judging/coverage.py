@@ -10,7 +10,7 @@ import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
-from envcraft.model.target import Target, imports, parse
+from envcraft.model.target import Target, imports, nodes, parse, walk
 
 #: The most marks of a source.
 _MOST = 2_000
@@ -156,7 +156,7 @@ def _range(statements: list[Statement]) -> Range:
 def _functions(tree: ast.Module) -> Iterator[_Function]:
     fixed = _Fixed(tree)
     suites = iter(range(10**9))
-    for node in ast.walk(tree):
+    for node in nodes(tree):
         if isinstance(node, _FUNCTIONS):
             suite = _Suites(fixed, suites, node)
             statements = list(suite.marked())
@@ -164,8 +164,9 @@ def _functions(tree: ast.Module) -> Iterator[_Function]:
 
 
 def _mentions(tree: ast.AST) -> set[str]:
-    names = {node.attr for node in ast.walk(tree) if isinstance(node, ast.Attribute)}
-    return names | {node.id for node in ast.walk(tree) if isinstance(node, ast.Name)}
+    every = walk(tree)
+    names = {node.attr for node in every if isinstance(node, ast.Attribute)}
+    return names | {node.id for node in every if isinstance(node, ast.Name)}
 
 
 def _own(node: ast.stmt) -> Iterator[ast.AST]:
@@ -183,21 +184,22 @@ class _Fixed:
 
     def __init__(self, tree: ast.Module) -> None:
         self._changed: set[str] = set()
-        for function in ast.walk(tree):
+        for function in nodes(tree):
             if isinstance(function, _FUNCTIONS) and function.name != "__init__":
                 self._changed |= {
                     node.attr
-                    for node in ast.walk(function)
+                    for node in walk(function)
                     if isinstance(node, ast.Attribute) and not isinstance(node.ctx, ast.Load)
                 }
 
     def decides(self, test: ast.expr) -> bool:
         """Whether a condition depends on nothing else."""
-        names = [node for node in ast.walk(test) if isinstance(node, ast.Name)]
-        attributes = [node for node in ast.walk(test) if isinstance(node, ast.Attribute)]
+        every = walk(test)
+        names = [node for node in every if isinstance(node, ast.Name)]
+        attributes = [node for node in every if isinstance(node, ast.Attribute)]
         others = (ast.Call, ast.Subscript)
         return (
-            not any(isinstance(node, others) for node in ast.walk(test))
+            not any(isinstance(node, others) for node in every)
             and all(name.id == "self" or name.id.isupper() for name in names)
             and all(attribute.attr.isupper() or attribute.attr not in self._changed for attribute in attributes)
         )
@@ -229,7 +231,7 @@ class _Suites:
             beside: whether play need not come there.
         """
         number = next(self._numbers)
-        beside = beside or isinstance(body[-1], ast.Raise) or any(map(self._is_beside, tests))
+        beside = beside or isinstance(body[-1], ast.Raise)
         beside = beside or (isinstance(body[-1], ast.Return) and any(map(_is_over, tests)))
         first = True
         for node in body:
@@ -250,6 +252,7 @@ class _Suites:
             return
         if isinstance(node, ast.If | ast.While):
             tests = (*tests, node.test)
+            beside = beside or self._is_beside(node.test)
         for name in ("body", "orelse", "finalbody"):
             if body := getattr(node, name, None):
                 yield from self._suite(body, tests, beside)
@@ -259,7 +262,7 @@ class _Suites:
             yield from self._suite(case.body, tests, beside)
 
     def _is_beside(self, test: ast.expr) -> bool:
-        constants = {node.value for node in ast.walk(test) if isinstance(node, ast.Constant)}
+        constants = {node.value for node in walk(test) if isinstance(node, ast.Constant)}
         words = " ".join([*_mentions(test), *(value for value in constants if isinstance(value, str))])
         return bool(_BESIDE.search(words)) or _is_time(test) or self._fixed.decides(test)
 
@@ -317,7 +320,7 @@ def _last_word(name: str) -> str:
 
 def _is_time(test: ast.expr) -> bool:
     """Whether a condition compares a count of time: some episodes do not last so long."""
-    compared = [node for node in ast.walk(test) if isinstance(node, ast.Compare)]
+    compared = [node for node in walk(test) if isinstance(node, ast.Compare)]
     sides = [side for node in compared for side in (node.left, *node.comparators)]
     return any(_last_word(word) in _TIME for side in sides for word in _mentions(side))
 

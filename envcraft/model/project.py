@@ -14,7 +14,7 @@ from pathlib import Path
 
 import msgspec
 
-from envcraft.model.target import MAX_SOURCE, Project, Target, parse
+from envcraft.model.target import MAX_SOURCE, Project, Target, nodes, parse
 
 #: Maximum number of classes and modules that a base is followed through.
 _DEEPEST = 20
@@ -122,7 +122,7 @@ def _place(file: Path, source: bytes) -> Place:
     place = Place.of(file)
     levels = [0]
     with contextlib.suppress(*_UNREADABLE):
-        levels += [node.level for node in ast.walk(parse(source)) if isinstance(node, ast.ImportFrom)]
+        levels += [node.level for node in nodes(parse(source)) if isinstance(node, ast.ImportFrom)]
     root = place.root
     for _ in range(max(levels) - len(file.relative_to(root).parts) + 1):
         if not root.name.isidentifier():
@@ -185,7 +185,7 @@ class _Closure:
             tree = parse(source)
         except _UNREADABLE:
             return
-        texts = {node.value for node in ast.walk(tree) if isinstance(node, ast.Constant) and type(node.value) is str}
+        texts = {node.value for node in nodes(tree) if isinstance(node, ast.Constant) and type(node.value) is str}
         for text in sorted(texts):
             parts = Path(text).parts
             if not parts or len(text) > _LONGEST or "\0" in text or any(part[0] in "./" for part in parts):
@@ -229,7 +229,7 @@ def _imports(tree: ast.Module) -> Iterator[tuple[str, str, int]]:
     Yields:
         The first part of the name, or all of a relative one with its dots; the dotted name; and the number of dots.
     """
-    for node in ast.walk(tree):
+    for node in nodes(tree):
         if isinstance(node, ast.Import):
             for alias in node.names:
                 parts = alias.name.split(".")
@@ -247,7 +247,7 @@ def defined_names(source: bytes) -> list[str] | None:
     """The names that a module binds when it is imported, in no order; None if only running it can tell."""
     try:
         table = symtable.symtable(source.decode("utf-8-sig"), "<source>", "exec")
-        star = any(isinstance(node, ast.ImportFrom) and node.names[0].name == "*" for node in ast.walk(parse(source)))
+        star = any(isinstance(node, ast.ImportFrom) and node.names[0].name == "*" for node in nodes(parse(source)))
     except _UNREADABLE:
         return None
     if star or {"globals", "exec", "setattr", "vars"} & set(table.get_identifiers()):

@@ -35,6 +35,8 @@ _CLASS = re.compile(rf"{_NAME}(?:\.{_NAME})*:{_NAME}(?:\.{_NAME})*")
 #: As Gymnasium writes ids: ``[module:][namespace/]name[-vN]``.
 _ID = re.compile(r"(?:[\w.]+:)?(?:[\w:-]+/)?[\w:.-]+")
 _VERSION = re.compile(r"-v\d+$")
+#: The name under which a syntax tree keeps its nodes.
+_NODES = "envcraft_nodes"
 _Item = TypeVar("_Item")
 
 
@@ -211,6 +213,30 @@ def _parse(source: bytes | str) -> ast.Module:
         return ast.parse(source)
 
 
+def nodes(tree: ast.Module) -> list[ast.AST]:
+    """All nodes of a module's tree, which keeps them: each check of a subject looks at them. The order is that of
+    ``ast.walk``.
+    """
+    kept = vars(tree)
+    if _NODES not in kept:
+        # Without the tree itself, which would be garbage in a cycle.
+        kept[_NODES] = walk(tree)[1:]
+    return [tree, *kept[_NODES]]
+
+
+def walk(tree: ast.AST) -> list[ast.AST]:
+    """A node and all below it in the order of ``ast.walk``, in half of its time."""
+    found = [tree]
+    for node in found:
+        for name in node._fields:
+            value = getattr(node, name, None)
+            if isinstance(value, list):
+                found += [each for each in value if isinstance(each, ast.AST)]
+            elif isinstance(value, ast.AST):
+                found.append(value)
+    return found
+
+
 def imported(source: bytes) -> Iterator[str]:
     """The top-level modules that a source imports anywhere; none if it does not parse."""
     try:
@@ -222,7 +248,7 @@ def imported(source: bytes) -> Iterator[str]:
 
 def imports(tree: ast.Module) -> Iterator[str]:
     """The top-level modules that a syntax tree imports anywhere."""
-    for node in ast.walk(tree):
+    for node in nodes(tree):
         if isinstance(node, ast.Import):
             yield from (alias.name.partition(".")[0] for alias in node.names)
         elif isinstance(node, ast.ImportFrom) and node.module and not node.level:

@@ -10,6 +10,8 @@ from collections.abc import Iterable, Iterator
 from functools import cached_property
 from typing import NamedTuple
 
+from envcraft.model.target import nodes
+
 #: Methods that change a list, a dict, a set, a deque or an array in place.
 MUTATORS = frozenset({
     "add", "append", "appendleft", "clear", "discard", "extend", "extendleft", "fill", "insert", "pop", "popitem",
@@ -111,7 +113,7 @@ class Program:
         self.parents: dict[ast.AST, ast.AST] = {}
         self.imports: dict[str, str] = {}
         self.classes: dict[str, ast.ClassDef] = {}
-        self.nodes = list(ast.walk(tree))
+        self.nodes = nodes(tree)
         self._values: dict[str, dict[str, list[tuple[ast.expr | None, Function]]]] = {}
         self._class_values: dict[str, dict[str, tuple[str, ast.expr | None]]] = {}
         for node in self.nodes:

@@ -23,8 +23,8 @@ def find_hidden(subject: Subject, traces: list[Trace]) -> Defect | None:
     by_picture: dict[tuple[bytes, str], Counter[tuple[float, bool]]] = defaultdict(Counter)
     by_action: dict[str, Counter[tuple[float, bool]]] = defaultdict(Counter)
     for trace in traces:
-        for step in range(trace.steps):
-            action, result = str(trace.actions[step]), (trace.rewards[step], trace.terminated[step])
+        for step, chosen in enumerate(trace.given[: trace.steps]):
+            action, result = str(chosen), (trace.rewards[step], trace.terminated[step])
             by_picture[trace.observations[step], action][result] += 1
             by_action[action][result] += 1
     every: Counter[tuple[float, bool]] = sum(by_action.values(), Counter())
