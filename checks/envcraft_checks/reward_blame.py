@@ -16,15 +16,17 @@ from envcraft.model.rollout import Conditions, Rollout
 from envcraft.model.target import Kind
 
 from .linting.program import line, name_of
-from .reward_lines import RewardLines, Scope, Unknown, Walk, Write, constant, returns
+from .reward_lines import RewardLines, Unknown, Walk, Write
+from .reward_syntax import Scope, constant, returns
 
 if TYPE_CHECKING:
     from envcraft.judging.subject import Subject
-    from envcraft.model.trace import Trace
     from envcraft.model.verdict import Finding
 
 #: How many times more than any other line the one must pay that a sum is blamed on.
 _DOMINATES = 2.0
+#: The most calls of an episode that is played in place of the shortest one.
+_LONGEST = 200
 #: The share of the calls in which a line must run to raise the typical reward.
 _OFTEN = 0.5
 _MAKES_NAN = frozenset({
@@ -119,23 +121,24 @@ def _silent(lines: RewardLines, certain: bool) -> set[int]:
 
 
 def _played(subject: Subject, finding: Finding, episode: Rollout | None, bounded: bool) -> list[Call]:
-    """The calls of an episode; empty if the lines of its last one are not known."""
+    """The calls of an episode, the last of which shows the defect; empty if they are not all known."""
     repro = finding.repro
     own = Rollout(repro.seed, repro.actions, Conditions.from_json(repro.conditions))
-    for rollout in (episode, own):
-        if rollout is None or not rollout.actions or (bounded and not subject.affords(len(rollout.actions))):
-            continue
-        try:
-            trace = subject.rollout(msgspec.structs.replace(rollout, player="these actions", fields=True))
-        except Skip:
-            return []
-        return _calls(trace)
-    return []
-
-
-def _calls(trace: Trace) -> list[Call]:
+    # The worker describes the states of so many calls for certain.
+    rollout = episode if episode is not None and len(episode.actions) <= _LONGEST else own
+    steps = len(rollout.actions)
+    if not steps or (bounded and not subject.affords(steps)):
+        return []
+    try:
+        trace = subject.rollout(msgspec.structs.replace(rollout, player="these actions", fields=True))
+    except Skip:
+        return []
     states = trace.states[1:]
-    return [Call(state.lines, reward) for state, reward in zip(states, trace.rewards, strict=False)]
+    calls = [Call(state.lines, reward) for state, reward in zip(states, trace.rewards, strict=False)]
+    # Growth shows in any part of an episode.
+    complete = len(calls) == steps or finding.code == "EC304"
+    expected = finding.evidence.get("reward")
+    return calls if complete and (expected is None or str(calls[-1].reward) == str(expected)) else []
 
 
 def _only(places: Iterable[int]) -> int | None:
@@ -195,7 +198,7 @@ class Blame:
 
     def _not_finite(self, deep: bool) -> int | None:
         # What cannot be NaN or infinite is not it.
-        writes = [write for write in self._writes(self._last, deep) if write.amount is None]
+        writes = [write for write in self._writes(self._last, deep) if write.limit is None]
         risky = risky_lines(writes, self._last.ran, self._lines)
         before = frozenset().union(*(call.ran for call in self._calls[:-1]))
         new = self._new(writes) if len(self._calls) > 1 else set()
@@ -207,7 +210,7 @@ class Blame:
 
     def _no_number(self, deep: bool) -> int | None:
         kind = str(self._finding.evidence.get("kind", ""))
-        writes = [write for write in self._lines.writes(self._last.ran, deep) if write.amount is None]
+        writes = [write for write in self._lines.writes(self._last.ran, deep) if write.limit is None]
         fitting = [write for write in writes if _has_type(write, kind, self._lines)]
         return _only({write.line for write in fitting or writes}) or _only(self._new(writes))
 
@@ -218,7 +221,10 @@ class Blame:
             return found
         shares = self._shares(call, deep)
         if shares is None:
-            open_ = [write for write in writes if write.amount is None or not self._fits(write.amount)]
+            # Without all that has a limit the reward is outside, too.
+            limit = sum(write.limit for write in writes if write.limit is not None and write.once)
+            far = call.reward - limit > self._high or call.reward + limit < self._low
+            open_ = [write for write in writes if write.limit is None or not write.once] if far else writes
             return _only({write.line for write in open_}) or _only(self._new(open_))
         causes = {number for number, share in shares.items() if self._fits(call.reward - share)}
         return _only(causes) or _only(causes & self._new(writes))
@@ -230,7 +236,7 @@ class Blame:
         late = self._calls[len(self._calls) // 2 :]
         found: Counter[int] = Counter()
         for call in late:
-            found.update({write.line for write in self._writes(call, deep) if write.amount is None or not write.once})
+            found.update({write.line for write in self._writes(call, deep) if write.limit is None or not write.once})
         often = {number for number, count in found.items() if count >= _OFTEN * len(late)}
         return _only(often) or _only(self._dominant(late, deep, size=True))
 

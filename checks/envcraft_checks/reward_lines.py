@@ -3,14 +3,28 @@
 from __future__ import annotations
 
 import ast
-import operator
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from envcraft.model.target import parse
 
 from .linting.program import Function, Program, line, name_of, root
+from .reward_syntax import (
+    SCOPES,
+    Binding,
+    Scope,
+    blocks_to,
+    bound_by,
+    change_of,
+    changes,
+    comes_before,
+    constant,
+    is_fixed,
+    is_looped,
+    largest,
+    place,
+    returns,
+    summands,
+)
 
 _RESULTS = 5
 _REWARD = 1
@@ -19,34 +33,10 @@ _NUMBERS = frozenset({"float", "int", "round", "float32", "float64", "item"})
 _LIMITS = frozenset({"clip", "min", "max", "minimum", "maximum"})
 #: Names and calls that lead from one to the next, and all of them.
 _DEEPEST, _MOST = 30, 2_000
-_OPERATORS: dict[type[ast.operator], Callable[[float, float], float]] = {
-    ast.Add: operator.add,
-    ast.Sub: operator.sub,
-    ast.Mult: operator.mul,
-    ast.Div: operator.truediv,
-}
-_SIGNS = {ast.Add: 1, ast.Sub: -1}
-_LOOPS = (ast.For, ast.AsyncFor, ast.While)
-_SCOPES = (ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef, ast.Lambda)
 
 
 class Unknown(Exception):
     """The tree does not tell what writes the reward."""
-
-
-@dataclass(eq=False)
-class Scope:
-    """One call of a function.
-
-    Attributes:
-        function: what is called.
-        arguments: the value of each parameter, with the statement of the call and the scope around it.
-        repeated: whether the function may be called several times in a step.
-    """
-
-    function: Function
-    arguments: dict[str, tuple[ast.expr, ast.stmt, Scope]] = field(default_factory=dict)
-    repeated: bool = False
 
 
 class Write(NamedTuple):
@@ -58,6 +48,7 @@ class Write(NamedTuple):
         statement: the statement.
         scope: the call of the function that it is part of.
         amount: what it adds to the reward, if the file says so.
+        limit: the largest size of what it adds, if the file says so.
         once: whether the reward is the sum of this and of what the other places write, each once.
     """
 
@@ -66,20 +57,12 @@ class Write(NamedTuple):
     statement: ast.stmt
     scope: Scope
     amount: float | None
+    limit: float | None
     once: bool
 
     @property
     def is_zero(self) -> bool:
         return self.amount == 0
-
-
-class _Binding(NamedTuple):
-    """A statement that binds a name or changes its value: ``=``, ``+``, ``-``, or ``*`` for any other change."""
-
-    statement: ast.stmt
-    value: ast.expr
-    change: str
-    part: int | None = None
 
 
 class RewardLines:
@@ -248,13 +231,14 @@ class Walk:
         known = constant(value, scope, self._program)
         number = line(value) if isinstance(at, ast.Assign) and isinstance(at.value, ast.Dict) else line(at)
         amount = sign * known if known is not None else None
-        once = once and not scope.repeated and not _is_looped(at, scope, self._program)
-        self.found.append(Write(number, value, at, scope, amount, once and self.is_sure(at)))
+        once = once and not scope.repeated and not is_looped(at, scope, self._program)
+        limit = largest(value, scope, self._program)
+        self.found.append(Write(number, value, at, scope, amount, limit, once and self.is_sure(at)))
 
     def is_sure(self, statement: ast.stmt) -> bool:
         """Whether a statement has run if its line has: it does not share it with a condition."""
         parent = self._program.parents.get(statement)
-        return not isinstance(parent, ast.stmt) or isinstance(parent, _SCOPES) or line(parent) != line(statement)
+        return not isinstance(parent, ast.stmt) or isinstance(parent, SCOPES) or line(parent) != line(statement)
 
     def _plain(self, value: ast.expr) -> ast.expr:
         """An expression without what only converts or limits it."""
@@ -266,8 +250,8 @@ class Walk:
             elif name in _NUMBERS | {"clip"} and isinstance(value.func, ast.Attribute) and (name == "item" or method):
                 self.once = self.once and name == "item"
                 value = value.func.value
-            elif name in _LIMITS and len(value.args) > 1 and not (name == "clip" and _is_constant(value.args[0])):
-                inner = [one for one in value.args if not _is_constant(one)]
+            elif name in _LIMITS and len(value.args) > 1 and not (name == "clip" and is_fixed(value.args[0])):
+                inner = [one for one in value.args if not is_fixed(one)]
                 inner = value.args[:1] if name == "clip" else inner
                 if len(inner) != 1:
                     return value
@@ -298,7 +282,7 @@ class Walk:
         if any(one.change == "*" for one in reaching):
             self.once = False
 
-    def _bound(self, one: _Binding, name: str, scope: Scope, index: int | None, sign: int, once: bool) -> None:
+    def _bound(self, one: Binding, name: str, scope: Scope, index: int | None, sign: int, once: bool) -> None:
         """Follow one binding of a name or an attribute."""
         if one.change == "=":
             if one.part is not None and index is not None:
@@ -317,16 +301,16 @@ class Walk:
         changed = any(isinstance(node, ast.Global) and name in node.names for node in self._program.nodes)
         return name in self._program.module_values and not changed
 
-    def bindings(self, name: str, scope: Scope) -> list[_Binding]:
+    def bindings(self, name: str, scope: Scope) -> list[Binding]:
         """The statements of a function that bind a name, in the order of the text."""
-        found: list[_Binding] = []
+        found: list[Binding] = []
         known = 0
         nodes = scope.function.nodes
         for node in nodes:
-            for target, one in _bound_by(node, self._program):
+            for target, one in bound_by(node, self._program):
                 if isinstance(target, ast.Name) and target.id == name:
                     known += 1
-                    found += _changes(one, lambda part: isinstance(part, ast.Name) and part.id == name, self._plain)
+                    found += changes(one, lambda part: isinstance(part, ast.Name) and part.id == name, self._plain)
         stored = [
             node
             for node in nodes
@@ -335,23 +319,23 @@ class Walk:
         if len(stored) != known:
             # A loop, a pattern or a context manager binds it.
             raise Unknown
-        return sorted((one for one in found if self.ran(one.statement)), key=lambda one: _place(one.statement))
+        return sorted((one for one in found if self.ran(one.statement)), key=lambda one: place(one.statement))
 
-    def reaching(self, bound: list[_Binding], use: ast.stmt, scope: Scope) -> list[_Binding]:
+    def reaching(self, bound: list[Binding], use: ast.stmt, scope: Scope) -> list[Binding]:
         """The bindings whose value may still be there at a statement of the same function."""
-        blocks = {one.statement: _blocks(one.statement, self._program) for one in bound}
-        blocks[use] = _blocks(use, self._program)
+        blocks = {one.statement: blocks_to(one.statement, self._program) for one in bound}
+        blocks[use] = blocks_to(use, self._program)
         certain = self._ran is not None and not scope.repeated
 
-        def is_lost(one: _Binding) -> bool:
+        def is_lost(one: Binding) -> bool:
             start = blocks[one.statement]
-            if one.statement is not use and not _comes_before(start, blocks[use]):
+            if one.statement is not use and not comes_before(start, blocks[use]):
                 return True
             for other in bound:
                 middle = blocks[other.statement]
                 if other.change != "=" or other.statement is one.statement:
                     continue
-                if not (_comes_before(start, middle, looped=False) and _comes_before(middle, blocks[use], False)):
+                if not (comes_before(start, middle, looped=False) and comes_before(middle, blocks[use], False)):
                     continue
                 outer = [step[:2] for step in middle]
                 always = outer in ([step[:2] for step in way[: len(outer)]] for way in (start, blocks[use]))
@@ -382,10 +366,10 @@ class Walk:
             elif one in reached:
                 self._bound(one, value.attr, scope, None, sign, once)
 
-    def field_bindings(self, value: ast.Attribute, scope: Scope) -> list[tuple[Function, _Binding]]:
+    def field_bindings(self, value: ast.Attribute, scope: Scope) -> list[tuple[Function, Binding]]:
         """The statements that bind an attribute, those of play if there are any."""
         mine = bool(scope.function.field(value))
-        found: list[tuple[Function, _Binding]] = []
+        found: list[tuple[Function, Binding]] = []
         for function in self._program.all:
             same = self._program.bound_to(function) == self._program.bound_to(scope.function)
 
@@ -395,12 +379,12 @@ class Walk:
                 return (same and bool(function.field(part))) if mine else True
 
             for node in function.nodes:
-                for target, one in _bound_by(node, self._program):
+                for target, one in bound_by(node, self._program):
                     if is_it(target) and self.ran(one.statement):
-                        found += [(function, change) for change in _changes(one, is_it, self._plain)]
+                        found += [(function, change) for change in changes(one, is_it, self._plain)]
         stepped = set(self._program.reached("step"))
         played = [one for one in found if one[0] in stepped]
-        return sorted(played or (found if self._ran is None else []), key=lambda one: _place(one[1].statement))
+        return sorted(played or (found if self._ran is None else []), key=lambda one: place(one[1].statement))
 
     def items(self, value: ast.expr, scope: Scope) -> list[tuple[ast.stmt, ast.expr, str]]:
         """What is put into a local dictionary whose item or sum an expression is; empty if it is not such a thing."""
@@ -420,13 +404,13 @@ class Walk:
         bound = self.bindings(held.id, scope)
         if not bound or not all(isinstance(one.value, ast.Dict) and one.change == "=" for one in bound):
             return []
-        found: list[tuple[str, _Binding]] = []
+        found: list[tuple[str, Binding]] = []
         for one in bound:
             assert isinstance(one.value, ast.Dict)
             for name, part in zip(one.value.keys, one.value.values, strict=True):
                 if not isinstance(name, ast.Constant):
                     return []
-                found.append((repr(name.value), _Binding(one.statement, part, "=")))
+                found.append((repr(name.value), Binding(one.statement, part, "=")))
         for node in scope.function.nodes:
             if not isinstance(node, ast.Assign | ast.AugAssign):
                 continue
@@ -434,8 +418,8 @@ class Walk:
             if isinstance(target, ast.Subscript) and name_of(root(target)) == held.id and self.ran(node):
                 if not isinstance(target.slice, ast.Constant):
                     return []
-                change = _change(node.op) if isinstance(node, ast.AugAssign) else "="
-                found.append((repr(target.slice.value), _Binding(node, node.value, change)))
+                change = change_of(node.op) if isinstance(node, ast.AugAssign) else "="
+                found.append((repr(target.slice.value), Binding(node, node.value, change)))
         at = self._program.parents[value]
         while not isinstance(at, ast.stmt):
             at = self._program.parents[at]
@@ -451,7 +435,7 @@ class Walk:
     def _terms(self, value: ast.expr, at: ast.stmt, scope: Scope, sign: int, once: bool) -> None:
         """Follow those terms of a sum that have places of their own; the others are one place."""
         others: list[tuple[ast.expr, int]] = []
-        for term, way in _summands(value):
+        for term, way in summands(value):
             plain = self._plain(term)
             if self._is_followed(plain, scope, alone=True):
                 self.follow(plain, at, scope, None, sign * way, once)
@@ -463,7 +447,9 @@ class Walk:
             amount = sign * sum(known) if len(known) == len(others) else None
             number = len(self.found)
             self._leaf(others[0][0] if len(others) == 1 else value, at, scope, sign, once)
-            self.found[number] = self.found[number]._replace(amount=amount)
+            sizes = [largest(term, scope, self._program) for term, _ in others]
+            limit = sum(size or 0.0 for size in sizes) if None not in sizes else None
+            self.found[number] = self.found[number]._replace(amount=amount, limit=limit)
 
     def _is_followed(self, value: ast.expr, scope: Scope, alone: bool = False) -> bool:
         """Whether a value, or a part of a sum or a choice, has places of its own: a call of a function of the file, or
@@ -481,10 +467,10 @@ class Walk:
                 return False
         if isinstance(value, ast.IfExp):
             return any(self._is_followed(part, scope, alone=True) for part in (value.body, value.orelse))
-        terms = list(_summands(value))
+        terms = list(summands(value))
         return len(terms) > 1 and any(self._is_followed(term, scope, alone=True) for term, _ in terms)
 
-    def _all_bindings(self, name: str, scope: Scope) -> list[_Binding]:
+    def _all_bindings(self, name: str, scope: Scope) -> list[Binding]:
         ran, self._ran = self._ran, None
         try:
             return self.bindings(name, scope)
@@ -517,7 +503,7 @@ class Walk:
         return Scope(called, self._arguments(called, call, at, scope), self._is_repeated(called, call, scope))
 
     def _is_repeated(self, called: Function, call: ast.Call, scope: Scope) -> bool:
-        if scope.repeated or _is_looped(call, scope, self._program):
+        if scope.repeated or is_looped(call, scope, self._program):
             return True
         sites = [one for one in self._program.nodes if isinstance(one, ast.Call) and name_of(one.func) == called.name]
         return len(sites) > 1
@@ -531,186 +517,3 @@ class Walk:
         given = dict(zip(names, call.args, strict=False))
         given |= {one.arg: one.value for one in call.keywords if one.arg}
         return {name: (value, at, scope) for name, value in given.items()}
-
-
-def constant(value: ast.expr, scope: Scope | None, program: Program, depth: int = 0) -> float | None:
-    """The number that an expression always is: of constants, and of names that the file binds once."""
-    if depth > _DEEPEST:
-        return None
-    match value:
-        case ast.Constant(value=bool()):
-            return None
-        case ast.Constant(value=int() | float() as number):
-            return float(number)
-        case ast.UnaryOp(op=ast.USub(), operand=part):
-            known = constant(part, scope, program, depth + 1)
-            return -known if known is not None else None
-        case ast.BinOp(left=one, op=op, right=other) if type(op) in _OPERATORS:
-            pair = [constant(part, scope, program, depth + 1) for part in (one, other)]
-            try:
-                return None if pair[0] is None or pair[1] is None else _OPERATORS[type(op)](pair[0], pair[1])
-            except (ZeroDivisionError, OverflowError):
-                return None
-        case ast.Call(func=func, args=[part], keywords=[]) if name_of(func) in ("float", "int"):
-            return constant(part, scope, program, depth + 1)
-    if scope is None or not isinstance(value, ast.Name | ast.Attribute):
-        return None
-    owner = program.bound_to(scope.function)
-    if isinstance(value, ast.Attribute):
-        if isinstance(value.value, ast.Name) and value.value.id in program.classes:
-            owner = value.value.id
-        elif not scope.function.field(value):
-            return None
-        written = value.attr in program.field_values(owner)
-        known_values = [] if written else [program.class_values(owner).get(value.attr, ("", None))[1]]
-    else:
-        known_values = [one for one, _ in program.values(value, scope.function)]
-    changed = any(isinstance(node, ast.AugAssign) and name_of(node.target) == name_of(value) for node in program.nodes)
-    if changed or len(known_values) != 1 or known_values[0] is None:
-        return None
-    return constant(known_values[0], scope if isinstance(value, ast.Name) else None, program, depth + 1)
-
-
-def returns(function: Function) -> Iterator[ast.Return]:
-    """The returns of a function, without those of functions in it."""
-    waiting: list[ast.AST] = list(function.node.body)
-    while waiting:
-        node = waiting.pop(0)
-        if isinstance(node, ast.Return):
-            yield node
-        elif not isinstance(node, _SCOPES):
-            waiting += ast.iter_child_nodes(node)
-
-
-def _bound_by(node: ast.AST, program: Program) -> Iterator[tuple[ast.expr, _Binding]]:
-    """Each name or attribute that a node binds."""
-    match node:
-        case ast.Assign(targets=targets, value=value):
-            for target in targets:
-                yield from _parts(target, _Binding(node, value, "="))
-        case ast.AnnAssign(target=target, value=ast.expr() as value):
-            yield target, _Binding(node, value, "=")
-        case ast.AnnAssign(target=target):
-            # The name has no value yet.
-            yield target, _Binding(node, target, "")
-        case ast.AugAssign(target=target, op=op, value=value):
-            yield target, _Binding(node, value, _change(op))
-        case ast.NamedExpr(target=target, value=value):
-            parent: ast.AST = node
-            while not isinstance(parent, ast.stmt):
-                parent = program.parents[parent]
-            yield target, _Binding(parent, value, "=")
-
-
-def _change(op: ast.operator) -> str:
-    return {ast.Add: "+", ast.Sub: "-"}.get(type(op), "*")
-
-
-def _parts(target: ast.expr, binding: _Binding) -> Iterator[tuple[ast.expr, _Binding]]:
-    if not isinstance(target, ast.Tuple | ast.List):
-        yield target, binding
-        return
-    for number, part in enumerate(target.elts):
-        if isinstance(part, ast.Name | ast.Attribute):
-            yield part, binding._replace(part=number)
-
-
-def _changes(
-    one: _Binding, is_it: Callable[[ast.AST], bool], plain: Callable[[ast.expr], ast.expr]
-) -> Iterator[_Binding]:
-    """A binding as changes of the value before: an assignment may add to it, or keep it."""
-    if one.change != "=" or one.part is not None:
-        if one.change:
-            yield one
-        return
-    value = plain(one.value)
-    if is_it(value):
-        return
-    if not any(is_it(part) for part in ast.walk(value)):
-        yield one
-        return
-    terms = list(_summands(value))
-    own = [term for term, sign in terms if is_it(plain(term)) and sign > 0]
-    others = [(term, sign) for term, sign in terms if term not in own]
-    if len(own) == 1 and not any(is_it(part) for term, _ in others for part in ast.walk(term)):
-        for term, sign in others:
-            yield _Binding(one.statement, term, "+" if sign > 0 else "-")
-    else:
-        yield _Binding(one.statement, value, "*")
-
-
-def _summands(value: ast.expr, sign: int = 1) -> Iterator[tuple[ast.expr, int]]:
-    if isinstance(value, ast.BinOp) and type(value.op) in _SIGNS:
-        yield from _summands(value.left, sign)
-        yield from _summands(value.right, sign * _SIGNS[type(value.op)])
-    else:
-        yield value, sign
-
-
-def _is_constant(value: ast.expr) -> bool:
-    """Whether an expression looks like a fixed limit: a number, or a name in capitals."""
-    if isinstance(value, ast.UnaryOp):
-        return _is_constant(value.operand)
-    return isinstance(value, ast.Constant) or name_of(value).isupper()
-
-
-def _place(node: ast.AST) -> tuple[int, int]:
-    return line(node), getattr(node, "col_offset", 0)
-
-
-_Blocks = list[tuple[ast.AST, str, int]]
-
-
-def _blocks(statement: ast.stmt, program: Program) -> _Blocks:
-    """The way from a function to a statement: in each block the node, the block's name and the position in it."""
-    found: _Blocks = []
-    node: ast.AST = statement
-    while node in program.parents:
-        parent = program.parents[node]
-        for name, value in ast.iter_fields(parent):
-            if isinstance(value, list) and node in value:
-                found.append((parent, name, value.index(node)))
-        if isinstance(parent, _SCOPES):
-            break
-        node = parent
-    return found[::-1]
-
-
-def _comes_before(one: _Blocks, other: _Blocks, looped: bool = True) -> bool:
-    """Whether a statement may run before another one in the same call.
-
-    Args:
-        one: the way to the statement.
-        other: the way to the other one.
-        looped: the answer if a loop runs both.
-    """
-    for depth, (first, second) in enumerate(zip(one, other, strict=False)):
-        if first == second:
-            if isinstance(first[0], _LOOPS) and first[1] == "body":
-                return looped
-            continue
-        if isinstance(first[0], _LOOPS) and first[1] == second[1] == "body":
-            return looped
-        if isinstance(first[0], ast.If | ast.Match) and (first[1] != second[1] or first[1] == "cases"):
-            return False
-        if first[1] != second[1]:
-            return first[1] in ("body", "handlers")
-        return first[1] != "handlers" and first[2] < second[2] and not _ends(one[depth + 1 :])
-    return False
-
-
-def _ends(blocks: _Blocks) -> bool:
-    """Whether one of some blocks leaves the function after a statement in it."""
-    for node, name, position in blocks:
-        later = getattr(node, name)[position + 1 :]
-        if any(isinstance(one, ast.Return | ast.Raise) for one in later):
-            return True
-    return False
-
-
-def _is_looped(node: ast.AST, scope: Scope, program: Program) -> bool:
-    while node in program.parents and node is not scope.function.node:
-        node = program.parents[node]
-        if isinstance(node, (*_LOOPS, ast.ListComp, ast.GeneratorExp, ast.SetComp, ast.DictComp)):
-            return True
-    return False

@@ -144,6 +144,15 @@ CASES: dict[str, tuple[str, list[Any], str]] = {
         reward += self.PRIZE  # here
         """),
     ),
+    "a choice of constants that is too small to matter": (
+        "EC303",
+        [_STAY],
+        _game("""
+        reward = 0.5 if self.lane > 4 else -0.5
+        reward += 100.0 * self.lane  # here
+        reward -= 0.1 if self.dead else 0.0
+        """),
+    ),
     "an assignment that adds to the value": (
         "EC303",
         _LOSES,
@@ -362,6 +371,14 @@ UNKNOWN: dict[str, tuple[str, list[Any], str]] = {
         _game("""
         reward = 100.0 * self.lane
         reward += 70.0 * self.time
+        """),
+    ),
+    "a sum of two choices": (
+        "EC303",
+        [_STAY],
+        _game("""
+        reward = 60.0 if self.lane > 4 else -60.0
+        reward += 60.0 if self.time else -60.0
         """),
     ),
     "two lines of the same call that are new": (
