@@ -125,7 +125,7 @@ class Network(nn.Module):
         # One pixel in sixteen gives nearly the same statistics in much less time.
         some = pixels[:, :, ::_SAMPLED, ::_SAMPLED]
         spread = some.std((2, 3), unbiased=False).mean(1)[:, None, None, None]
-        return (pixels - some.mean((2, 3), keepdim=True)).div_(spread + _FLAT)
+        return pixels.sub_(some.mean((2, 3), keepdim=True)).div_(spread + _FLAT)
 
     def _initialise(self) -> None:
         """Keep the scale of the inputs through the layers (He et al. 2015), with small outputs."""

@@ -33,6 +33,8 @@ SIZES = {
     "small": Architecture((8, 8, 16, 16, 32), 723),
     # Few operations on large maps, which take most of the time on a CPU.
     "patches": Architecture((16, 32, 64), 192, (4, 3, 3), (4, 2, 2), standardised=True),
+    # One place for each cell of a board whose cells have about six pixels, and what is near it.
+    "cells": Architecture((32, 32, 32, 16), 128, (6, 1, 3, 3), (6, 1, 1, 1), standardised=True),
     "reference": Architecture((16, 32, 64, 128, 128), 1290),
 }
 HEADS = ("joint", "branching")

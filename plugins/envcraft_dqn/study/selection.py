@@ -66,6 +66,7 @@ def generate(root: Path, count: int, seed: int, families: Sequence[str] = (FAMIL
     known = families_named(",".join(families), axes=axes_from(where))
     with Store(root, write=True) if is_corpus(root) else Store.create(root) as store, store.transaction():
         for family in known:
+            click.echo(f"generating {count:,} environments of the family {family.name}", err=True)
             for one in family.generate(count, seed):
                 origin = {"family": family.name, "seed": seed, **one.metadata}
                 store.add(f"{one.name}.py", one.source.encode(), origin=origin)

@@ -162,7 +162,7 @@ def test_learning_rate_falls_to_zero_over_all_updates() -> None:
         assert rates == pytest.approx(wanted)
 
 
-@pytest.mark.parametrize("size", ["tiny", "patches"])
+@pytest.mark.parametrize("size", ["tiny", "patches", "cells"])
 def test_restored_learner_continues_bit_for_bit(size: str) -> None:
     from envcraft_dqn.learner import Learner
 
