@@ -56,7 +56,7 @@ PRESETS = {
         recorded=0,
         # The time goes into the agent and the scaling curve.
         controls=0,
-        familiar=30,
+        familiar=100,
         subsets=((300, 1), (100, 1), (30, 1), (10, 1)),
         settings=Settings(
             size="cells",
