@@ -147,18 +147,18 @@ TRANSFER = {
         splits=0,
         subsets=(),
         familiar=0,
-        recorded=300,
+        recorded=200,
         where=(),
-        # Players in sandboxes label some fifty states a second.
+        # The first training is on demonstrations alone, because players in sandboxes label some fifty states a second.
         settings=msgspec.structs.replace(
             PRESETS["laptop"].settings,
             size="patches",
             augment="mixed",
             temperature=0.5,
             learning_rate=1.5e-3,
-            steps=150_000,
-            pretrain_updates=4_000,
-            demonstrations=300,
+            steps=0,
+            pretrain_updates=3_000,
+            demonstrations=200,
             train_every=25,
             lead=0.0,
         ),
@@ -166,4 +166,4 @@ TRANSFER = {
     "gpu": msgspec.structs.replace(PRESETS["gpu"], variants=250, folds=5, splits=0, subsets=(), familiar=0),
 }
 #: The numbers of steps of further training in the family that was left out.
-FURTHER = {"smoke": (40,), "laptop": (2_000, 8_000), "gpu": (10_000, 50_000, 250_000)}
+FURTHER = {"smoke": (40,), "laptop": (1_000, 4_000), "gpu": (10_000, 50_000, 250_000)}
