@@ -133,6 +133,8 @@ def test_tasks_and_other_readers_have_the_files(project: Path, invoke: Invoke) -
 def test_a_record_is_judged_again_with_the_files(project: Path, invoke: Invoke) -> None:
     invoke("audit", "project", *SOURCE)
     assert invoke("corpus", "records", "project", "--output", "project/records.jsonl").exit_code == 0
+    [record] = map(json.loads, (project / "records.jsonl").read_text().splitlines())
+    assert record["verdict"] == "pass"
     for place in ("project", "project/records.jsonl"):
         again = invoke("reverify", place, "--sandbox", "process")
         assert "1 as recorded, 0 drifted" in again.stdout, again.output

@@ -80,6 +80,12 @@ def test_the_process_sandbox_judges_several_files(root: Path) -> None:
     assert {found["code"] for check in reports[1]["checks"] for found in check["findings"]} == {"EC301"}
 
 
+@pytest.mark.usefixtures("macos")
+def test_no_worker_is_forked_where_none_can_be_ended() -> None:
+    driver = ProcessDriver()
+    assert driver.shared_layout() is driver
+
+
 def test_doctor_on_linux_has_no_such_warning() -> None:
     shown = CliRunner().invoke(doctor, env={"COLUMNS": "200"}).stdout
     assert "exist only on Linux" not in shown
