@@ -78,12 +78,22 @@ def resized(frame: Any, height: int, width: int) -> Any:
     # Imported here, because only frames of another size than the contract's need it.
     from PIL import Image
 
-    return np.array(Image.fromarray(contiguous(frame)).resize((width, height), Image.Resampling.BOX))
+    if _has_columns(frame):
+        # Pillow turns a picture in a quarter of the time that NumPy takes to copy it in the other order.
+        picture = Image.fromarray(frame.transpose(1, 0, 2)).transpose(Image.Transpose.TRANSPOSE)
+    else:
+        picture = Image.fromarray(np.ascontiguousarray(frame))
+    return np.array(picture.resize((width, height), Image.Resampling.BOX))
 
 
 def contiguous(frame: Any) -> Any:
     """An array whose items lie in memory in its own order: the array itself, or a copy."""
-    if frame.ndim == 3 and frame.shape[2] == 3 and frame.transpose(1, 0, 2).flags.c_contiguous:
-        # Columns of pixels, as pygame has them: NumPy copies items of three bytes faster than rows of three items.
+    if frame.ndim == 3 and frame.shape[2] == 3 and _has_columns(frame):
+        # NumPy copies items of three bytes faster than rows of three items.
         return frame.transpose(1, 0, 2).view("V3")[..., 0].T.copy().view(frame.dtype).reshape(frame.shape)
     return np.ascontiguousarray(frame)
+
+
+def _has_columns(frame: Any) -> bool:
+    """Whether the pixels of a frame lie in memory column by column, as pygame has them."""
+    return bool(frame.transpose(1, 0, 2).flags.c_contiguous)

@@ -7,7 +7,7 @@ from typing import Any
 import gymnasium
 import numpy as np
 import pytest
-from envcraft_protocol.adapters import AreaResize, StepLimit, contiguous
+from envcraft_protocol.adapters import AreaResize, StepLimit, contiguous, resized
 from numpy.typing import NDArray
 
 
@@ -69,6 +69,13 @@ def test_an_array_in_another_order_is_copied(shape: tuple[int, ...]) -> None:
         assert np.array_equal(made, value)
     turned = np.ascontiguousarray(np.transpose(plain, axes)).transpose(axes)
     assert np.array_equal(contiguous(turned), plain)
+
+
+@pytest.mark.parametrize("size", [(40, 64), (17, 41), (9, 1), (1, 9)])
+def test_the_order_in_memory_changes_no_pixel(size: tuple[int, int]) -> None:
+    plain = np.random.default_rng(1).integers(0, 256, (*size, 3), dtype=np.uint8)
+    columns = np.ascontiguousarray(plain.transpose(1, 0, 2)).transpose(1, 0, 2)
+    assert np.array_equal(resized(columns, 9, 7), resized(plain, 9, 7))
 
 
 def test_a_smaller_frame_repeats_its_pixels() -> None:
