@@ -5,7 +5,7 @@ as ``benchmarks.duplicates`` does, and leaves out environments that a plain loop
 audits them at the budget `quick`, first with one worker and then with two, each time with an empty store. CPU time
 covers the command and its child processes, without the container engine. The plain loop runs the same episodes and
 searches in one process (``benchmarks.bare_jobs``), without a sandbox and without checks, before and after the audits.
-Memory is that of the auditing process.
+Memory is that of the auditing process. EnvCraft's modules are compiled first, as pip does on installation.
 
 The exit status is 1 if a limit is broken: 1.5 times the CPU time of the plain loop, two workers 1.8 times as fast as
 one (on two cores or more), 400 MiB.
@@ -34,6 +34,7 @@ from rich.table import Table
 
 from benchmarks import bare_jobs, duplicates
 from benchmarks.bare import environment, play
+from benchmarks.cold import compiled
 from benchmarks.overhead import working
 from envcraft.contracts.builtin import ARCADE
 from envcraft.judging import actions
@@ -146,6 +147,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--sandbox", default="bubblewrap")
     options = parser.parse_args(arguments)
     [driver] = working(options.sandbox)
+    compiled()
     with tempfile.TemporaryDirectory(prefix="envcraft-") as folder:
         write(Path(folder), options.number)
         before = bare(Path(folder), driver)
