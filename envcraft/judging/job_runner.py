@@ -35,8 +35,8 @@ _TIMES, _HURRIED_CALL, _HURRIED_JOB = 20, 2.0, 5.0
 #: other modules.
 _RESTORABLE = {
     "__future__", "abc", "bisect", "collections", "colorsys", "copy", "dataclasses", "enum", "fractions", "functools",
-    "gymnasium", "heapq", "itertools", "math", "numpy", "operator", "queue", "random", "re", "statistics", "string",
-    "textwrap", "time", "types", "typing",
+    "gymnasium", "heapq", "itertools", "math", "numpy", "operator", "pygame", "queue", "random", "re", "statistics",
+    "string", "textwrap", "time", "types", "typing",
 }  # fmt: skip
 
 _T = TypeVar("_T")

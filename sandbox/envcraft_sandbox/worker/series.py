@@ -7,6 +7,7 @@ import gc
 import os
 import shutil
 import sys
+from collections.abc import Callable
 from types import ModuleType
 from typing import Any
 
@@ -15,6 +16,8 @@ import numpy as np
 
 #: Modules that every file can reach and could store something in.
 _SHARED = ("builtins", "gymnasium", "gymnasium.spaces", "math", "numpy", "numpy.random", "random", "time")
+#: A library with a state of its own, such as a window, that its quit() ends.
+_PYGAME = "pygame"
 
 
 class Traces:
@@ -26,15 +29,20 @@ class Traces:
         self._recursion = sys.getrecursionlimit()
         self._floating = np.geterr()
         self._libraries = [(names, dict(names)) for names in _namespaces()]
+        self._pygame = _PYGAME in sys.modules
+        self._quit: Callable[[], None] | None = vars(sys.modules[_PYGAME]).get("quit") if self._pygame else None
 
     def remove(self) -> bool:
         """Restore the state and free the environment's objects.
 
         Returns:
-            False if something remains: a thread, a process, a file that cannot be removed, or a changed library.
+            False if something remains: a thread, a process, a file that cannot be removed, a changed library, or one
+            that an episode imported.
         """
         try:
             gc.collect()
+            if self._quit is not None:
+                self._quit()
             os.chdir(self._folder)
             for entry in os.scandir("."):
                 if entry.is_dir(follow_symlinks=False):
@@ -47,6 +55,7 @@ class Traces:
             sys.setrecursionlimit(self._recursion)
             np.seterr(**self._floating)
             changed = any(_is_changed(names, kept) for names, kept in self._libraries)
+            changed |= self._pygame is not (_PYGAME in sys.modules)
             return not changed and _thread._count() == 0 and not _has_children()
         except BaseException:
             # Something remains, so the process runs no other job.
@@ -55,7 +64,9 @@ class Traces:
 
 def _namespaces() -> list[Any]:
     """The names and values that environments share: modules, their base class, and its metadata."""
-    modules = [vars(sys.modules[name]) for name in _SHARED]
+    names = [*_SHARED, *(name for name in sys.modules if name.partition(".")[0] == _PYGAME)]
+    # Modules that are not installed are None.
+    modules = [vars(module) for name in names if isinstance(module := sys.modules[name], ModuleType)]
     return [*modules, vars(gymnasium.Env), gymnasium.Env.metadata]
 
 

@@ -32,6 +32,8 @@ from .folder import JobFolder
 
 #: Names of threads whose library handles forks: that of jemalloc, which pandas starts with PyArrow.
 _FORKABLE_THREADS = ("jemalloc",)
+#: What a library imports when it is first used: each job would import it.
+_LATER = {"pygame": ("importlib.readers", "importlib.resources.readers")}
 
 
 def serve(control: socket.socket, folder: str, read: list[str]) -> None:
@@ -210,6 +212,8 @@ def _preload(modules: list[str]) -> list[str]:
         with contextlib.suppress(Exception):
             importlib.import_module(name)
             loaded.append(name)
+            for later in _LATER.get(name, ()):
+                importlib.import_module(later)
     gc.freeze()
     return [] if _threads() > 1 else loaded
 

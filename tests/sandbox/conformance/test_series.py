@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+from collections.abc import Iterator
 from typing import Any
 
 import pytest
@@ -95,6 +97,49 @@ def test_leftovers_and_failures_end_the_process(follow: Any, environment: Enviro
     assert after.end.before == 0
     assert after.end.reason is ExitReason.DONE
     assert after.facts != first.facts
+
+
+_WINDOW = """
+import json
+import pygame
+print(json.dumps([pygame.get_init(), pygame.display.get_init(), pygame.mixer.get_init(), pygame.event.custom_type()]))
+pygame.init()
+print(json.dumps([pygame.display.get_surface() is None, len(pygame.event.get()), pygame.key.get_repeat()]))
+pygame.display.set_mode((64, 48))
+pygame.key.set_repeat(7, 9)
+pygame.event.post(pygame.event.Event(pygame.USEREVENT))
+"""
+
+
+@pytest.fixture
+def new_worker(driver: Driver, limits: Any) -> Iterator[Worker]:
+    """A worker that no other test has."""
+    pytest.importorskip("pygame")
+    with contextlib.closing(driver.launch(hash_seed=0, limits=limits)) as launched:
+        yield launched
+
+
+def test_the_next_one_does_not_see_the_window(new_worker: Worker, environment: Environment, play: Any) -> None:
+    assert new_worker.preload(["pygame"]) == ["pygame"]
+    source = environment(top=_WINDOW)
+    ran = [play(new_worker, source, series=True) for _ in range(3)]
+    assert [one.end.before for one in ran] == [0, 1, 2]
+    assert {one.end.output for one in ran} == {play(new_worker, source).end.output}
+
+
+@pytest.mark.parametrize("changed", ["draw.circle = None", "quit = lambda: None"])
+def test_a_changed_pygame_ends_the_process(
+    new_worker: Worker, environment: Environment, play: Any, changed: str
+) -> None:
+    assert new_worker.preload(["pygame"]) == ["pygame"]
+    tidy, untidy = environment(top="import pygame"), environment(top="import pygame", step=f"pygame.{changed}")
+    ran = [play(new_worker, source, series=True) for source in (tidy, untidy, tidy)]
+    assert [one.end.before for one in ran] == [0, 1, 0]
+
+
+def test_an_import_of_pygame_ends_the_process(new_worker: Worker, environment: Environment, play: Any) -> None:
+    source = environment(top="import pygame")
+    assert [play(new_worker, source, series=True).end.before for _ in range(2)] == [0, 0]
 
 
 def test_output_belongs_to_the_job_that_printed_it(follow: Any, environment: Environment) -> None:
