@@ -207,7 +207,7 @@ class Reward(Check):
                 f"rewards grow throughout each of {len(long)} long episodes under every policy: "
                 f"at most {max(sizes[: _LONG // 2]):g} in the first {_LONG // 2} steps, "
                 f"{max(sizes):g} by step {longest.steps}",
-                line=_line(subject),
+                line=subject.line_of("step"),
                 repro=repro(longest.rollout.cut(longest.steps)),
                 episodes=len(long),
                 growth=min(grown[id(trace)] for trace in long),
@@ -229,7 +229,7 @@ class Reward(Check):
             f"the reward of every step is 0 in {len(played)} episodes and {searched:,} steps of exploration"
             f"{'' if succeeds else ', and no success is reported'}"
             f"{'; step() returns no other value' if certain else ''}",
-            line=_line(subject),
+            line=subject.line_of("step"),
             repro=repro(longest.rollout.cut(longest.steps)),
             episodes=len(played),
             certain=certain,
@@ -268,7 +268,7 @@ class Reward(Check):
                 f"repeating {_in_words(actions[-size:])} pays at least {least:g} each time, without success: "
                 f"{trace.total:g} in {trace.steps} steps, while success on the same seed pays {success.total:g} in "
                 f"{success.steps} steps",
-                line=_line(subject),
+                line=subject.line_of("step"),
                 repro=repro(trace.rollout),
                 loop=actions[-size:],
                 gain=least,
@@ -307,7 +307,7 @@ class Reward(Check):
             f"{failure.rollout.player} earns {failure.total:g} in {failure.steps} steps without success, while success "
             f"on the same seed earns {success.total:g} in {success.steps} steps; {len(shown)} of {len(won)} successes "
             "earn clearly less than a failure on their seed, and none earns clearly more",
-            line=_line(subject),
+            line=subject.line_of("step"),
             repro=repro(failure.rollout.cut(failure.steps)),
             earned=failure.total,
             success=success.total,
@@ -336,7 +336,7 @@ class Reward(Check):
             "EC305",
             f"winning pays {shown.total:g} in {shown.steps} steps (under {shown.rollout.player}), and doing nothing "
             f"pays {idled[shown.rollout.seed].total:g} on the same seed; none of the {len(won)} won episodes pays more",
-            line=_line(subject),
+            line=subject.line_of("step"),
             repro=repro(shown.rollout.cut(shown.steps)),
             won=len(won),
         )

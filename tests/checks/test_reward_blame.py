@@ -598,3 +598,12 @@ def test_a_validation_names_the_line(tmp_path: Path) -> None:
     report = envcraft.validate(file, sandbox="process", budget="quick", checks="reward", env_class="Lane")
     [found] = [finding for check in report.reports[0].checks for finding in check.findings if finding.code == "EC303"]
     assert source.splitlines()[(found.line or 0) - 1].endswith("# here")
+
+
+def test_a_reward_of_two_zeros_has_the_line_of_step(tmp_path: Path) -> None:
+    body = "reward = BONUS * self.lane\nif self.dead:\n    reward -= PENALTY\n"
+    file = tmp_path / "lane.py"
+    file.write_text(_game(body, top="BONUS = 0.0\nPENALTY = 0.0"))
+    report = envcraft.validate(file, sandbox="process", budget="quick", checks="reward", env_class="Lane")
+    [found] = [finding for check in report.reports[0].checks for finding in check.findings if finding.code == "EC306"]
+    assert file.read_text().splitlines()[(found.line or 0) - 1].strip() == "def step(self, action):"
