@@ -110,7 +110,7 @@ def _fragments(seed: int | None) -> list[Any]:
     if seed is None:
         return []
     rng = random.Random(seed)
-    made: list[Any] = [bytearray(2 * half + 1) for half in rng.randbytes(20_000)]
+    made: list[Any] = [bytearray(2 * half + 1) for half in rng.randbytes(6_000)]
     made += [object() for _ in range(rng.randrange(1_000))]
     return [item for item in made if rng.random() < 0.6]
 
