@@ -142,7 +142,7 @@ TRANSFER = {
     "smoke": msgspec.structs.replace(PRESETS["smoke"], variants=2, familiar=0),
     "laptop": msgspec.structs.replace(
         PRESETS["laptop"],
-        variants=50,
+        variants=30,
         folds=5,
         splits=0,
         subsets=(),
@@ -157,7 +157,7 @@ TRANSFER = {
             temperature=0.5,
             learning_rate=1.5e-3,
             steps=0,
-            pretrain_updates=3_000,
+            pretrain_updates=2_000,
             demonstrations=200,
             train_every=25,
             lead=0.0,
@@ -166,4 +166,4 @@ TRANSFER = {
     "gpu": msgspec.structs.replace(PRESETS["gpu"], variants=250, folds=5, splits=0, subsets=(), familiar=0),
 }
 #: The numbers of steps of further training in the family that was left out.
-FURTHER = {"smoke": (40,), "laptop": (1_000, 4_000), "gpu": (10_000, 50_000, 250_000)}
+FURTHER = {"smoke": (40,), "laptop": (500, 2_000), "gpu": (10_000, 50_000, 250_000)}

@@ -50,6 +50,8 @@ _NAMES = {
     FAMILIAR: "the agent, in environments of its training",
     PRIVILEGED: "privileged player (the ceiling)",
 }
+#: The controls of a headline.
+_BESIDE = {RANDOM: "by random play", COIN: "by random moves without buttons"}
 #: Settings that do not affect results, or that the table has already.
 _OMITTED = ("seed", "replay", "compiled", "device")
 #: One part of the page: a heading, a text, a figure with its caption, or the head and the rows of a table.
@@ -97,6 +99,28 @@ def section(summary: Summary) -> str:
         f"{summary.processor_seconds / 3600:.2f} processor hours, without the sandboxes of the privileged player."
     )
     return _render("section.md", [{"text": size}, *_competence(summary)])
+
+
+def headline(summary: Summary) -> str:
+    """What a study found about its agent, in a few sentences of Markdown for a page about something else."""
+    found = summary.competence
+    rows = {row.condition: row for row in found.held_out}
+    agent = rows[AGENT]
+    trained = max((one.environments for one in found.sizes), default=0)
+    begin = f"An agent trained on {trained:,} environments and played {agent.count:,} that it had not seen"
+    if not found.passed:
+        return f"{begin}. It does not beat every control in the environments of its own training.\n"
+    scaled = _unsigned(agent.means["return"])
+    text = f"{begin}. Its return is {scaled} on a scale from 0 (random play) to 100 (a player that sees the state)."
+    if "goals" in agent.means:
+        others = [f"{rows[one].means['goals'].mean:.2f} {words}" for one, words in _BESIDE.items() if one in rows]
+        cleared = _unsigned(agent.means["goals"], 2)
+        text += f" It clears {cleared} lines or groups in an episode, beside {' and '.join(others)}."
+    return text + "\n"
+
+
+def _unsigned(interval: Interval, digits: int = 1) -> str:
+    return f"{interval.mean:.{digits}f} [{interval.low:.{digits}f}, {interval.high:.{digits}f}]"
 
 
 def _where(protocol: Protocol) -> str:
@@ -305,9 +329,8 @@ def _competence_row(row: Row) -> list[str]:
         if name not in known:
             return ""
         factor = 100 if name == "wins" else 1
-        some = known[name]
-        digits = 2 if name == "goals" else 1
-        return f"{some.mean * factor:.{digits}f} [{some.low * factor:.{digits}f}, {some.high * factor:.{digits}f}]"
+        some = Interval(*(factor * end for end in (known[name].mean, known[name].low, known[name].high)))
+        return _unsigned(some, 2 if name == "goals" else 1)
 
     means = [shown(row.means, name) for name in ("return", "wins", "goals", "length")]
     leads = [shown(row.leads, name) for name in ("return", "wins", "goals")]
