@@ -57,8 +57,8 @@ from envcraft.model.target import Kind
 from envcraft.model.verdict import Finding, Line, Severity
 from envcraft.plugins import hookimpl
 
-from .reward_blame import blamed_line, reward_line
-from .zero_rewards import pays_nothing
+from .rewards.blame import blamed_line, reward_line
+from .rewards.zeros import pays_nothing
 
 if TYPE_CHECKING:
     from envcraft.judging.subject import Subject

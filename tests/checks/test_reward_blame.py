@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 from envcraft_checks.reward import Reward
-from envcraft_checks.reward_blame import Blame, Call, blamed_line
-from envcraft_checks.reward_lines import RewardLines
+from envcraft_checks.rewards.blame import Blame, Call, blamed_line
+from envcraft_checks.rewards.lines import RewardLines
 
 import envcraft
 from envcraft.contracts.builtin import ARCADE

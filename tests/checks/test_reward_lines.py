@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from envcraft_checks.reward_blame import reward_line
+from envcraft_checks.rewards.blame import reward_line
 
 import envcraft
 from tests.envcraft.conftest import ENVIRONMENT

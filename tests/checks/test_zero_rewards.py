@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from envcraft_checks.zero_rewards import pays_nothing
+from envcraft_checks.rewards.zeros import pays_nothing
 
 _STEP = """
 BONUS = 0.0

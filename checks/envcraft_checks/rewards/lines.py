@@ -6,9 +6,8 @@ import ast
 from typing import NamedTuple
 
 from envcraft.model.target import parse
-
-from .linting.program import Function, Program, line, name_of, root
-from .reward_syntax import (
+from envcraft_checks.linting.program import Function, Program, line, name_of, root
+from envcraft_checks.rewards.syntax import (
     SCOPES,
     Binding,
     Scope,

@@ -14,10 +14,9 @@ import msgspec
 from envcraft.errors import Skip
 from envcraft.model.rollout import Conditions, Rollout
 from envcraft.model.target import Kind
-
-from .linting.program import line, name_of
-from .reward_lines import RewardLines, Unknown, Walk, Write
-from .reward_syntax import Scope, constant, returns
+from envcraft_checks.linting.program import line, name_of
+from envcraft_checks.rewards.lines import RewardLines, Unknown, Walk, Write
+from envcraft_checks.rewards.syntax import Scope, constant, returns
 
 if TYPE_CHECKING:
     from envcraft.judging.subject import Subject

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from .linting.program import Function, Program, line, name_of
+from envcraft_checks.linting.program import Function, Program, line, name_of
 
 #: Names that lead from one to the next.
 _DEEPEST = 30

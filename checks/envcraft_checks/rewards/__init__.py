@@ -1,0 +1,1 @@
+"""What the check ``reward`` reads from a syntax tree: the lines that write the reward, and the one behind a finding."""
