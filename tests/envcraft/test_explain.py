@@ -65,3 +65,16 @@ def test_incomplete_guide_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyP
     assert guide.guide_of(Source(), "EC002") is None
     with pytest.raises(ValueError, match=words):
         guide.guide_of(Source(), "EC001")
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("EC60", "EC60 is the beginning of 2 codes; name one of EC601, EC602"),
+        ("ec0", "codes; name one of EC001, EC002, EC003, …"),
+    ],
+)
+def test_the_beginning_of_codes_lists_them(invoke: Any, name: str, words: str) -> None:
+    result = invoke("explain", name)
+    assert result.exit_code == 2
+    assert words in result.stderr

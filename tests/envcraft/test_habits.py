@@ -6,10 +6,12 @@ import io
 import json
 from pathlib import Path
 
+import click
 import pytest
 from click.shell_completion import ShellComplete
 
 from envcraft.cli.group import cli
+from envcraft.judging.selection import all_checks
 from envcraft.model.verdict import Finding, Severity
 from envcraft.reports.concise import ConciseReporter
 from envcraft.reports.console import ConsoleReporter
@@ -223,3 +225,14 @@ def test_colours_are_the_readers_choice(
     for name, value in {"TERM": "xterm-256color", **variables}.items():
         monkeypatch.setenv(name, value)
     assert ("\x1b[1;37;41m" in rendered(ConsoleReporter, sample())) is coloured
+
+
+@pytest.mark.parametrize("columns", ["40", "60", "80"])
+def test_a_narrow_terminal_cuts_no_name_of_a_list(
+    columns: str, invoke: Invoke, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    monkeypatch.setenv("COLUMNS", columns)
+    codes = {rule.code for check in all_checks() for rule in check.rules}
+    assert codes <= set(click.unstyle(invoke("checks").stdout).split())
+    assert {"envcraft.corpus.export.package", "envcraft-rl"} <= set(click.unstyle(invoke("plugins").stdout).split())

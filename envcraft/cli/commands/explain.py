@@ -13,6 +13,10 @@ from envcraft.judging.check import Check, Rule
 from envcraft.judging.guide import Guide, guide_of
 from envcraft.judging.selection import all_checks
 from envcraft.registry import did_you_mean
+from envcraft.text import plural
+
+#: The most codes that a message lists.
+_FEW = 20
 
 
 @click.command()
@@ -31,6 +35,9 @@ def explain(name: str, example: bool) -> None:
         text = _page(rule, check, guide)
     elif name.lower() in checks and not example:
         text = checks[name.lower()].page
+    elif begun := [code for code in rules if code.startswith(name.upper())]:
+        codes = ", ".join(begun if len(begun) <= _FEW else [*begun[:3], "…"])
+        raise UsageError(f"{name} is the beginning of {plural(len(begun), 'code')}; name one of {codes}")
     else:
         raise UsageError(f"there is no rule {'' if example else 'or check '}{did_you_mean(name, [*rules, *checks])}")
     from rich.console import Console

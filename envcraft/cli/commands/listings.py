@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
@@ -10,8 +10,8 @@ from envcraft.contracts.lookup import all_contracts
 from envcraft.judging.selection import all_checks
 from envcraft.plugins import plugins as loaded_plugins
 
-if TYPE_CHECKING:
-    from rich.table import Table
+#: The space between two columns, and the least width of the last one.
+_GAP, _TEXT = 3, 20
 
 _FORMAT = click.option("--format", "form", type=click.Choice(["console", "json"]), default="console", show_default=True)
 
@@ -24,12 +24,12 @@ def checks(form: str) -> None:
     if form == "json":
         _print_json([{"check": check.name, "opt_in": check.opt_in, "rules": list(check.rules)} for check in found])
         return
-    table = _table("check", "code", "severity", "rule")
-    for check in found:
-        for number, rule in enumerate(check.rules):
-            name = f"{check.name}{' (opt-in)' * check.opt_in}"
-            table.add_row("" if number else name, rule.code, rule.status, rule.summary)
-    _print(table)
+    rows = [
+        ["" if number else f"{check.name}{' (opt-in)' * check.opt_in}", rule.code, rule.status, rule.summary]
+        for check in found
+        for number, rule in enumerate(check.rules)
+    ]
+    _print(["check", "code", "severity", "rule"], rows)
 
 
 @click.command()
@@ -40,10 +40,7 @@ def contracts(form: str) -> None:
     if form == "json":
         _print_json(found)
         return
-    table = _table("contract", "promises")
-    for contract in found:
-        table.add_row(contract.name, contract.summary)
-    _print(table)
+    _print(["contract", "promises"], [[contract.name, contract.summary] for contract in found])
 
 
 @click.command()
@@ -67,32 +64,37 @@ def plugins(form: str) -> None:
             }
         )
         return
-    table = _table("plugin", "distribution", "hooks")
-    for plugin in loaded.list():
-        words = ", ".join(hook.removeprefix("envcraft_") for hook in plugin.hooks)
-        table.add_row(plugin.name, plugin.distribution, words)
-    for name, error in broken.items():
-        table.add_row(name, "", f"broken: {' '.join(error.split())}", style="red")
-    _print(table)
+    rows = [
+        [plugin.name, plugin.distribution, ", ".join(hook.removeprefix("envcraft_") for hook in plugin.hooks)]
+        for plugin in loaded.list()
+    ]
+    rows += [[name, "", f"broken: {' '.join(error.split())}"] for name, error in broken.items()]
+    _print(["plugin", "distribution", "hooks"], rows, red=len(broken))
 
 
-def _table(*columns: str) -> Table:
+def _print(columns: list[str], rows: list[list[str]], red: int = 0) -> None:
+    """Print a table, whose last column wraps; its last `red` rows are red.
+
+    If the other columns leave no room for the last one on a terminal, each row is a paragraph, so that no name is cut.
+    """
     from rich import box
+    from rich.console import Console
     from rich.table import Table
 
-    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
-    for number, column in enumerate(columns):
-        table.add_column(column, no_wrap=number == 0)
-    return table
-
-
-def _print(table: Table) -> None:
-    from rich.console import Console
-
     console = Console(highlight=False, markup=False)
+    names = sum(max(len(row[place]) for row in [columns, *rows]) + _GAP for place in range(len(columns) - 1))
+    if console.is_terminal and console.width - names < _TEXT:
+        for row in rows:
+            click.echo(" ".join(filter(None, row)))
+        return
     if not console.is_terminal:
         # A file has no width to fit into: one line for each row.
         console.width = 240
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
+    for place, column in enumerate(columns, 1):
+        table.add_column(column, no_wrap=place < len(columns))
+    for number, row in enumerate(rows):
+        table.add_row(*row, style="red" if number >= len(rows) - red else None)
     with console.capture() as capture:
         console.print(table)
     click.echo("\n".join(line.rstrip() for line in capture.get().strip("\n").splitlines()))
