@@ -187,6 +187,7 @@ def test_a_pipe_is_refused_rather_than_waited_for(invoke: Any, tmp_path: Path) -
         (("--report", "json:missing/a"), "the report missing/a cannot be written"),
         (("--report", "json:a", "--report", "sarif:./a"), "have the same file"),
         (("--policy", "missing.py"), "the policy missing.py cannot be read"),
+        (("--policy", "tetriz"), "name a Python file, or a player that has a policy: "),
         (("--seed", "-1"), "-1"),
         (("--workers", "0"), "0"),
         (("--budget", "huge"), "huge"),

@@ -65,6 +65,8 @@ class TestSelection:
         [
             (("--ignore", "EC999"), "there is no rule 'EC999'"),
             (("--ignore", "EC901"), "EC901 cannot be ignored, because other verdicts depend on it"),
+            (("--ignore", "lint"), "lint is a check, and --ignore takes codes; name --skip lint"),
+            (("--select", "EC05,API"), "API is a check, and --select takes codes; name --checks api"),
             (("-q", "-v"), "quiet and verbose contradict each other"),
             (("--exclude", "*"), "--exclude leaves none of 3 environments"),
             (("--baseline", "nothing.json"), "the baseline nothing.json cannot be read"),

@@ -148,7 +148,7 @@ def validate(
                  2 usage error                 3 an environment could not be judged
     """
     wanted, promised = read_reports(form, output, also), contract_named(contract)
-    codes, ignored = (tuple(code.upper() for code in split(given)) for given in (select, ignore))
+    codes, ignored = _codes(select, "select", "checks"), _codes(ignore, "ignore", "skip")
     known = read_baseline(baseline) if baseline else ()
     severity = SeverityPolicy(severity_table(Path.cwd()), strict, True, codes, ignored, frozenset(known))
     if quiet and verbose:
@@ -165,7 +165,8 @@ def validate(
         try:
             privileged = policy_named(policy)
         except UsageError as error:
-            raise UsageError(str(error), setting="policy") from None
+            words = str(error) if os.path.exists(policy) else f"{error}; {_policies()}"
+            raise UsageError(words, setting="policy") from None
     report: Report | None = None
     with contextlib.ExitStack() as stack:
         driver = driver_for(driver_named(sandbox, require_isolation, runtime, probe=False), files)
@@ -265,6 +266,27 @@ def read_reports(form: str, output: str | None, also: Iterable[str]) -> list[tup
         if files.count(path) > 1:
             raise UsageError(f"two reports have the same file {path}; name another file for one of them")
     return found
+
+
+def _policies() -> str:
+    """What ``--policy`` takes, in words."""
+    names = [player.name for player in offered("envcraft_players") if player.policy is not None]
+    return "name a Python file" + (f", or a player that has a policy: {', '.join(names)}" if names else "")
+
+
+def _codes(names: str | None, setting: str, instead: str) -> tuple[str, ...]:
+    """Read ``--select`` or ``--ignore``, and refer to the option `instead` if a name is that of a check.
+
+    Raises:
+        UsageError: a name is that of a check.
+    """
+    codes = split(names)
+    checks = {check.name for check in all_checks()} if codes else ()
+    for name in codes:
+        if name.lower() in checks:
+            words = f"{name} is a check, and --{setting} takes codes; name --{instead} {name.lower()}"
+            raise UsageError(words, setting=setting)
+    return tuple(code.upper() for code in codes)
 
 
 def read_kwargs(text: str | None) -> dict[str, Any]:
