@@ -205,8 +205,9 @@ def rm(ctx: click.Context, corpus: Path, names: tuple[str, ...]) -> None:
         if store.follows_folder:
             raise UsageError(f"{corpus} follows a folder: remove files there, and `envcraft audit` removes them")
         for name in names:
-            if not store.remove(plain(name)):
-                click.echo(f"Error: {corpus} has no environment {name}", err=True)
+            if not (store.remove(plain(name)) or store.remove(plain(f"{name}.py"))):
+                words = f"{corpus} has no environment {name}; `envcraft corpus list {corpus}` lists them"
+                click.echo(f"Error: {words}", err=True)
                 unknown += 1
     click.echo(f"{plural(len(names) - unknown, 'environment')} removed")
     ctx.exit(ExitCode.USAGE if unknown else ExitCode.PASS)
