@@ -234,9 +234,9 @@ class ConsoleReporter(Reporter):
 
 
 def _reason(check: CheckReport) -> str:
-    """Why a check gave no verdict; of an undecided one it says so."""
+    """Why a check gave no verdict; of an undecided one it says so, also where ``--strict`` fails it."""
     words = one_line(check.reason)
-    return f"undecided: {words}" if check.outcome is Outcome.UNDECIDED else words
+    return f"undecided: {words}" if check.undecided and words else words
 
 
 def _text(words: str = "", style: str = "") -> Text:

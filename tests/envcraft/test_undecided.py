@@ -49,6 +49,7 @@ def test_the_verdict_stays_and_the_outcome_says_more() -> None:
     # With --strict, the engine makes the open question a failure.
     strict = subject("open.py", [PASSED, CheckReport("difficulty", Verdict.FAIL, reason="not settled", undecided=True)])
     assert (strict.outcome, strict.undecided) == (Outcome.FAIL, [])
+    assert "undecided: not settled" in rendered(ConsoleReporter, Report("arcade", 0, [strict], strict=True))
     assert exit_code(Report("arcade", 0, [undecided])) is ExitCode.PASS
 
 
