@@ -121,4 +121,5 @@ def marked(test: pytest.Item) -> dict[str, Any]:
 
 
 def _wrong_marker(test: pytest.Item, words: str) -> NoReturn:
-    pytest.fail(f"the marker envcraft of {test.name} {words}", pytrace=False)
+    # The sentence has the words of the error that is handled: pytest would print them a second time.
+    raise pytest.fail.Exception(f"the marker envcraft of {test.name} {words}", pytrace=False) from None

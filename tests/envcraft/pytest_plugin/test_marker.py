@@ -64,6 +64,7 @@ def test_a_wrong_marker_is_a_sentence(pytester: pytest.Pytester, walk: Path, mar
     result.assert_outcomes(errors=1)
     result.stdout.fnmatch_lines([sentence])
     assert "pytest_plugin" not in result.stdout.str()
+    assert "another exception" not in result.stdout.str()
 
 
 def test_classes_are_judged_from_their_file(pytester: pytest.Pytester, walk: Path, canned: Canned) -> None:
