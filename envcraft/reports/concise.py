@@ -6,7 +6,7 @@ from envcraft.model.events import Event, Finished, SubjectFinished
 from envcraft.model.verdict import Finding, Severity, SubjectReport, Verdict
 from envcraft.plugins import hookimpl
 from envcraft.reports.reporter import Reporter
-from envcraft.reports.summary import summary_words
+from envcraft.reports.summary import summary_words, unsettled
 from envcraft.text import one_line
 
 
@@ -30,6 +30,11 @@ class ConciseReporter(Reporter):
 def _lines(report: SubjectReport) -> list[str]:
     file = one_line(report.file)
     lines = [_line(file, finding) for check in report.checks for finding in check.findings]
+    # Without these lines, a failure would have none.
+    lines += [
+        f"{file}: error: the check {one_line(check.check)} is undecided, which --strict fails: {one_line(check.reason)}"
+        for check in unsettled(report)
+    ]
     lost = [
         f"{file}: error: the check {one_line(check.check)} could not judge: {one_line(check.reason)}"
         for check in report.checks

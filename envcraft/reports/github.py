@@ -9,7 +9,7 @@ from envcraft.model.target import Kind
 from envcraft.model.verdict import Finding, Severity, SubjectReport, Verdict
 from envcraft.plugins import hookimpl
 from envcraft.reports.reporter import Reporter
-from envcraft.reports.summary import summary_words
+from envcraft.reports.summary import summary_words, unsettled
 from envcraft.text import one_line, relative
 
 
@@ -37,9 +37,13 @@ class GitHubReporter(Reporter):
         own = report.kind is Kind.SOURCE
         file = one_line(relative(report.path, os.environ.get("GITHUB_WORKSPACE"))) if own else ""
         named = "" if own else f"{one_line(report.path)}: "
+        undecided = unsettled(report)
         for check in report.checks:
             for finding in check.findings:
                 self._finding(report, file, finding)
+            if check in undecided:
+                title = f"EnvCraft: {one_line(check.check)} is undecided, which --strict fails"
+                self._annotate("error", named + one_line(check.reason), file=file, title=title)
             if check.verdict is Verdict.ERROR:
                 title = f"EnvCraft: {one_line(check.check)} could not judge"
                 self._annotate("error", named + one_line(check.reason), file=file, title=title)

@@ -12,7 +12,7 @@ from envcraft.model.events import Event, Finished
 from envcraft.model.verdict import CheckReport, Outcome, Report, Severity, SubjectReport, Verdict, plain
 from envcraft.plugins import hookimpl
 from envcraft.reports.reporter import Reporter
-from envcraft.reports.summary import Numbered, numbered, replay_command, repro_words, summary_words
+from envcraft.reports.summary import Numbered, numbered, replay_command, repro_words, summary_words, unsettled
 from envcraft.text import one_line, printable
 
 #: GitHub refuses comments of more than 65,536 characters; the rest is for a line of the caller.
@@ -103,7 +103,7 @@ def _table(report: Report) -> str:
         codes = Counter(finding.code for check in subject.checks for finding in check.findings)
         words = [code if count == 1 else f"{code} ({count:,})" for code, count in codes.items()]
         words += [f"{check.check} could not judge" for check in _lost(subject)]
-        words += [f"{name} undecided" for name in subject.undecided]
+        words += [f"{name} undecided" for name in [*subject.undecided, *(check.check for check in unsettled(subject))]]
         cells = (
             _SIGNS[subject.outcome],
             _code(subject.path),

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import msgspec
 
-from envcraft.model.verdict import CheckReport, Finding, Outcome, Report, Repro, Severity, SubjectReport, plain
+from envcraft.model.verdict import CheckReport, Finding, Outcome, Report, Repro, Severity, SubjectReport, Verdict, plain
 from envcraft.text import one_line, plural, printable
 
 #: The words of summaries. The first three are always counted, the others if they occur.
@@ -82,6 +82,17 @@ def counted(counts: Mapping[Outcome, int]) -> list[tuple[Outcome, str]]:
         (outcome, f"{counts.get(outcome, 0):,} {words}")
         for place, (outcome, words) in enumerate(OUTCOMES.items())
         if place < _COUNTED or counts.get(outcome)
+    ]
+
+
+def unsettled(subject: SubjectReport) -> list[CheckReport]:
+    """The checks that fail without an error, because ``--strict`` fails what is undecided."""
+    return [
+        check
+        for check in subject.checks
+        if check.verdict is Verdict.FAIL
+        and check.undecided
+        and not any(finding.severity is Severity.ERROR for finding in check.findings)
     ]
 
 

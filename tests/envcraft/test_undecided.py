@@ -10,6 +10,7 @@ from envcraft.cli.commands.validate import exit_code
 from envcraft.cli.progress import Tally
 from envcraft.errors import ExitCode
 from envcraft.model.verdict import CheckReport, Finding, Outcome, Report, Severity, Verdict
+from envcraft.reports.concise import ConciseReporter
 from envcraft.reports.console import ConsoleReporter
 from envcraft.reports.github import GitHubReporter
 from envcraft.reports.html import HtmlReporter
@@ -49,8 +50,21 @@ def test_the_verdict_stays_and_the_outcome_says_more() -> None:
     # With --strict, the engine makes the open question a failure.
     strict = subject("open.py", [PASSED, CheckReport("difficulty", Verdict.FAIL, reason="not settled", undecided=True)])
     assert (strict.outcome, strict.undecided) == (Outcome.FAIL, [])
-    assert "undecided: not settled" in rendered(ConsoleReporter, Report("arcade", 0, [strict], strict=True))
     assert exit_code(Report("arcade", 0, [undecided])) is ExitCode.PASS
+
+
+@pytest.mark.parametrize(
+    ("kind", "words"),
+    [
+        (ConsoleReporter, "undecided: not settled"),
+        (ConciseReporter, "open.py: error: the check difficulty is undecided, which --strict fails: not settled\n"),
+        (GitHubReporter, "is undecided%2C which --strict fails::not settled"),
+        (MarkdownReporter, "difficulty undecided"),
+    ],
+)
+def test_a_strict_failure_says_that_it_is_undecided(kind: type[Reporter], words: str) -> None:
+    strict = CheckReport("difficulty", Verdict.FAIL, reason="not settled", undecided=True)
+    assert words in rendered(kind, Report("arcade", 0, [subject("open.py", [PASSED, strict])], strict=True))
 
 
 @pytest.mark.parametrize("kind", [ConsoleReporter, GitHubReporter, HtmlReporter, MarkdownReporter])
