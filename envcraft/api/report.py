@@ -69,6 +69,9 @@ class ShownReport(Report):
         return f'<iframe srcdoc="{html.escape(page)}" width="100%" height="{_HEIGHT}" title="EnvCraft"></iframe>'
 
     def _written(self, reporter: Reporter, stream: io.StringIO) -> str:
+        if isinstance(reporter, ConsoleReporter):
+            # No command made this report, so there is none to add an option to.
+            reporter.again = ""
         for subject in self.reports:
             reporter.handle(SubjectFinished(subject))
         reporter.handle(Finished(self))

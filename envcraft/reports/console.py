@@ -40,9 +40,16 @@ _PICTURE, _LARGE_PICTURE = (3, 6), 20
 
 
 class ConsoleReporter(Reporter):
-    """Print colours and wrapped text on a terminal, plain unwrapped text elsewhere."""
+    """Print colours and wrapped text on a terminal, plain unwrapped text elsewhere.
+
+    Attributes:
+        again: how the reader shows a finding again; "" for a reader without the command that made the report.
+    """
 
     name = "console"
+    again = (
+        "Show finding #K again: add --format json --output report.json, then envcraft replay report.json --finding K. "
+    )
     summary = "for people: a block for each environment (default)"
 
     def __init__(self, output: TextIO, rules: Mapping[str, Rule], console: Console | None = None) -> None:
@@ -198,8 +205,7 @@ class ConsoleReporter(Reporter):
             line.append(f" {self._dot} {report.unjudged:,} not judged after the first failure")
         self._say(line)
         if findings and self.verbosity >= 0:
-            how = "Show finding #K again: add --format json --output report.json, then envcraft replay report.json "
-            self._say(_text(how + "--finding K. Read about a rule: envcraft explain CODE.", "bright_black"))
+            self._say(_text(f"{self.again}Read about a rule: envcraft explain CODE.", "bright_black"))
 
     @property
     def _dot(self) -> str:

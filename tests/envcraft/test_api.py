@@ -71,6 +71,8 @@ def test_a_file_a_text_and_an_id_are_judged(tmp_path: Path) -> None:
 def test_a_report_shows_itself() -> None:
     report = envcraft.validate(_BROKEN, **_CHEAP)
     assert "EC301" in str(report)
+    assert "--format" not in str(report)
+    assert "envcraft explain CODE" in str(report)
     assert repr(report) == "<Report: 0 passed, 1 failed, 0 undecided>"
     assert report._repr_html_().startswith("<iframe srcdoc=")
     assert "EC301" in report._repr_html_()
