@@ -37,10 +37,12 @@ def test_an_audit_names_them_first_and_once(tmp_path: Path, invoke: Invoke) -> N
     broken = f"{ENVIRONMENT}\n    def close(self):\n        del self.x\n"
     for number in range(10):
         # Equal sources would be one environment.
-        (games / f"{number}.py").write_text(broken.replace("CRASH", "7" if number == 3 else f"-{number + 1}"))
+        text = broken.replace("CRASH", "7" if number == 3 else f"-{number + 1}")
+        (games / f"{number}.py").write_text(text + "\n\nprint('ready')\n" * (number == 4))
     result = invoke("audit", "games", *QUICK, "--format", "json")
     (shared,) = json.loads(result.stdout)["audit"]["shared"]
     assert shared == {"code": "EC113", "environments": 10, "judged": 10, "waiver": 'without = ["EC113"]'}
     lines = [line.strip() for line in invoke("audit", "games", *QUICK).stdout.splitlines()]
     assert sum("EC113" in line for line in lines) == 1
     assert "EC107  in 1 environment" in lines
+    assert "EC009 (warning)  in 1 environment" in lines
