@@ -36,6 +36,8 @@ _STEPS_PER_HOUR = 50_000
 #: The usual length of a long episode, for the time limit.
 _EPISODE_STEPS = 1_000
 _BUDGET = BUDGETS["standard"]
+#: The seconds for an action: a player that plans takes longer on a busy machine than an environment may for a step.
+_PLANNING = 60.0
 
 EventHandler = Callable[[Event], None]
 #: The seed and the actions of an episode.
@@ -396,7 +398,7 @@ def _run(
     """Judge environments by one check; yield the index and the report of each when it is done."""
     if not targets:
         return
-    limits, seconds = Limits(), 3600.0 * max(1.0, steps / _STEPS_PER_HOUR)
+    limits, seconds = Limits(call=_PLANNING), 3600.0 * max(1.0, steps / _STEPS_PER_HOUR)
     policy = player.policy if player is not None else None
     plan = Plan(targets, contract, driver, [check], _BUDGET, seed, policy, limits, time_limit=seconds)
     with (
