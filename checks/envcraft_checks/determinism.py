@@ -49,7 +49,7 @@ import itertools
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-from envcraft.errors import Skip
+from envcraft.errors import Skip, Undecided
 from envcraft.judging.check import Check, Rule
 from envcraft.judging.shrink import repro
 from envcraft.model.rollout import Conditions, Rollout
@@ -204,7 +204,9 @@ class Determinism(Check):
                 # Each further seed would try all conditions again for the same defect.
                 return
         if len(reset) < len(plays):
-            raise Skip("reset() returns no observation")
+            raise Undecided("reset() returns no observation")
+        if not any(play.usable and play.steps for play in plays):
+            raise Undecided("no episode has a step")
         for rollout, cause in seeds.after_many(subject):
             if cause.code not in reported:
                 yield self._found(subject, rollout, cause)

@@ -26,8 +26,10 @@ from __future__ import annotations
 
 import statistics
 from collections.abc import Iterator
+from itertools import repeat
 from typing import TYPE_CHECKING
 
+from envcraft.errors import Undecided
 from envcraft.judging.check import Check, Rule
 from envcraft.judging.shrink import repro
 from envcraft.judging.statistics import Exact, settle
@@ -41,6 +43,8 @@ if TYPE_CHECKING:
 
 #: The share of seeds on which doing nothing loses at once, above which that is a defect.
 MOST = 0.5
+#: The seeds of which one must have a step.
+_TRIED = 3
 #: The shares of degenerate seeds that are surely exceeded where that is a warning and an error, and the least estimate
 #: of an error.
 _SOME, _FEW, _MANY = 0.02, 0.05, 0.1
@@ -82,6 +86,8 @@ class InstaDeath(Check):
             yield degenerate
             return
         within = subject.contract.at_once
+        if not any(trace.usable and trace.steps for trace in map(subject.noop, range(_TRIED), repeat(within))):
+            raise Undecided("no episode has a step")
 
         def lost(number: int) -> bool:
             return _lost(subject.session.idle(number) or subject.noop(number, within))

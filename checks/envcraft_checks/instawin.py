@@ -29,7 +29,7 @@ import statistics
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-from envcraft.errors import Skip
+from envcraft.errors import Skip, Undecided
 from envcraft.judging.check import Check, Rule
 from envcraft.judging.shrink import repro
 from envcraft.judging.statistics import settle
@@ -63,6 +63,8 @@ class InstaWin(Check):
     )
 
     def judge(self, subject: Subject) -> Iterator[Finding]:
+        if not any(trace.usable and trace.steps for trace in subject.played()):
+            raise Undecided("no episode has a step")
         if not any(trace.ended for trace in subject.played()):
             raise Skip("no episode ends by itself")
         if wins_known(subject):

@@ -48,7 +48,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-from envcraft.errors import Skip
+from envcraft.errors import Skip, Undecided
 from envcraft.judging.check import Check, Rule
 from envcraft.judging.shrink import repro
 from envcraft.model.verdict import Finding, Severity
@@ -106,7 +106,7 @@ class Observation(Check):
     def judge(self, subject: Subject) -> Iterator[Finding]:
         traces = [trace for trace in subject.played() if len(trace.observations) > 1]
         if not traces:
-            raise Skip("no episode has a second observation")
+            raise Undecided("no episode has a second observation")
         longest = max(traces, key=lambda trace: trace.steps)
         if _only_value(subject.observation_space):
             raise Skip("the observation space has only one value")

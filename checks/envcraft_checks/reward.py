@@ -49,7 +49,7 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
-from envcraft.errors import Skip
+from envcraft.errors import Undecided
 from envcraft.judging.check import Check, Rule
 from envcraft.judging.shrink import repro, shrunk
 from envcraft.model.rollout import Conditions, Rollout
@@ -122,7 +122,7 @@ class Reward(Check):
     def judge(self, subject: Subject) -> Iterator[Finding]:
         traces = [*subject.played(), *subject.searches.explored()]
         if not any(trace.rewards for trace in traces):
-            raise Skip("no episode has a reward")
+            raise Undecided("no episode has a reward")
         seen: set[str] = set()
         for trace in traces:
             for finding in self.find(subject, trace):

@@ -47,7 +47,7 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
-from envcraft.errors import Skip
+from envcraft.errors import Undecided
 from envcraft.judging.check import Check, Rule
 from envcraft.judging.shrink import repro, shrunk
 from envcraft.model.rollout import Rollout
@@ -129,7 +129,7 @@ class Termination(Check):
         traces = [*subject.played(), *subject.episodes.rotations[:4], *subject.searches.onward, *subject.privileged()]
         usable = [trace for trace in traces if trace.usable and trace.steps]
         if not usable:
-            raise Skip("no episode has a step")
+            raise Undecided("no episode has a step")
         flags = ((trace, finding) for trace in usable for finding in self._judge_flags(subject, trace))
         for trace, finding in itertools.islice(flags, 1):
             yield shrunk(subject, trace.rollout, finding, lambda played: self._judge_flags(subject, played))
