@@ -8,6 +8,7 @@ from pathlib import Path
 
 from envcraft.corpus.audit import stored_targets
 from envcraft.corpus.store import Environment, Store, environments
+from envcraft.corpus.store.demonstrations import EpisodeOutcome
 from envcraft.demonstrations import recorder
 from envcraft.demonstrations.player import Player
 from envcraft.environments.sources import resolve
@@ -72,11 +73,16 @@ def scores(corpus: Path, names: Sequence[str], player: Player, episodes: int, se
         for number, outcomes, report in recorder.episodes(targets, player, contract, driver, episodes, seed, workers=1):
             if not outcomes:
                 raise EnvCraftError(f"the player {player.name} cannot play {report.path}: {failure(report)}")
-            lengths, totals = [one.steps for one in outcomes], [one.total for one in outcomes]
-            known = [float(one.success) for one in outcomes if one.success is not None]
-            wins = Mean.of(known) if known else None
-            found[number] = Score(names[number], episodes, Mean.of(lengths), Mean.of(totals), wins)
+            found[number] = _score(names[number], outcomes)
     return [found[number] for number in range(len(names))]
+
+
+def _score(name: str, outcomes: Sequence[EpisodeOutcome]) -> Score:
+    lengths, totals = [one.steps for one in outcomes], [one.total for one in outcomes]
+    known = [float(one.success) for one in outcomes if one.success is not None]
+    # One value has an infinite standard error, which JSON cannot store.
+    wins = Mean.of(known) if len(known) > 1 else None
+    return Score(name, len(outcomes), Mean.of(lengths), Mean.of(totals), wins)
 
 
 @contextlib.contextmanager

@@ -9,14 +9,16 @@ import msgspec
 import numpy as np
 import pytest
 from envcraft_dqn.env_spec import EnvSpec
+from envcraft_dqn.study import privileged
 from envcraft_dqn.study.metric import Interval, Score, bootstrap
 from envcraft_dqn.study.presets import PRESETS
 from envcraft_dqn.study.protocol import AGENT, FAMILIAR, RANDOM, UNTRAINED, Task, tasks
-from envcraft_dqn.study.report import section, write
+from envcraft_dqn.study.report import headline, section, write
 from envcraft_dqn.study.selection import EnvFactory
 from envcraft_dqn.study.summary import Summary, summarise
 from envcraft_dqn.study.worker import TaskRequest, TaskResult, untrained_agent
 
+from envcraft.corpus.store.demonstrations import EpisodeOutcome
 from envcraft.judging.statistics import Mean
 
 
@@ -36,6 +38,14 @@ def result(condition: str, split: int, lengths: dict[str, float]) -> TaskResult:
     ]
     task = Task(f"{condition} {split}", "play", condition, split, tuple(lengths))
     return TaskResult(task, 1.0, 1.0, scores)
+
+
+@pytest.mark.parametrize(("successes", "rate"), [((True, None, None), None), ((True, False, None), 0.5)])
+def test_score_of_a_player_can_be_stored(successes: tuple[bool | None, ...], rate: float | None) -> None:
+    score = privileged._score("lamp", [EpisodeOutcome(10 + at, 1.0, one) for at, one in enumerate(successes)])
+    stored = msgspec.json.decode(msgspec.json.encode(score), type=Score)
+    assert stored == score
+    assert (stored.wins and stored.wins.mean) == rate
 
 
 def test_gap_pairs_environments() -> None:
@@ -95,6 +105,15 @@ def test_gate_needs_a_lead_over_every_control_in_training_environments(tmp_path:
     assert "the constant action that is best in training environments." in text
     assert "| coin flip: random moves without buttons | 6 | 7.5 \\[" in text
     assert "1,234 updates of 16 transitions and 5,678 online steps" in text
+    # No return is stated of an agent that has not learned to play.
+    assert headline(msgspec.json.decode(stored.read_bytes(), type=Summary)) == (
+        "An agent trained on 1 environments and played 6 that it had not seen. It does not beat every control in the "
+        "environments of its own training.\n"
+    )
+    learned = {name: one for name, one in found.items() if "constant" not in name}
+    stated = headline(summarise(protocol, learned, {}))
+    assert "Its return is 50.0 [" in stated
+    assert "lines or groups" not in stated
     # Without tests in training environments the gate stays closed.
     assert not summarise(protocol, {}, {}).competence.passed
 
