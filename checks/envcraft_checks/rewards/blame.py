@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ast
 import math
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator
 from functools import lru_cache
 from typing import TYPE_CHECKING, NamedTuple
@@ -253,13 +253,13 @@ class Blame:
 
     def _dominant(self, calls: list[Call], deep: bool, size: bool = False) -> set[int]:
         """The line that pays much more than any other in some calls, by size if `size`."""
-        totals: Counter[int] = Counter()
+        totals: defaultdict[int, float] = defaultdict(float)
         for call in calls:
             if (shares := self._shares(call, deep)) is None:
                 return set()
             for number, share in shares.items():
-                totals[number] += abs(share) if size else share  # type: ignore[assignment]
-        ranked = totals.most_common(2)
+                totals[number] += abs(share) if size else share
+        ranked = sorted(totals.items(), key=lambda pair: pair[1], reverse=True)
         if not ranked or ranked[0][1] <= 0:
             return set()
         clear = len(ranked) == 1 or ranked[0][1] >= _DOMINATES * ranked[1][1]
@@ -270,11 +270,11 @@ class Blame:
         writes = self._writes(call, deep)
         if len({write.line for write in writes}) == 1:
             return {writes[0].line: call.reward}
-        known: Counter[int] = Counter()
+        known: defaultdict[int, float] = defaultdict(float)
         unknown = [write for write in writes if write.amount is None or not write.once]
         for write in writes:
             if write.amount is not None and write.once:
-                known[write.line] += write.amount  # type: ignore[assignment]
+                known[write.line] += write.amount
         shares: dict[int, float] = dict(known)
         rest = call.reward - sum(shares.values())
         if len({write.line for write in unknown}) > 1 or (unknown and not unknown[0].once):
