@@ -1,5 +1,6 @@
-"""``make docs``: write the rule pages with their index, the README's counts, the tables of the pages on statistics and
-families, the results of the study, and the page on pytest from the plugin's docstring; with ``--check`` only compare.
+"""``make docs``: write the rule pages with their index, the README's counts and study, the tables of the pages on
+statistics and families, the results of the study, and the page on pytest from the plugin's docstring; with ``--check``
+only compare.
 """
 
 from __future__ import annotations
@@ -9,7 +10,7 @@ import sys
 from pathlib import Path
 
 import msgspec
-from envcraft_dqn.study.report import section
+from envcraft_dqn.study.report import headline, section
 from envcraft_dqn.study.summary import Summary
 from envcraft_families.families import families
 
@@ -29,9 +30,9 @@ def main() -> int:
     pages[ROOT / "docs" / "rules" / "index.md"] = f"# Rules\n\n{counts(checks)}\n{table(checks)}"
     pages[ROOT / "docs" / "pytest.md"] = inspect.cleandoc(pytest_plugin.__doc__ or "") + "\n"
     blocks = {
-        ROOT / "README.md": {"counts": counts(checks)},
+        ROOT / "README.md": {"counts": counts(checks), "study": headline(committed())},
         ROOT / "docs" / "families.md": {"families": family_table()},
-        ROOT / "docs" / "study.md": {"results": results()},
+        ROOT / "docs" / "study.md": {"results": section(committed())},
         ROOT / "docs" / "statistics.md": {name: write() for name, write in characteristics.BLOCKS.items()},
     }
     for file, written in blocks.items():
@@ -59,10 +60,10 @@ def main() -> int:
     return 0
 
 
-def results() -> str:
-    """The results of the committed study."""
+def committed() -> Summary:
+    """The committed study."""
     data = (ROOT / "docs" / "results" / "generalisation" / "summary.json").read_bytes()
-    return section(msgspec.json.decode(data, type=Summary))
+    return msgspec.json.decode(data, type=Summary)
 
 
 def family_table() -> str:
