@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from envcraft.judging.check import Check, Rule
 from envcraft.judging.shrink import repro
 from envcraft.model.rollout import ClockShift, Conditions, Rollout
-from envcraft.model.trace import Trace, diverge
+from envcraft.model.trace import Fault, Trace, diverge
 from envcraft.model.verdict import Finding, Repro
 
 if TYPE_CHECKING:
@@ -40,15 +40,20 @@ def judge_play(check: Check, trace: Trace) -> Finding | None:
         return check.finding("EC805", f"the policy's action {len(trace.chosen)} is invalid: {trace.refused}")
     fault = trace.fault
     if fault is not None and (fault.phase == "policy write" or fault.type.endswith("ReadOnlyState")):
-        words = f"the policy writes to the environment at step {at}: {fault.message}"
-        return check.finding("EC804", words, line=fault.line, repro=reproduction, step=at)
+        words = f"the policy writes to the environment at step {at}: {fault.message}{_place(fault)}"
+        return check.finding("EC804", words, repro=reproduction, step=at)
     if fault is not None and fault.phase == "policy":
-        words = f"the policy raises {fault} at step {at}"
-        return check.finding("EC805", words, line=fault.line, repro=reproduction, traceback=fault.traceback)
+        words = f"the policy raises {fault} at step {at}{_place(fault)}"
+        return check.finding("EC805", words, repro=reproduction, traceback=fault.traceback)
     if trace.choosing and trace.end is not None:
         words = f"the policy does not choose action {at} ({trace.end.reason}: {trace.end.detail})"
         return check.finding("EC805", words, repro=reproduction, **trace.printed)
     return None
+
+
+def _place(fault: Fault) -> str:
+    """Where the policy goes wrong, in words: the line of a finding is one of the environment's file."""
+    return f" (line {fault.line} of the policy)" if fault.line is not None else ""
 
 
 def judge_effect(check: Check, subject: Subject, trace: Trace, plain: Trace) -> Finding | None:

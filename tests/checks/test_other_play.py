@@ -33,6 +33,7 @@ def policy(env):
     return [(1 if down < 0 else 2) if down else (3 if right < 0 else 4), 1, 0]
 """
 QUITS = "import os\n\nos._exit(3)\n\n\ndef policy(env):\n    return [0, 0, 0]"
+RAISES = "def policy(env):\n    return [0, 0, 1 // 0]"
 FILLS = "def policy(env):\n    env.fuel = 90\n    return [0, 0, 0]"
 
 
@@ -126,7 +127,7 @@ OPENS = "def policy(env):\n    return env.code[env.at]"
 HOLDS = "def policy(env):\n    return [4, 0, 0]"
 LUCKY, STEADY = (LUCK.replace("WIDTH", width) for width in ("10", "1"))
 PAIRS = [
-    *((FAR, policy) for policy in ("", DRIVES, FILLS, QUITS)),
+    *((FAR, policy) for policy in ("", DRIVES, FILLS, QUITS, RAISES)),
     *((REPORTS_SUCCESS, policy) for policy in ("", DRIVES)),
     *((game, HOLDS) for game in (LUCKY, STEADY)),
 ]
@@ -165,6 +166,12 @@ def reports() -> Reports:
 )
 def test_codes_with_a_policy(game: str, policy: str, codes: set[str], reports: Reports) -> None:
     assert failing(reports[game, policy]) == codes
+
+
+def test_a_line_of_the_policy_is_no_line_of_the_game(reports: Reports) -> None:
+    found = [one for check in reports[FAR, RAISES].checks for one in check.findings if one.code == "EC805"]
+    assert [one.line for one in found] == [None]
+    assert "(line 2 of the policy)" in found[0].message
 
 
 @pytest.mark.parametrize(
