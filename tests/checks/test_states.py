@@ -91,6 +91,16 @@ CAUSES = {
             "shown": _BAR.format("self.bag.coins"),
         },
     ),
+    "of two, the one that is shown": (
+        "EC206",
+        "self.lit",
+        {
+            "owned": "visited = set()",
+            "made": "self.lit = np.zeros(8)",
+            "step": "self.visited.add(self.lane)\nassert len(self.visited) < 500\nself.lit[self.lane % 8] = 1  # here",
+            "shown": _BAR.format("sum(self.lit) * 9"),
+        },
+    ),
     "a list of the class": (
         "EC206",
         "Lane.trail",

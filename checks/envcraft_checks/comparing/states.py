@@ -148,7 +148,7 @@ def _first(writers: Writers, cause: Cause, runs: list[Trace], last: int) -> Fiel
                 named = writers.ordered(named)
             if named:
                 lines = frozenset().union(*(run.states[step].lines for run in runs[:2]))
-                path = writers.most_causal(named)
+                path = writers.most_causal(named, cause.divergence.field)
                 values = _excerpts(*(_value(run, path, step) for run in runs[:2]))
                 return FieldDifference(path, step, *values, writers.line(path, lines), lines)
     return None

@@ -29,6 +29,8 @@ FINDERS: dict[str, tuple[Callable[[Program], Iterator[Suspect]], ...]] = {
     "EC206": (leftovers, shared),
     "EC207": (shared,),
 }
+#: The parts of the results of ``step``, in order.
+PARTS = ("observation", "reward", "terminated", "truncated", "info")
 _GENERATORS = ("random", "numpy.random", "np_random")
 
 
@@ -56,19 +58,22 @@ class Writers:
         except (RecursionError, SyntaxError):
             self._program = None
 
-    def most_causal(self, paths: list[str]) -> str:
-        """The field that the others follow from, as far as the file tells; of several the first one.
+    def most_causal(self, paths: list[str], part: str) -> str:
+        """The field that the others follow from, as far as the file tells; of several one that is returned.
 
         Args:
             paths: fields that differ after the same call.
+            part: of the results, which differs: a key of :data:`PARTS`.
         """
+        returned = self._returned(part)
         made = {path: self._made_from(_base(path)) for path in paths}
 
         def rank(path: str) -> tuple[bool | int, ...]:
             base = _base(path)
             others = {_base(other) for other in paths} - {base, *_GENERATORS}
             made_from = any(other in made[path] and base not in self._made_from(other) for other in others)
-            return self.is_idle(path), base in _GENERATORS, made_from, not self._is_suspect(path), path.count(".")
+            ranks = made_from, not self._is_suspect(path), base not in returned
+            return self.is_idle(path), base in _GENERATORS, *ranks, path.count(".")
 
         return min(paths, key=rank)
 
@@ -189,6 +194,18 @@ class Writers:
                     found.add(name)
                     waiting.append(name)
         return frozenset(found)
+
+    def _returned(self, part: str) -> frozenset[str]:
+        """The names that a part of the results of ``reset`` and ``step`` is calculated from, directly or not."""
+        found: set[str] = set()
+        for function in self._program.all if self._program is not None and part in PARTS else ():
+            for node in function.nodes if function.name in ("reset", "step") else ():
+                if isinstance(node, ast.Return) and isinstance(node.value, ast.Tuple):
+                    values = node.value.elts
+                    place = -1 if part == "info" else PARTS.index(part)
+                    if place < len(values):
+                        found.update(_mentioned(values[place]))
+        return frozenset(found.union(*map(self._made_from, found)))
 
     @cached_property
     def _sources(self) -> dict[str, set[str]]:
