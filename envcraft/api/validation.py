@@ -39,6 +39,11 @@ _USUAL = ("OrderEnforcing", "PassiveEnvChecker", "TimeLimit")
 #: The codes that the parameters of Gymnasium's check_env leave out.
 _RENDERING, _CLOSING = ("EC112", "EC116", "EC117"), ("EC113",)
 
+#: What an instance has that does not keep a parameter.
+_UNKNOWN = object()
+#: The types of values that compare as they look.
+_PLAIN = (bool, int, float, str, type(None))
+
 
 class CheckFailed(EnvCraftError, AssertionError):
     """An environment has defects. As other checkers raise AssertionError, this is one.
@@ -137,7 +142,8 @@ def check_env(
     """Check an environment, in place of the functions of this name of Gymnasium and stable-baselines3.
 
     A new instance of the same class, or of the same registered id, is judged in a sandbox. The instance itself is not
-    stepped. Wrappers around it are left out, with a warning.
+    stepped. Wrappers around it are left out, with a warning. So are arguments that an instance was made with and that
+    are not known.
 
     Args:
         env: An instance, a class, or a registered id.
@@ -153,13 +159,14 @@ def check_env(
     Raises:
         CheckFailed: The environment has defects: the message has each finding, and `report` everything. It is an
             AssertionError.
-        UsageError: The source of the class is not known, or an argument has no JSON.
+        UsageError: The source of the class is not known, an argument has no JSON, or `kwargs` lacks one that an
+            instance needs.
         EnvCraftError: The environment could not be judged.
     """
-    target, given = _checked(env)
+    target, given = _checked(env, kwargs)
     left_out = [*(_RENDERING if skip_render_check else ()), *(_CLOSING if skip_close_check else ())]
     table = severity_table(Path.cwd()) | dict.fromkeys(left_out, OFF)
-    target = msgspec.structs.replace(target, kwargs=_json(given if kwargs is None else kwargs))
+    target = msgspec.structs.replace(target, kwargs=_json(given))
     lookup("budget", budget, BUDGETS)
     with contextlib.closing(driver_named(sandbox)) as driver:
         promised, selected = contract_named(contract), select_checks(None, None)
@@ -202,12 +209,16 @@ def _targets(target: str | os.PathLike[str] | type, env_class: str | None) -> li
     return resolve(os.fspath(target), env_class)
 
 
-def _checked(env: Any) -> tuple[Target, dict[str, Any]]:
-    """The target of what a caller checks, with the arguments of its constructor."""
+def _checked(env: Any, kwargs: Mapping[str, Any] | None) -> tuple[Target, Mapping[str, Any]]:
+    """The target of what a caller checks, with the arguments of its constructor: `kwargs`, else its own if known.
+
+    Raises:
+        UsageError: `env` cannot be judged, or not without arguments that are not known.
+    """
     if isinstance(env, str):
-        return Target(env, kind=Kind.ID), {}
+        return Target(env, kind=Kind.ID), kwargs or {}
     if isinstance(env, type):
-        return _class(env), {}
+        return _class(env), kwargs or {}
     if not isinstance(env, gymnasium.Env):
         raise UsageError(f"{type(env).__name__} is not a gymnasium.Env; pass an environment, its class or its id")
     layers = []
@@ -219,12 +230,49 @@ def _checked(env: Any) -> tuple[Target, dict[str, Any]]:
         words = f"the environment is judged without its wrappers: {', '.join(others)}"
         warnings.warn(words, stacklevel=3)
     inner, spec = env.unwrapped, env.spec
-    kwargs = {key: value for key, value in (spec.kwargs if spec else {}).items() if key != "render_mode"}
     target = _class(type(inner))
+    if kwargs is None and spec is not None:
+        kwargs = {key: value for key, value in spec.kwargs.items() if key != "render_mode"}
+    elif kwargs is None:
+        _warn_of_arguments(inner)
+        kwargs = {}
     if spec is not None and target.kind is Kind.MODULE:
         # Its package registers the id, with a limit of steps for example.
         return Target(f"{type(inner).__module__.partition('.')[0]}:{spec.id}", kind=Kind.ID), kwargs
     return target, kwargs
+
+
+def _warn_of_arguments(env: gymnasium.Env[Any, Any]) -> None:
+    """Warn if the constructor of an instance takes arguments, and the instance may not have their defaults.
+
+    Raises:
+        UsageError: the constructor needs arguments.
+    """
+    name = type(env).__qualname__
+    try:
+        parameters = list(inspect.signature(type(env)).parameters.values())
+    except (ValueError, TypeError):
+        return
+    variadic = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
+    named = [each for each in parameters if each.kind not in variadic and each.name != "render_mode"]
+    if needed := [each.name for each in named if each.default is each.empty]:
+        example = ", ".join(f"{each!r}: ..." for each in needed)
+        words = f"{name}() needs {', '.join(needed)}, and those of this instance are not known"
+        raise UsageError(f"{words}; give them: kwargs={{{example}}}", setting="kwargs")
+    unlike = [each.name for each in named if not _has_default(env, each)]
+    if unlike:
+        warnings.warn(
+            f"{name}() is judged with the defaults of {', '.join(unlike)}, because the arguments of this instance are "
+            f"not known; give those that differ: kwargs={{{unlike[0]!r}: ...}}",
+            stacklevel=4,
+        )
+
+
+def _has_default(env: gymnasium.Env[Any, Any], parameter: inspect.Parameter) -> bool:
+    """Whether an instance keeps a parameter under its name, with the value of the default."""
+    kept = vars(env).get(parameter.name, vars(env).get(f"_{parameter.name}", _UNKNOWN))
+    # Values of other types may compare in any way.
+    return type(kept) is type(parameter.default) and isinstance(kept, _PLAIN) and kept == parameter.default
 
 
 def _class(kind: type) -> Target:

@@ -7,6 +7,7 @@ import io
 import subprocess
 import sys
 import types
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -182,6 +183,53 @@ def test_check_env_judges_an_instance_with_its_own_arguments(monkeypatch: pytest
     assert "render_mode" not in seen[0].kwargs
     with pytest.warns(UserWarning, match="without its wrappers: FlattenObservation"):
         envcraft.check_env(gymnasium.wrappers.FlattenObservation(env), sandbox="process")
+
+
+_SIZED = ENVIRONMENT.replace("def __init__(self", "def __init__(self, size=5").replace(
+    "self.action_space =", "self.size = size\n        self.action_space =", 1
+)
+
+
+def _sized(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, source: str = _SIZED) -> Any:
+    (tmp_path / "sized.py").write_text(source)
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(sys.modules, "sized", raising=False)
+    importlib.invalidate_caches()
+    return importlib.import_module("sized").Walk
+
+
+def test_check_env_says_that_an_instance_s_arguments_are_not_known(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    kind, seen = _sized(tmp_path, monkeypatch), _only(monkeypatch)
+    with pytest.warns(UserWarning, match=r"Walk\(\) is judged with the defaults of size.*kwargs=\{'size'") as caught:
+        envcraft.check_env(kind(size=7), sandbox="process")
+    assert caught[0].filename == __file__
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        # Its attribute shows the default.
+        envcraft.check_env(kind(), sandbox="process")
+        envcraft.check_env(kind(size=7), sandbox="process", kwargs={"size": 7})
+    assert [target.kwargs for target in seen] == [{}, {}, {"size": 7}]
+
+
+def test_check_env_judges_an_instance_with_the_arguments_of_its_spec(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    kind, seen = _sized(tmp_path, monkeypatch), _only(monkeypatch)
+    env = gymnasium.make(gymnasium.envs.registration.EnvSpec("Sized-v0", entry_point=kind, kwargs={"size": 9}))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        envcraft.check_env(env, sandbox="process")
+    assert seen[0].kwargs == {"size": 9}
+
+
+def test_check_env_of_an_instance_asks_for_arguments_that_have_no_default(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    kind = _sized(tmp_path, monkeypatch, _SIZED.replace("size=5", "size"))
+    with pytest.raises(envcraft.UsageError, match=r"Walk\(\) needs size.*give them: kwargs=\{'size': \.\.\.\}"):
+        envcraft.check_env(kind(7), sandbox="process")
 
 
 def test_check_env_raises_with_the_findings(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
