@@ -5,7 +5,9 @@ Checks that the game can be won, and that winning takes decisions.
 
 With `--policy FILE` a privileged policy plays in the worker: a class with `act(state)`, which reads the environment's
 attributes from the state, or a function `policy(env)`. The check then steps the policy's actions without the policy. If
-the traces differ, the policy changed the environment, unless the environment differs by itself. A policy that never
+the traces differ, the policy changed the environment, unless the environment differs by itself. A policy that changes
+the environment, raises or chooses no valid action does not fail it: `envcraft validate` names the policy's line, and
+ends with status 2. These are findings only where a program writes the policy. A policy that never
 wins counts as clearly better than random play or doing nothing only if the 95% interval of its lead over both, on the
 same seeds, lies above zero.
 
@@ -170,7 +172,7 @@ class Difficulty(Check):
 
     def _judge_policy(self, subject: Subject) -> Finding | None:
         for trace in subject.rollouts([subject.probes.policy(number) for number in range(subject.budget.policy)]):
-            wrong = policy.judge_play(self, trace)
+            wrong = policy.judge_play(self, subject, trace)
             wrong = wrong or policy.judge_effect(self, subject, trace, subject.without_policy(trace))
             if wrong is not None:
                 return wrong

@@ -60,7 +60,7 @@ class _PlayerCheck(Check):
             Skip: The episode has no step or breaks off, or the environment differs by itself.
         """
         trace = self._player.play(subject, number)
-        finding = policy_rules.judge_play(self, trace)
+        finding = policy_rules.judge_play(self, subject, trace)
         if finding is None and trace.rollout.live:
             # Recorded is what the policy's actions give without the policy.
             plain = subject.rollout(Rollout(trace.rollout.seed, trace.actions, player="the player's actions"))

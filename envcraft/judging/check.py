@@ -34,6 +34,8 @@ class Rule(msgspec.Struct, frozen=True):
             reports nothing.
         default: whether the rule reports anything unless ``--select`` or a severity names it.
         gate: whether an error of it skips the checks that follow, because they could not run.
+        about_policy: whether it judges the privileged policy. For the author who names the policy, an error of it is
+            wrong use and no finding about the environment.
     """
 
     code: str
@@ -45,6 +47,7 @@ class Rule(msgspec.Struct, frozen=True):
     confirmed_by: tuple[str, ...] = ()
     default: bool = True
     gate: bool = False
+    about_policy: bool = False
 
     @property
     def status(self) -> str:

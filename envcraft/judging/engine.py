@@ -408,7 +408,11 @@ def _take(
     severity: SeverityPolicy,
     without: Collection[str] = (),
 ) -> None:
-    """Add a finding to a report, unless the contract, the severities or a comment leave it out."""
+    """Add a finding to a report, unless the contract, the severities or a comment leave it out.
+
+    Raises:
+        UsageError: the finding is an error of the policy that an author named.
+    """
     ignored = None
     if subject.ignore_comments is not None and check.waivable(finding.code):
         # Also what is left out for another reason: the comment is not unused.
@@ -421,6 +425,8 @@ def _take(
         report.ignored.append(msgspec.structs.replace(ignored, finding=counted))
     elif check.waivable(finding.code) and _known(report, subject.target.path, finding.code, severity.baseline):
         report.known.append(counted)
+    elif severity.comments and counted.severity is Severity.ERROR and check.rule(counted.code).about_policy:
+        raise UsageError(f"--policy: {counted.message}", setting="policy")
     elif counted not in report.findings:
         report.findings.append(counted)
 

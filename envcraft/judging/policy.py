@@ -20,16 +20,29 @@ _ANEW = Conditions(fresh=True, heap=1)
 _CONTROLLED = Conditions(perturb=1, clock=ClockShift(offset=0.0, rate=0.0))
 
 RULES = (
-    Rule("EC804", "policy-writes", "The privileged policy changes the environment.", "Only read the state."),
-    Rule("EC805", "policy-fails", "The privileged policy raises or chooses no valid action.", "Fix the policy."),
+    Rule(
+        "EC804",
+        "policy-writes",
+        "The privileged policy changes the environment.",
+        "Only read the state.",
+        about_policy=True,
+    ),
+    Rule(
+        "EC805",
+        "policy-fails",
+        "The privileged policy raises or chooses no valid action.",
+        "Fix the policy.",
+        about_policy=True,
+    ),
 )
 
 
-def judge_play(check: Check, trace: Trace) -> Finding | None:
+def judge_play(check: Check, subject: Subject, trace: Trace) -> Finding | None:
     """Judge what a policy did in an episode that it played.
 
     Args:
         check: The check that reports the finding; :data:`RULES` are among its rules.
+        subject: The environment.
         trace: The trace of the episode.
 
     Returns:
@@ -40,10 +53,10 @@ def judge_play(check: Check, trace: Trace) -> Finding | None:
         return check.finding("EC805", f"the policy's action {len(trace.chosen)} is invalid: {trace.refused}")
     fault = trace.fault
     if fault is not None and (fault.phase == "policy write" or fault.type.endswith("ReadOnlyState")):
-        words = f"the policy writes to the environment at step {at}: {fault.message}{_place(fault)}"
+        words = f"the policy writes to the environment at step {at}: {fault.message}{_place(subject, fault)}"
         return check.finding("EC804", words, repro=reproduction, step=at)
     if fault is not None and fault.phase == "policy":
-        words = f"the policy raises {fault} at step {at}{_place(fault)}"
+        words = f"the policy raises {fault} at step {at}{_place(subject, fault)}"
         return check.finding("EC805", words, repro=reproduction, traceback=fault.traceback)
     if trace.choosing and trace.end is not None:
         words = f"the policy does not choose action {at} ({trace.end.reason}: {trace.end.detail})"
@@ -51,9 +64,10 @@ def judge_play(check: Check, trace: Trace) -> Finding | None:
     return None
 
 
-def _place(fault: Fault) -> str:
+def _place(subject: Subject, fault: Fault) -> str:
     """Where the policy goes wrong, in words: the line of a finding is one of the environment's file."""
-    return f" (line {fault.line} of the policy)" if fault.line is not None else ""
+    path = subject.policy.path if subject.policy is not None else "policy"
+    return f" ({path}:{fault.line})" if fault.line is not None else f" ({path})"
 
 
 def judge_effect(check: Check, subject: Subject, trace: Trace, plain: Trace) -> Finding | None:

@@ -28,7 +28,8 @@ class SeverityPolicy(msgspec.Struct, frozen=True):
     Attributes:
         table: ``error``, ``warning`` or ``off`` by code, or by the name of a check for all of its codes.
         strict: whether every warning is an error, and a check that leaves its question open fails.
-        comments: whether comments in the target's file can ignore findings.
+        comments: whether the run is an author's: comments in the target's file can ignore findings, and an error of
+            the privileged policy is wrong use.
         select: the rules that report, by codes or their first characters; () for those that do by default. Gates, and
             checks that always run, report in any case.
         ignore: the rules that do not report, by codes or their first characters, except those that must stay errors.

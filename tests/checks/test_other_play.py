@@ -171,7 +171,7 @@ def test_codes_with_a_policy(game: str, policy: str, codes: set[str], reports: R
 def test_a_line_of_the_policy_is_no_line_of_the_game(reports: Reports) -> None:
     found = [one for check in reports[FAR, RAISES].checks for one in check.findings if one.code == "EC805"]
     assert [one.line for one in found] == [None]
-    assert "(line 2 of the policy)" in found[0].message
+    assert "(policy.py:2)" in found[0].message
 
 
 @pytest.mark.parametrize(

@@ -143,3 +143,29 @@ def test_an_option_is_blamed_on_the_command_line(invoke: Invoke, good: Path, tmp
     result = invoke("validate", good, "--contract", "arcaed")
     assert result.exit_code == 2
     assert "pyproject" not in result.stderr
+
+
+@pytest.mark.parametrize(
+    ("policy", "words"),
+    [
+        (
+            "def policy(env):\n    return [4, 0, 1 // 0]",
+            "the policy raises ZeroDivisionError: integer division or modulo by zero at step 1 (play.py:2)",
+        ),
+        # The exception comes from a line of the environment, below one of the policy.
+        ("def policy(env):\n    env.x = 5\n    env.step('left')", "at step 1 (play.py:3)"),
+        ("def policy(env):\n    return [9, 0, 0]", "the policy's action 1 is invalid"),
+        ("def policy(env):\n    env.x = 9\n    return [4, 0, 0]", "it changes x (play.py)"),
+        ("policy = 3", "no class with act(state) and no function policy(env) at step 1 (play.py)"),
+    ],
+)
+def test_a_policy_that_fails_is_wrong_use(policy: str, words: str, invoke: Invoke, good: Path, tmp_path: Path) -> None:
+    (tmp_path / "play.py").write_text(policy)
+    options = ["--sandbox", "process", "--budget", "quick", "--checks", "difficulty", "--policy", "play.py"]
+    result = invoke("validate", good.name, *options, "--format", "json")
+    assert result.exit_code == 2, result.output
+    [subject] = json.loads(result.stdout)["reports"]
+    assert subject["verdict"] == "error"
+    assert not [finding for check in subject["checks"] for finding in check["findings"]]
+    assert subject["reason"].startswith("--policy: ")
+    assert words in subject["reason"]

@@ -221,8 +221,10 @@ class Subject:
 
     def _report(self, phase: str, error: BaseException) -> dict[str, Any]:
         frames = traceback.extract_tb(error.__traceback__)
-        own = [frame for frame in frames if frame.filename in (self.target.filename, f"<{_POLICY}>")]
-        line = own[-1].lineno if own else self._line_of(error)
+        # A policy may call the environment, whose lines are not its own.
+        file = f"<{_POLICY}>" if phase == "policy" else self.target.filename
+        own = [frame for frame in frames if frame.filename == file]
+        line = own[-1].lineno if own else _line_of(error, file)
         try:
             message = str(error)
         except BaseException:
@@ -245,11 +247,6 @@ class Subject:
             "traceback": "".join(traceback.format_list(shown))[-8000:],
             "name": getattr(error, "name", None) if isinstance(error, ImportError) else None,
         }
-
-    def _line_of(self, error: BaseException) -> int | None:
-        """The line of a syntax error in the file that findings name."""
-        own = isinstance(error, SyntaxError) and error.filename in (self.target.filename, f"<{_POLICY}>")
-        return error.lineno if own and isinstance(error, SyntaxError) else None
 
 
 def attributes(env: Any) -> dict[str, Any]:
@@ -288,6 +285,11 @@ def _reset_parameters(env: Any) -> list[str]:
     if inspect.Parameter.VAR_KEYWORD in [parameter.kind for parameter in parameters.values()]:
         return ["seed", "options"]
     return [name for name in ("seed", "options") if name in parameters]
+
+
+def _line_of(error: BaseException, file: str) -> int | None:
+    """The line of a syntax error in a file."""
+    return error.lineno if isinstance(error, SyntaxError) and error.filename == file else None
 
 
 def _line(value: Any) -> int | None:
