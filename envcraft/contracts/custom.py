@@ -76,21 +76,35 @@ def custom_contracts(
     Raises:
         UsageError: a table is not valid, or its name is taken.
     """
-    path, table = settings(folder)
-    tables = table.get("contracts", {})
-    if not isinstance(tables, dict):
-        raise UsageError(f"{path}: [tool.envcraft.contracts] must hold a table for each contract")
     bases = {contract.name: contract for contract in known}
+    path, tables = _tables(folder)
+    refuse_taken(folder, bases)
     found: list[Contract] = []
     for name, own in tables.items():
         place = f"{path}: [tool.envcraft.contracts.{name}]"
-        if name in bases:
-            raise UsageError(f"{place}: the name {name} is taken; choose another")
         try:
             found.append(_contract(name, own, bases, rules))
         except (ValueError, msgspec.ValidationError) as error:
             raise UsageError(f"{place}: {error}") from None
     return found
+
+
+def refuse_taken(folder: Path, names: Iterable[str]) -> None:
+    """Raise UsageError if the nearest ``pyproject.toml`` defines a contract with one of these names."""
+    path, tables = _tables(folder)
+    for name in names:
+        if name in tables:
+            place = f"{path}: [tool.envcraft.contracts.{name}]"
+            raise UsageError(f'{place}: the name {name} is taken; choose another, with base = "{name}"')
+
+
+def _tables(folder: Path) -> tuple[Path, dict[str, Any]]:
+    """The nearest ``pyproject.toml``, and its table of each contract."""
+    path, table = settings(folder)
+    tables = table.get("contracts", {})
+    if not isinstance(tables, dict):
+        raise UsageError(f"{path}: [tool.envcraft.contracts] must hold a table for each contract")
+    return path, tables
 
 
 def _contract(name: str, own: Any, bases: dict[str, Contract], rules: Callable[[], Iterable[str]] | None) -> Contract:

@@ -169,3 +169,14 @@ def test_a_policy_that_fails_is_wrong_use(policy: str, words: str, invoke: Invok
     assert not [finding for check in subject["checks"] for finding in check["findings"]]
     assert subject["reason"].startswith("--policy: ")
     assert words in subject["reason"]
+
+
+@pytest.mark.parametrize("options", [(), ("--contract", "arcade")])
+def test_a_contract_with_the_name_of_a_built_in_one_is_an_error(
+    options: tuple[str, ...], invoke: Invoke, good: Path, tmp_path: Path
+) -> None:
+    (tmp_path / "pyproject.toml").write_text("[tool.envcraft.contracts.arcade]\nlimit = 50\n")
+    result = invoke("validate", good.name, *options)
+    assert result.exit_code == 2
+    place = f"{tmp_path / 'pyproject.toml'}: [tool.envcraft.contracts.arcade]"
+    assert f'{place}: the name arcade is taken; choose another, with base = "arcade"' in result.stderr
