@@ -68,6 +68,8 @@ if TYPE_CHECKING:
 
 _OLD_NAMES = {"gym": "gymnasium", "pygame_ce": "pygame", "np": "numpy"}
 _SLOW_IMPORT = 3.0
+#: The most characters of the constructor's arguments in a message.
+_LONGEST = 200
 #: The base class of environments, as a class statement names it.
 _ENV = re.compile(r"((gym|gymnasium)(\.core)?\.)?Env(\[.*\])?")
 
@@ -270,9 +272,11 @@ class Source(Check):
             yield self._needs(subject.env_class, description)
         elif fault is not None:
             _refuse_options(subject, fault)
-            words = f"{subject.env_class}() raises {fault}"
+            given = _given(subject)
+            words = f"{subject.env_class}({given}) raises {fault}"
             if fault.phase == "spaces":
-                words = f"reading the spaces of a new {subject.env_class} raises {fault}"
+                new = f"{subject.env_class}({given})" if given else subject.env_class
+                words = f"reading the spaces of a new {new} raises {fault}"
             yield self.finding("EC008", words, line=fault.line or description.get("line"), traceback=fault.traceback)
 
     def _judge_installed(self, subject: Subject, loaded: Loaded) -> Iterator[Finding]:
@@ -297,8 +301,9 @@ class Source(Check):
             words = f"{name} constructs a {description.get('made')}, which does not derive from gymnasium.Env"
             yield self.finding("EC005", words, line=description.get("line"))
         elif fault is not None:
-            line = fault.line or description.get("line")
-            yield self.finding("EC008", f"constructing {name} raises {fault}", line=line, traceback=fault.traceback)
+            line, given = fault.line or description.get("line"), _given(subject)
+            words = f"constructing {name}{f' with {given}' if given else ''} raises {fault}"
+            yield self.finding("EC008", words, line=line, traceback=fault.traceback)
 
     def _needs(self, name: str | None, description: Description) -> Finding:
         required = description["required"]
@@ -371,6 +376,12 @@ def _lacking(tree: ast.Module) -> Iterator[tuple[ast.ClassDef, list[str]]]:
             methods = {each.name for each in node.body if isinstance(each, ast.FunctionDef)}
             if lacks := [name for name in ("reset", "step") if name not in methods]:
                 yield node, lacks
+
+
+def _given(subject: Subject) -> str:
+    """The arguments that the user gives the constructor, as a call has them."""
+    words = ", ".join(f"{name}={value!r}" for name, value in subject.target.kwargs.items())
+    return words if len(words) <= _LONGEST else f"{words[:_LONGEST]}..."
 
 
 def _refuse_options(subject: Subject, fault: Fault) -> None:

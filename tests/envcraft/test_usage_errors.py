@@ -180,3 +180,22 @@ def test_a_contract_with_the_name_of_a_built_in_one_is_an_error(
     assert result.exit_code == 2
     place = f"{tmp_path / 'pyproject.toml'}: [tool.envcraft.contracts.arcade]"
     assert f'{place}: the name arcade is taken; choose another, with base = "arcade"' in result.stderr
+
+
+@pytest.mark.parametrize(
+    ("target", "kwargs", "words"),
+    [
+        ("walk.py", {"size": "x"}, "Walk(size='x') raises TypeError"),
+        ("walk.py", {"size": -1}, "reading the spaces of a new Walk(size=-1) raises IndexError"),
+        ("FrozenLake-v1", {"map_name": "9x9"}, "constructing FrozenLake-v1 with map_name='9x9' raises KeyError"),
+    ],
+)
+def test_a_constructor_that_raises_is_shown_with_its_arguments(
+    target: str, kwargs: dict[str, object], words: str, invoke: Invoke, good: Path
+) -> None:
+    text = good.read_text().replace("render_mode=None):", "render_mode=None, size=1):\n        self.size = size + 1")
+    spaces = "\n    @property\n    def observation_space(self):\n        return [self.box][-int(self.size == 0) * 9]\n"
+    good.write_text(text.replace("self.observation_space", "self.box") + spaces)
+    result = invoke("validate", target, *_CHEAP, "--checks", "source", "--kwargs", json.dumps(kwargs))
+    assert result.exit_code == 1, result.output
+    assert words in " ".join(result.stdout.split())
