@@ -45,6 +45,7 @@ import msgspec
 
 from envcraft.errors import Skip, Undecided
 from envcraft.judging import policy
+from envcraft.judging.budget import BUDGETS
 from envcraft.judging.check import Check, Rule
 from envcraft.judging.shrink import repro
 from envcraft.judging.statistics import Proportion, lead, settle
@@ -227,7 +228,7 @@ class Difficulty(Check):
             explored = sum(int(outcome.get("states") or 0) for outcome in subject.searches.explorations)
             return (
                 f"no positive outcome in {len(subject.traces)} episodes and {explored:,} explored states, "
-                f"but the search did not reach all states ({why}): a larger --budget or a --policy may settle it"
+                f"but the search did not reach all states ({why}): {_settled_by(subject)} may settle it"
             )
         return _UNSOLVABLE
 
@@ -328,6 +329,12 @@ class Difficulty(Check):
 
 
 _UNSOLVABLE = "unsolvable"
+
+
+def _settled_by(subject: Subject) -> str:
+    """What the author can still do to show that the game can be won."""
+    policy = "a --policy" if subject.policy is None else "a --policy that wins, as the given one does not,"
+    return policy if subject.budget.name == list(BUDGETS)[-1] else f"a larger --budget or {policy}"
 
 
 def _winning(held: list[Trace]) -> list[Trace]:

@@ -175,6 +175,24 @@ def test_a_line_of_the_policy_is_no_line_of_the_game(reports: Reports) -> None:
 
 
 @pytest.mark.parametrize(
+    ("policy", "words"),
+    [
+        ("", "a larger --budget or a --policy may settle it"),
+        (RAISES, "a larger --budget or a --policy that wins, as the given one does not, may settle it"),
+    ],
+    ids=["none", "raises"],
+)
+def test_what_may_settle_an_open_question(policy: str, words: str) -> None:
+    checks = [check for check in default_checks() if check.name in ("source", "difficulty")]
+    files = PolicyFile("policy.py", policy) if policy else None
+    plan = Plan(
+        [Target("game.py", LATE.encode())], ARCADE, driver_named("process"), checks, BUDGETS["quick"], policy=files
+    )
+    [[_, report]] = judge_plans([plan])
+    assert words in next(check.reason for check in report.checks if check.check == "difficulty")
+
+
+@pytest.mark.parametrize(
     ("game", "contract", "policy", "codes"),
     [(LATE, ARCADE, OPENS, {"EC508"}), (LATE, ARCADE, "", set()), (NIGHT, ARCADE_NATIVE, "", set())],
     ids=["opens", "no policy", "cut by the adapter"],
