@@ -91,6 +91,8 @@ def cases(test: pytest.Item) -> list[Case]:
     try:
         chosen = settings(test.config, marker)
         spec = spec_of(target, test.config.rootpath)
+        # Else the test of each check would be the same error.
+        judge_of(test.config).target(spec)
         return [Case(spec, chosen.for_one(), check.name) for check in select_checks(chosen.checks, chosen.skip)]
     except EnvCraftError as error:
         _wrong_marker(test, f"is invalid: {error}")

@@ -23,6 +23,7 @@ from envcraft.errors import EnvCraftError, UsageError
 from envcraft.judging.budget import BUDGETS
 from envcraft.judging.selection import driver_named, select_checks, split
 from envcraft.judging.severity import SeverityPolicy, severity_table
+from envcraft.model.target import kind_of
 from envcraft.model.verdict import CheckReport, SubjectReport, Verdict, overall, plain
 from envcraft.pytest_plugin.settings import SETTINGS
 from envcraft.registry import did_you_mean, offered
@@ -123,7 +124,7 @@ class Judge:
 
     def subject(self, spec: Spec, settings: Settings) -> Judged:
         """Judge a whole subject. Raises EnvCraftError if nothing could be judged."""
-        target = self._target(spec)
+        target = self.target(spec)
         names = [check.name for check in select_checks(settings.checks, settings.skip)]
         asked = (target, settings.for_one(), names)
         key = hashlib.sha256(msgspec.json.encode(asked)).hexdigest()
@@ -143,7 +144,8 @@ class Judge:
             if not isinstance(driver, EnvCraftError):
                 driver.close()
 
-    def _target(self, spec: Spec) -> Target:
+    def target(self, spec: Spec) -> Target:
+        """Read what a spec names. Raises UsageError if that is not one environment."""
         targets = resolve(spec.target, spec.env_class)
         if len(targets) != 1:
             raise UsageError(
@@ -259,7 +261,15 @@ def spec_of(target: object, root: Path) -> Spec:
             f"{target!r} is not a target: pass an environment class, a path, or another TARGET of envcraft validate"
         )
     path = os.path.join(root, target)
-    return Spec(path if os.path.exists(path) else os.fspath(target))
+    if os.path.exists(path):
+        return Spec(path)
+    if kind_of(os.fspath(target)) is None and not os.path.exists(target):
+        near = os.path.relpath(f"{path}.py", root) if os.path.isfile(f"{path}.py") else ""
+        words = (
+            f"did you mean {near}?" if near else "name a Python file, package.module:Class or an id like CartPole-v1"
+        )
+        raise UsageError(f"{target} does not exist in {root}, pytest's root folder; {words}")
+    return Spec(os.fspath(target))
 
 
 def _class_spec(target: type) -> Spec:

@@ -55,10 +55,17 @@ def test_the_marker_makes_one_test_a_check(pytester: pytest.Pytester, walk: Path
         ("'a', 'b'", "*marker envcraft of test_it takes one target*"),
         ("checks='api'", "*marker envcraft of test_it names no target, and the test does not take the fixture *"),
         ("3", "*marker envcraft of test_it is invalid: 3 is not a target: *"),
+        (
+            "'games/wlak.py'",
+            "*marker envcraft of test_it is invalid: games/wlak.py does not exist in /*root folder; name *",
+        ),
+        ("'games/walk'", "*games/walk does not exist in /*, pytest's root folder; did you mean games/walk.py[?]"),
+        ("'games'", "*marker envcraft of test_it is invalid: /*games holds 2 environments, and a test judges one*"),
         ("'games/walk.py', checks='apu'", "*marker envcraft of test_it is invalid: there is no check 'apu'; *"),
     ],
 )
 def test_a_wrong_marker_is_a_sentence(pytester: pytest.Pytester, walk: Path, marker: str, sentence: str) -> None:
+    (walk.parent / "run.py").write_text(walk.read_text())
     pytester.makepyfile(f"import pytest\n@pytest.mark.envcraft({marker})\ndef test_it(): pass")
     result = pytester.runpytest_inprocess("-p", "no:cacheprovider")
     result.assert_outcomes(errors=1)
@@ -146,7 +153,7 @@ def test_the_fixture_judges_and_asserts(
             "EC107 * games/walk.py:9",
             "  envcraft validate games/walk.py --checks source,api,sandbox *",
             "the check reward could not judge games/walk.py, *: lost",
-            "nothing was judged: games/nowhere.py does not exist; *",
+            "nothing was judged: games/nowhere.py does not exist in /*, pytest's root folder; *",
             "nothing was judged: the target is missing: *",
             "nothing was judged: */games holds 2 environments, *",
         ]
