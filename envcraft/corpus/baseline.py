@@ -5,7 +5,7 @@ from __future__ import annotations
 import mmap
 import os
 from collections import Counter
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, BinaryIO
 
 import msgspec
 
@@ -81,13 +81,15 @@ def read_baseline(path: str) -> dict[str, Known]:
     """
     hint = "a baseline is a report that `envcraft audit` or `envcraft validate` wrote with --format json"
     try:
-        with open(path, "rb") as stream, mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as data:
-            report = msgspec.json.decode(data, type=_Report)
+        with open(path, "rb") as stream:
+            report = _read(stream)
     except OSError as error:
         raise UsageError(f"the baseline {path} cannot be read ({error.strerror}); {hint}", setting="baseline") from None
     except (ValueError, RecursionError) as error:
         words = f"the baseline {path} is not a report ({one_line(error)}); {hint}"
         raise UsageError(words, setting="baseline") from None
+    if report is None:
+        raise UsageError(f"the baseline {path} is empty; {hint}", setting="baseline")
     if report.schema != SCHEMA:
         raise UsageError(f"{path} has schema {report.schema}, and this version of EnvCraft reads schema {SCHEMA}")
     known: dict[str, Known] = {}
@@ -101,6 +103,16 @@ def read_baseline(path: str) -> dict[str, Known]:
                 seen[finding.code] += 1
                 known[key] = Known(name, check.check, finding.code, finding.message, key)
     return known
+
+
+def _read(stream: BinaryIO) -> _Report | None:
+    """The report in a file; None if the file is empty."""
+    # A pipe has no size, and only what has one can be mapped.
+    if not os.fstat(stream.fileno()).st_size:
+        data = stream.read()
+        return msgspec.json.decode(data, type=_Report) if data else None
+    with mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as mapped:
+        return msgspec.json.decode(mapped, type=_Report)
 
 
 def _here(path: str, report: str) -> str:

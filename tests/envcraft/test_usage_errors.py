@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
+import threading
 from pathlib import Path
 
 import pytest
@@ -199,3 +201,28 @@ def test_a_constructor_that_raises_is_shown_with_its_arguments(
     result = invoke("validate", target, *_CHEAP, "--checks", "source", "--kwargs", json.dumps(kwargs))
     assert result.exit_code == 1, result.output
     assert words in " ".join(result.stdout.split())
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", "the baseline old.json is empty; a baseline is a report that `envcraft audit` or"),
+        ("{}", "the baseline old.json is not a report ("),
+    ],
+)
+def test_a_baseline_that_is_no_report_is_a_usage_error(
+    text: str, words: str, invoke: Invoke, good: Path, tmp_path: Path
+) -> None:
+    (tmp_path / "old.json").write_text(text)
+    result = invoke("validate", good.name, "--baseline", "old.json")
+    assert result.exit_code == 2
+    assert words in result.stderr
+
+
+def test_a_baseline_may_come_through_a_pipe(invoke: Invoke, good: Path, tmp_path: Path) -> None:
+    made = invoke("validate", good.name, *_CHEAP, "--checks", "source", "--format", "json").stdout
+    os.mkfifo(tmp_path / "pipe")
+    writer = threading.Thread(target=(tmp_path / "pipe").write_text, args=(made,), daemon=True)
+    writer.start()
+    result = invoke("validate", good.name, *_CHEAP, "--checks", "source", "--baseline", "pipe")
+    assert result.exit_code == 0, result.output
