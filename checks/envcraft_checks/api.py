@@ -318,7 +318,10 @@ class Api(Check):
             problem = next((problem for problem in trace.problems if problem.kind == kind), None)
             if problem is None:
                 continue
-            yield self.finding(code, f"{problem.words} ({_at(problem.step)}, under {who})", step=problem.step)
+            line = subject.line_of("step" if problem.step else "reset")
+            yield self.finding(
+                code, f"{problem.words} ({_at(problem.step)}, under {who})", line=line, step=problem.step
+            )
         if trace.overwritten:
             at, by = trace.overwritten[0]
             later = "the next reset" if by is None else f"step {by}" if by > at else "it was returned"
@@ -342,7 +345,8 @@ class Api(Check):
                 break
         for step, note in trace.info_notes[:1]:
             what = f"is a {note['type']}" if "type" in note else f"has a key of type {note.get('key')}"
-            yield self.finding("EC114", f"info {what} ({_at(step)}, under {who})", step=step)
+            line = subject.line_of("step" if step else "reset")
+            yield self.finding("EC114", f"info {what} ({_at(step)}, under {who})", line=line, step=step)
 
     def _judge_fault(self, subject: Subject, trace: Trace, fault: Fault) -> Finding | None:
         ask_for_dependency(subject, fault)

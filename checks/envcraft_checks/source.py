@@ -313,11 +313,13 @@ class Source(Check):
     def _broken(self, loaded: Loaded) -> Finding:
         end = loaded.end
         where = "the constructor" if end.phase == "construct" else "importing the file"
+        line = loaded.description.get("line") if end.phase == "construct" else None
         if end.reason is ExitReason.TIMEOUT:
             code = "EC008" if end.phase == "construct" else "EC004"
-            return self.finding(code, f"{where} did not end: {end.detail}", output=end.output[-2000:])
+            return self.finding(code, f"{where} did not end: {end.detail}", line=line, output=end.output[-2000:])
         code = "EC008" if end.phase == "construct" else "EC003"
-        return self.finding(code, f"{where} ended the process ({end.reason}: {end.detail})", output=end.output[-2000:])
+        words = f"{where} ended the process ({end.reason}: {end.detail})"
+        return self.finding(code, words, line=line, output=end.output[-2000:])
 
     def _judge_effects(self, effects: Effects, output: str) -> Iterator[Finding]:
         found = []
@@ -335,9 +337,9 @@ class Source(Check):
 
     def _wrong_count(self, classes: list[str], description: Description, tree: ast.Module) -> Finding:
         if classes:
-            return self.finding(
-                "EC006", f"the file defines {len(classes)} environments: {', '.join(classes)}", classes=classes
-            )
+            words = f"the file defines {len(classes)} environments: {', '.join(classes)}"
+            # The first one that is too many.
+            return self.finding("EC006", words, line=description["classes"][1]["line"], classes=classes)
         alike = ", ".join(description.get("lookalikes", []))
         hint = f"; {alike} has reset and step but does not derive from gymnasium.Env" if alike else ""
         lacking = next(_lacking(tree), None)

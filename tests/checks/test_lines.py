@@ -1,0 +1,54 @@
+"""A finding names a line of the file wherever one is known."""
+
+from __future__ import annotations
+
+import pytest
+
+from envcraft.contracts.builtin import GYMNASIUM
+from envcraft.judging.budget import BUDGETS
+from envcraft.judging.engine import Plan
+from envcraft.judging.selection import driver_named, select_checks
+from envcraft.model.target import Target
+from evaluation.judge import judge_plans
+
+GAME = """
+import gymnasium as gym
+
+
+class Game(gym.Env):
+    observation_space = gym.spaces.Discrete(9)
+    action_space = gym.spaces.Discrete(2)
+
+    def __init__(self):
+        self.at = 0
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        self.at = int(self.np_random.integers(3))
+        return self.at, {}
+
+    def step(self, action):
+        self.at += int(action)
+        return self.at, 1.0, self.at == 8, False, {}
+"""
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "code", "named"),
+    [
+        ("return self.at, {}", "return self.at + 9, {}", "EC109", "def reset"),
+        ("return self.at, 1.0", "return self.at + 9, 1.0", "EC109", "def step"),
+        ("return self.at, 1.0", "return str(self.at), 1.0", "EC108", "def step"),
+        ("return self.at, {}", "return self.at, {3: 4}", "EC114", "def reset"),
+        ("self.at == 8, False, {}", "self.at == 8, False, 3", "EC114", "def step"),
+        ("self.at = 0", "import os; os._exit(3)", "EC008", "class Game"),
+        ("", "\n\nclass Other(Game):\n    pass\n", "EC006", "class Other"),
+    ],
+)
+def test_the_line_of_a_finding(old: str, new: str, code: str, named: str) -> None:
+    text = GAME.replace(old, new, 1) if old else GAME + new
+    checks = select_checks("source,api", None)
+    plan = Plan([Target("game.py", text.encode())], GYMNASIUM, driver_named("process"), checks, BUDGETS["quick"])
+    [[_, report]] = judge_plans([plan])
+    lines = {finding.code: finding.line for check in report.checks for finding in check.findings}
+    assert named in text.splitlines()[(lines[code] or 0) - 1]
