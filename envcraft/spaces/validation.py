@@ -56,7 +56,9 @@ def validate_action(space: SpaceSpec, action: Any) -> str:
         problem = _action(space, action, ("the action",))
     except (ValueError, TypeError, OverflowError):
         return f"the action {str(action)[:80]} is not in {space}"
-    return f"{problem[1]}, in {space}" if problem else ""
+    if problem is None:
+        return ""
+    return problem[1] if problem[1].endswith(f"outside {space}") else f"{problem[1]}; the space is {space}"
 
 
 def _action(space: SpaceSpec, action: Any, path: _Path) -> Problem | None:

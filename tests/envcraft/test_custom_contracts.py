@@ -71,7 +71,7 @@ def test_what_is_not_said_is_as_in_the_base(tmp_path: Path) -> None:
             r"action\.nvec must be a whole number or a list",
         ),
         ('action = { type = "Discrete", n = 0 }', r"action\.n is 0"),
-        ('action = { type = "Discrete", n = 2 }\nnoop = 2', r"noop: the action is 2, outside Discrete\(2\)"),
+        ('action = { type = "Discrete", n = 2 }\nnoop = 2', r"noop: the action is 2, outside Discrete\(2\)$"),
         ("noop = 0", "noop needs action"),
         ('observation = { type = "Box", shape = [2], low = 1, high = 0 }', "observation: low is above high"),
         ('observation = { type = "Box", shape = [2], low = [1, 2, 3] }', "observation.low does not fit the shape"),

@@ -214,4 +214,5 @@ def test_what_is_drawn_from_a_space_is_in_it(space: dict[str, Any]) -> None:
     ],
 )
 def test_an_action_with_a_wrong_part_is_refused(space: dict[str, Any], action: Any) -> None:
-    assert validate_action(read_space(space), action)
+    words = validate_action(read_space(space), action)
+    assert words.count(str(read_space(space))) == 1, words
