@@ -234,10 +234,18 @@ class Source(Check):
                 if name in missing and allowed is not None and name in allowed:
                     raise WorkerLost(f"{name} is not installed where the worker runs; install it, then validate again")
                 if name in unknown:
-                    words = f"{file}line {line} imports {name}, {self._why_unknown(name, subject, known)}"
+                    words = f"{file}line {line} imports {name}, {self._why_unknown(name, subject, known, name not in missing)}"
                     yield self.finding("EC002", words, line=None if file else line, module=name)
 
-    def _why_unknown(self, name: str, subject: Subject, known: list[str]) -> str:
+    def _why_unknown(self, name: str, subject: Subject, known: list[str], installed: bool = False) -> str:
+        """What is wrong with an import, and the next step.
+
+        Args:
+            name: the module, which the contract does not allow or the worker does not have.
+            subject: the environment.
+            known: the modules that are installed, if that was asked.
+            installed: whether the worker has the module.
+        """
         contract = subject.contract
         if subject.left_out is not None and name in subject.left_out.modules:
             return (
@@ -249,7 +257,14 @@ class Source(Check):
             return "a file of its project, which only `envcraft validate` and the audit of its folder judge with it"
         if name.startswith("."):
             return f"which is no file of its package{_near_file(name, Path(subject.target.path))}"
-        near = _nearest(name, [*(contract.libraries or ()), *known])
+        if name == "envcraft":
+            return (
+                "which is not there where environments run; leave it out, or move it with what uses it to another file "
+                'or below `if __name__ == "__main__":`'
+            )
+        near = _nearest(name, [each for each in (*(contract.libraries or ()), *known) if each != name])
+        if installed and name not in _OLD_NAMES:
+            return f"which the contract {contract.name} does not allow; it allows {', '.join(contract.libraries or ())}"
         return f"which is not a known library{f'; did you mean {near}?' if near else ''}"
 
     def _judge_loaded(self, subject: Subject, loaded: Loaded) -> Iterator[Finding]:

@@ -296,3 +296,17 @@ def test_an_audit_says_that_it_takes_single_files(maze: Path) -> None:
     words = Source()._why_unknown(".sizes", subject, [])
     assert words == "a file of its project, which only `envcraft validate` and the audit of its folder judge with it"
     assert Source()._why_unknown("nunpy", subject, ["numpy"]) == "which is not a known library; did you mean numpy?"
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("envcraft", "line 1 imports envcraft, which is not there where environments run; leave it out, or move it"),
+        ("msgspec", "line 1 imports msgspec, which the contract arcade does not allow; it allows numpy, gymnasium, "),
+        ("gym", "line 1 imports gym, which is not a known library; did you mean gymnasium?"),
+    ],
+)
+def test_an_import_that_is_not_allowed_has_a_next_step(name: str, words: str, invoke: Invoke, good: Path) -> None:
+    good.write_text(f"import {name}\n{ENVIRONMENT}")
+    result = invoke("validate", good, "--sandbox", "process", "--format", "concise")
+    assert words in result.stdout
