@@ -234,7 +234,8 @@ class Source(Check):
                 if name in missing and allowed is not None and name in allowed:
                     raise WorkerLost(f"{name} is not installed where the worker runs; install it, then validate again")
                 if name in unknown:
-                    words = f"{file}line {line} imports {name}, {self._why_unknown(name, subject, known, name not in missing)}"
+                    why = self._why_unknown(name, subject, known, name not in missing)
+                    words = f"{file}line {line} imports {name}, {why}"
                     yield self.finding("EC002", words, line=None if file else line, module=name)
 
     def _why_unknown(self, name: str, subject: Subject, known: list[str], installed: bool = False) -> str:
