@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import os
 import stat
 import sys
@@ -19,11 +20,13 @@ from envcraft.model.project import (
     defining_file,
     with_project,
 )
-from envcraft.model.target import Kind, Target, kind_of, read_target
+from envcraft.model.target import Kind, Target, kind_of, nodes, parse, read_target
 from envcraft.text import one_line, plural
 
 #: The most modules that a message names.
 _FEW = 5
+#: The most files that are read for the sake of a message.
+_READ = 100
 #: How the names of files end that a project has beside its Python files.
 _OTHER = {".cfg", ".csv", ".ini", ".json", ".md", ".rst", ".toml", ".txt", ".yaml", ".yml"}
 _SKIPPED_FOLDERS = {"__pycache__", "node_modules", "site-packages", "build", "dist"}
@@ -69,7 +72,7 @@ def resolve(
             words = "names its class" if kind is Kind.MODULE else "has one class"
             text = f"--class {env_class} does not apply to {path}, which {words}; leave it out"
             raise UsageError(text, setting="class") from None
-        return [_module(path) if kind is Kind.MODULE else Target(path, kind=kind)]
+        return [_module(path) if kind is Kind.MODULE else _registered(path)]
     except (OSError, ValueError) as error:
         raise UsageError(f"{path} cannot be read: {getattr(error, 'strerror', None) or error}") from None
     if stat.S_ISREG(mode):
@@ -137,6 +140,33 @@ def _module(name: str) -> Target:
     else:
         _require_module(root, module)
     return Target(name, kind=Kind.MODULE)
+
+
+def _registered(name: str) -> Target:
+    """The environment of an id. Raises UsageError if its module is only in the working directory."""
+    root, module = Path.cwd(), name.rpartition(":")[0]
+    package = module.partition(".")[0]
+    files = [*sorted(root.joinpath(package).rglob("*.py"))[:_READ], root / f"{package}.py"] if package else []
+    if any(file.is_file() for file in files) and not _is_installed(package, root):
+        words = f"{name} is an id of the package {package}, which is not installed but a part of the working directory"
+        entry = next(filter(None, (_entry_point(file, name.rpartition(":")[2]) for file in files)), None)
+        raise UsageError(f"{words}; name its class, {entry or f'such as {package}.module:Class'}")
+    return Target(name, kind=Kind.ID)
+
+
+def _entry_point(file: Path, wanted: str) -> str | None:
+    """The class for which a file registers an id, as its text says; None if it does not say so."""
+    try:
+        calls = [node for node in nodes(parse(file.read_bytes())) if isinstance(node, ast.Call)]
+    except (OSError, SyntaxError, ValueError, RecursionError, MemoryError):
+        return None
+    for call in calls:
+        given = {key.arg: key.value.value for key in call.keywords if isinstance(key.value, ast.Constant)}
+        named = [each.value for each in call.args if isinstance(each, ast.Constant)]
+        entry = given.get("entry_point")
+        if given.get("id", named[0] if named else None) == wanted and isinstance(entry, str) and ":" in entry:
+            return entry
+    return None
 
 
 def _require_module(root: Path, module: str) -> None:

@@ -310,3 +310,23 @@ def test_an_import_that_is_not_allowed_has_a_next_step(name: str, words: str, in
     good.write_text(f"import {name}\n{ENVIRONMENT}")
     result = invoke("validate", good, "--sandbox", "process", "--format", "concise")
     assert words in result.stdout
+
+
+@pytest.mark.parametrize(
+    ("registers", "words"),
+    [
+        ('register(id="Walk-v0", entry_point="regpkg.walk:Walk")', "name its class, regpkg.walk:Walk"),
+        ('register("Walk-v0", entry_point="regpkg.walk:Walk")', "name its class, regpkg.walk:Walk"),
+        ("register(**TABLE)", "name its class, such as regpkg.module:Class"),
+    ],
+)
+def test_an_id_of_a_package_that_is_not_installed_names_its_class(
+    registers: str, words: str, invoke: Invoke, tmp_path: Path
+) -> None:
+    (tmp_path / "regpkg").mkdir()
+    (tmp_path / "regpkg" / "__init__.py").write_text(f"from gymnasium import register\n{registers}\n")
+    (tmp_path / "regpkg" / "walk.py").write_text(ENVIRONMENT)
+    result = invoke("validate", "regpkg:Walk-v0", "--sandbox", "process")
+    assert result.exit_code == 2
+    assert "an id of the package regpkg, which is not installed" in result.stderr
+    assert words in result.stderr
