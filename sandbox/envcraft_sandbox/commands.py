@@ -26,6 +26,8 @@ _REMEDIES = {
     "system call filter": "use a kernel with CONFIG_SECCOMP_FILTER",
     "watchdog": "mount /proc where the worker can read it",
 }
+#: The least width of a terminal for a table, in columns.
+_TABLE = 72
 
 
 @click.command()
@@ -147,18 +149,28 @@ def _platform() -> dict[str, str]:
 def _show(results: list[Examined], auto: str | None, broken: list[dict[str, str]]) -> None:
     from rich.console import Console
     from rich.markup import escape
-    from rich.table import Table
+    from rich.padding import Padding
+    from rich.table import Column, Table
+    from rich.text import Text
 
     console = Console()
-    table = Table("sandbox", "isolation", "works", "active layers, missing layers, and the fix")
+    table = Table(
+        "sandbox", "isolation", "works", Column("active layers, missing layers, and the fix", overflow="fold")
+    )
+    narrow = console.width < _TABLE
+    console.print("Python {python} on {system} {release}".format(**_platform()))
     for each in results:
         lines = ["; ".join(each.layers)] if each.works else [f"{each.reason}: {each.fix}"]
         if each.missing:
             lines.append(f"missing: {'; '.join(each.missing)}" + (f". {each.fix}" if each.fix else ""))
         works = "[green]yes[/]" if each.works else "[red]no[/]"
-        table.add_row(escape(each.name), each.isolation, works, escape("\n".join(lines)))
-    console.print("Python {python} on {system} {release}".format(**_platform()))
-    console.print(table)
+        if narrow:
+            console.print(f"{escape(each.name)} ({each.isolation}), works: {works}")
+            console.print(Padding(Text("\n".join(lines), overflow="fold"), (0, 0, 0, 2)))
+        else:
+            table.add_row(escape(each.name), each.isolation, works, escape("\n".join(lines)))
+    if not narrow:
+        console.print(table)
     if sys.platform != "linux":
         console.print(
             "Landlock, seccomp and namespaces exist only on Linux. Here a sandbox protects against accidents, not "

@@ -84,6 +84,17 @@ class TestDoctor:
         assert "a moat [deep]" in result.stdout
         assert "takes weak" in result.stdout
 
+    def test_a_narrow_terminal_shows_all_words(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        fails = Availability(
+            False, "no engine answers", "install [it] in /usr/local/lib/some-directory-with-a-long-name"
+        )
+        _offer(monkeypatch, Fake("weak", 1, WORKS), Fake("strong", 2, fails))
+        shown = CliRunner().invoke(doctor, env={"COLUMNS": "40"}).stdout
+        assert max(map(len, shown.splitlines())) <= 40
+        words = f"{fails.reason}: {fails.fix}"
+        assert words.replace(" ", "") in "".join(shown.split())
+        assert "…" not in shown
+
     def test_json_says_the_same(self, monkeypatch: pytest.MonkeyPatch) -> None:
         _offer(monkeypatch, Fake("weak", 1, WORKS), Fake("strong", 2, FAILS), Fake("broken", 3, None))
         result = CliRunner().invoke(doctor, ["--format", "json"])
