@@ -46,11 +46,16 @@ def lookup(kind: str, name: str, known: Mapping[str, Any]) -> Any:
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:
-    """Describe an unknown name: the name with the nearest known one, else with all if these are few, else with some."""
+    """Describe an unknown name: the name with those that begin with it, else with the nearest known one, else with all
+    if these are few, else with some.
+    """
     # Slow to import, and needed only for an error.
     import difflib
 
     known = list(known)
+    longer = [other for other in known if name and other.lower().startswith(name.lower())]
+    if 1 < len(longer) <= _FEW:
+        return f"{name!r}; did you mean {', '.join(longer[:-1])} or {longer[-1]}?"
     near = difflib.get_close_matches(name.lower(), [other.lower() for other in known], n=1, cutoff=0.5)
     if near:
         return f"{name!r}; did you mean {next(other for other in known if other.lower() == near[0])}?"

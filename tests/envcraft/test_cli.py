@@ -492,6 +492,8 @@ def test_ending_it_leaves_no_process(tmp_path: Path, number: signal.Signals, wor
 def test_unknown_names_the_nearest_or_all() -> None:
     assert did_you_mean("rewrad", ["reward", "api"]) == "'rewrad'; did you mean reward?"
     assert did_you_mean("zzz", ["reward", "api"]) == "'zzz'; there are reward, api"
+    # The codes of a family are nearer than one that has as many letters.
+    assert did_you_mean("ec5", ["EC05", "EC501", "EC502", "EC503"]) == "'ec5'; did you mean EC501, EC502 or EC503?"
 
 
 @pytest.mark.parametrize(("name", "words"), [("EC203", "hash-seed"), ("ec203", "hash-seed"), ("determinism", "EC204")])
