@@ -33,6 +33,7 @@ from envcraft.model.project import with_project
 from envcraft.model.target import Kind, Target
 from envcraft.model.verdict import Finding, Severity, Verdict
 from envcraft.registry import lookup
+from envcraft.reports.evidence import keep_source
 
 #: Wrappers that ``gymnasium.make`` adds, which say nothing about the environment.
 _USUAL = ("OrderEnforcing", "PassiveEnvChecker", "TimeLimit")
@@ -205,6 +206,7 @@ def _targets(target: str | os.PathLike[str] | type, env_class: str | None) -> li
     if isinstance(target, type):
         return [_class(target)]
     if isinstance(target, str) and "\n" in target:
+        keep_source(target.encode())
         return [Target("source.py", target.encode(), env_class)]
     return resolve(os.fspath(target), env_class)
 
@@ -287,7 +289,9 @@ def _class(kind: type) -> Target:
     folders = [sys.prefix, sys.base_prefix, *places.paths, *places.folders]
     if kind.__module__ != "__main__" and file and any(Path(file).is_relative_to(folder) for folder in folders):
         return Target(f"{kind.__module__}:{kind.__qualname__}", kind=Kind.MODULE)
-    return with_project(target_of(kind))
+    target = target_of(kind)
+    keep_source(target.source)
+    return with_project(target)
 
 
 def _joined(names: str | Sequence[str]) -> str:

@@ -16,24 +16,38 @@ _WIDTH = 200
 _TRACEBACK, _PRINTED = 6, 3
 #: Evidence that is shown in a form of its own, or that the message or the reproduction has already.
 _APART = {"traceback", "output", "first", "second", "field", "step"}
+#: The last sources that are no whole files, by digest, and how many are kept.
+_kept: dict[str, bytes] = {}
+_KEPT = 64
+
+
+def keep_source(source: bytes) -> None:
+    """Let findings about a text, or about a part of a script or notebook, show its lines in this process."""
+    _kept[hashlib.sha256(source).hexdigest()] = source
+    while len(_kept) > _KEPT:
+        del _kept[next(iter(_kept))]
 
 
 def source_line(report: SubjectReport, finding: Finding) -> str:
-    """Return the line of the file that a finding names, or "" if there is none or the file has changed since.
+    """Return the line of the source that a finding names, or "" if there is none or the file has changed since.
 
     The file is read as text and not run.
     """
     if finding.line is None or finding.line < 1 or report.kind is not Kind.SOURCE or report.module is not None:
         return ""
+    data = _kept.get(report.source_sha256) or _read(report)
+    lines = data.decode("utf-8", "replace").splitlines()
+    return _cut(lines[finding.line - 1]).rstrip() if finding.line <= len(lines) else ""
+
+
+def _read(report: SubjectReport) -> bytes:
+    """The file of a report; b"" if it cannot be read or has changed since."""
     try:
         with Path(report.path).open("rb") as stream:
             data = stream.read(MAX_SOURCE + 1)
     except (OSError, ValueError):
-        return ""
-    if hashlib.sha256(data).hexdigest() != report.source_sha256:
-        return ""
-    lines = data.decode("utf-8", "replace").splitlines()
-    return _cut(lines[finding.line - 1]).rstrip() if finding.line <= len(lines) else ""
+        return b""
+    return data if hashlib.sha256(data).hexdigest() == report.source_sha256 else b""
 
 
 def evidence_lines(finding: Finding, everything: bool = False) -> list[tuple[str, str]]:

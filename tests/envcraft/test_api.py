@@ -72,6 +72,7 @@ def test_a_file_a_text_and_an_id_are_judged(tmp_path: Path) -> None:
 def test_a_report_shows_itself() -> None:
     report = envcraft.validate(_BROKEN, **_CHEAP)
     assert "EC301" in str(report)
+    assert "return self.render(), float('nan'), won" in str(report)
     assert "--format" not in str(report)
     assert "envcraft explain CODE" in str(report)
     assert repr(report) == "<Report: 0 passed, 1 failed, 0 undecided>"
@@ -90,6 +91,7 @@ def test_a_class_of_a_script_is_judged_from_its_source(tmp_path: Path) -> None:
         "for check in report.reports[0].checks:\n"
         "    for finding in check.findings:\n"
         "        print(finding.code, finding.line, report.reports[0].path)\n"
+        "print(report)\n"
     )
     (tmp_path / "play.py").write_text(text)
     done = subprocess.run([sys.executable, "play.py"], capture_output=True, text=True, cwd=tmp_path, check=False)
@@ -98,6 +100,7 @@ def test_a_class_of_a_script_is_judged_from_its_source(tmp_path: Path) -> None:
     assert first == "once"
     line = next(number for number, words in enumerate(text.splitlines(), 1) if "float('nan')" in words)
     assert f"EC301 {line} {tmp_path / 'play.py'}" in found
+    assert f"      {line} | {text.splitlines()[line - 1]}" in found
 
 
 def test_a_class_of_a_notebook_is_judged_from_its_cells(monkeypatch: pytest.MonkeyPatch) -> None:
