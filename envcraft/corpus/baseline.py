@@ -83,6 +83,9 @@ def read_baseline(path: str) -> dict[str, Known]:
     try:
         with open(path, "rb") as stream:
             report = _read(stream)
+    except FileNotFoundError:
+        words = f"the baseline {path} does not exist; {hint}, without a baseline or with --baseline ''"
+        raise UsageError(words, setting="baseline") from None
     except OSError as error:
         raise UsageError(f"the baseline {path} cannot be read ({error.strerror}); {hint}", setting="baseline") from None
     except (ValueError, RecursionError) as error:

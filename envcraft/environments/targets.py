@@ -62,12 +62,10 @@ def resolve(
         mode = os.stat(path).st_mode
     except FileNotFoundError:
         if (kind := kind_of(path)) is None:
-            if os.path.isfile(f"{path}.py"):
-                raise UsageError(f"{path} does not exist; did you mean {path}.py?") from None
-            raise UsageError(
-                f"{path} does not exist; give a Python file, a folder with some, package.module:Class or an id like "
-                "CartPole-v1"
-            ) from None
+            raise UsageError(_absent(path)) from None
+        file, _, name = path.partition(":")
+        if file.endswith(".py") and os.path.isfile(file):
+            raise UsageError(f"{path} does not exist; name the class of a file so: {file} --class {name}") from None
         if env_class is not None:
             words = "names its class" if kind is Kind.MODULE else "has one class"
             text = f"--class {env_class} does not apply to {path}, which {words}; leave it out"
@@ -94,6 +92,20 @@ def resolve(
     if not found and not errors and not environments_only:
         raise UsageError(f"{path} holds no environment: no .py file in it defines a subclass of gymnasium.Env")
     return found
+
+
+def _absent(path: str) -> str:
+    """Say that a file does not exist, and what its name may mean."""
+    if not path.strip():
+        return "the target is empty; give a Python file, a folder, package.module:Class or an id like CartPole-v1"
+    if os.path.isfile(f"{path}.py"):
+        return f"{path} does not exist; did you mean {path}.py?"
+    module, _, name = path.rpartition(".")
+    if module and name[:1].isupper() and all(part.isidentifier() for part in path.split(".")):
+        return f"{path} does not exist; did you mean {module}:{name}?"
+    return (
+        f"{path} does not exist; give a Python file, a folder with some, package.module:Class or an id like CartPole-v1"
+    )
 
 
 def environments_below(folder: str, env_class: str | None = None, unreadable: Unreadable = refuse) -> Iterator[Target]:

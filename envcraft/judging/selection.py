@@ -45,12 +45,14 @@ def select_checks(
     checks = all_checks()
     names = [check.name for check in checks]
     wanted, unwanted = split(only), split(skip)
+    codes = list(rules_of(checks))
     for name in [*wanted, *unwanted]:
         if name not in names:
-            raise UsageError(
-                f"there is no check {did_you_mean(name, names)}", setting="checks" if name in wanted else "skip"
-            )
-    codes = list(rules_of(checks))
+            setting, instead = ("checks", "select") if name in wanted else ("skip", "ignore")
+            words = f"there is no check {did_you_mean(name, names)}"
+            if name.upper() in codes:
+                words = f"{name} is a code, and --{setting} takes checks; name --{instead} {name.upper()}"
+            raise UsageError(words, setting=setting)
     for code in [*select, *ignore]:
         if not any(known.startswith(code) for known in codes):
             setting = "select" if code in select else "ignore"

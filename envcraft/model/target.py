@@ -186,13 +186,33 @@ def read_target(path: str, env_class: str | None = None) -> Target:
 
 
 def read_policy(path: str) -> PolicyFile:
-    """Read a privileged policy. Raises UsageError if it cannot be read or is not text."""
+    """Read a privileged policy. Raises UsageError if it cannot be read, is not Python or defines no policy."""
     try:
-        return PolicyFile(path, Path(path).read_text("utf-8"))
+        source = Path(path).read_text("utf-8")
+        tree = parse(source)
+    except SyntaxError as error:
+        raise UsageError(f"the policy {path} is not valid Python: {error.msg} (line {error.lineno})") from None
+    except RecursionError:
+        raise UsageError(f"the policy {path} is nested too deeply") from None
     except OSError as error:
         raise UsageError(f"the policy {path} cannot be read: {error.strerror}") from None
     except UnicodeDecodeError:
         raise UsageError(f"the policy {path} is not Python text") from None
+    except ValueError as error:
+        raise UsageError(f"the policy {path} is not valid Python: {error}") from None
+    if not any(map(_may_play, nodes(tree))):
+        raise UsageError(f"{path} is no policy: it defines no function policy(env) and no class with act(state)")
+    return PolicyFile(path, source)
+
+
+def _may_play(node: ast.AST) -> bool:
+    """Whether a part of a module may define a policy."""
+    if isinstance(node, ast.FunctionDef):
+        return node.name in ("policy", "act")
+    if isinstance(node, ast.ImportFrom):
+        return any((alias.asname or alias.name) in ("policy", "*") for alias in node.names)
+    # A class may have `act` from a base.
+    return (isinstance(node, ast.ClassDef) and bool(node.bases)) or (isinstance(node, ast.Name) and node.id == "policy")
 
 
 def parse(source: bytes | str) -> ast.Module:

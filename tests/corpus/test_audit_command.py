@@ -201,7 +201,7 @@ def test_newlines_in_file_names_are_escaped(invoke: Invoke, tmp_path: Path) -> N
     ("arguments", "words"),
     [
         (["audit", "nowhere"], "neither a corpus nor a folder"),
-        (["audit", "games/more", "--baseline", "none.json"], "cannot be read"),
+        (["audit", "games/more", "--baseline", "none.json"], "does not exist"),
         (["audit", "games/more", "--baseline", "games/a.py"], "is not a report"),
         (["audit", "empty"], "holds no environment"),
         (["audit", "corpus", "--store", "other"], "leave out --store"),

@@ -69,7 +69,7 @@ class TestSelection:
             (("--select", "EC05,API"), "API is a check, and --select takes codes; name --checks api"),
             (("-q", "-v"), "quiet and verbose contradict each other"),
             (("--exclude", "*"), "--exclude leaves none of 3 environments"),
-            (("--baseline", "nothing.json"), "the baseline nothing.json cannot be read"),
+            (("--baseline", "nothing.json"), "the baseline nothing.json does not exist"),
         ],
     )
     def test_usage_errors(self, games: Path, invoke: Invoke, options: tuple[str, ...], words: str) -> None:

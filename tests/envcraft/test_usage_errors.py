@@ -226,3 +226,35 @@ def test_a_baseline_may_come_through_a_pipe(invoke: Invoke, good: Path, tmp_path
     writer.start()
     result = invoke("validate", good.name, *_CHEAP, "--checks", "source", "--baseline", "pipe")
     assert result.exit_code == 0, result.output
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["walk.py:Walk"], "walk.py:Walk does not exist; name the class of a file so: walk.py --class Walk"),
+        (["games.walk.Walk"], "games.walk.Walk does not exist; did you mean games.walk:Walk?"),
+        ([""], "the target is empty; give a Python file"),
+        (["walk.py", "--checks", "ec301"], "ec301 is a code, and --checks takes checks; name --select EC301"),
+        (["walk.py", "--skip", "EC301"], "EC301 is a code, and --skip takes checks; name --ignore EC301"),
+        (["walk.py", "--kwargs", "size=3"], "--kwargs size=3 is not JSON ("),
+        (["walk.py", "--kwargs", "size=3"], """); write it like '{"size": 8}'"""),
+        (["walk.py", "--baseline", "none.json"], "the baseline none.json does not exist; a baseline is a report that"),
+        (["walk.py", "--baseline", "none.json"], "with --format json, without a baseline or with --baseline ''"),
+        (["walk.py", "--policy", "play.py"], "the policy play.py is not valid Python: '(' was never closed (line 1)"),
+        (["walk.py", "--policy", "no.py"], "no.py is no policy: it defines no function policy(env) and no class with"),
+    ],
+)
+def test_a_usage_error_has_a_next_step(
+    arguments: list[str], words: str, invoke: Invoke, good: Path, tmp_path: Path
+) -> None:
+    assert good.parent == tmp_path
+    (tmp_path / "play.py").write_text("def policy(\n")
+    (tmp_path / "no.py").write_text("ACTION = 3\n")
+    result = invoke("validate", *arguments, *_CHEAP)
+    assert result.exit_code == 2, result.output
+    assert words in result.stderr
+
+
+def test_a_file_that_is_named_twice_is_judged_once(invoke: Invoke, good: Path) -> None:
+    result = invoke("validate", "walk.py", "./walk.py", good, *_CHEAP, "--checks", "source", "--format", "json")
+    assert [subject["path"] for subject in json.loads(result.stdout)["reports"]] == ["walk.py"]

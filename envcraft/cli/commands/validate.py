@@ -34,6 +34,9 @@ from envcraft.registry import offered
 from envcraft.reports.reporter import Reporter, reporter_named
 from envcraft.text import plural
 
+#: How the constructor's arguments are written.
+_LIKE = "write it like '{\"size\": 8}'"
+
 
 class _ValidateCommand(Configured):
     """Lists the report formats of all plugins in the help."""
@@ -294,9 +297,10 @@ def read_kwargs(text: str | None) -> dict[str, Any]:
     try:
         value = json.loads(text or "{}")
     except (ValueError, RecursionError) as error:
-        raise UsageError(f"--kwargs {text} is not JSON: {error}", setting="kwargs") from None
+        words = f"--kwargs {text} is not JSON ({error}); {_LIKE}"
+        raise UsageError(words, setting="kwargs") from None
     if not isinstance(value, dict):
-        raise UsageError(f"--kwargs {text} is not a JSON object; write it like '{{\"size\": 8}}'", setting="kwargs")
+        raise UsageError(f"--kwargs {text} is not a JSON object; {_LIKE}", setting="kwargs")
     return value
 
 
@@ -334,7 +338,8 @@ def _files(
                 if exclude and os.path.isdir(path) and is_excluded(target.path, path, exclude):
                     excluded += 1
                     continue
-                files.setdefault(os.path.normpath(target.path), msgspec.structs.replace(target, **changes))
+                # A class of a module has no file here, but a name that is no other path.
+                files.setdefault(os.path.abspath(target.path), msgspec.structs.replace(target, **changes))
         except UsageError as error:
             errors[str(blamed(ctx, error))] = None
         errors |= {str(unreadable[place]): None for place in unreadable if not is_excluded(place, path, exclude)}
