@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import inspect
 import json
+import math
 import os
 import sys
 import warnings
@@ -30,7 +31,7 @@ from envcraft.judging.severity import OFF, SeverityPolicy, severity_table
 from envcraft.judging.verdict_cache import record
 from envcraft.model.events import Finished
 from envcraft.model.project import with_project
-from envcraft.model.target import Kind, Target
+from envcraft.model.target import Kind, Target, kind_of
 from envcraft.model.verdict import Finding, Severity, Verdict
 from envcraft.registry import lookup
 from envcraft.reports.evidence import keep_source
@@ -40,6 +41,8 @@ _USUAL = ("OrderEnforcing", "PassiveEnvChecker", "TimeLimit")
 #: The codes that the parameters of Gymnasium's check_env leave out.
 _RENDERING, _CLOSING = ("EC112", "EC116", "EC117"), ("EC113",)
 
+#: The highest seed, as of ``--seed``.
+_MAX_SEED = 2**31 - 1
 #: What an instance has that does not keep a parameter.
 _UNKNOWN = object()
 #: The types of values that compare as they look.
@@ -69,7 +72,7 @@ def validate(
     seed: int = 0,
     env_class: str | None = None,
     kwargs: Mapping[str, Any] | None = None,
-    wrappers: Sequence[str] = (),
+    wrappers: str | Sequence[str] = (),
     policy: str | None = None,
     time_limit: float | None = None,
     fail_fast: bool = False,
@@ -90,7 +93,7 @@ def validate(
         seed: Seed of all episodes.
         env_class: The class, if a file or text defines several.
         kwargs: Arguments of the constructor, which JSON can represent.
-        wrappers: ``module:func`` of each wrapper to apply, the innermost first.
+        wrappers: ``module:func`` of a wrapper to apply, or of several, the innermost first.
         policy: A file with a privileged policy for the check ``difficulty``, or the name of a player that has one.
         time_limit: Seconds for each environment; None for the budget's.
         fail_fast: End each environment at its first error.
@@ -102,13 +105,18 @@ def validate(
         The report. It prints itself, and notebooks show it as HTML.
 
     Raises:
-        UsageError: A name does not exist, or the source of a class is not known.
+        UsageError: A name does not exist, a number is out of range, or the source of a class is not known.
         SandboxUnavailable: No sandbox of this kind works here.
     """
     selected = select_checks(None if checks is None else _joined(checks), _joined(skip) or None)
     severity = SeverityPolicy(severity_table(Path.cwd()), strict, comments=True)
     lookup("budget", budget, BUDGETS)
-    changes = {"kwargs": _json(kwargs or {}), "wrappers": tuple(wrappers)}
+    _require_number("seed", seed, True, 0, _MAX_SEED)
+    if time_limit is not None:
+        _require_number("time_limit", time_limit, False, 0)
+    if workers is not None:
+        _require_number("workers", workers, True, 1)
+    changes = {"kwargs": _json(kwargs or {}), "wrappers": _wrappers(wrappers)}
     targets = [msgspec.structs.replace(each, **changes) for each in _targets(target, env_class)]
     with contextlib.closing(driver_named(sandbox)) as driver:
         plan = Plan(
@@ -129,7 +137,7 @@ def validate(
 
 
 def check_env(
-    env: gymnasium.Env[Any, Any] | type | str,
+    env: gymnasium.Env[Any, Any] | type | str | os.PathLike[str],
     warn: bool | None = True,
     skip_render_check: bool = False,
     skip_close_check: bool = False,
@@ -147,7 +155,7 @@ def check_env(
     are not known.
 
     Args:
-        env: An instance, a class, or a registered id.
+        env: An instance, a class, a registered id, or another target of :func:`validate` with one environment.
         warn: Whether findings of the severity ``warning`` are Python warnings.
         skip_render_check: Leave out findings about rendering.
         skip_close_check: Leave out findings about ``close()``.
@@ -169,6 +177,7 @@ def check_env(
     table = severity_table(Path.cwd()) | dict.fromkeys(left_out, OFF)
     target = msgspec.structs.replace(target, kwargs=_json(given))
     lookup("budget", budget, BUDGETS)
+    _require_number("seed", seed, True, 0, _MAX_SEED)
     with contextlib.closing(driver_named(sandbox)) as driver:
         promised, selected = contract_named(contract), select_checks(None, None)
         severity = SeverityPolicy(table, comments=True)
@@ -208,6 +217,12 @@ def _targets(target: str | os.PathLike[str] | type, env_class: str | None) -> li
     if isinstance(target, str) and "\n" in target:
         keep_source(target.encode())
         return [Target("source.py", target.encode(), env_class)]
+    if isinstance(target, gymnasium.Env):
+        name = type(target).__name__
+        raise UsageError(f"validate() judges no instance; give the class {name}, or call envcraft.check_env(env)")
+    if not isinstance(target, str | os.PathLike):
+        words = "give a file, a folder, a class, package.module:Class, an id or the text of a module"
+        raise UsageError(f"{target!r} is not a target; {words}")
     return resolve(os.fspath(target), env_class)
 
 
@@ -217,8 +232,11 @@ def _checked(env: Any, kwargs: Mapping[str, Any] | None) -> tuple[Target, Mappin
     Raises:
         UsageError: `env` cannot be judged, or not without arguments that are not known.
     """
-    if isinstance(env, str):
-        return Target(env, kind=Kind.ID), kwargs or {}
+    if isinstance(env, str | os.PathLike):
+        targets = _targets(env, None)
+        if len(targets) != 1:
+            raise UsageError(f"{env} holds {len(targets)} environments; check_env() judges one, and validate() several")
+        return targets[0], kwargs or {}
     if isinstance(env, type):
         return _class(env), kwargs or {}
     if not isinstance(env, gymnasium.Env):
@@ -292,6 +310,24 @@ def _class(kind: type) -> Target:
     target = target_of(kind)
     keep_source(target.source)
     return with_project(target)
+
+
+def _wrappers(names: str | Sequence[str]) -> tuple[str, ...]:
+    """The names of wrappers. Raises UsageError if one is not ``module:func``."""
+    found = (names,) if isinstance(names, str) else tuple(names)
+    for name in found:
+        if not isinstance(name, str) or kind_of(name) is not Kind.MODULE:
+            words = f"the wrapper {name!r} must be 'module:func', such as 'gymnasium.wrappers:FlattenObservation'"
+            raise UsageError(words, setting="wrap")
+    return found
+
+
+def _require_number(name: str, value: Any, whole: bool, least: int, most: float = math.inf) -> None:
+    """Raise UsageError if an argument is not a number in a range; one that need not be whole must be above `least`."""
+    fits = isinstance(value, int if whole else int | float) and not isinstance(value, bool)
+    if not fits or not (least <= value <= most if whole else least < value < most):
+        limits = f"from {least} to {most}" if most < math.inf else f"of {least} or more" if whole else f"above {least}"
+        raise UsageError(f"{name} is {value!r}; it must be {'a whole number' if whole else 'a number'} {limits}")
 
 
 def _joined(names: str | Sequence[str]) -> str:

@@ -249,6 +249,46 @@ def test_check_env_raises_with_the_findings(tmp_path: Path, monkeypatch: pytest.
         envcraft.check_env(no_environment)
 
 
+@pytest.mark.parametrize(
+    ("target", "options", "words"),
+    [
+        (None, {}, r"None is not a target; give a file"),
+        (["walk.py"], {}, r"\['walk.py'\] is not a target"),
+        ("CartPole-v1", {"seed": -1}, "seed is -1; it must be a whole number from 0 to 2147483647"),
+        ("CartPole-v1", {"seed": "x"}, "seed is 'x'; it must be a whole number"),
+        ("CartPole-v1", {"workers": 0}, "workers is 0; it must be a whole number of 1 or more"),
+        ("CartPole-v1", {"time_limit": -1}, "time_limit is -1; it must be a number above 0"),
+        ("CartPole-v1", {"wrappers": ["TimeLimit"]}, "the wrapper 'TimeLimit' must be 'module:func'"),
+    ],
+)
+def test_a_wrong_argument_is_named(target: Any, options: dict[str, Any], words: str) -> None:
+    with pytest.raises(envcraft.UsageError, match=words):
+        envcraft.validate(target, **_CHEAP, **options)
+
+
+def test_validate_says_what_judges_an_instance() -> None:
+    env: Any = gymnasium.make("CartPole-v1").unwrapped
+    with pytest.raises(envcraft.UsageError, match=r"give the class CartPoleEnv, or call envcraft.check_env\(env\)"):
+        envcraft.validate(env, **_CHEAP)
+
+
+def test_one_wrapper_needs_no_list() -> None:
+    options = {**_CHEAP, "checks": ["source"], "contract": "gymnasium"}
+    report = envcraft.validate("CartPole-v1", wrappers="gymnasium.wrappers:FlattenObservation", **options)
+    assert report.reports[0].wrappers == ["gymnasium.wrappers:FlattenObservation"]
+
+
+def test_check_env_takes_a_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    seen = _only(monkeypatch)
+    (tmp_path / "walk.py").write_text(ENVIRONMENT)
+    envcraft.check_env("walk.py", sandbox="process")
+    envcraft.check_env(tmp_path / "walk.py", sandbox="process")
+    assert [target.kind for target in seen] == [Kind.SOURCE, Kind.SOURCE]
+    (tmp_path / "other.py").write_text(ENVIRONMENT)
+    with pytest.raises(envcraft.UsageError, match=r"holds 2 environments; check_env\(\) judges one"):
+        envcraft.check_env(str(tmp_path), sandbox="process")
+
+
 def _only(monkeypatch: pytest.MonkeyPatch, *names: str) -> list[Any]:
     """Let check_env run only the check `source` and those named, and keep the targets that it judges."""
     from envcraft.api import validation
