@@ -55,9 +55,11 @@ def names(name: str) -> tuple[str, str]:
     module = _WORDS.sub("_", name).lower()
     env_class = "".join(part[:1].upper() + part[1:] for part in name.split("_"))
     if not name.isidentifier() or name.startswith("_") or any(map(keyword.iskeyword, (name, module, env_class))):
-        near = "_".join(re.findall(r"[^\W_]+", module))
+        folder, _, last = module.removesuffix(".py").rpartition("/")
+        near = "_".join(re.findall(r"[^\W_]+", last))
         near = near if near.isidentifier() and near != module else f"game_{near}".rstrip("_")
-        raise UsageError(f"{name!r} is not a valid class name; try `envcraft new {near}`")
+        where = f" --folder {shlex.quote(name.rpartition('/')[0])}" if folder else ""
+        raise UsageError(f"{name!r} is not a valid class name; try `envcraft new {near}{where}`")
     if module in _TAKEN or module.startswith("test_") or module.endswith("_test"):
         near = f"{module.removeprefix('test_').removesuffix('_test')}_game"
         raise UsageError(f"{module}.py would hide another module; try `envcraft new {near}`")
