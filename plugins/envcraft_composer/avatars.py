@@ -171,9 +171,6 @@ vy, vx = self.flight
 y, x = round(y + CELL // 2 - 2 * vy), round(min(max(x + CELL // 2 - 2 * vx, 1), 81))
 frame[y : y + 2, x : x + 2] = PALETTE[3]
 """
-_CURSOR_WALK = """
-self.at = self._shift(self.at, move)
-"""
 
 
 def _pointed(facing: str) -> str:

@@ -38,7 +38,7 @@ _BOUNCES = (-10, -7, -4, -2, 0, 2, 4, 7, 10)
 #: Attributes that tell states apart, besides the place and what is left.
 _PARTS = (
     *("heading", "facing", "rise", "carries", "body", "paddle", "lit", "standing"),
-    *("reload", "train", "lives", "sheep", "marks"),
+    *("reload", "train", "lives", "sheep", "marks", "lifts", "pointer"),
 )
 #: Attributes that no step changes.
 _SHARED = (
@@ -161,6 +161,9 @@ class Composed(Planner):
         if self._plane:
             y, x = ghost.at
             return lost + float(min(abs(y - v) + abs(x - u) for v, u in targets)) / self._reach
+        if hasattr(ghost, "pointer"):
+            y, x = ghost.pointer
+            return lost + float(min(abs(y - v) + abs(x - u) for v, u in targets)) + 1.0
         flood = self._flood(ghost, tuple(targets))
         return lost + float(flood.get(ghost.at, 50))
 

@@ -69,7 +69,7 @@ _PAINT = '''
                 top, left = self._pixel((y, x))
                 <<wall>>
 '''
-_EDGE = """
+EDGE = """
 self.walls = {(y, x) for y in range(-1, ROWS + 1) for x in range(-1, COLUMNS + 1)}
 self.walls -= {(y, x) for y in range(ROWS) for x in range(COLUMNS)}
 """
@@ -232,7 +232,7 @@ _PLANE_PAINT = '''
 '''
 
 
-def _frame(rows: int, columns: int) -> Constants:
+def frame_of(rows: int, columns: int) -> Constants:
     """Where a world of so many cells is drawn."""
     cell = min(74 // rows, 82 // columns)
     return {
@@ -252,7 +252,7 @@ def _drawn(sizes: tuple[int, int], odd: bool = False, **ranges: tuple[float, flo
         rows, columns = rng.randint(*sizes), rng.randint(*sizes)
         if odd:
             rows, columns = rows | 1, columns | 1
-        found = _frame(rows, columns)
+        found = frame_of(rows, columns)
         for name, (low, high) in ranges.items():
             found[name] = rng.randint(int(low), int(high)) if isinstance(low, int) else round(rng.uniform(low, high), 2)
         return found
@@ -263,7 +263,7 @@ def _drawn(sizes: tuple[int, int], odd: bool = False, **ranges: tuple[float, flo
 def _rooms(rng: Random, level: float) -> Constants:
     room = rng.choice((4, 5))
     most = 14 // room
-    return {**_frame(room * rng.randint(2, most) - 1, room * rng.randint(2, most) - 1), "ROOM": room}
+    return {**frame_of(room * rng.randint(2, most) - 1, room * rng.randint(2, most) - 1), "ROOM": room}
 
 
 def _plane(rng: Random, level: float) -> Constants:
@@ -279,7 +279,7 @@ def _grid(
         about,
         gives=traits("cells", "walk", "walled", *more.split()),
         parts={
-            "build": _EDGE + build + _START,
+            "build": EDGE + build + _START,
             "method:shift": _SHIFT,
             "method:reachable": _CELLS,
             "method:spots": _SPOTS,
@@ -316,6 +316,15 @@ _PLANE_WORLD = Mechanic(
     draw=_plane,
     pace=1.1,
 )
+PLATFORMS = _variant(
+    _FIELD_WORLD,
+    "platforms",
+    "Platforms seen from the side. What has no ground under it falls.",
+    traits("cells", "side"),
+    {"build": EDGE + _SIDE},
+    draw=_drawn((11, 13), STOREY=(3, 3)),
+    pace=1.6,
+)
 
 WORLDS = (
     _FIELD_WORLD,
@@ -340,22 +349,14 @@ WORLDS = (
         draw=_drawn((9, 13), BARS=(3, 9)),
         pace=0.9,
     ),
-    _variant(
-        _FIELD_WORLD,
-        "platforms",
-        "Platforms seen from the side. What has no ground under it falls.",
-        traits("cells", "side"),
-        {"build": _EDGE + _SIDE},
-        draw=_drawn((11, 13), STOREY=(3, 3)),
-        pace=1.6,
-    ),
+    PLATFORMS,
     _variant(
         _FIELD_WORLD,
         "lanes",
         "A road of many lanes. Cars drive along them, leave at one side and come back at the other.",
         traits("cells", "walk", "traffic", "danger"),
         {
-            "build": _EDGE + _LANES,
+            "build": EDGE + _LANES,
             "touch": _HIT_CAR,
             "stir": _TRAFFIC,
             "draw": _DRAW_CARS,
