@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
+import msgspec
 
 from envcraft.cli import completion
+from envcraft.errors import UsageError
 from envcraft.judging.budget import BUDGETS
 from envcraft.judging.driver import Isolation
 from envcraft.judging.selection import split
+from envcraft.registry import offered
+
+if TYPE_CHECKING:
+    from envcraft.model.target import PolicyFile
 
 _F = TypeVar("_F", bound=Callable[..., Any])
 
@@ -50,6 +57,36 @@ def sandbox_options(sandbox: str | None = "auto") -> Callable[[_F], _F]:
             help="The number of jobs that run in parallel.",
         ),
     )
+
+
+def policy_option() -> Callable[[_F], _F]:
+    """Add ``--policy``, which :func:`policy_of` reads."""
+    return click.option(
+        "--policy",
+        metavar="FILE|PLAYER",
+        shell_complete=completion.files,
+        help="A Python file with a privileged policy, which the check difficulty plays, or a player that has one, such "
+        "as that of a family: composer.",
+    )
+
+
+def policy_of(name: str | None, common: bool = False) -> PolicyFile | None:
+    """The privileged policy that ``--policy`` names. Raises UsageError if there is none.
+
+    Args:
+        name: its file, or the name of a player.
+        common: whether it is for many environments, some of which it may not be able to play.
+    """
+    if not name:
+        return None
+    from envcraft.demonstrations.player import policy_named
+
+    try:
+        return msgspec.structs.replace(policy_named(name), common=common)
+    except UsageError as error:
+        names = [player.name for player in offered("envcraft_players") if player.policy is not None]
+        known = "name a Python file" + (f", or a player that has a policy: {', '.join(names)}" if names else "")
+        raise UsageError(str(error) if os.path.exists(name) else f"{error}; {known}", setting="policy") from None
 
 
 def format_option() -> Callable[[_F], _F]:

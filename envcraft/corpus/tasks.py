@@ -23,7 +23,7 @@ from envcraft.judging.settings import Settings, settings_of
 from envcraft.judging.worker_pool import WorkerPool
 from envcraft.model.contract import Contract
 from envcraft.model.events import SubjectFinished
-from envcraft.model.target import Project, Target
+from envcraft.model.target import PolicyFile, Project, Target
 from envcraft.model.verdict import plain
 
 
@@ -39,6 +39,7 @@ class Order(msgspec.Struct, frozen=True):
         limits: of each job.
         time_limit: of each environment in seconds; None takes the budget's.
         fail_fast: an environment ends at its first error.
+        policy: the privileged policy of the check ``difficulty``, if the user named one.
     """
 
     settings: Settings
@@ -49,6 +50,7 @@ class Order(msgspec.Struct, frozen=True):
     limits: Limits = Limits()
     time_limit: float | None = None
     fail_fast: bool = False
+    policy: PolicyFile | None = None
 
     def to_bytes(self) -> bytes:
         return msgspec.msgpack.encode(self)
@@ -105,7 +107,7 @@ def _plan(order: bytes) -> Plan:
         ensure(driver)
         if wanted.budget not in BUDGETS:
             raise EnvCraftError(f"there is no budget {wanted.budget}")
-        here = settings_of(decoded.contract, checks, driver, BUDGETS[wanted.budget], wanted.seed)
+        here = settings_of(decoded.contract, checks, driver, BUDGETS[wanted.budget], wanted.seed, decoded.policy)
         if differing := here.differing(wanted):
             raise EnvCraftError(f"{'; '.join(differing)}; install there what is installed here")
     except EnvCraftError as error:
@@ -120,6 +122,7 @@ def _plan(order: bytes) -> Plan:
         checks,
         budget,
         wanted.seed,
+        decoded.policy,
         limits=limits,
         parallel_jobs=1,
         time_limit=decoded.time_limit,

@@ -410,9 +410,19 @@ def _take(
 ) -> None:
     """Add a finding to a report, unless the contract, the severities or a comment leave it out.
 
+    An error of a policy for many environments leaves the check undecided.
+
     Raises:
         UsageError: the finding is an error of the policy that an author named.
     """
+    policy = subject.policy
+    if policy is not None and finding.severity is Severity.ERROR and check.rule(finding.code).about_policy:
+        if policy.common:
+            report.verdict, report.undecided = Verdict.SKIP, True
+            report.reason = f"the policy cannot play it: {finding.message}"
+            return
+        if severity.comments:
+            raise UsageError(f"--policy: {finding.message}", setting="policy")
     ignored = None
     if subject.ignore_comments is not None and check.waivable(finding.code):
         # Also what is left out for another reason: the comment is not unused.
@@ -425,8 +435,6 @@ def _take(
         report.ignored.append(msgspec.structs.replace(ignored, finding=counted))
     elif check.waivable(finding.code) and _known(report, subject.target.path, finding.code, severity.baseline):
         report.known.append(counted)
-    elif severity.comments and counted.severity is Severity.ERROR and check.rule(counted.code).about_policy:
-        raise UsageError(f"--policy: {counted.message}", setting="policy")
     elif counted not in report.findings:
         report.findings.append(counted)
 

@@ -15,6 +15,7 @@ from envcraft.judging.check import Check
 from envcraft.judging.code_digest import code_digest
 from envcraft.judging.driver import Driver
 from envcraft.model.contract import Contract
+from envcraft.model.target import PolicyFile
 from envcraft.model.verdict import plain
 from envcraft.registry import offered
 from envcraft.version import __version__
@@ -74,7 +75,14 @@ class Settings(msgspec.Struct, frozen=True):
         return {name: value for name, value in msgspec.structs.asdict(self).items() if name not in _DESCRIPTIVE}
 
 
-def settings_of(contract: Contract, checks: Iterable[Check], driver: Driver, budget: Budget, seed: int) -> Settings:
+def settings_of(
+    contract: Contract,
+    checks: Iterable[Check],
+    driver: Driver,
+    budget: Budget,
+    seed: int,
+    policy: PolicyFile | None = None,
+) -> Settings:
     """Return the settings of a run.
 
     Raises:
@@ -85,13 +93,13 @@ def settings_of(contract: Contract, checks: Iterable[Check], driver: Driver, bud
     return Settings(
         contract.name,
         contract_digest(contract),
-        rules_version(checks, driver),
+        rules_version(checks, driver, policy),
         seed,
         budget.name,
         driver.name,
         driver.image() or _libraries(),
         "" if names == offered_names else ",".join(sorted(names)),
-        rules_version(offers, driver) if names < offered_names else "",
+        rules_version(offers, driver, policy) if names < offered_names else "",
     )
 
 
@@ -104,9 +112,10 @@ def contract_digest(contract: Contract) -> str:
     return hashlib.sha256(msgspec.json.encode(promises, order="sorted")).hexdigest()
 
 
-def rules_version(checks: Iterable[Check], driver: Driver) -> str:
+def rules_version(checks: Iterable[Check], driver: Driver, policy: PolicyFile | None = None) -> str:
     """Return EnvCraft's version with a digest of the checks' rules and of the code that judges.
 
+    The text of the privileged policy is part of the digest, if there is one.
     That code consists of the engine, the checks and the driver's package, each with all modules of EnvCraft that it
     imports (:mod:`envcraft.judging.code_digest`).
     """
@@ -114,6 +123,8 @@ def rules_version(checks: Iterable[Check], driver: Driver) -> str:
     rules = [(check.name, plain(list(check.rules))) for check in checks]
     digest = hashlib.sha256(msgspec.json.encode(rules, order="sorted"))
     digest.update(code_digest([*map(type, checks), type(driver)], driver.packages))
+    if policy is not None:
+        digest.update(policy.source.encode("utf-8", "surrogatepass"))
     return f"{__version__}+{digest.hexdigest()[:16]}"
 
 

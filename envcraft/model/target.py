@@ -170,10 +170,17 @@ def kind_of(name: str) -> Kind | None:
 
 
 class PolicyFile(msgspec.Struct, frozen=True):
-    """A privileged policy to run in the worker."""
+    """A privileged policy to run in the worker.
+
+    Attributes:
+        path: its file, or the name of the player that has it.
+        source: its text.
+        common: whether it is for many environments, some of which it may not be able to play.
+    """
 
     path: str
     source: str
+    common: bool = False
 
 
 def read_target(path: str, env_class: str | None = None) -> Target:

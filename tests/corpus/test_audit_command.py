@@ -67,6 +67,68 @@ def test_a_folder_is_followed(games: Path, invoke: Invoke) -> None:
     assert [row["name"] for row in json.loads(listed.stdout)] == ["more/c.py"]
 
 
+#: The left or the right end wins, and the other one loses.
+ENDS = """
+import gymnasium as gym
+import numpy as np
+from gymnasium import spaces
+
+
+class Ends(gym.Env):
+    metadata = {"render_modes": ["rgb_array"], "render_fps": 30}
+
+    def __init__(self, render_mode=None):
+        self.observation_space = spaces.Box(0, 255, (84, 84, 3), np.uint8)
+        self.action_space = spaces.MultiDiscrete([5, 2, 2])
+        self.render_mode = render_mode
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        self.x, self.NAME, self.steps = 10, int(self.np_random.integers(2)) * 20, 0
+        return self.render(), {"is_success": False}
+
+    def step(self, action):
+        self.steps += 1
+        self.x += {3: -1, 4: 1}.get(int(action[0]), 0)
+        won, over = self.x == self.NAME, self.x in (0, 20) or self.steps == 100
+        return self.render(), float(won) - 0.01, over, False, {"is_success": won}
+
+    def render(self):
+        frame = np.zeros((84, 84, 3), np.uint8)
+        frame[40:44, self.x * 4 : self.x * 4 + 4] = 255
+        frame[20:24, self.NAME * 4 : self.NAME * 4 + 4] = 160
+        frame[0, : self.steps % 84] = 90
+        return frame
+"""
+
+
+def test_a_policy_plays_where_it_can_and_is_part_of_the_settings(tmp_path: Path, invoke: Invoke) -> None:
+    (tmp_path / "games").mkdir()
+    for name, attribute in (("a.py", "goal"), ("b.py", "aim")):
+        (tmp_path / "games" / name).write_text(ENDS.replace("NAME", attribute))
+    policy = tmp_path / "player.py"
+    policy.write_text("def policy(env):\n    return [4 if env.goal else 3, 0, 0]\n")
+    options = ["--sandbox", "process", "--budget", "quick", "--checks", "difficulty", "--format", "json"]
+    result = invoke("audit", "games", *options, "--policy", "player.py")
+    reports = {report["path"]: report["checks"][1] for report in json.loads(result.stdout)["reports"]}
+    assert result.exit_code == 0, result.output
+    assert reports["games/a.py"]["verdict"] == "pass", reports
+    assert reports["games/b.py"]["undecided"]
+    assert "the policy cannot play it: the policy raises AttributeError" in reports["games/b.py"]["reason"]
+    assert not reports["games/b.py"]["findings"]
+
+    def judged_again(*more: str) -> int:
+        return int(json.loads(invoke("audit", "games", *options, *more).stdout)["audit"]["judged"])
+
+    assert judged_again("--policy", "player.py") == 0
+    assert judged_again() == 2
+    policy.write_text("def policy(env):\n    return [4 if env.goal > 0 else 3, 0, 0]\n")
+    assert judged_again("--policy", "player.py") == 2
+    result = invoke("reverify", "games/.envcraft", "--policy", "player.py", "--sandbox", "process")
+    assert result.exit_code == 0, result.output
+    assert "other settings" not in result.output
+
+
 def test_a_larger_budget_is_for_what_passes_the_smaller_one(games: Path, invoke: Invoke) -> None:
     (games / "b.py").write_text(f"import nothing_of_this_name\n{ENVIRONMENT}")
     options = ("--checks", "source", "--sandbox", "process", "--budget", "quick,standard", "--time-limit", "300")

@@ -14,7 +14,7 @@ from envcraft.cli import completion
 from envcraft.cli.commands.audit_reports import read_audit_reports, write
 from envcraft.cli.commands.outputs import report_stream
 from envcraft.cli.configured import Configured
-from envcraft.cli.options import check_options, format_option, output_option, sandbox_options
+from envcraft.cli.options import check_options, format_option, output_option, policy_of, policy_option, sandbox_options
 from envcraft.cli.signals import uninterrupted
 from envcraft.contracts.lookup import contract_named
 from envcraft.corpus.executors import LOCAL, executor_named
@@ -46,6 +46,7 @@ class _Command(Configured):
 @click.option("--store", metavar="DIR", help="The corpus of a folder.  [default: FOLDER/.envcraft]")
 @check_options(stages=True)
 @sandbox_options()
+@policy_option()
 @click.option(
     "--executor",
     default=LOCAL,
@@ -104,6 +105,7 @@ def audit(
     time_limit: float | None,
     fail_fast: bool,
     workers: int | None,
+    policy: str | None,
     executor: str,
     scheduler: str | None,
     resume: bool,
@@ -126,6 +128,7 @@ def audit(
                  2 usage error                 3 an environment could not be judged
     """
     promised, selected = contract_named(contract), select_checks(checks, skip)
+    privileged = policy_of(policy, common=True)
     engine = executor_named(executor)
     if engine is None and scheduler is not None:
         raise UsageError(f"--scheduler {scheduler} needs an executor that has a scheduler, such as --executor dask")
@@ -154,7 +157,7 @@ def audit(
         streams = [stack.enter_context(report_stream(path, not number)) for number, (_, path) in enumerate(wanted)]
         known = read_baseline(baseline) if baseline else None
         ensure(driver)
-        stages = [settings_of(promised, selected, driver, BUDGETS[name], seed) for name in budget]
+        stages = [settings_of(promised, selected, driver, BUDGETS[name], seed, privileged) for name in budget]
         opened, folder, projects = _open(place, store, promised.project)
         stack.enter_context(opened)
         selection = Selection(only_failed, changed, sample, seed)
@@ -175,6 +178,7 @@ def audit(
                 selected,
                 budget_of_stage,
                 seed,
+                privileged,
                 time_limit=time_limit,
                 fail_fast=fail_fast,
             )
@@ -189,6 +193,7 @@ def audit(
                     require_isolation,
                     time_limit=time_limit,
                     fail_fast=fail_fast,
+                    policy=privileged,
                 )
                 judging = dispatch(engine, workers, scheduler, order, plan)
             _judge(run, judging, resume)

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from envcraft.cli.options import sandbox_options
+from envcraft.cli.options import policy_of, policy_option, sandbox_options
 from envcraft.cli.signals import uninterrupted
 from envcraft.contracts.lookup import contract_named
 from envcraft.errors import ExitCode, TargetLost, UsageError
@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from envcraft.corpus.records import Record
     from envcraft.corpus.store import Environment, Store
     from envcraft.judging.settings import Settings
+    from envcraft.model.target import PolicyFile
 
 _SAMPLE = re.compile(r"(\d+(?:\.\d+)?)(%?)")
 
@@ -43,6 +44,7 @@ _SAMPLE = re.compile(r"(\d+(?:\.\d+)?)(%?)")
 @click.option("--sample", metavar="N|P%", help="Judge a random sample: N records, or P percent of them.")
 @click.option("--seed", type=click.IntRange(0, 2**31 - 1), default=0, show_default=True, help="The seed of the sample.")
 @sandbox_options(sandbox=None)
+@policy_option()
 @click.pass_context
 def reverify(
     ctx: click.Context,
@@ -54,6 +56,7 @@ def reverify(
     runtime: str | None,
     require_isolation: str | None,
     workers: int | None,
+    policy: str | None,
 ) -> None:
     """Judge recorded environments again under the recorded settings.
 
@@ -63,6 +66,7 @@ def reverify(
     Exit status: 0 all as recorded    1 drift
                  2 usage error        3 an environment could not be judged
     """
+    privileged = policy_of(policy, common=True)
     with contextlib.ExitStack() as stack:
         with uninterrupted():
             from envcraft.corpus.audit import stored_reader
@@ -93,7 +97,8 @@ def reverify(
             driver = driver_named(named, require_isolation, runtime, probe=False)
             with contextlib.closing(driver):
                 ensure(driver)
-                came_out.update(_again(group, driver, workers, lambda record: _target(record, place, stored)))
+                found = _again(group, driver, workers, privileged, lambda record: _target(record, place, stored))
+                came_out.update(found)
     click.echo(
         f"{len(chosen):,} of {plural(len(known), 'record')} judged again: {came_out[ExitCode.PASS]:,} as recorded, "
         f"{came_out[ExitCode.FAIL]:,} drifted, {came_out[ExitCode.ERROR]:,} could not be judged"
@@ -143,7 +148,11 @@ def _target(record: Record, place: str, stored: Callable[[Environment], Target] 
 
 
 def _again(
-    records: Sequence[Record], driver: Driver, workers: int | None, find: Callable[[Record], Target]
+    records: Sequence[Record],
+    driver: Driver,
+    workers: int | None,
+    policy: PolicyFile | None,
+    find: Callable[[Record], Target],
 ) -> Iterator[ExitCode]:
     """Judge records of the same settings again, and report each difference."""
     from envcraft.cli.progress import Progress
@@ -156,10 +165,17 @@ def _again(
     if settings.budget not in BUDGETS:
         raise UsageError(f"the records name an unknown budget, {one_line(settings.budget)}")
     budget = BUDGETS[settings.budget]
-    differing = settings_of(contract, checks, driver, budget, settings.seed).differing(settings)
+    differing = settings_of(contract, checks, driver, budget, settings.seed, policy).differing(settings)
     because = f" (judged now by {one_line('; '.join(differing))})" if differing else ""
     plan = Plan(
-        LazyTargets(records, find), contract, driver, checks, budget, settings.seed, fail_fast=records[0].fail_fast
+        LazyTargets(records, find),
+        contract,
+        driver,
+        checks,
+        budget,
+        settings.seed,
+        policy,
+        fail_fast=records[0].fail_fast,
     )
     with (
         WorkerPool(driver, plan.limits, len(records)) as pool,

@@ -16,7 +16,7 @@ import msgspec
 from envcraft.cli import completion
 from envcraft.cli.commands.outputs import report_stream
 from envcraft.cli.configured import Configured, blamed
-from envcraft.cli.options import check_options, format_option, output_option, sandbox_options
+from envcraft.cli.options import check_options, format_option, output_option, policy_of, policy_option, sandbox_options
 from envcraft.cli.signals import uninterrupted
 from envcraft.contracts.lookup import contract_named
 from envcraft.corpus.baseline import read_baseline
@@ -62,13 +62,7 @@ class _ValidateCommand(Configured):
     help="Apply this wrapper to each instance. Can be repeated; the first is the innermost.",
 )
 @sandbox_options()
-@click.option(
-    "--policy",
-    metavar="FILE|PLAYER",
-    shell_complete=completion.files,
-    help="A Python file with a privileged policy, which the check difficulty plays, or a player that has one, such as "
-    "that of a family: composer.",
-)
+@policy_option()
 @format_option()
 @output_option()
 @click.option(
@@ -161,15 +155,7 @@ def validate(
     if not files and (unusable or not environments_only):
         ctx.exit(ExitCode.USAGE)
 
-    privileged = None
-    if policy:
-        from envcraft.demonstrations.player import policy_named
-
-        try:
-            privileged = policy_named(policy)
-        except UsageError as error:
-            words = str(error) if os.path.exists(policy) else f"{error}; {_policies()}"
-            raise UsageError(words, setting="policy") from None
+    privileged = policy_of(policy)
     report: Report | None = None
     with contextlib.ExitStack() as stack:
         driver = driver_for(driver_named(sandbox, require_isolation, runtime, probe=False), files)
@@ -269,12 +255,6 @@ def read_reports(form: str, output: str | None, also: Iterable[str]) -> list[tup
         if files.count(path) > 1:
             raise UsageError(f"two reports have the same file {path}; name another file for one of them")
     return found
-
-
-def _policies() -> str:
-    """What ``--policy`` takes, in words."""
-    names = [player.name for player in offered("envcraft_players") if player.policy is not None]
-    return "name a Python file" + (f", or a player that has a policy: {', '.join(names)}" if names else "")
 
 
 def _codes(names: str | None, setting: str, instead: str) -> tuple[str, ...]:
