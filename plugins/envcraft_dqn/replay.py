@@ -174,7 +174,8 @@ class Replay:
             rewards: The rewards, [steps].
             terminated: Whether the last step terminated the episode; otherwise it is truncated there.
             labels: The joint actions of the demonstrator, [steps].
-            advice: The probabilities of its joint actions, [steps, actions].
+            advice: The probabilities of its joint actions, [steps, actions]. Instead of errors, their
+                :func:`decisiveness` is the priority of these transitions.
 
         Raises:
             ValueError: The episode is longer than the ring.
@@ -193,10 +194,12 @@ class Replay:
             discounts[ends == steps] = 0.0
         slots = slots[:steps]
         self._actions[slots], self._labels[slots] = actions, labels
+        priorities = None
         if advice is not None:
             self._advice[slots] = advice
+            priorities = self._powered(decisiveness(advice))
         self._label_weights = None
-        self._finish(slots, sums, following[ends], discounts)
+        self._finish(slots, sums, following[ends], discounts, priorities)
 
     def truncate(self, indices: NDArray[np.int64], frames: Frames) -> None:
         """Truncate the running episodes of environments [n] at their current observations `frames` [n, *shape]."""
@@ -220,6 +223,9 @@ class Replay:
     ) -> Batch:
         """Sample a batch, with the next frames if `following`; see :meth:`draw` for the other arguments."""
         slots, weights = self.draw(count, beta, rng, share)
+        advice = self._advice[slots].astype(np.float32)
+        # Importance weights would undo that decisive advice is learned more often.
+        weights[advice.any(1)] = 1.0
         frames = self._store.read(np.concatenate([slots, self._next[slots]]) if following else slots)
         return Batch(
             slots,
@@ -231,7 +237,7 @@ class Replay:
             weights,
             self._labels[slots].astype(np.int64),
             self._weights_of_labels()[self._labels[slots]],
-            self._advice[slots].astype(np.float32),
+            advice,
         )
 
     def _weights_of_labels(self) -> NDArray[np.float32]:
@@ -283,9 +289,12 @@ class Replay:
         return slots, ((chances / chances.min()) ** -beta).astype(np.float32)
 
     def update(self, slots: Slots, errors: NDArray[np.float32]) -> None:
-        """Set the priorities of sampled slots [n] from their TD errors [n]."""
-        priorities = (np.abs(errors, dtype=np.float64) + _EPSILON) ** self._alpha
-        self._tree.set(slots, priorities)
+        """Set the priorities of sampled slots [n] from their errors [n], except where there is advice."""
+        open_to_errors = ~self._advice[slots].any(1)
+        if not open_to_errors.any():
+            return
+        priorities = self._powered(errors[open_to_errors])
+        self._tree.set(slots[open_to_errors], priorities)
         self.highest = max(self.highest * _DECAY, float(priorities.max()))
 
     def _write(self, frames: Frames) -> Slots:
@@ -302,11 +311,22 @@ class Replay:
         self._store.write(slots, frames)
         return slots
 
-    def _finish(self, slots: Slots, sums: NDArray[np.float64], following: Slots, discounts: Any) -> None:
+    def _powered(self, errors: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
+        """The priorities of errors [n]."""
+        return (np.abs(errors, dtype=np.float64) + _EPSILON) ** self._alpha
+
+    def _finish(
+        self,
+        slots: Slots,
+        sums: NDArray[np.float64],
+        following: Slots,
+        discounts: Any,
+        priorities: NDArray[np.float64] | None = None,
+    ) -> None:
         """Set the returns of transitions [n], which can be sampled from now on."""
         if len(slots):
             self._returns[slots], self._next[slots], self._discounts[slots] = sums, following, discounts
-            self._tree.set(slots, np.full(len(slots), self.highest))
+            self._tree.set(slots, np.full(len(slots), self.highest) if priorities is None else priorities)
             self.drawable += len(slots)
 
     def _end(self, indices: NDArray[np.int64], frames: Frames | None) -> None:
@@ -368,3 +388,20 @@ class Replay:
             ("labels", self._labels),
             ("advice", self._advice),
         )
+
+
+def decisiveness(advice: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
+    """How much the choice of the action matters by the advice, from 0, where it does not, to 1 for one good action.
+
+    A learner learns more from states in which actions differ (Torrey and Taylor 2013, "Teaching on a Budget").
+
+    Args:
+        advice: The probabilities of the joint actions, [n, actions].
+
+    Returns:
+        One minus the entropy as a share of the highest among the actions that have a probability, float64 [n].
+    """
+    rated = np.count_nonzero(advice, 1)
+    logarithms = np.log(advice, out=np.zeros(advice.shape), where=advice > 0)
+    entropies = -(advice * logarithms).sum(1)
+    return 1.0 - entropies / np.log(np.maximum(rated, 2))

@@ -62,17 +62,17 @@ PRESETS = {
             size="cells",
             objective="dagger",
             lead=0.5,
-            steps=800_000,
+            steps=1_200_000,
             demonstrations=0,
             num_envs=64,
             cycle=500,
             batch=128,
-            # Every state is learned from once on average: others are cheaper than looking at one again.
-            train_every=128,
+            # Two states of three are learned from: others are cheaper than looking at one again.
+            train_every=192,
             learning_rate=1e-3,
             decay=True,
-            # Labels that disagree in similar states have large errors for ever, so that priorities would favour them.
-            alpha=0.0,
+            # States are learned from in proportion to how decisive the advice is.
+            alpha=1.0,
             # Nearly greedy, because good actions have close values.
             temperature=0.1,
             epsilon_first=0.1,
@@ -160,6 +160,8 @@ TRANSFER = {
             pretrain_updates=2_000,
             demonstrations=200,
             train_every=25,
+            # Labels that disagree in similar states have large errors for ever, so that priorities would favour them.
+            alpha=0.0,
             lead=0.0,
         ),
     ),

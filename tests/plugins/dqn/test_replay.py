@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import pytest
 from envcraft_dqn.frames import RawFrames
-from envcraft_dqn.replay import Replay
+from envcraft_dqn.replay import Replay, decisiveness
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
@@ -333,6 +333,32 @@ def test_advice_belongs_to_its_transition_until_it_is_overwritten() -> None:
     add(25, False)
     batch = replay.sample(200, 0.0, rng)
     assert not batch.advice[batch.slots < 15].any()
+
+
+def test_decisiveness_is_between_no_matter_and_one_good_action() -> None:
+    advice = np.array([[1, 0, 0, 0], [0.5, 0.5, 0, 0], [0.25] * 4, [0.9, 0.05, 0.05, 0], [0.5, 0.3, 0.2, 0]])
+    found = decisiveness(advice)
+    assert found[:3] == pytest.approx([1, 0, 0])
+    assert 0 < found[4] < found[3] < 1
+
+
+def test_states_with_decisive_advice_are_sampled_more_often_and_errors_change_nothing() -> None:
+    rng = np.random.default_rng(0)
+    replay = Replay(RawFrames(40, SHAPE), 40, 1, GAMMA, alpha=1.0, advised=3)
+    replay.reset(0)
+    sharp, flat = [0.9, 0.05, 0.05], [0.6, 0.2, 0.2]
+    advice = np.array([sharp, flat] * 5)
+    frames = np.stack([frame(number) for number in range(11)])
+    replay.add_episode(frames, np.zeros(10, np.int64), np.zeros(10), True, np.zeros(10, np.int64), advice)
+    # A small constant is added to every priority.
+    priorities = decisiveness(advice) + 1e-3
+    share = priorities[::2].sum() / priorities.sum()
+    for _ in range(2):
+        batch = replay.sample(20_000, 1.0, rng)
+        sharp_ones = np.count_nonzero(batch.slots % 2 == 0)
+        assert stats.binomtest(int(sharp_ones), 20_000, share).pvalue > 1e-4
+        assert (batch.weights == 1).all()
+        replay.update(batch.slots, np.where(batch.slots % 2, 100.0, 0.0).astype(np.float32))
 
 
 def test_a_replay_is_put_back_as_it_was() -> None:
