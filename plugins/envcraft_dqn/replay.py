@@ -313,7 +313,8 @@ class Replay:
 
     def _powered(self, errors: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
         """The priorities of errors [n]."""
-        return (np.abs(errors, dtype=np.float64) + _EPSILON) ** self._alpha
+        priorities: NDArray[np.float64] = (np.abs(errors, dtype=np.float64) + _EPSILON) ** self._alpha
+        return priorities
 
     def _finish(
         self,
@@ -404,4 +405,5 @@ def decisiveness(advice: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
     rated = np.count_nonzero(advice, 1)
     logarithms = np.log(advice, out=np.zeros(advice.shape), where=advice > 0)
     entropies = -(advice * logarithms).sum(1)
-    return 1.0 - entropies / np.log(np.maximum(rated, 2))
+    decisive: NDArray[np.float64] = 1.0 - entropies / np.log(np.maximum(rated, 2))
+    return decisive
