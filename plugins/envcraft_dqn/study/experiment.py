@@ -175,9 +175,8 @@ class Experiment:
         with exclusive(self.folder):
             results = runner.run(self.tasks, self._request, self.folder, plugin, workers, scheduler, on_result)
             if self._transfer is not None:
-                return write_transfer(
-                    self.folder, self.protocol, self._player, summarise_transfer(results, self.environments)
-                )
+                summary = summarise_transfer(self.protocol, self._player, results, self.environments)
+                return write_transfer(self.folder, summary)
             kinds = {one.name: one.kind for one in self.environments}
             return write(self.folder, self.protocol, self._player, results, summarise(self.protocol, results, kinds))
 

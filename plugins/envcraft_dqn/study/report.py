@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import platform
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -33,7 +33,7 @@ from envcraft_dqn.study.protocol import (
     Protocol,
 )
 from envcraft_dqn.study.summary import Condition, Summary
-from envcraft_dqn.study.transfer import Transfer
+from envcraft_dqn.study.transfer import TransferSummary
 from envcraft_dqn.study.worker import TaskResult
 
 _TITLE = "Generalisation to held-out environments"
@@ -128,9 +128,48 @@ def _where(protocol: Protocol) -> str:
     return f" (all with {', '.join(protocol.where)})" if protocol.where else ""
 
 
-def write_transfer(folder: Path, protocol: Protocol, player: str, found: Sequence[Transfer]) -> Path:
+def write_transfer(folder: Path, summary: TransferSummary) -> Path:
     """Write the report of a transfer, null results included; return its file. Raises EnvCraftError."""
-    head = ["left out", "environments", "zero-shot"]
+    settings = [[name, f"{value}"] for name, value in msgspec.to_builtins(summary.protocol.settings).items()]
+    blocks = [
+        *_transfer(summary),
+        {"heading": "Settings"},
+        {
+            "head": ["", ""],
+            "rows": [
+                ["environments of each family", f"{summary.protocol.variants}"],
+                ["episodes", f"{summary.protocol.episodes}"],
+                ["players of the demonstrations", summary.player],
+                *settings,
+            ],
+        },
+    ]
+    try:
+        data = msgspec.json.format(msgspec.json.encode(summary), indent=1) + b"\n"
+        write_atomically(folder / "summary.json", data)
+        for name in ("report.html", "report.md"):
+            write_atomically(folder / name, _render(name, blocks, "Transfer to a family that the training left out"))
+    except OSError as error:
+        raise EnvCraftError(f"{error.filename or folder} cannot be written: {error.strerror or error}") from None
+    return folder / "report.md"
+
+
+def transfer_section(summary: TransferSummary) -> str:
+    """The results of a transfer, as Markdown for a page with a title and parts."""
+    protocol, training = summary.protocol, summary.protocol.settings
+    size = (
+        f"Each of the {len(summary.families)} families has {protocol.variants:,} environments, of which one in "
+        f"{protocol.folds} is held out. Each player played {protocol.episodes:,} episodes in each of them. "
+        f"An agent learned from {training.demonstrations:,} demonstrated steps of each environment of the other "
+        f"families, in {training.pretrain_updates:,} updates of {training.batch:,} transitions and {training.steps:,} "
+        f"online steps. All tasks took {summary.processor_seconds / 3600:.2f} processor hours, without the sandboxes "
+        "of the players."
+    )
+    return _render("section.md", [{"text": size}, *_transfer(summary)])
+
+
+def _transfer(summary: TransferSummary) -> list[_Block]:
+    found = summary.families
     steps = sorted({count for one in found for count in (*one.tuned, *one.scratch)})
     rows = [
         [one.family, f"{one.environments}", "no scale" if one.zero_shot is None else _interval(one.zero_shot)]
@@ -144,36 +183,17 @@ def write_transfer(folder: Path, protocol: Protocol, player: str, found: Sequenc
             ("from random weights", one.scratch, one.scratch_half),
         )
     ]
-    settings = [[name, f"{value}"] for name, value in msgspec.to_builtins(protocol.settings).items()]
-    blocks: list[_Block] = [
+    return [
         {
             "text": "For each family, an agent trained on all other families. Its return in held-out environments of "
             "the family is on a scale from 0 (random play) to 100 (the privileged player), with 95% intervals of a "
             "bootstrap over environments. There is no scale where the lead of the privileged player over random play "
             "is not significant."
         },
-        {"head": head, "rows": rows},
+        {"head": ["left out", "environments", "zero-shot"], "rows": rows},
         {"heading": "Further training in the family"},
         {"head": ["family", "start", *(f"{count:,} steps" for count in steps), "steps to 50"], "rows": curves},
-        {"heading": "Settings"},
-        {
-            "head": ["", ""],
-            "rows": [
-                ["environments of each family", f"{protocol.variants}"],
-                ["episodes", f"{protocol.episodes}"],
-                ["players of the demonstrations", player],
-                *settings,
-            ],
-        },
     ]
-    try:
-        data = msgspec.json.format(msgspec.json.encode(found), indent=1) + b"\n"
-        write_atomically(folder / "summary.json", data)
-        for name in ("report.html", "report.md"):
-            write_atomically(folder / name, _render(name, blocks, "Transfer to a family that the training left out"))
-    except OSError as error:
-        raise EnvCraftError(f"{error.filename or folder} cannot be written: {error.strerror or error}") from None
-    return folder / "report.md"
 
 
 def _steps(count: int | None) -> str:

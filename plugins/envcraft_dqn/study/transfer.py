@@ -44,6 +44,22 @@ class Transfer(msgspec.Struct, frozen=True):
     scratch_half: int | None
 
 
+class TransferSummary(msgspec.Struct, frozen=True):
+    """The results of a transfer.
+
+    Attributes:
+        protocol: The protocol.
+        player: The names of the players of the demonstrations.
+        families: The results of each family, sorted by name.
+        processor_seconds: The total time of all tasks, without the sandboxes of the players.
+    """
+
+    protocol: Protocol
+    player: str
+    families: list[Transfer]
+    processor_seconds: float
+
+
 def transfer_tasks(protocol: Protocol, environments: Sequence[StudyEnv], steps: Sequence[int]) -> list[Task]:
     """All tasks of a transfer.
 
@@ -99,8 +115,17 @@ def transfer_tasks(protocol: Protocol, environments: Sequence[StudyEnv], steps: 
     return found
 
 
-def summarise_transfer(results: Mapping[str, TaskResult], environments: Sequence[StudyEnv]) -> list[Transfer]:
-    """The results of each family, sorted by name."""
+def summarise_transfer(
+    protocol: Protocol, player: str, results: Mapping[str, TaskResult], environments: Sequence[StudyEnv]
+) -> TransferSummary:
+    """Summarise the results of a transfer.
+
+    Args:
+        protocol: The protocol.
+        player: The names of the players of the demonstrations.
+        results: The results of the tasks by name.
+        environments: The environments.
+    """
     scores: dict[tuple[int, str], list[Score]] = {}
     for result in results.values():
         if result.task.kind == "play":
@@ -121,7 +146,7 @@ def summarise_transfer(results: Mapping[str, TaskResult], environments: Sequence
         first = values.get(ZERO_SHOT)
         halves = _half({**({} if first is None else {0: first}), **tuned}), _half(scratch)
         found.append(Transfer(family, count, first, tuned, scratch, *halves))
-    return found
+    return TransferSummary(protocol, player, found, sum(result.processor_seconds for result in results.values()))
 
 
 def _by_steps(values: Mapping[str, Interval], condition: str) -> dict[int, Interval]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import msgspec
@@ -10,9 +9,9 @@ import pytest
 from click.testing import CliRunner
 from envcraft_dqn.study.presets import TRANSFER
 from envcraft_dqn.study.protocol import PRIVILEGED, RANDOM, Task, training_settings
-from envcraft_dqn.study.report import write_transfer
+from envcraft_dqn.study.report import transfer_section, write_transfer
 from envcraft_dqn.study.selection import StudyEnv
-from envcraft_dqn.study.transfer import SCRATCH, TUNED, ZERO_SHOT, summarise_transfer, transfer_tasks
+from envcraft_dqn.study.transfer import SCRATCH, TUNED, ZERO_SHOT, TransferSummary, summarise_transfer, transfer_tasks
 from envcraft_dqn.study.worker import TaskResult
 
 from envcraft.cli.group import cli
@@ -63,15 +62,19 @@ def test_results_by_family_include_those_without_effect(tmp_path: Path) -> None:
         played(1, PRIVILEGED, {"c": 5.0}),
         played(1, ZERO_SHOT, {"c": 9.0}),
     ]
-    maze, snake = summarise_transfer({one.task.name: one for one in found}, ENVIRONMENTS)
+    summary = summarise_transfer(PROTOCOL, "search", {one.task.name: one for one in found}, ENVIRONMENTS)
+    maze, snake = summary.families
     assert maze.zero_shot is not None
     assert maze.zero_shot.mean == pytest.approx(20)
     assert (maze.environments, maze.tuned_half, maze.scratch_half) == (2, 100, None)
     assert (snake.family, snake.environments, snake.zero_shot) == ("snake", 0, None)
-    report = write_transfer(tmp_path, PROTOCOL, "search", [maze, snake]).read_text()
+    report = write_transfer(tmp_path, summary).read_text()
     assert "| maze | from random weights | +0.0 \\[0.0, 0.0\\] | not reached |" in report
     assert "| snake | 0 | no scale |" in report
-    assert len(json.loads((tmp_path / "summary.json").read_text())) == 2
+    assert msgspec.json.decode((tmp_path / "summary.json").read_bytes(), type=TransferSummary) == summary
+    section = transfer_section(summary)
+    assert "Each of the 2 families has" in section
+    assert "| maze | after the other families | +50.0 \\[50.0, 50.0\\] | 100 |" in section
 
 
 def test_one_family_is_too_few(tmp_path: Path) -> None:
