@@ -96,6 +96,8 @@ def subject_of(target: Target) -> Subject:
         ("EC053", {"reset": "self.x = getattr(self, 'x', -1) + 1", "ended": "self.x > 9"}),
         ("EC053", {"reset": "self.hurt = False if not hasattr(self, 'hurt') else self.hurt", "ended": "self.hurt"}),
         ("EC053", {"step": "self.count += 1", "ended": "self.count > 9"}),
+        ("EC053", {"see": "page = self.canvas[self.count]; self.count = 1 - self.count; return page.copy()"}),
+        ("EC053", {"see": "page = self.shared[self.count]; self.count += 1; page[:2] = 1; return page.copy()"}),
         ("EC053", {"step": "self.note()", "more": "def note(self, seen=[]): seen.append(1)"}),
         ("EC053", {"step": "global LIMIT; LIMIT += 1", "ended": "LIMIT > 9"}),
         (
@@ -155,6 +157,8 @@ def test_each_rule_reads_what_play_may_never_reach(code: str, parts: dict[str, s
         {"reset": "self.np_random.random()", "super": "super().reset(seed=0)"},
         {"reset": "self.best = getattr(self, 'best', 0); self.x = 0", "step": "self.best = max(self.best, self.x)"},
         {"reset": "first, *self.x = [1, 2, 3]", "step": "self.x.append(1)", "ended": "len(self.x) > 9"},
+        {"see": "page = self.shared[self.count]; self.count = 1 - self.count; page[:] = 1; return page.copy()"},
+        {"see": "page = self.shared[self.count]; self.count = 1 - self.count; page.fill(1); return page.copy()"},
     ],
 )
 def test_what_only_looks_alike_is_not_reported(parts: dict[str, str]) -> None:

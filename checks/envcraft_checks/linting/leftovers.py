@@ -108,6 +108,7 @@ def used_fields(program: Program, own: list[Function]) -> set[str]:
             receiver = isinstance(parent, ast.Attribute) and parent.attr in MUTATORS
             stored = isinstance(parent, ast.Subscript) and isinstance(parent.ctx, ast.Store)
             turns = isinstance(parent, ast.BinOp) and _selects_buffer(program, function, parent)
+            turns = turns or _picks_canvas(program, function, node)
             told = receiver or stored or turns or isinstance(parent, ast.Dict)
             if not told and not _only_updates(program, function, node):
                 found.add(field)
@@ -118,6 +119,29 @@ def _selects_buffer(program: Program, function: Function, node: ast.BinOp) -> bo
     """Whether a remainder only says which of the environment's buffers takes its turn."""
     parent = program.parents[node]
     return isinstance(node.op, ast.Mod) and isinstance(parent, ast.Subscript) and bool(function.field(parent.value))
+
+
+def _picks_canvas(program: Program, function: Function, node: ast.AST) -> bool:
+    """Whether a number only picks an array that the method fills anew before it draws on it."""
+    picked = program.parents[node]
+    if not (isinstance(picked, ast.Subscript) and picked.slice is node and function.field(picked.value)):
+        return False
+    match program.parents[picked]:
+        case ast.Assign(targets=[ast.Name(id=canvas)]):
+            return any(_fills(one, canvas) for one in function.nodes)
+    return False
+
+
+def _fills(node: ast.AST, name: str) -> bool:
+    """Whether a node is ``name[:] = ...``, ``name[...] = ...`` or ``name.fill(...)``."""
+    match node:
+        case ast.Assign(targets=[ast.Subscript(value=ast.Name(id=filled), slice=ast.Slice(None, None, None))]):
+            return filled == name
+        case ast.Assign(targets=[ast.Subscript(value=ast.Name(id=filled), slice=ast.Constant(value=value))]):
+            return filled == name and value is ...
+        case ast.Call(func=ast.Attribute(attr="fill", value=ast.Name(id=filled)), args=[_]):
+            return filled == name
+    return False
 
 
 def _only_updates(program: Program, function: Function, node: ast.AST) -> bool:
