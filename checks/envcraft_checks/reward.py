@@ -13,8 +13,10 @@ A reward that is zero in all play and all searches is an error if the code retur
 and the contract counts a positive return as a win. Otherwise it is a warning if no success is reported, because play
 may not have reached the reward. With `--policy FILE` the policy's episodes count, too.
 
-The exploration also looks for loops: actions that lead back to the same picture and pay each time. A loop is farmable
-if repeating it in a plain episode earns clearly more than success on that seed within half of the longest episode.
+The exploration also looks for loops: actions that lead back to the same picture and pay each time, and an action that
+is paid again after each single other one. A loop is farmable if repeating it in a plain episode earns clearly more than
+success on that seed within half of the longest episode. It is an error if it earns twice as much as every success that
+was played, else a warning. If no success is known, a loop that pays to the end of the episode is a warning.
 
 Failing pays more if one held action, or a loss that pays more than the step that wins, earns clearly more than every
 success on its seed that takes half as long, and than the step that wins, and no success earns clearly more than it. It
@@ -72,6 +74,8 @@ _GROWTH = 4.0
 _USUAL = 1.0
 #: The share by which a return must exceed a success, the fewest repetitions of a loop, and the successes of an error.
 _CLEARLY, _REPEATS, _SUCCESSES = 0.25, 4, 3
+#: How many times more than every success a loop earns where that is an error.
+_FAR = 2
 #: The share of the longest episode within which a success comes soon.
 _SOON = 0.5
 
@@ -109,7 +113,6 @@ class Reward(Check):
             "farmable",
             "A repeated loop of actions earns more than any success.",
             "Pay for progress once, or charge for the way back.",
-            Severity.WARNING,
         ),
         Rule(
             "EC308",
@@ -237,45 +240,63 @@ class Reward(Check):
         return finding if certain else finding.as_warning()
 
     def _judge_loops(self, subject: Subject, traces: list[Trace]) -> Iterator[Finding]:
-        longest = max(trace.steps for trace in traces)
-        best = _best_soon(traces, longest)
+        best = _best_soon(traces, max(trace.steps for trace in traces))
+        most = max((trace.total for trace in _successes([*traces, *subject.privileged()])), default=None)
         for number, outcome in enumerate(subject.searches.explorations):
             actions, size = outcome.get("loop") or [], outcome.get("loop_length") or 0
             success = best.get(subject.episode_seed(number))
-            if not size or success is None or not subject.affords(len(actions)):
+            if not size or (success is None and best) or not subject.affords(len(actions)):
                 continue
-            start, most = actions[:-size], subject.length - len(actions)
-            once = subject.searches.scripted(number, actions, "a loop of actions")
-            gain = sum(once.rewards[-size:])
-            repeats = math.ceil((clearly_more(success.total) - once.total) / gain) + 1 if gain > 0 else 0
-            repeats = max(repeats, _REPEATS)
-            if (
-                not once.usable
-                or gain <= 0
-                or repeats * size > most
-                or not subject.affords(repeats * size + len(start))
-            ):
+            trace = self._repeated(subject, number, actions, size, success)
+            if trace is None:
                 continue
-            trace = subject.searches.scripted(number, [*actions, *actions[-size:] * repeats], "a loop of actions")
-            ended = trace.steps < len(trace.rollout.actions)
-            if not trace.usable or trace.reported_success or ended or trace.total < clearly_more(success.total):
-                continue
-            least = min(sum(trace.rewards[at : at + size]) for at in range(len(start), trace.steps, size))
+            start = len(actions) - size
+            whole = range(start, start + (trace.steps - start) // size * size, size)
+            least = min((sum(trace.rewards[at : at + size]) for at in whole), default=0.0)
             if least <= 0:
                 continue
-            yield self.finding(
+            than = (
+                f"while success on the same seed pays {success.total:g} in {success.steps} steps"
+                if success is not None
+                else "and no play is known that succeeds"
+            )
+            finding = self.finding(
                 "EC307",
                 f"repeating {_in_words(actions[-size:])} pays at least {least:g} each time, without success: "
-                f"{trace.total:g} in {trace.steps} steps, while success on the same seed pays {success.total:g} in "
-                f"{success.steps} steps",
+                f"{trace.total:g} in {trace.steps} steps, {than}",
                 line=subject.line_of("step"),
                 repro=repro(trace.rollout),
                 loop=actions[-size:],
                 gain=least,
                 earned=trace.total,
-                success=success.total,
+                success=most,
             )
+            yield finding if most is not None and trace.total >= _FAR * max(most, 0) else finding.as_warning()
             return
+
+    def _repeated(
+        self, subject: Subject, number: int, actions: list[Any], size: int, success: Trace | None
+    ) -> Trace | None:
+        """An episode that repeats a loop to its end, or until it earns clearly more than success; None if it succeeds,
+        is lost, or earns less.
+        """
+        once = subject.searches.scripted(number, actions, "a loop of actions")
+        gain, left = sum(once.rewards[-size:]), subject.length - len(actions)
+        if not once.usable or once.ended or gain <= 0:
+            return None
+        least = clearly_more(success.total) if success is not None else 0.0
+        repeats = max(math.ceil((least - once.total) / gain) + 1, _REPEATS)
+        if repeats * size > left:
+            return None
+        if subject.affords(subject.length):
+            repeats = left // size
+        elif success is None or not subject.affords(repeats * size + len(actions)):
+            return None
+        trace = subject.searches.scripted(number, [*actions, *actions[-size:] * repeats], "a loop of actions")
+        lost = trace.ended and trace.terminated[-1]
+        if not trace.usable or trace.reported_success or lost or trace.total < least:
+            return None
+        return trace
 
     def _judge_failures(self, subject: Subject, traces: list[Trace]) -> Finding | None:
         won = _successes(traces)

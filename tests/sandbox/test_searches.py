@@ -84,7 +84,7 @@ class Nobody(Channel):
 
 
 def searched(
-    kind: str, reset: str = "pass", step: str = "pass", source: str = STAIRS, **limits: float
+    kind: str, reset: str = "pass", step: str = "pass", source: str = STAIRS, **limits: Any
 ) -> tuple[Outcome, int, Channel]:
     """The outcome of a search, how many instances it made, and its channel."""
     job: Any = {
@@ -140,6 +140,35 @@ def test_a_loop_that_pays_once_is_none() -> None:
     out, _, _ = searched("explore", source=SPRING.replace("self.at < before == 1", "self.at > highest"))
     assert out.paid > 3
     assert out.loop is None
+
+
+@pytest.mark.parametrize(("paid", "period"), [("self.on", 4), ("True", 2), ("self.presses < 8", 0)])
+def test_a_switch_that_pays_again_is_a_loop(paid: str, period: int) -> None:
+    """Action 2 presses a switch that must be let go, and the picture counts what it has paid."""
+    switch = SPRING.replace("40 * self.at", "10 * self.presses % 250").replace(
+        "float(self.at < before == 1)", f"float(pressed and {paid})"
+    )
+    step = (
+        "pressed = action == 2 and not self.down; self.down = action == 2; self.presses += pressed; self.on ^= pressed"
+    )
+    out, _, _ = searched("explore", "self.presses = 0; self.on = self.down = False", step, switch)
+    assert out.loop_length == period
+
+
+def test_a_win_is_reached_by_simple_actions() -> None:
+    pairs = [[0, 0], [0, 1], [1, 0], [1, 1], [2, 0], [2, 1]]
+    source = SPRING.replace("Discrete(3)", "MultiDiscrete([3, 2])").replace("[action]", "[action[0]]")
+    out, _, _ = searched("reach", source=source, actions=pairs)
+    assert out.win == [[1, 0]] * 4
+    both = source.replace("won = self.at == 5", "self.at, won = min(self.at, 6), bool(action[0] and action[1])")
+    assert searched("reach", source=both, actions=pairs)[0].win is None
+
+
+def test_a_search_that_reaches_no_win_is_exhausted_only_if_all_pictures_were_seen() -> None:
+    never = SPRING.replace("won = self.at == 5", "self.at, won = min(self.at, 6), False")
+    out, _, _ = searched("reach", source=never)
+    assert (out.win, out.exhausted, out.states) == (None, True, 7)
+    assert not searched("reach", source=never, max_steps=10)[0].exhausted
 
 
 def test_an_exploration_sees_draws() -> None:

@@ -13,7 +13,7 @@ from .tree import Node, Tree, frame_hash, global_generators
 #: Pixels of the longer side of a frame that a coarse picture is made of.
 _SIDE = 96
 #: How often a loop must pay again, the share of the budget for such trials, and the longest loop.
-_AGAIN, _TRIALS, _LONGEST = 3, 0.1, 16
+_AGAIN, _TRIALS, _LONGEST = 8, 0.1, 16
 #: States of an exploration whose random generators are compared with those of its start.
 _DRAWN = 2
 #: Steps of a walk without another picture that are worth a closer look, and the different actions in them.
@@ -53,6 +53,7 @@ def explore(tree: Tree) -> None:
             if hold == 0:
                 action, hold = tree.random.choice(tree.actions), tree.random.choice((1, 1, 2, 3, 5, 8, 13))
             hold -= 1
+            before = node.total
             alive = tree.step(node, action)
             digest = frame_hash(tree.frame)
             still.add(digest)
@@ -63,6 +64,8 @@ def explore(tree: Tree) -> None:
             cell = _cell(tree.frame)
             _remember(tree, archive, cell, node)
             loops.visit(cell, node)
+            if node.total > before:
+                loops.paid(cell, node, action)
         else:
             waited = archive.get(_WAITING)
             if len(archive) <= 2 and still == {digest} and (waited is None or node.path.length > waited.path.length):
@@ -117,24 +120,66 @@ class _Loops:
         steps = node.path.length - length
         if not (0 < steps <= _LONGEST and node.total - total > self._rate * steps):
             return
-        cost = _AGAIN * steps
-        if not (self._tree.reports and self._tree.out.copies and cost <= self._left) or (cell, steps) in self._tried:
-            return
-        self._tried.add((cell, steps))
-        self._left -= cost
-        self._try(cell, node, steps)
+        if self._tree.reports and self._tree.out.copies and _AGAIN * steps <= self._left:
+            actions = node.path.actions()
+            tried = cell, str(actions[-steps:])
+            if tried not in self._tried:
+                self._tried.add(tried)
+                self._try(cell, node, actions, actions[-steps:])
 
-    def _try(self, cell: Any, node: Node, steps: int) -> None:
-        tree, actions = self._tree, node.path.actions()
-        probe, least = tree.branch(node), float("inf")
+    def paid(self, cell: Any, node: Node, action: Any) -> None:
+        """Try whether an action that was paid is paid again after each single other one. The picture may count what is
+        paid, so it need not be the same again.
+        """
+        tree = self._tree
+        if not (tree.reports and tree.out.copies) or (cell, str(action)) in self._tried:
+            return
+        self._tried.add((cell, str(action)))
+        for other in simple(tree.actions):
+            if self._left < 2 * _AGAIN:
+                return
+            self._try(None, node, node.path.actions(), [other, action])
+
+    def _try(self, cell: Any, node: Node, path: list[Any], loop: list[Any]) -> None:
+        """Repeat some actions. What they switch on, they may switch off the next time, so a loop may also be the same
+        actions twice.
+
+        Args:
+            cell: the coarse picture to which the actions lead back each time; None if any will do.
+            node: the state from which they are repeated.
+            path: the actions to that state.
+            loop: the actions.
+        """
+        tree = self._tree
+        probe, gains = tree.branch(node), []
         for _ in range(_AGAIN):
             before = probe.total
-            if not all(tree.step(probe, action) for action in actions[-steps:]) or _cell(tree.frame) != cell:
+            self._left -= len(loop)
+            if not all(tree.step(probe, action) for action in loop) or cell not in (None, _cell(tree.frame)):
                 return
-            least = min(least, probe.total - before)
-        if least > self._rate * steps:
-            self._rate = least / steps
-            tree.out.loop, tree.out.loop_length = actions, steps
+            gains.append(probe.total - before)
+            if len(gains) % 2 == 0 and gains[-2] + gains[-1] <= 2 * self._rate * len(loop):
+                return
+        if min(gains) > 0:
+            self._keep(path, loop, min(gains))
+        elif 2 * len(loop) <= _LONGEST:
+            pairs = (one + other for one, other in zip(gains[::2], gains[1::2], strict=True))
+            self._keep(path, loop * 2, min(pairs))
+
+    def _keep(self, path: list[Any], loop: list[Any], least: float) -> None:
+        if least > self._rate * len(loop):
+            self._rate = least / len(loop)
+            self._tree.out.loop, self._tree.out.loop_length = path + loop, len(loop)
+
+
+def simple(actions: list[Any]) -> list[Any]:
+    """The first joint action, and those that differ from it in one component."""
+    return [action for action in actions if not isinstance(action, list) or places(action, actions[0]) <= 1]
+
+
+def places(one: list[Any], other: list[Any]) -> int:
+    """The number of components in which two joint actions differ."""
+    return sum(bool(mine != its) for mine, its in zip(one, other, strict=True))
 
 
 def _remember(tree: Tree, archive: dict[Any, Node], cell: Any, node: Node) -> None:
