@@ -20,6 +20,9 @@ of a greedy player, win on nearly every seed. This is a warning if wins are know
 mostly pays for each step. Of the held actions that win the first episode, the five with the shortest ones are judged.
 If the budget settles neither, the check is skipped with the reason.
 
+If the game can be won and has few states, the search also looks for a success on further seeds. A seed cannot be won if
+none of its reachable states is a success. Two such seeds are an error, and one is a warning.
+
 Where no proof is possible, but the exploration met no new state in its second half, a game without a positive outcome
 gets a warning. Another warning names the lines that `step()` can run, that pay, win or end the episode, and that no
 play and no search has reached; the worker reports which lines ran. It comes if the exploration met no new state in its
@@ -48,7 +51,7 @@ from envcraft.judging import policy
 from envcraft.judging.budget import BUDGETS
 from envcraft.judging.check import Check, Rule
 from envcraft.judging.shrink import repro
-from envcraft.judging.statistics import Proportion, lead, settle
+from envcraft.judging.statistics import Exact, Proportion, lead, settle
 from envcraft.model.verdict import Finding, Severity
 from envcraft.plugins import hookimpl
 
@@ -83,6 +86,12 @@ class Difficulty(Check):
             "The privileged policy is not clearly better than random play or doing nothing.",
             "Fix the policy; the built-in player judges the environment.",
             Severity.WARNING,
+        ),
+        Rule(
+            "EC807",
+            "unsolvable-seeds",
+            "On some seeds no positive outcome can be reached.",
+            "Search for a way to the goal in reset(), and draw again if there is none.",
         ),
         Rule(
             "EC808",
@@ -144,6 +153,8 @@ class Difficulty(Check):
             yield self._unsolvable(subject)
             return
         trivial = self._judge_held(subject) or self._judge_greedy(subject)
+        if trivial is None and not unsettled:
+            trivial = self._unsolvable_seeds(subject)
         if trivial is not None:
             yield trivial
         elif unsettled:
@@ -264,6 +275,33 @@ class Difficulty(Check):
             seeds=seeds,
             rate=Proportion(0, len(subject.traces)).evidence(),
         )
+
+    def _unsolvable_seeds(self, subject: Subject) -> Finding | None:
+        """The finding that some seeds cannot be won, proven on each; a warning if it is only one of the seeds.
+
+        Only a success that is reported tells which end is a win.
+        """
+        if all(trace.reported_success is None for trace in subject.played()):
+            return None
+        won = {trace.rollout.seed for trace in [*subject.traces, *subject.searches.explored()] if trace.positive}
+        numbers, states, settled = subject.searches.unwinnable()
+        if not numbers or any(subject.episode_seed(number) in won for number in numbers):
+            return None
+        seeds = [subject.episode_seed(number) for number in numbers]
+        shown = subject.random(numbers[0])
+        if not shown.usable or shown.positive:
+            return None
+        finding = self.finding(
+            "EC807",
+            f"on {Exact(len(seeds), settled)} seeds none of the reachable states is a success "
+            f"({states} states on the seeds {', '.join(map(str, seeds[:_RANGES]))}{', …' if seeds[_RANGES:] else ''})",
+            line=subject.line_of("reset"),
+            repro=repro(shown.rollout.cut(shown.steps)),
+            rate=Exact(len(seeds), settled).evidence(),
+            seeds=seeds,
+            states=states,
+        )
+        return finding if seeds[1:] else finding.as_warning()
 
     def _judge_held(self, subject: Subject) -> Finding | None:
         for trace in _winning(subject.held())[:HELD]:

@@ -31,6 +31,8 @@ _SHORT_PATH = 80
 _ONWARD = 30
 #: The fewest seeds of a proof: one of them may be a bad level.
 _PROVEN = 2
+#: Seeds that are searched for one that cannot be won, for each episode of random play; twice as many once one is found.
+_SEEDS = 3
 
 
 class Searches:
@@ -139,6 +141,38 @@ class Searches:
     def proven(self) -> range:
         """The numbers of the episode seeds on which a search through all states counts as a proof."""
         return range(max(len(self.explorations), _PROVEN))
+
+    def unwinnable(self) -> tuple[list[int], int, int]:
+        """Look for seeds on which no state is a win, by a short search for a win and a proof where that finds none.
+
+        Returns:
+            The numbers of the seeds on which all reachable states were searched without a win, and the states of all
+            of them together; and how many seeds are settled.
+        """
+        found: list[int] = []
+        states = settled = 0
+        left = self._exhaust_steps
+        while self._searchable and settled < _SEEDS * self._budget.random * (2 if found else 1):
+            searched = self._run("reach", settled, left)
+            left -= int(searched.get("steps") or 0)
+            if not searched.get("win") and searched.get("exhausted") and left > 0:
+                searched = self._run("exhaust", settled, left)
+                left -= int(searched.get("steps") or 0)
+                if searched.get("exhausted"):
+                    # One such seed is worth the search for another.
+                    left += 0 if found else self._exhaust_steps // 2
+                    found.append(settled)
+                    states += int(searched.get("states") or 0)
+            if not (searched.get("win") or settled in found):
+                break
+            settled += 1
+            if left <= 0:
+                break
+        return found, states, settled
+
+    @property
+    def _searchable(self) -> bool:
+        return self.exhaustible and not any(outcome.get("stochastic") for outcome in self.explorations)
 
     @property
     def saturated(self) -> bool:

@@ -16,7 +16,7 @@ from typing import Any
 from envcraft_protocol.jobs import Job
 from envcraft_protocol.wire import Kind
 
-from .exploration import explore, horizon
+from .exploration import explore, horizon, places, simple
 from .state import State
 from .subject import Subject, attributes
 from .tree import Node, Tree, frame_hash, global_generators
@@ -136,6 +136,28 @@ def greedy(tree: Tree) -> None:
     tree.out.best, tree.out.best_return = node.path.actions(), node.total
 
 
+def reach(tree: Tree) -> None:
+    """Search breadth first for a win, by the actions that differ from the first in one component at most. States that
+    look alike count as one, so it finds most wins soon and proves nothing; `exhausted` if none is left.
+    """
+    root = tree.root()
+    chosen = simple(tree.actions)
+    seen, frontier = {frame_hash(tree.frame)}, [root]
+    while frontier and tree.out.copies:
+        grown: list[Node] = []
+        for node in frontier:
+            for action in chosen:
+                if tree.spent() or tree.out.win is not None:
+                    return
+                child = tree.branch(node)
+                if tree.step(child, action) and (digest := frame_hash(tree.frame)) not in seen:
+                    seen.add(digest)
+                    grown.append(child)
+        frontier = grown
+    tree.out.states = len(seen)
+    tree.out.exhausted = tree.out.copies and tree.out.crash is None
+
+
 def sweep(tree: Tree) -> None:
     """Follow a path and try the actions in turn on copies of its states: finds crashes after one rare action.
 
@@ -207,9 +229,9 @@ def _moves(actions: list[Any]) -> list[Any]:
         return actions
     by_place: dict[int, list[Any]] = {}
     for action in actions[1:]:
-        places = [at for at, (one, other) in enumerate(zip(action, actions[0], strict=True)) if one != other]
-        if len(places) == 1:
-            by_place.setdefault(places[0], []).append(action)
+        if places(action, actions[0]) == 1:
+            place = next(at for at, (one, other) in enumerate(zip(action, actions[0], strict=True)) if one != other)
+            by_place.setdefault(place, []).append(action)
     return [actions[0], *max(by_place.values(), key=len, default=[])]
 
 
@@ -217,6 +239,7 @@ _SEARCHES: dict[str, Callable[[Tree], None]] = {
     "explore": explore,
     "exhaust": exhaust,
     "greedy": greedy,
+    "reach": reach,
     "sweep": sweep,
     "sweep_last": sweep_last,
     "react": react,
