@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import json
+import re
 import signal
 import subprocess
 import sys
@@ -223,7 +224,7 @@ def test_a_corpus_is_made_filled_and_judged(games: Path, invoke: Invoke) -> None
     shown = invoke("corpus", "show", "corpus", "b.py")
     assert invoke("corpus", "show", "corpus", "b").stdout == shown.stdout
     assert "class    Walk\n" in shown.stdout
-    assert "EC107 error" in shown.stdout
+    assert re.search(r"^  EC107 error b\.py:\d+: ", shown.stdout, re.MULTILINE)
     assert '"model": "a"' in shown.stdout
     assert invoke("corpus", "show", "corpus", "b.py", "--source").stdout == (games / "b.py").read_text()
     assert json.loads(invoke("corpus", "show", "corpus", "b.py", "--format", "json").stdout)["verdict"] == "fail"

@@ -186,7 +186,9 @@ def show(corpus: Path, name: str, source: bool, form: str) -> None:
                 words = "undecided" if check.outcome is Outcome.UNDECIDED else "could not be judged"
                 click.echo(f"  {one_line(check.check)} {words}: {one_line(check.reason)}")
             for finding in check.findings:
-                click.echo(f"  {one_line(finding.code)} {finding.severity.value}: {one_line(finding.message)}")
+                place = f" {judged_report.file}:{finding.line}" if finding.line else ""
+                words = f"{finding.code} {finding.severity.value}{place}: {finding.message}"
+                click.echo(f"  {one_line(words)}")
     for line in history_lines(history) if history else ():
         click.echo(printable(line.replace("\n", " ")))
 
