@@ -36,6 +36,12 @@ def test_the_code_is_printed_alone(invoke: Any) -> None:
     ast.parse(result.stdout)
 
 
+@pytest.mark.parametrize("name", ["hash-seed", "Hash-Seed"])
+def test_a_rule_has_a_name_beside_its_code(name: str, invoke: Any) -> None:
+    assert invoke("explain", name).stdout == invoke("explain", "EC203").stdout
+    assert "did you mean hash-seed?" in invoke("explain", "hash-sed").stderr
+
+
 def test_a_check_has_no_example(invoke: Any) -> None:
     result = invoke("explain", "determinism", "--example")
     assert result.exit_code == 2

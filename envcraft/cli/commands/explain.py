@@ -26,8 +26,11 @@ def explain(name: str, example: bool) -> None:
     """Explain a rule (EC203) or a whole check (determinism)."""
     checks = {check.name: check for check in [*all_checks(), Played()]}
     rules = {rule.code: (rule, check) for check in checks.values() for rule in check.rules}
-    if name.upper() in rules:
-        rule, check = rules[name.upper()]
+    # Reports show a rule's name beside its code.
+    codes_of = {rule.name: code for code, (rule, _) in rules.items()}
+    code = codes_of.get(name.lower(), name.upper())
+    if code in rules and name.lower() not in checks:
+        rule, check = rules[code]
         guide = guide_of(check, rule.code)
         if example:
             click.echo(_code(rule, guide), nl=False)
@@ -39,7 +42,9 @@ def explain(name: str, example: bool) -> None:
         codes = ", ".join(begun if len(begun) <= _FEW else [*begun[:3], "…"])
         raise UsageError(f"{name} is the beginning of {plural(len(begun), 'code')}; name one of {codes}")
     else:
-        raise UsageError(f"there is no rule {'' if example else 'or check '}{did_you_mean(name, [*rules, *checks])}")
+        raise UsageError(
+            f"there is no rule {'' if example else 'or check '}{did_you_mean(name, [*rules, *checks, *codes_of])}"
+        )
     from rich.console import Console
     from rich.markdown import Markdown
 
