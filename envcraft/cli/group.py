@@ -5,6 +5,8 @@ Neither this module nor loading the plugins imports NumPy or Gymnasium. A comman
 
 from __future__ import annotations
 
+import os
+import shlex
 import sys
 from typing import Any
 
@@ -30,6 +32,8 @@ class PluginGroup(click.Group):
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
         if args and not args[0].startswith("-") and self.get_command(ctx, args[0]) is None:
+            if os.path.exists(args[0]):
+                ctx.fail(f"{args[0]!r} is no command; to judge it: {shlex.join(['envcraft', 'validate', args[0]])}")
             ctx.fail(f"there is no command {did_you_mean(args[0], self.list_commands(ctx))}")
         return super().resolve_command(ctx, args)
 

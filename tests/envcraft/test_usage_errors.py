@@ -255,6 +255,12 @@ def test_a_usage_error_has_a_next_step(
     assert words in result.stderr
 
 
+def test_a_file_in_place_of_a_command_has_a_next_step(invoke: Invoke, good: Path) -> None:
+    result = invoke(good.name)
+    assert result.exit_code == 2
+    assert "'walk.py' is no command; to judge it: envcraft validate walk.py" in result.stderr
+
+
 def test_a_file_that_is_named_twice_is_judged_once(invoke: Invoke, good: Path) -> None:
     result = invoke("validate", "walk.py", "./walk.py", good, *_CHEAP, "--checks", "source", "--format", "json")
     assert [subject["path"] for subject in json.loads(result.stdout)["reports"]] == ["walk.py"]
