@@ -336,6 +336,8 @@ def _joined(names: str | Sequence[str]) -> str:
 
 def _json(kwargs: Mapping[str, Any]) -> dict[str, Any]:
     """Arguments that reach the worker as they are. Raises UsageError."""
+    if not isinstance(kwargs, Mapping):
+        raise UsageError(f"kwargs is {kwargs!r}; it must be a dict, such as {{'size': 8}}", setting="kwargs")
     try:
         read = json.loads(json.dumps(dict(kwargs)))
     except (TypeError, ValueError) as error:

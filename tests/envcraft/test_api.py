@@ -258,6 +258,11 @@ def test_check_env_raises_with_the_findings(tmp_path: Path, monkeypatch: pytest.
         ("CartPole-v1", {"seed": "x"}, "seed is 'x'; it must be a whole number"),
         ("CartPole-v1", {"workers": 0}, "workers is 0; it must be a whole number of 1 or more"),
         ("CartPole-v1", {"time_limit": -1}, "time_limit is -1; it must be a number above 0"),
+        (
+            "CartPole-v1",
+            {"kwargs": '{"size": 8}'},
+            r"kwargs is '{\"size\": 8}'; it must be a dict, such as {'size': 8}",
+        ),
         ("CartPole-v1", {"wrappers": ["TimeLimit"]}, "the wrapper 'TimeLimit' must be 'module:func'"),
     ],
 )
