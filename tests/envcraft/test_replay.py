@@ -65,6 +65,12 @@ def test_gif_shows_the_reproduction(invoke: Any, report: Path, tmp_path: Path) -
         assert 2 <= getattr(picture, "n_frames", 1) <= len(actions) + 1
 
 
+def test_one_frame_is_a_frame(invoke: Any, report: Path) -> None:
+    assert report.exists()
+    result = invoke("replay", "nan.py", "--repro", '{"seed": 0}', "--gif", "start.gif", "--sandbox", "process")
+    assert "wrote start.gif: 1 frame\n" in result.stderr
+
+
 def test_numbers_beyond_the_report(invoke: Any, report: Path) -> None:
     result = invoke("replay", report, "--finding", 2)
     assert result.exit_code == 2

@@ -25,7 +25,7 @@ from envcraft.model.rollout import Conditions, Rollout
 from envcraft.model.target import Kind, Target, kind_of, read_target
 from envcraft.model.verdict import SCHEMA, Finding, Report, Repro, Severity, SubjectReport
 from envcraft.reports.summary import Numbered, numbered, repro_words
-from envcraft.text import one_line
+from envcraft.text import one_line, plural
 
 if TYPE_CHECKING:
     from envcraft.judging.engine import Plan
@@ -318,4 +318,4 @@ def write_gif(subject: Subject, finding: Finding, path: str) -> None:
         pictures[0].save(path, save_all=True, append_images=pictures[1:], duration=40, loop=0, format="GIF")
     except OSError as error:
         raise UsageError(f"--gif {path} cannot be written: {error.strerror or error}") from None
-    click.echo(f"wrote {path}: {len(pictures)} frames", err=True)
+    click.echo(f"wrote {path}: {plural(len(pictures), 'frame')}", err=True)
