@@ -6,7 +6,8 @@ loss. With `--policy FILE` it also plays the actions of the privileged policy. E
 The end at the limit must be `truncated`, not `terminated`. Flags must be booleans of Python or NumPy. Some episode must
 last long enough to play. Gymnasium leaves open what `step` does after an episode's end, so flags that become false
 again are only a warning. It is an error if the first step after the end, and no other one, pays more than any step of
-an episode: the reward of the end comes a step late, and no agent receives it.
+an episode, or if it pays the same in five episodes, whose last steps do not pay that: the reward of the end comes a
+step late, and no agent receives it.
 
 It also reads from the code what counts the steps. If nothing else limits an episode, play must not set this count back,
 count only the steps of some actions, or change the count past a number that it must equal.
@@ -42,6 +43,7 @@ truncated = False
 from __future__ import annotations
 
 import itertools
+from collections import Counter
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
@@ -50,7 +52,7 @@ import msgspec
 from envcraft.errors import Undecided
 from envcraft.judging.check import Check, Rule
 from envcraft.judging.shrink import repro, shrunk
-from envcraft.model.rollout import Rollout
+from envcraft.model.rollout import Conditions, Rollout
 from envcraft.model.target import Kind, parse
 from envcraft.model.verdict import Finding, Severity
 from envcraft.plugins import hookimpl
@@ -71,8 +73,9 @@ _AFTER_SUCCESS = 30
 _STILL = 30
 #: The fewest steps after a loss in which actions must change nothing, and the fewest actions that must be played there.
 _DEAD, _VARIED = 150, 3
-#: How many times larger than each following one a reward is that is paid once.
-_TIMES = 2
+#: How many times larger than each following one a reward is that is paid once, and the episodes that must be paid alike
+#: after their end.
+_TIMES, _OWING = 2, 5
 
 
 class Termination(Check):
@@ -391,20 +394,54 @@ class Termination(Check):
         yield from self._judge_late(subject, [*traces, *subject.searches.explored()], trace)
 
     def _judge_late(self, subject: Subject, traces: list[Trace], ended: Trace) -> Iterator[Finding]:
-        """Report an episode whose largest reward is paid once, at the step after its end."""
+        """Report an episode whose reward of the end is paid once, at the step after its end: one that is larger than
+        all others, or the same one in several episodes.
+        """
         late, *rest = [reward for reward, _, _ in ended.after] or [0.0]
         largest = max(abs(reward) for trace in traces for reward in trace.rewards)
         # A limit that truncates may come just before an end of the game's own.
-        if rest and ended.terminated[-1] and abs(late) > max(largest, *(_TIMES * abs(reward) for reward in rest)):
-            yield self.finding(
-                "EC508",
-                f"the step after the end at step {ended.steps} pays {late:g}, and the next one {rest[0]:g}; no step of "
-                f"{len(traces)} episodes pays or costs more than {largest:g}: the reward of the end comes a step late",
-                line=subject.line_of("step"),
-                repro=repro(ended.rollout),
-                late=late,
-                largest=largest,
-            )
+        if not rest or not ended.terminated[-1]:
+            return
+        if abs(late) > max(largest, *(_TIMES * abs(reward) for reward in rest)):
+            words = f"no step of {len(traces)} episodes pays or costs more than {largest:g}"
+        elif shown := self._owed(subject, traces, ended):
+            words = f"so it is in all of {shown} episodes, and none of their last steps pays that"
+        else:
+            return
+        yield self.finding(
+            "EC508",
+            f"the step after the end at step {ended.steps} pays {late:g}, and the next one {rest[0]:g}; {words}: the "
+            "reward of the end comes a step late",
+            line=subject.line_of("step"),
+            repro=repro(ended.rollout),
+            late=late,
+            largest=largest,
+        )
+
+    def _owed(self, subject: Subject, traces: list[Trace], ended: Trace) -> int:
+        """How many episodes pay the same once in the first call after their end, which their last steps do not pay and
+        most steps do not either; 0 if some episode does not.
+        """
+        usual, _ = Counter(reward for trace in traces for reward in trace.rewards).most_common(1)[0]
+        if ended.after[0][0] == usual or not _owes(ended):
+            return 0
+        # One of each seed first: different actions on one seed may end alike.
+        known = sorted((each for each in traces if each.ended and each.terminated[-1]), key=lambda each: each.steps)
+        known = [each for each in known if each.rollout.key() != ended.rollout.under(Conditions()).key()]
+        first = list({each.rollout.seed: each for each in reversed(known)}.values())
+        chosen = [*first, *(each for each in known if each not in first)][: _OWING - 1]
+        seeds = {ended.rollout.seed, *(each.rollout.seed for each in chosen)}
+        if len(chosen) < _OWING - 1 or len(seeds) < 2 or not subject.affords(sum(each.steps for each in chosen)):
+            return 0
+        again = subject.rollouts([subject.episodes.past_end(each.rollout) for each in chosen])
+        return _OWING if all(_owes(each) and each.after[0][0] == ended.after[0][0] for each in again) else 0
+
+
+def _owes(trace: Trace) -> bool:
+    """Whether the first call after an episode pays what neither its last step nor the second call pays."""
+    paid = [reward for reward, _, _ in trace.after]
+    over = trace.usable and trace.ended and trace.terminated[-1]
+    return over and len(paid) > 1 and paid[0] not in (trace.rewards[-1], paid[1])
 
 
 def _program(subject: Subject) -> Program | None:
