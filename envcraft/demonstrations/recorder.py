@@ -398,7 +398,8 @@ def _run(
     """Judge environments by one check; yield the index and the report of each when it is done."""
     if not targets:
         return
-    limits, seconds = Limits(call=_PLANNING), 3600.0 * max(1.0, steps / _STEPS_PER_HOUR)
+    seconds = 3600.0 * max(1.0, steps / _STEPS_PER_HOUR)
+    limits = Limits(call=_PLANNING, job=seconds)
     policy = player.policy if player is not None else None
     plan = Plan(targets, contract, driver, [check], _BUDGET, seed, policy, limits, time_limit=seconds)
     with (
