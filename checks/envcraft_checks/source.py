@@ -304,8 +304,9 @@ class Source(Check):
         if loaded.end.reason is not ExitReason.DONE:
             yield self._broken(loaded)
         elif fault is not None and _absent(fault, name):
-            # A misspelt environment is installed under another name.
-            advice = "" if "did you mean" in fault.message else _installation_hint(subject)
+            # A misspelt environment is installed under another name, or its package is there.
+            known = "did you mean" in fault.message or fault.message.startswith("the package")
+            advice = "" if known else _installation_hint(subject)
             raise WorkerLost(f"{fault.message}{advice}")
         elif fault is not None and fault.type.endswith("NoSuchEnvironment"):
             raise UsageError(fault.message)
@@ -384,7 +385,9 @@ def _absent(fault: Fault, name: str) -> bool:
         module = name.partition(":")[0]
         parents = [module.rsplit(".", number)[0] for number in range(module.count(".") + 1)]
         return any(fault.message == f"No module named {parent!r}" for parent in parents)
-    return fault.type.endswith("NoSuchEnvironment") and fault.message.startswith("no installed package")
+    return fault.type.endswith("NoSuchEnvironment") and fault.message.startswith(
+        ("no installed package", "the package")
+    )
 
 
 def _lacking(tree: ast.Module) -> Iterator[tuple[ast.ClassDef, list[str]]]:

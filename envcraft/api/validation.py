@@ -30,7 +30,7 @@ from envcraft.judging.selection import driver_named, rules_of, select_checks
 from envcraft.judging.severity import OFF, SeverityPolicy, severity_table
 from envcraft.judging.verdict_cache import record
 from envcraft.model.events import Finished
-from envcraft.model.project import with_project
+from envcraft.model.project import configured, with_project
 from envcraft.model.target import Kind, Target, kind_of
 from envcraft.model.verdict import Finding, Severity, Verdict
 from envcraft.registry import lookup
@@ -116,8 +116,8 @@ def validate(
         _require_number("time_limit", time_limit, False, 0)
     if workers is not None:
         _require_number("workers", workers, True, 1)
-    changes = {"kwargs": _json(kwargs or {}), "wrappers": _wrappers(wrappers)}
-    targets = [msgspec.structs.replace(each, **changes) for each in _targets(target, env_class)]
+    given, named = _json(kwargs or {}), _wrappers(wrappers)
+    targets = [configured(each, given, named) for each in _targets(target, env_class)]
     with contextlib.closing(driver_named(sandbox)) as driver:
         plan = Plan(
             targets,

@@ -100,6 +100,9 @@ def _absent(path: str) -> str:
         return "the target is empty; give a Python file, a folder, package.module:Class or an id like CartPole-v1"
     if os.path.isfile(f"{path}.py"):
         return f"{path} does not exist; did you mean {path}.py?"
+    file = Path(*path.split(".")).with_suffix(".py")
+    if "." in path and (file.is_file() or file.with_suffix("").joinpath("__init__.py").is_file()):
+        return f"{path} is a module; name its class too: {path}:CLASS"
     module, _, name = path.rpartition(".")
     if module and name[:1].isupper() and all(part.isidentifier() for part in path.split(".")):
         return f"{path} does not exist; did you mean {module}:{name}?"
@@ -157,6 +160,8 @@ def _module(name: str) -> Target:
 def _registered(name: str) -> Target:
     """The environment of an id. Raises UsageError if its module is only in the working directory."""
     root, module = Path.cwd(), name.rpartition(":")[0]
+    if "/" in module:
+        raise UsageError(f"{name} does not exist; did you mean {name.replace('/', '.')}?")
     package = module.partition(".")[0]
     files = [*sorted(root.joinpath(package).rglob("*.py"))[:_READ], root / f"{package}.py"] if package else []
     if any(file.is_file() for file in files) and not _is_installed(package, root):

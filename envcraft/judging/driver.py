@@ -44,7 +44,7 @@ class Limits(msgspec.Struct, frozen=True):
     """
 
     call: float = 5.0
-    loading: float = 10.0
+    loading: float = 30.0
     job: float = 300.0
     memory: int = 2 * 1024**3
     cpu: int = 600

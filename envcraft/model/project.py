@@ -9,12 +9,13 @@ import ast
 import contextlib
 import itertools
 import symtable
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 import msgspec
 
-from envcraft.model.target import MAX_SOURCE, Project, Target, nodes, parse
+from envcraft.model.target import MAX_SOURCE, Kind, Project, Target, nodes, parse
 
 #: Maximum number of classes and modules that a base is followed through.
 _DEEPEST = 20
@@ -79,9 +80,9 @@ class Place(msgspec.Struct, frozen=True):
 def with_project(target: Target, root: Path | None = None) -> Target:
     """Give a file the files of its project that it needs.
 
-    These are the modules that it imports, directly or not, the packages around them, and the files and folders that a
-    string in one of these names. Hidden files, links that leave the project, folders with more than `_MOST_FILES` and
-    what exceeds `_MAX_BYTES` are left out.
+    These are the modules of its wrappers and those that it imports, directly or not, the packages around them, and the
+    files and folders that a string in one of these names. Hidden files, links that leave the project, folders with more
+    than `_MOST_FILES` and what exceeds `_MAX_BYTES` are left out.
 
     Args:
         target: a file.
@@ -98,6 +99,8 @@ def with_project(target: Target, root: Path | None = None) -> Target:
     folders = [place.root] if root is not None or place == Place.of(file) else []
     closure = _Closure(file, place, folders)
     closure.follow(file, target.source)
+    for wrapper in target.wrappers:
+        closure.add_module(wrapper.partition(":")[0])
     if closure.files:
         # Importing a module runs the packages around it.
         closure.add_packages(file)
@@ -110,6 +113,21 @@ def with_project(target: Target, root: Path | None = None) -> Target:
         str(place.root), place.module, own, closure.files, frozenset(closure.modules), named=root is not None
     )
     return msgspec.structs.replace(target, project=project)
+
+
+def configured(target: Target, kwargs: dict[str, Any], wrappers: Sequence[str]) -> Target:
+    """Give a target arguments and wrappers, and the files of its project that the wrappers need.
+
+    Args:
+        target: a target, with the files of its project.
+        kwargs: what the constructor is given.
+        wrappers: ``module:callable`` of each wrapper, the innermost first.
+    """
+    target = msgspec.structs.replace(target, kwargs=kwargs, wrappers=tuple(wrappers))
+    if not wrappers or target.kind is not Kind.SOURCE:
+        return target
+    known = target.project
+    return with_project(target, Path(known.root) if known is not None and known.named else None)
 
 
 def _dotted(file: Path, root: Path) -> str:
@@ -172,6 +190,16 @@ class _Closure:
                 for each in (found, *self._packages(found)):
                     if each not in self.sources and (data := self._add(each)) is not None:
                         pending.append((each, data))
+
+    def add_module(self, module: str) -> None:
+        """Add a module that is not imported but named, and what it imports, if the project has it."""
+        found = self._place.find(self._file, module)
+        if found is None:
+            return
+        self.modules.add(module.partition(".")[0])
+        for each in (found, *self._packages(found)):
+            if each not in self.sources and (data := self._add(each)) is not None:
+                self.follow(each, data)
 
     def add_packages(self, file: Path) -> None:
         """Add the packages around a file, and what they import."""

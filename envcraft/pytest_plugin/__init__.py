@@ -193,7 +193,7 @@ def pytest_runtest_makereport(
     return report
 
 
-def pytest_terminal_summary(terminalreporter: Any) -> None:
+def pytest_terminal_summary(terminalreporter: Any, exitstatus: int, config: pytest.Config) -> None:
     """Summarise the isolation of the judged environments. With xdist only the reports are known here."""
     subjects: dict[str, dict[str, str]] = {}
     for reports in terminalreporter.stats.values():
@@ -205,6 +205,13 @@ def pytest_terminal_summary(terminalreporter: Any) -> None:
         from envcraft.pytest_plugin.words import summary
 
         terminalreporter.write_line(summary(list(subjects.values())))
+    elif exitstatus == pytest.ExitCode.NO_TESTS_COLLECTED:
+        given = [f"--envcraft-{name.replace('_', '-')}" for name in SETTINGS if config.getoption(f"envcraft_{name}")]
+        if config.getoption("envcraft"):
+            words = "there is no environment here: no .py file defines a subclass of gymnasium.Env"
+            terminalreporter.write_line(f"envcraft: {words}")
+        elif given:
+            terminalreporter.write_line(f"envcraft: {given[0]} collects nothing; add --envcraft")
 
 
 def _loaded(name: str) -> Any:

@@ -63,6 +63,7 @@ def test_a_folder_is_followed(games: Path, invoke: Invoke) -> None:
     result = invoke("audit", "games", *QUICK, "--exit-zero", "--baseline", "games/baseline.json")
     assert result.exit_code == 0
     assert "3 environments: 2 passed, 1 failed, 0 undecided\n0 judged now, 3 known" in result.stdout
+    assert "`envcraft corpus list games --verdict fail` lists what failed" in result.stdout
     assert "1 new, 1 fixed, 0 unchanged" in result.stdout
     listed = invoke("corpus", "list", "games", "--verdict", "fail", "--format", "json")
     assert [row["name"] for row in json.loads(listed.stdout)] == ["more/c.py"]

@@ -211,6 +211,7 @@ def test_no_render_mode_is_as_good_as_none_named(target: str, tmp_path: Path) ->
         ),
         ("nowhere.to.be:Found", 3, "No module named 'nowhere'; install the package beside EnvCraft"),
         ("Corridors/Longer-v0", 3, "no installed package registers Corridors/Longer-v0"),
+        ("gymnasium:Foo-v0", 3, "the package gymnasium registers no Foo-v0"),
         ("nowhere:CartPole-v1", 3, "no installed package is named nowhere; install the package beside EnvCraft"),
     ],
 )

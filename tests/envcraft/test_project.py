@@ -259,6 +259,42 @@ def test_a_module_of_the_working_directory_that_lacks_the_class_is_a_sentence(
     assert (result.exit_code, result.stderr) == (2, f"Error: {words}\n")
 
 
+@pytest.mark.parametrize("target", ["walk.py", "walk:Walk"])
+def test_a_wrapper_of_the_project_is_found(
+    target: str, invoke: Invoke, good: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(good.parent)
+    good.rename("walk.py")
+    Path("scales.py").write_text("FACTOR = 2\n")
+    Path("wrappers.py").write_text(
+        "import gymnasium as gym\nfrom scales import FACTOR\n\n\n"
+        "class Scale(gym.RewardWrapper):\n    def reward(self, reward):\n        return float(FACTOR * reward)\n"
+    )
+    options = ["--sandbox", "process", "--contract", "gymnasium", "--checks", "api", "--budget", "quick"]
+    result = invoke("validate", target, "--wrap", "wrappers:Scale", *options, "--format", "json")
+    assert result.exit_code == 0, result.output
+    [report] = json.loads(result.stdout)["reports"]
+    assert set(report["project"]["files"]) == {"wrappers.py", "scales.py"}
+
+
+@pytest.mark.parametrize(
+    ("target", "words"),
+    [
+        ("pkg/walk:Walk", "did you mean pkg.walk:Walk?"),
+        ("pkg.walk", "pkg.walk is a module; name its class too: pkg.walk:CLASS"),
+    ],
+)
+def test_a_module_that_is_written_otherwise_is_suggested(
+    target: str, words: str, good: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(good.parent)
+    Path("pkg").mkdir()
+    good.rename("pkg/walk.py")
+    with pytest.raises(UsageError) as raised:
+        list(resolve(target))
+    assert words in str(raised.value)
+
+
 def test_an_installed_package_wins_over_a_folder_of_its_name(good: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(good.parent)
     Path("gymnasium").mkdir()

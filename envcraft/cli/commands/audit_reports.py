@@ -121,6 +121,9 @@ def _write_summary(stream: TextIO, run: Audit, outcomes: dict[Outcome, int], dif
     steps, seconds = run.totals()
     say(f"{plural(run.selected, 'environment')}: {counts or 'no verdict'}")
     say(f"{run.judged:,} judged now, {run.known:,} known; {plural(steps, 'step')} in {seconds:,.0f} s of judging")
+    if outcomes.get(Outcome.FAIL):
+        place = run.folder or run.store.root
+        say(f"`envcraft corpus list {place} --verdict fail` lists what failed; `envcraft corpus show` has the findings")
     if late := run.out_of_time():
         say(f"{late:,} ran out of time: the next audit judges {'it' if late == 1 else 'them'} again")
     for check, times in run.undecided().items() if outcomes.get(Outcome.UNDECIDED) else ():

@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any, TextIO
 
 import click
-import msgspec
 
 from envcraft.cli import completion
 from envcraft.cli.commands.outputs import report_stream
@@ -28,6 +27,7 @@ from envcraft.judging.selection import all_checks, driver_named, rules_of, selec
 from envcraft.judging.severity import SeverityPolicy, severity_table
 from envcraft.judging.worker_pool import WorkerPool
 from envcraft.model.events import Finished, SubjectFinished
+from envcraft.model.project import configured
 from envcraft.model.target import Kind, Target, kind_of
 from envcraft.model.verdict import Report, Verdict
 from envcraft.registry import offered
@@ -150,7 +150,7 @@ def validate(
     severity = SeverityPolicy(severity_table(Path.cwd()), strict, True, codes, ignored, frozenset(known))
     if quiet and verbose:
         raise UsageError("quiet and verbose contradict each other; leave one out", setting="quiet")
-    changes = {"kwargs": read_kwargs(kwargs), "wrappers": read_wrappers(wrap)}
+    changes = read_kwargs(kwargs), read_wrappers(wrap)
     files, unusable = _files(ctx, targets, env_class, environments_only, exclude, changes)
     if not files and (unusable or not environments_only):
         ctx.exit(ExitCode.USAGE)
@@ -300,7 +300,7 @@ def _files(
     env_class: str | None,
     environments_only: bool,
     exclude: tuple[str, ...],
-    changes: dict[str, Any],
+    changes: tuple[dict[str, Any], tuple[str, ...]],
 ) -> tuple[list[Target], bool]:
     """Resolve all targets, each once; say whether any was unusable, with the reason on stderr.
 
@@ -319,7 +319,7 @@ def _files(
                     excluded += 1
                     continue
                 # A class of a module has no file here, but a name that is no other path.
-                files.setdefault(os.path.abspath(target.path), msgspec.structs.replace(target, **changes))
+                files.setdefault(os.path.abspath(target.path), configured(target, *changes))
         except UsageError as error:
             errors[str(blamed(ctx, error))] = None
         errors |= {str(unreadable[place]): None for place in unreadable if not is_excluded(place, path, exclude)}

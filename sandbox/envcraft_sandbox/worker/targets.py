@@ -253,7 +253,10 @@ def find_spec(wanted: str) -> Any:
     _register(None)
     if (found := _look_up(name)) is not None:
         return found
-    hint = _suggest(name, list(gymnasium.registry)) or "; write MODULE:ID to say which module registers it"
+    near = _suggest(name, list(gymnasium.registry))
+    if module:
+        raise NoSuchEnvironment(f"the package {module} registers no {name}{near}")
+    hint = near or "; write MODULE:ID to say which module registers it"
     raise NoSuchEnvironment(f"no installed package registers {name}{hint}")
 
 

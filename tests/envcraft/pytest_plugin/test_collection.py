@@ -44,6 +44,20 @@ def test_a_run_that_judges_nothing_loads_nothing(pytester: pytest.Pytester, walk
         assert "games" not in result.stdout.str()
 
 
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("--envcraft",), "envcraft: there is no environment here: no .py file defines a subclass of gymnasium.Env"),
+        (("--envcraft-budget", "quick"), "envcraft: --envcraft-budget collects nothing; add --envcraft"),
+    ],
+)
+def test_a_run_without_tests_says_why(pytester: pytest.Pytester, options: tuple[str, ...], words: str) -> None:
+    pytester.mkdir("empty")
+    result = pytester.runpytest_inprocess("-p", "no:cacheprovider", *options, "empty")
+    assert result.ret == pytest.ExitCode.NO_TESTS_COLLECTED
+    result.stdout.fnmatch_lines([words])
+
+
 def test_the_plugin_can_be_left_out(pytester: pytest.Pytester, walk: Path) -> None:
     result = pytester.runpytest_inprocess("-p", "no:envcraft", "--envcraft")
     result.stderr.fnmatch_lines(["*unrecognized arguments: --envcraft*"])
