@@ -33,6 +33,8 @@ _ONWARD = 30
 _PROVEN = 2
 #: Seeds that are searched for one that cannot be won, for each episode of random play; twice as many once one is found.
 _SEEDS = 3
+#: The share of the steps of a search through all states that the search for such a seed gets.
+_PART = 4
 
 
 class Searches:
@@ -151,7 +153,7 @@ class Searches:
         """
         found: list[int] = []
         states = settled = 0
-        left = self._exhaust_steps
+        left = self._exhaust_steps // _PART
         while self._searchable and settled < _SEEDS * self._budget.random * (2 if found else 1):
             searched = self._run("reach", settled, left)
             left -= int(searched.get("steps") or 0)
@@ -160,7 +162,7 @@ class Searches:
                 left -= int(searched.get("steps") or 0)
                 if searched.get("exhausted"):
                     # One such seed is worth the search for another.
-                    left += 0 if found else self._exhaust_steps // 2
+                    left += 0 if found else self._exhaust_steps // _PART
                     found.append(settled)
                     states += int(searched.get("states") or 0)
             if not (searched.get("win") or settled in found):
