@@ -154,22 +154,15 @@ def write_transfer(folder: Path, summary: TransferSummary) -> Path:
     return folder / "report.md"
 
 
-def transfer_section(summary: TransferSummary) -> str:
-    """The results of a transfer, as Markdown for a page with a title and parts."""
-    protocol, training = summary.protocol, summary.protocol.settings
-    size = (
-        f"Each of the {len(summary.families)} families has {protocol.variants:,} environments, of which one in "
-        f"{protocol.folds} is held out. Each player played {protocol.episodes:,} episodes in each of them. "
-        f"An agent learned from {training.demonstrations:,} demonstrated steps of each environment of the other "
-        f"families, in {training.pretrain_updates:,} updates of {training.batch:,} transitions and {training.steps:,} "
-        f"online steps. All tasks took {summary.processor_seconds / 3600:.2f} processor hours, without the sandboxes "
-        "of the players."
-    )
-    return _render("section.md", [{"text": size}, *_transfer(summary)])
-
-
 def _transfer(summary: TransferSummary) -> list[_Block]:
-    found = summary.families
+    found, protocol, training = summary.families, summary.protocol, summary.protocol.settings
+    size = (
+        f"Each of the {len(found)} families has {protocol.variants:,} environments, of which one in {protocol.folds} "
+        f"is held out. Each player played {protocol.episodes:,} episodes in each of them. An agent learned from "
+        f"{training.demonstrations:,} demonstrated steps of each environment of the other families, in "
+        f"{training.pretrain_updates:,} updates of {training.batch:,} transitions and {training.steps:,} online steps. "
+        f"All tasks took {summary.processor_seconds / 3600:.2f} processor hours, without the sandboxes of the players."
+    )
     steps = sorted({count for one in found for count in (*one.tuned, *one.scratch)})
     rows = [
         [one.family, f"{one.environments}", "no scale" if one.zero_shot is None else _interval(one.zero_shot)]
@@ -184,6 +177,7 @@ def _transfer(summary: TransferSummary) -> list[_Block]:
         )
     ]
     return [
+        {"text": size},
         {
             "text": "For each family, an agent trained on all other families. Its return in held-out environments of "
             "the family is on a scale from 0 (random play) to 100 (the privileged player), with 95% intervals of a "
