@@ -16,7 +16,7 @@ may not have reached the reward. With `--policy FILE` the policy's episodes coun
 The exploration also looks for loops: actions that lead back to the same picture and pay each time, and an action that
 is paid again after each single other one. A loop is farmable if repeating it in a plain episode earns clearly more than
 success on that seed within half of the longest episode. It is an error if it earns twice as much as every success that
-was played, else a warning. If no success is known, a loop that pays to the end of the episode is a warning.
+was played, else a warning. Without a success on the seed, nothing is reported: the pay may be the goal.
 
 Failing pays more if one held action, or a loss that pays more than the step that wins, earns clearly more than every
 success on its seed that takes half as long, and than the step that wins, and no success earns clearly more than it. It
@@ -241,11 +241,11 @@ class Reward(Check):
 
     def _judge_loops(self, subject: Subject, traces: list[Trace]) -> Iterator[Finding]:
         best = _best_soon(traces, max(trace.steps for trace in traces))
-        most = max((trace.total for trace in _successes([*traces, *subject.privileged()])), default=None)
+        most = max((trace.total for trace in _successes([*traces, *subject.privileged()])), default=0.0)
         for number, outcome in enumerate(subject.searches.explorations):
             actions, size = outcome.get("loop") or [], outcome.get("loop_length") or 0
             success = best.get(subject.episode_seed(number))
-            if not size or (success is None and best) or not subject.affords(len(actions)):
+            if not size or success is None or not subject.affords(len(actions)):
                 continue
             trace = self._repeated(subject, number, actions, size, success)
             if trace is None:
@@ -255,15 +255,11 @@ class Reward(Check):
             least = min((sum(trace.rewards[at : at + size]) for at in whole), default=0.0)
             if least <= 0:
                 continue
-            than = (
-                f"while success on the same seed pays {success.total:g} in {success.steps} steps"
-                if success is not None
-                else "and no play is known that succeeds"
-            )
             finding = self.finding(
                 "EC307",
                 f"repeating {_in_words(actions[-size:])} pays at least {least:g} each time, without success: "
-                f"{trace.total:g} in {trace.steps} steps, {than}",
+                f"{trace.total:g} in {trace.steps} steps, while success on the same seed pays {success.total:g} in "
+                f"{success.steps} steps",
                 line=subject.line_of("step"),
                 repro=repro(trace.rollout),
                 loop=actions[-size:],
@@ -271,12 +267,10 @@ class Reward(Check):
                 earned=trace.total,
                 success=most,
             )
-            yield finding if most is not None and trace.total >= _FAR * max(most, 0) else finding.as_warning()
+            yield finding if trace.total >= _FAR * max(most, 0) else finding.as_warning()
             return
 
-    def _repeated(
-        self, subject: Subject, number: int, actions: list[Any], size: int, success: Trace | None
-    ) -> Trace | None:
+    def _repeated(self, subject: Subject, number: int, actions: list[Any], size: int, success: Trace) -> Trace | None:
         """An episode that repeats a loop to its end, or until it earns clearly more than success; None if it succeeds,
         is lost, or earns less.
         """
@@ -284,13 +278,13 @@ class Reward(Check):
         gain, left = sum(once.rewards[-size:]), subject.length - len(actions)
         if not once.usable or once.ended or gain <= 0:
             return None
-        least = clearly_more(success.total) if success is not None else 0.0
+        least = clearly_more(success.total)
         repeats = max(math.ceil((least - once.total) / gain) + 1, _REPEATS)
         if repeats * size > left:
             return None
         if subject.affords(subject.length):
             repeats = left // size
-        elif success is None or not subject.affords(repeats * size + len(actions)):
+        elif not subject.affords(repeats * size + len(actions)):
             return None
         trace = subject.searches.scripted(number, [*actions, *actions[-size:] * repeats], "a loop of actions")
         lost = trace.ended and trace.terminated[-1]
