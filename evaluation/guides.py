@@ -35,6 +35,7 @@ def judge_examples(codes: Iterable[str], sandbox: str = "auto") -> Iterator[tupl
     for code in codes:
         check, example = examples[code]
         settings = example.settings
+        rule = check.rule(code)
         # A check that always runs judges what happened while others played.
         player = "api" if check.always else check.name
         plans.append(
@@ -44,7 +45,8 @@ def judge_examples(codes: Iterable[str], sandbox: str = "auto") -> Iterator[tupl
                 driver,
                 [each for each in every if each.gate or each.always or each.name == player],
                 BUDGETS[settings.get("budget", "quick")],
-                severity=SeverityPolicy(comments=True, select=() if check.rule(code).default else (code,)),
+                # For an author, an error of the policy is wrong use and no finding.
+                severity=SeverityPolicy(comments=not rule.about_policy, select=() if rule.default else (code,)),
                 policy=PolicyFile("policy.py", example.policy) if example.policy else None,
                 parallel_jobs=1,
             )
