@@ -13,6 +13,8 @@ from envcraft.plugins import plugins
 _warned: set[str] = set()
 #: The most names that a message lists.
 _FEW = 20
+#: How alike two names are, from 0 to 1, of which one is a slip of the other.
+_SAME = 0.9
 
 
 def offered(hook: str) -> list[Any]:
@@ -46,17 +48,19 @@ def lookup(kind: str, name: str, known: Mapping[str, Any]) -> Any:
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:
-    """Describe an unknown name: the name with those that begin with it, else with the nearest known one, else with all
-    if these are few, else with some.
+    """Describe an unknown name: the name with a known one that hardly differs, else with those that begin with it,
+    else with the nearest, else with all if these are few, else with some.
     """
     # Slow to import, and needed only for an error.
     import difflib
 
     known = list(known)
     longer = [other for other in known if name and other.lower().startswith(name.lower())]
-    if 1 < len(longer) <= _FEW:
+    several = 1 < len(longer) <= _FEW
+    cutoff = _SAME if several else 0.5
+    near = difflib.get_close_matches(name.lower(), [other.lower() for other in known], n=1, cutoff=cutoff)
+    if several and not near:
         return f"{name!r}; did you mean {', '.join(longer[:-1])} or {longer[-1]}?"
-    near = difflib.get_close_matches(name.lower(), [other.lower() for other in known], n=1, cutoff=0.5)
     if near:
         return f"{name!r}; did you mean {next(other for other in known if other.lower() == near[0])}?"
     if len(known) > _FEW:
