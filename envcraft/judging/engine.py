@@ -415,14 +415,6 @@ def _take(
     Raises:
         UsageError: the finding is an error of the policy that an author named.
     """
-    policy = subject.policy
-    if policy is not None and finding.severity is Severity.ERROR and check.rule(finding.code).about_policy:
-        if policy.common:
-            report.verdict, report.undecided = Verdict.SKIP, True
-            report.reason = f"the policy cannot play it: {finding.message}"
-            return
-        if severity.comments:
-            raise UsageError(f"--policy: {finding.message}", setting="policy")
     ignored = None
     if subject.ignore_comments is not None and check.waivable(finding.code):
         # Also what is left out for another reason: the comment is not unused.
@@ -431,6 +423,14 @@ def _take(
         return
     if (counted := severity.apply(check, finding)) is None:
         return
+    policy = subject.policy
+    if policy is not None and counted.severity is Severity.ERROR and check.rule(counted.code).about_policy:
+        if policy.common:
+            report.verdict, report.undecided = Verdict.SKIP, True
+            report.reason = f"the policy cannot play it: {finding.message}"
+            return
+        if severity.comments:
+            raise UsageError(f"--policy: {finding.message}", setting="policy")
     if ignored is not None:
         report.ignored.append(msgspec.structs.replace(ignored, finding=counted))
     elif check.waivable(finding.code) and _known(report, subject.target.path, finding.code, severity.baseline):
