@@ -48,12 +48,14 @@ from envcraft.model.rollout import Conditions, Episode, Rollout
 from envcraft.model.verdict import Finding, Severity
 from envcraft.plugins import hookimpl
 
+from .linting.program import program_of
 from .source import ask_for_dependency
 
 if TYPE_CHECKING:
     from envcraft.judging.subject import Subject
     from envcraft.model.job import SearchOutcome
     from envcraft.model.trace import Fault, Trace
+    from envcraft.model.verdict import Line
 
 _RENDER = Conditions(render=True)
 _CALLS = {
@@ -194,10 +196,10 @@ class Api(Check):
         return next((again for again in found if again.code == finding.code), None)
 
     def _judge_spaces(self, subject: Subject) -> Iterator[Finding]:
+        """Compare the declared spaces with the contract's."""
         from envcraft.judging.fit import fitting_contract
         from envcraft.spaces.spec import Unknown, read_space
 
-        """Compare the declared spaces with the contract's."""
         description = subject.load().description
         for code, name, promised in (
             ("EC101", "observation_space", subject.contract.observation),
@@ -205,14 +207,16 @@ class Api(Check):
         ):
             if (given := description.get(name)) is None:
                 continue
-            space, line = read_space(given), subject.line_of("__init__")
+            space = read_space(given)
             if promised is None and isinstance(space, Unknown) and not space.custom:
-                yield self.finding(code, f"{name} is {space}, which is not a Gymnasium space", line=line)
+                yield self.finding(
+                    code, f"{name} is {space}, which is not a Gymnasium space", line=_line_of(subject, name)
+                )
             elif promised is not None and space != (expected := read_space(promised)):
                 fits = fitting_contract(description, subject.contract)
                 hint = f"; the environment fits another contract: --contract {fits}" if fits else ""
                 words = f"{name} is {space}, not {expected}{hint}"
-                yield self.finding(code, words, line=line, given=given, fits=fits)
+                yield self.finding(code, words, line=_line_of(subject, name), given=given, fits=fits)
 
     def _judge_conventions(self, subject: Subject) -> Iterator[Finding]:
         """Judge the parameters of reset() and what wrappers that render expect."""
@@ -400,6 +404,13 @@ class Api(Check):
             before = trace.rollout.conditions.before[failing : failing + 1]
         for each in before[:_ALONE]:
             yield subject.rollout(Rollout(each.seed or 0, each.actions, player="an earlier episode"))
+
+
+def _line_of(subject: Subject, space: str) -> int | Line:
+    """The line that assigns a space; that of the constructor where the file does not show one."""
+    program = program_of(subject) if not subject.target.wrappers else None
+    lines = program.declared_at(space) if program is not None else []
+    return lines[0] if len(lines) == 1 else subject.line_of("__init__")
 
 
 def _at(step: int) -> str:

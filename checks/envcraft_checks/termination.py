@@ -53,13 +53,12 @@ from envcraft.errors import Undecided
 from envcraft.judging.check import Check, Rule
 from envcraft.judging.shrink import repro, shrunk
 from envcraft.model.rollout import Conditions, Rollout
-from envcraft.model.target import Kind, parse
 from envcraft.model.verdict import Finding, Severity
 from envcraft.plugins import hookimpl
 from envcraft.text import plural
 
 from .linting.limits import terminates_at, unlimited
-from .linting.program import Program, in_words
+from .linting.program import in_words, program_of
 
 if TYPE_CHECKING:
     from envcraft.judging.subject import Subject
@@ -190,7 +189,7 @@ class Termination(Check):
 
     def _judge_named(self, subject: Subject, traces: list[Trace]) -> Iterator[Finding]:
         """Report a limit of the game's own that the code calls a time limit, and that terminates all that reach it."""
-        program = _program(subject)
+        program = program_of(subject)
         named = terminates_at(program) if program is not None else None
         if named is None:
             return
@@ -212,7 +211,7 @@ class Termination(Check):
 
     def _judge_code(self, subject: Subject, limit: int) -> Iterator[Finding]:
         """Report a step limit that the code lets play evade, where no episode has lasted long enough to show it."""
-        program = _program(subject)
+        program = program_of(subject)
         if program is None or "limit" in subject.contract.adapter:
             return
         suspects = list(unlimited(program, limit))
@@ -442,16 +441,6 @@ def _owes(trace: Trace) -> bool:
     paid = [reward for reward, _, _ in trace.after]
     over = trace.usable and trace.ended and trace.terminated[-1]
     return over and len(paid) > 1 and paid[0] not in (trace.rewards[-1], paid[1])
-
-
-def _program(subject: Subject) -> Program | None:
-    """The code of the environment; None for an installed one, or one that is nested too deeply."""
-    if subject.target.kind is not Kind.SOURCE:
-        return None
-    try:
-        return Program(parse(subject.text), subject.env_class)
-    except RecursionError:
-        return None
 
 
 def _over(trace: Trace) -> int:

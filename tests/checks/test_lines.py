@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import pytest
 
-from envcraft.contracts.builtin import GYMNASIUM
+from envcraft.contracts.builtin import ARCADE, GYMNASIUM
 from envcraft.judging.budget import BUDGETS
 from envcraft.judging.engine import Plan
 from envcraft.judging.selection import driver_named, select_checks
+from envcraft.model.contract import Contract
 from envcraft.model.target import Target
 from evaluation.judge import judge_plans
 
@@ -47,8 +48,54 @@ class Game(gym.Env):
 )
 def test_the_line_of_a_finding(old: str, new: str, code: str, named: str) -> None:
     text = GAME.replace(old, new, 1) if old else GAME + new
+    assert named in text.splitlines()[(lines(text)[code] or 0) - 1]
+
+
+def lines(text: str, contract: Contract = GYMNASIUM) -> dict[str, int | None]:
+    """The line of each finding by its code."""
     checks = select_checks("source,api", None)
-    plan = Plan([Target("game.py", text.encode())], GYMNASIUM, driver_named("process"), checks, BUDGETS["quick"])
+    plan = Plan([Target("game.py", text.encode())], contract, driver_named("process"), checks, BUDGETS["quick"])
     [[_, report]] = judge_plans([plan])
-    lines = {finding.code: finding.line for check in report.checks for finding in check.findings}
-    assert named in text.splitlines()[(lines[code] or 0) - 1]
+    return {finding.code: finding.line for check in report.checks for finding in check.findings}
+
+
+_OBSERVATION, _ACTION = "observation_space = gym.spaces.Discrete(9)", "action_space = gym.spaces.Discrete(2)"
+_CLASS = f"    {_OBSERVATION}\n    {_ACTION}\n\n"
+_IN_CONSTRUCTOR = GAME.replace(_CLASS, "").replace(
+    "        self.at = 0\n", f"        self.{_OBSERVATION}\n        self.at = 0\n        self.{_ACTION}\n", 1
+)
+
+
+@pytest.mark.parametrize(
+    ("text", "observation", "action"),
+    [
+        (GAME, _OBSERVATION, _ACTION),
+        (_IN_CONSTRUCTOR, f"self.{_OBSERVATION}", f"self.{_ACTION}"),
+        (
+            _IN_CONSTRUCTOR.replace("Game", "_Game") + "\n\nclass Far(_Game):\n    pass\n",
+            f"self.{_OBSERVATION}",
+            f"self.{_ACTION}",
+        ),
+        (
+            _IN_CONSTRUCTOR.replace("__init__(self)", "__init__(self, wide=False)").replace(
+                f"self.{_OBSERVATION}", f"self.{_OBSERVATION}\n        if wide:\n            self.{_OBSERVATION}"
+            ),
+            "def __init__",
+            f"self.{_ACTION}",
+        ),
+        (
+            GAME.replace(
+                f"    {_ACTION}\n",
+                "    @property\n    def action_space(self):\n        return gym.spaces.Discrete(2)\n",
+            ),
+            _OBSERVATION,
+            "def action_space",
+        ),
+        (GAME.replace(_CLASS, "") + f"\n\nGame.{_OBSERVATION}\nGame.{_ACTION}\n", "def __init__", "def __init__"),
+    ],
+    ids=["class", "constructor", "base", "two lines", "property", "elsewhere"],
+)
+def test_the_line_of_a_space_of_another_contract(text: str, observation: str, action: str) -> None:
+    found = {code: text.splitlines()[(line or 0) - 1].strip() for code, line in lines(text, ARCADE).items()}
+    assert found["EC101"].startswith(observation)
+    assert found["EC102"].startswith(action)

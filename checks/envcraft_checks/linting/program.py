@@ -8,9 +8,12 @@ from __future__ import annotations
 import ast
 from collections.abc import Iterable, Iterator
 from functools import cached_property
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
-from envcraft.model.target import nodes
+from envcraft.model.target import Kind, nodes, parse
+
+if TYPE_CHECKING:
+    from envcraft.judging.subject import Subject
 
 #: Methods that change a list, a dict, a set, a deque or an array in place.
 MUTATORS = frozenset({
@@ -233,6 +236,28 @@ class Program:
             return [(value, function) for value in bound] or [(None, function)]
         return [(self.module_values[node.id], None)] if node.id in self.module_values else []
 
+    def declared_at(self, name: str) -> list[int]:
+        """The lines at which the environment gets an attribute: those of a property, else of the nearest class whose
+        methods assign it, else of the nearest class whose body does.
+        """
+        if (method := self.method(self.env, name)) is not None:
+            return [line(method.node)]
+        lineage = self.lineage(self.env)
+        assigned = (
+            [
+                line(target)
+                for each in self._methods[one].values()
+                for target, _, _ in each.bindings
+                if each.field(target) == name
+            ]
+            for one in lineage
+        )
+        bound = (
+            [line(target) for target, _, _ in bindings(_outside(self.classes[one])) if name_of(target) == name]
+            for one in lineage
+        )
+        return next((lines for lines in (*assigned, *bound) if lines), [])
+
     @cached_property
     def play(self) -> list[Function]:
         """The functions that reset() and step() may call."""
@@ -281,6 +306,16 @@ class Program:
                 if node.id in self.classes and node.id not in self.lineage(self.env):
                     classes.add(node.id)
         return [call for call in calls if call is not None], classes, attributes
+
+
+def program_of(subject: Subject) -> Program | None:
+    """The code of an environment; None for an installed one, or one that is nested too deeply."""
+    if subject.target.kind is not Kind.SOURCE:
+        return None
+    try:
+        return Program(parse(subject.text), subject.env_class)
+    except RecursionError:
+        return None
 
 
 def name_of(node: ast.AST) -> str:
