@@ -58,6 +58,8 @@ from envcraft.model.verdict import Finding, Severity, Verdict
 from envcraft.plugins import hookimpl
 
 from .imports import imported_modules, required_imports
+from .linting.loading import printing_line
+from .linting.program import program_of
 
 if TYPE_CHECKING:
     from envcraft.judging.description import Description, Effects
@@ -276,7 +278,7 @@ class Source(Check):
         if fault is not None and fault.phase == "import":
             yield self.finding("EC003", f"importing raises {fault}", line=fault.line, traceback=fault.traceback)
             return
-        yield from self._judge_effects(description.get("effects", {}), end.output)
+        yield from self._judge_effects(subject, description.get("effects", {}), end.output)
         classes = [entry["name"] for entry in description.get("classes", [])]
         if subject.target.env_class is None and len(classes) != 1:
             yield self._wrong_count(classes, description, parse(subject.text))
@@ -338,10 +340,13 @@ class Source(Check):
         words = f"{where} ended the process ({end.reason}: {end.detail})"
         return self.finding(code, words, line=line, output=end.output[-2000:])
 
-    def _judge_effects(self, effects: Effects, output: str) -> Iterator[Finding]:
-        found = []
-        if output.strip():
-            found.append(f"prints {output.strip().splitlines()[0][:60]!r}")
+    def _judge_effects(self, subject: Subject, effects: Effects, output: str) -> Iterator[Finding]:
+        found, line = [], None
+        if printed := output.strip():
+            first = printed.splitlines()[0]
+            found.append(f"prints {first[:60]!r}")
+            program = program_of(subject)
+            line = printing_line(program, first) if program is not None else None
         if effects.get("random") or effects.get("numpy_random"):
             found.append("changes the global random generators")
         if (threads := effects.get("threads", 0)) > 0:
@@ -350,7 +355,7 @@ class Source(Check):
         if seconds > _SLOW_IMPORT:
             found.append(f"takes {seconds:.1f} s")
         if found:
-            yield self.finding("EC009", f"loading the file {' and '.join(found)}", **effects)
+            yield self.finding("EC009", f"loading the file {' and '.join(found)}", line=line, **effects)
 
     def _wrong_count(self, classes: list[str], description: Description, tree: ast.Module) -> Finding:
         if classes:

@@ -37,3 +37,27 @@ def test_inherited_method_has_the_line_of_the_class() -> None:
 def test_only_warnings_of_the_file_count_as_output(module: str, blamed: bool) -> None:
     warning = f"import warnings\nwarnings.warn_explicit('no fonts', UserWarning, 'x.py', 1, module={module!r})\n"
     assert ("EC009" in findings(GAME + warning, Source())) is blamed
+
+
+_METHOD = "    def __init__(self, render_mode=None):\n"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "named"),
+    [
+        ("", "print('hello')\n", "print('hello')"),
+        ("", "for i in range(3):\n    print('hello' * i)\n", "print('hello' * i)"),
+        ("", "def greet():\n    print(f'hello {3}')\n\n\ngreet()\n", "print(f'hello {3}')"),
+        ("", "if len(sys.argv) > 9:\n    print('usage')\nprint('hello')\n", "print('hello')"),
+        ("", "print('hello')\nif __name__ == '__main__':\n    print('hello')\n", "print('hello')"),
+        ("class MopEnv(gym.Env):\n", "class MopEnv(gym.Env):\n    print('hello')\n", "print('hello')"),
+        (_METHOD, f"{_METHOD}        print('hello')\n", "print('hello')"),
+        ("", "print('hello')\nprint('hello')\n", None),
+        ("", "if len(sys.argv) > 9:\n    print('usage')\nsys.stdout.write('hello')\n", None),
+    ],
+    ids=["module", "loop", "called", "another", "main block", "class", "constructor", "twice", "no print"],
+)
+def test_the_line_that_prints(old: str, new: str, named: str | None) -> None:
+    text = "import sys\n" + (GAME.replace(old, new, 1) if old else GAME + new)
+    line = findings(text, Source())["EC009"].line
+    assert (text.splitlines()[line - 1].strip() if line is not None else None) == named

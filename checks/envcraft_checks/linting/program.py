@@ -192,7 +192,7 @@ class Program:
     @cached_property
     def module_nodes(self) -> list[ast.AST]:
         """The nodes of the module outside functions and classes."""
-        return list(_outside(self.tree))
+        return list(outside(self.tree.body))
 
     @cached_property
     def module_values(self) -> dict[str, ast.expr | None]:
@@ -205,7 +205,7 @@ class Program:
             self._class_values[owner] = {
                 target.id: (one, value)
                 for one in reversed(self.lineage(owner))
-                for target, value, _ in bindings(_outside(self.classes[one]))
+                for target, value, _ in bindings(outside(self.classes[one].body))
                 if isinstance(target, ast.Name)
             }
         return self._class_values[owner]
@@ -253,7 +253,7 @@ class Program:
             for one in lineage
         )
         bound = (
-            [line(target) for target, _, _ in bindings(_outside(self.classes[one])) if name_of(target) == name]
+            [line(target) for target, _, _ in bindings(outside(self.classes[one].body)) if name_of(target) == name]
             for one in lineage
         )
         return next((lines for lines in (*assigned, *bound) if lines), [])
@@ -399,9 +399,9 @@ def _for_human(test: ast.expr) -> bool:
     )
 
 
-def _outside(node: ast.Module | ast.ClassDef) -> Iterator[ast.AST]:
-    """Walk a module or a class without the functions and classes in it."""
-    waiting: list[ast.AST] = list(node.body)
+def outside(body: Iterable[ast.stmt]) -> Iterator[ast.AST]:
+    """Walk the body of a module or a class without the functions and classes in it."""
+    waiting: list[ast.AST] = list(body)
     while waiting:
         one = waiting.pop(0)
         if not isinstance(one, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef | ast.Lambda):
