@@ -205,11 +205,11 @@ class Source(Check):
             parse(text)
         except UnicodeDecodeError as error:
             line = source.count(b"\n", 0, error.start) + 1
-            return self.finding("EC001", f"byte {source[error.start]:#04x} in line {line} is not UTF-8 text", line=line)
+            return self.finding("EC001", f"the byte {source[error.start]:#04x} is not UTF-8 text", line=line)
         except SyntaxError as error:
             # Python 3.11 reports a null byte without its line.
             line = error.lineno or _line_of_null(source)
-            return self.finding("EC001", f"{error.msg} (line {line})", line=line)
+            return self.finding("EC001", error.msg, line=line)
         except (ValueError, RecursionError, MemoryError) as error:
             line = _line_of_null(source)
             return self.finding("EC001", f"not Python source: {error or 'nested too deeply'}", line=line)

@@ -19,10 +19,9 @@ from evaluation.fixtures import FIXTURES
 GAME = (FIXTURES / "api" / "bad" / "render_missing.py").read_text()
 
 
-def findings(source: str, *checks: Check) -> dict[str, Finding]:
-    *_, last = validate(
-        Plan([Target("game.py", source.encode())], ARCADE, driver_named("process"), checks, BUDGETS["quick"])
-    )
+def findings(source: str | bytes, *checks: Check) -> dict[str, Finding]:
+    data = source.encode() if isinstance(source, str) else source
+    *_, last = validate(Plan([Target("game.py", data)], ARCADE, driver_named("process"), checks, BUDGETS["quick"]))
     assert isinstance(last, Finished)
     return {finding.code: finding for check in last.report.reports[0].checks for finding in check.findings}
 
@@ -31,6 +30,18 @@ def test_inherited_method_has_the_line_of_the_class() -> None:
     lines = GAME.splitlines()
     found = findings(GAME, Source(), Api())
     assert found["EC112"].line == lines.index("class MopEnv(gym.Env):") + 1
+
+
+@pytest.mark.parametrize(
+    ("source", "line", "words"),
+    [
+        (b"import os\nfor x in range(3)\n    pass\n", 2, "expected ':'"),
+        (b"import os\n\nx = '\xe9'\n", 3, "the byte 0xe9 is not UTF-8 text"),
+    ],
+)
+def test_the_line_of_what_is_not_python_is_not_said_twice(source: bytes, line: int, words: str) -> None:
+    [found] = findings(source, Source()).values()
+    assert (found.code, found.line, found.message) == ("EC001", line, words)
 
 
 @pytest.mark.parametrize(("module", "blamed"), [("library.fonts", False), ("envcraft_subject", True)])
