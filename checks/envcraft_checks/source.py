@@ -52,7 +52,7 @@ from envcraft.errors import UsageError, WorkerLost
 from envcraft.judging.check import Check, Rule
 from envcraft.judging.driver import Isolation
 from envcraft.model.job import ExitReason
-from envcraft.model.project import with_project
+from envcraft.model.project import Place, with_project
 from envcraft.model.target import nodes, parse
 from envcraft.model.verdict import Finding, Severity, Verdict
 from envcraft.plugins import hookimpl
@@ -281,7 +281,7 @@ class Source(Check):
         yield from self._judge_effects(subject, description.get("effects", {}), end.output)
         classes = [entry["name"] for entry in description.get("classes", [])]
         if subject.target.env_class is None and len(classes) != 1:
-            yield self._wrong_count(classes, description, parse(subject.text))
+            yield self._wrong_count(classes, description, subject)
             return
         if subject.target.env_class is not None and "class" not in description:
             yield self.finding("EC005", f"the file defines no class {subject.target.env_class}", classes=classes)
@@ -357,19 +357,25 @@ class Source(Check):
         if found:
             yield self.finding("EC009", f"loading the file {' and '.join(found)}", line=line, **effects)
 
-    def _wrong_count(self, classes: list[str], description: Description, tree: ast.Module) -> Finding:
+    def _wrong_count(self, classes: list[str], description: Description, subject: Subject) -> Finding:
         if classes:
             words = f"the file defines {len(classes)} environments: {', '.join(classes)}"
             # The first one that is too many.
             return self.finding("EC006", words, line=description["classes"][1]["line"], classes=classes)
+        tree = parse(subject.text)
         alike = ", ".join(description.get("lookalikes", []))
         hint = f"; {alike} has reset and step but does not derive from gymnasium.Env" if alike else ""
         lacking = next(_lacking(tree), None)
+        line = None if lacking is None else lacking[0].lineno
         if not hint and lacking is not None:
             node, methods = lacking
             hint = f"; {node.name} has no {' and no '.join(methods)}"
+        elif not hint and (wrappers := description.get("wrappers")):
+            line = next((node.lineno for node in tree.body if getattr(node, "name", "") == wrappers[0]), None)
+            options = _wrapping(subject, wrappers[0])
+            hint = f"; {wrappers[0]} is a wrapper; to judge it, validate an environment with {options}"
         words = f"the file defines no concrete subclass of gymnasium.Env with reset and step{hint}"
-        return self.finding("EC005", words, line=None if lacking is None else lacking[0].lineno)
+        return self.finding("EC005", words, line=line)
 
 
 def _line_of_null(source: bytes) -> int:
@@ -410,9 +416,21 @@ def _given(subject: Subject) -> str:
     return words if len(words) <= _LONGEST else f"{words[:_LONGEST]}..."
 
 
+def _wrapping(subject: Subject, wrapper: str) -> str:
+    """The options that judge an environment in one of this file's wrappers."""
+    contract = "" if subject.contract.project else " --contract gymnasium"
+    return f"--wrap {Place.of(Path(subject.target.path)).module}:{wrapper}{contract}"
+
+
 def _refuse_options(subject: Subject, fault: Fault) -> None:
     """Raise UsageError if a wrapper or an argument of the constructor that the user names does not exist."""
     if subject.target.wrappers and fault.type.endswith("targets.NoSuchWrapper"):
+        own = subject.left_out.modules if subject.left_out is not None else ()
+        if wrapper := next((each for each in subject.target.wrappers if re.split(r"[.:]", each)[0] in own), None):
+            raise UsageError(
+                f"--wrap {wrapper} is in a file of the project, and the contract {subject.contract.name} is for single "
+                "files; name --contract gymnasium"
+            )
         raise UsageError(f"--wrap: {fault.message}")
     unknown = any(f"unexpected keyword argument {name!r}" in fault.message for name in subject.target.kwargs)
     # An error that a line of the environment raises is its own.

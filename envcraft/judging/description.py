@@ -65,6 +65,7 @@ Description = TypedDict(
     {
         "classes": list[DefinedClass],
         "lookalikes": list[str],
+        "wrappers": list[_Name],
         "effects": Effects,
         "class": str,
         "line": int | None,

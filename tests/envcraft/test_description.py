@@ -130,6 +130,7 @@ def test_a_nested_space_has_a_bottom() -> None:
         {"classes": [5]},
         {"classes": [{"name": 5, "line": None}]},
         {"lookalikes": 7},
+        {"wrappers": "Slow"},
         {"effects": {"seconds": "long"}},
         {"class": {"a": 1}},
         {"line": "x"},

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
@@ -324,6 +325,31 @@ def test_a_class_that_lacks_a_method_is_named_with_its_line(invoke: Invoke, good
     result = invoke("validate", good, "--sandbox", "process", "--format", "concise")
     assert f"{good}:3: EC005" in result.stdout
     assert "Game has no step" in result.stdout
+
+
+def test_a_file_of_a_wrapper_says_how_to_judge_it(invoke: Invoke, good: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(good.parent)
+    Path("wrappers").mkdir()
+    Path("wrappers/__init__.py").write_text("")
+    Path("wrappers/slow.py").write_text("from gymnasium import Wrapper\n\nclass Slow(Wrapper):\n    pass\n")
+    options = ["--sandbox", "process", "--format", "concise"]
+    result = invoke("validate", "wrappers/slow.py", *options)
+    assert "wrappers/slow.py:3: EC005" in result.stdout
+    told = re.search(r"Slow is a wrapper; to judge it, validate an environment with (.*)", result.stdout)
+    assert told is not None, result.stdout
+    judged = invoke("validate", good, *told[1].split(), *options, "--checks", "api", "--budget", "quick")
+    assert judged.exit_code == 0, judged.output
+
+
+def test_a_wrapper_of_the_project_under_a_contract_for_single_files(
+    invoke: Invoke, good: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(good.parent)
+    Path("slow.py").write_text("from gymnasium import Wrapper\n\nclass Slow(Wrapper):\n    pass\n")
+    result = invoke("validate", good, "--wrap", "slow:Slow", "--sandbox", "process", "--format", "concise")
+    assert result.exit_code == 2
+    assert "the contract arcade is for single files; name --contract gymnasium" in result.stdout
+    assert "not installed" not in result.stdout
 
 
 def test_an_audit_says_that_it_takes_single_files(maze: Path) -> None:

@@ -159,6 +159,7 @@ class Subject:
         described: dict[str, Any] = {
             "classes": [{"name": name, "line": _line(getattr(module, name))} for name in names],
             "lookalikes": targets.lookalikes(module),
+            "wrappers": targets.wrappers(module),
         }
         if chosen is not None and inspect.isclass(getattr(module, chosen, None)):
             described["class"] = chosen

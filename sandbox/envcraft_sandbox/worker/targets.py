@@ -341,6 +341,15 @@ def lookalikes(module: ModuleType) -> list[str]:
     ]
 
 
+def wrappers(module: ModuleType) -> list[str]:
+    """Names of the wrappers that a module defines."""
+    return [
+        name
+        for name, value in list(vars(module).items())
+        if inspect.isclass(value) and value.__module__ == module.__name__ and issubclass(value, gymnasium.Wrapper)
+    ]
+
+
 def required_arguments(kind: Any, given: dict[str, Any]) -> list[str]:
     """The parameters of a constructor that have no default and are not given."""
     try:
