@@ -173,6 +173,28 @@ def test_a_policy_that_fails_is_wrong_use(policy: str, words: str, invoke: Invok
     assert words in subject["reason"]
 
 
+@pytest.mark.parametrize(
+    ("settings", "options", "codes"),
+    [
+        ("", ("--ignore", "EC805"), []),
+        ('[tool.envcraft.contracts.calm]\nbase = "arcade"\nwithout = ["EC805"]\n', ("--contract", "calm"), []),
+        ('[tool.envcraft.severity]\nEC805 = "warning"\n', (), ["EC805"]),
+    ],
+    ids=["option", "contract", "warning"],
+)
+def test_a_fault_of_a_policy_that_does_not_count_is_no_wrong_use(
+    settings: str, options: tuple[str, ...], codes: list[str], invoke: Invoke, good: Path, tmp_path: Path
+) -> None:
+    (tmp_path / "pyproject.toml").write_text(settings)
+    (tmp_path / "play.py").write_text("def policy(env):\n    return [4, 0, 1 // 0]")
+    options = ("--sandbox", "process", "--budget", "quick", "--checks", "difficulty", "--policy", "play.py", *options)
+    result = invoke("validate", good.name, *options, "--format", "json")
+    assert result.exit_code == 1, result.output
+    [subject] = json.loads(result.stdout)["reports"]
+    found = {finding["code"]: finding["severity"] for check in subject["checks"] for finding in check["findings"]}
+    assert found == {"EC802": "error"} | dict.fromkeys(codes, "warning")
+
+
 @pytest.mark.parametrize("options", [(), ("--contract", "arcade")])
 def test_a_contract_with_the_name_of_a_built_in_one_is_an_error(
     options: tuple[str, ...], invoke: Invoke, good: Path, tmp_path: Path
