@@ -11,6 +11,7 @@ from typing import Any, ClassVar
 import click
 from click.core import ParameterSource
 
+from envcraft.cli.numbers import explained
 from envcraft.config import settings
 from envcraft.errors import UsageError
 from envcraft.registry import did_you_mean, offered
@@ -102,7 +103,7 @@ def _blaming_the_file(ctx: click.Context | None = None) -> Iterator[None]:
         if error.param is None or not _configured(ctx or error.ctx, error.param):
             raise
         option = max(error.param.opts, key=len)
-        raise UsageError(f"{place(option.removeprefix('--'))}: {error.message}") from None
+        raise UsageError(f"{place(option.removeprefix('--'))}: {explained(error)}") from None
     except UsageError as error:
         if ctx is None or (other := blamed(ctx, error)) is error:
             raise

@@ -12,6 +12,7 @@ from typing import Any
 
 import click
 
+from envcraft.cli.numbers import explained
 from envcraft.cli.signals import exit_statuses, is_full
 from envcraft.errors import EnvCraftError, ExitCode
 from envcraft.registry import did_you_mean, named, offered
@@ -58,6 +59,10 @@ class PluginGroup(click.Group):
             click.echo(f"Error: {' '.join(str(error).split())}", err=True)
             # A full disk is no usage error, whichever file could not be written.
             ctx.exit(ExitCode.ERROR if error.__context__ and is_full(error.__context__) else error.exit_code)
+        except click.BadParameter as error:
+            if (words := explained(error)) == error.message:
+                raise
+            raise click.BadParameter(words, error.ctx, error.param, error.param_hint) from None
         except (click.ClickException, click.exceptions.Exit, click.Abort, BrokenPipeError):
             raise
         except Exception as error:

@@ -46,7 +46,7 @@ def test_a_class_that_only_running_the_file_defines_is_judged(invoke: Invoke, go
         ('format = "jsno"', "format: there is no format 'jsno'; did you mean json?"),
         ('sandbox = "proces"', "sandbox: there is no sandbox 'proces'; did you mean process?"),
         ('budget = "huge"', "budget: 'huge' is not one of"),
-        ('seed = "many"', "seed: 'many' is not a valid integer"),
+        ('seed = "many"', "seed: 'many' is not a whole number from 0 to 2147483647"),
         ('kwargs = "[1]"', "kwargs: [1] is not a JSON object"),
         ('wrap = ["TimeLimit"]', "wrap: TimeLimit must be MODULE:FUNC"),
         ('policy = "none.py"', "policy: the policy none.py cannot be read: No such file or directory"),
@@ -138,6 +138,24 @@ def test_what_is_no_file_of_python_is_a_sentence(target: str, words: str, invoke
     good.with_name("README.md").write_text("Hello\n")
     result = invoke("validate", target)
     assert (result.exit_code, words in result.stderr) == (2, True)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("validate", "walk.py", "--seed", "1.5"), "'--seed': '1.5' is not a whole number from 0 to 2147483647"),
+        (("validate", "walk.py", "--seed", "-1"), "'--seed': -1 is not a whole number from 0 to 2147483647"),
+        (("validate", "walk.py", "--time-limit", "long"), "'--time-limit': 'long' is not a number above 0"),
+        (("audit", ".", "--sample", "few"), "'--sample': 'few' is not a whole number of at least 1"),
+        (("corpus", "dedup", ".", "--threshold", "x"), "'--threshold': 'x' is not a number from 0.1 to 1"),
+        (("validate", "walk.py", "--budget", "huge"), "'--budget': 'huge' is not one of 'quick', 'standard'"),
+    ],
+)
+def test_a_refused_number_says_what_is_expected(
+    arguments: tuple[str, ...], words: str, invoke: Invoke, good: Path
+) -> None:
+    result = invoke(*arguments)
+    assert (result.exit_code, words in result.stderr) == (2, True), result.stderr
 
 
 def test_an_option_is_blamed_on_the_command_line(invoke: Invoke, good: Path, tmp_path: Path) -> None:
