@@ -89,7 +89,8 @@ def errors() -> Iterator[None]:
             raise EngineError("this user may not use the container engine", _ALLOW) from None
         if any(isinstance(cause, TimeoutError | requests.exceptions.Timeout) for cause in causes):
             raise EngineError("the container engine did not answer in time", _START) from None
-        raise EngineError(f"no container engine answers ({one_line(causes[-1])})", _START) from None
+        fix = f"{_START}, or correct DOCKER_HOST" if os.environ.get("DOCKER_HOST") else _START
+        raise EngineError(f"no container engine answers ({_reason(causes)})", fix) from None
 
 
 def progress(events: Iterable[dict[str, Any]]) -> Iterator[str]:
@@ -107,6 +108,14 @@ def one_line(text: object) -> str:
     """The last line of a text that is not empty, without a final full stop."""
     lines = str(text).strip().splitlines()
     return lines[-1].strip().rstrip(".") if lines else ""
+
+
+def _reason(causes: list[BaseException]) -> str:
+    """Why nothing answers, without the number of an error."""
+    if any(isinstance(cause, FileNotFoundError) for cause in causes):
+        return "its socket does not exist"
+    told = [cause.strerror for cause in causes if isinstance(cause, OSError) and cause.strerror]
+    return told[-1] if told else one_line(causes[-1])
 
 
 def _causes(error: BaseException | None) -> Iterator[BaseException]:

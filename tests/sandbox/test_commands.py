@@ -188,7 +188,8 @@ class TestEngine:
         [
             (PermissionError(13, "Permission denied"), "this user may not use the container engine"),
             (TimeoutError("timed out"), "did not answer in time"),
-            (FileNotFoundError(2, "No such file"), "no container engine answers"),
+            (FileNotFoundError(2, "No such file"), r"no container engine answers \(its socket does not exist\)"),
+            (ConnectionRefusedError(111, "Connection refused"), r"no container engine answers \(Connection refused\)"),
         ],
     )
     def test_the_first_cause_decides_on_the_fix(self, cause: OSError, reason: str) -> None:
@@ -209,8 +210,10 @@ class TestEngine:
         monkeypatch.setenv("DOCKER_HOST", "unix:///nonexistent/engine.sock")
         result = CliRunner().invoke(sandbox, ["build", "--base", "host"])
         assert isinstance(result.exception, EnvCraftError)
-        assert "no container engine answers" in str(result.exception)
+        assert "no container engine answers (its socket does not exist)" in str(result.exception)
         assert "install Docker" in str(result.exception)
+        assert "correct DOCKER_HOST" in str(result.exception)
+        assert "Errno" not in str(result.exception)
         assert result.exception.exit_code == 3
 
     def test_a_pull_reports_each_status_once_and_its_error(self) -> None:
