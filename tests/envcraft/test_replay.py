@@ -65,6 +65,16 @@ def test_gif_shows_the_reproduction(invoke: Any, report: Path, tmp_path: Path) -
         assert 2 <= getattr(picture, "n_frames", 1) <= len(actions) + 1
 
 
+@pytest.mark.parametrize("name", ["finding.png", "nan.py", "finding.mp4"])
+def test_a_gif_of_another_name_is_wrong_use(name: str, invoke: Any, report: Path, tmp_path: Path) -> None:
+    assert report.exists()
+    before = {path: path.read_bytes() for path in tmp_path.iterdir() if path.is_file()}
+    result = invoke("replay", "nan.py", "--repro", '{"seed": 0}', "--gif", name, "--sandbox", "process")
+    assert result.exit_code == 2
+    assert result.stderr == f"Error: --gif {name} is an animated GIF; end its name with .gif\n"
+    assert {path: path.read_bytes() for path in tmp_path.iterdir() if path.is_file()} == before
+
+
 def test_one_frame_is_a_frame(invoke: Any, report: Path) -> None:
     assert report.exists()
     result = invoke("replay", "nan.py", "--repro", '{"seed": 0}', "--gif", "start.gif", "--sandbox", "process")

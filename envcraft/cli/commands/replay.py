@@ -80,6 +80,8 @@ def replay(
                  2 usage error                 3 some could not be replayed
     With --repro: 0 the episode has no error   1 the episode shows an error
     """
+    if gif is not None and Path(gif).suffix.lower() not in ("", ".gif"):
+        raise UsageError(f"--gif {gif} is an animated GIF; end its name with .gif")
     if repro is not None:
         with contextlib.closing(driver_named(sandbox, runtime=runtime)) as driver:
             ctx.exit(_replay_target(report, env_class, read_repro(repro), contract, driver, gif))
