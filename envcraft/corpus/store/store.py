@@ -10,6 +10,7 @@ import contextlib
 import hashlib
 import json
 import os
+import shlex
 import shutil
 import sqlite3
 from collections.abc import Iterator
@@ -407,6 +408,19 @@ def find(root: Path) -> Path:
     for place in (root, root / FOLDER_CORPUS):
         if is_corpus(place):
             return place
-    raise UsageError(
-        f"{root} is not a corpus; `envcraft corpus init {root}` makes one, `envcraft audit FOLDER` one for a folder"
-    )
+    raise UsageError(f"{root} is not a corpus{_no_corpus(root)}")
+
+
+def _no_corpus(root: Path) -> str:
+    """What there is instead of a corpus, and the next step."""
+    name = shlex.quote(str(root))
+    if not root.exists():
+        return f": it does not exist; `envcraft corpus init {name}` makes one, `envcraft audit FOLDER` one for a folder"
+    if not root.is_dir():
+        return " but a file; `envcraft corpus init NEW` makes one, `envcraft audit FOLDER` one for a folder"
+    if any(file.endswith(".py") for _, _, files in os.walk(root) for file in files):
+        return (
+            f" but a folder of Python files; `envcraft audit {name}` judges them and keeps the verdicts there, "
+            f"`envcraft corpus init NEW` and `envcraft corpus add NEW {name}` copy them"
+        )
+    return " but a folder without Python files; `envcraft corpus init NEW` makes one"
