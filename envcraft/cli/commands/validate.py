@@ -34,6 +34,8 @@ from envcraft.registry import offered
 from envcraft.reports.reporter import Reporter, reporter_named
 from envcraft.text import plural
 
+#: The format that the name of a file suggests.
+_FORMATS = {".html": "html", ".json": "json", ".md": "markdown", ".sarif": "sarif", ".xml": "junit"}
 #: How the constructor's arguments are written.
 _LIKE = "write it like '{\"size\": 8}'"
 
@@ -242,8 +244,15 @@ def read_reports(form: str, output: str | None, also: Iterable[str]) -> list[tup
         Each reporter with its file, the one of ``--format`` first. None stands for standard output.
 
     Raises:
-        UsageError: a format does not exist, or two reports have one file.
+        UsageError: a format does not exist, two reports have one file, or the text for a console would get a file of
+            another format.
     """
+    kind = _FORMATS.get(os.path.splitext(output)[1].lower()) if output is not None and form == "console" else None
+    if kind is not None:
+        raise UsageError(
+            f"--output {output} gets the format console; name the format {kind}",
+            setting="output",
+        )
     found = [(reporter_named(form), output)]
     for words in also:
         name, _, path = words.partition(":")
