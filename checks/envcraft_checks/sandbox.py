@@ -117,11 +117,12 @@ class SandboxEvents(Check):
         return self._found(subject, trace, code, words)
 
     def _found(self, subject: Subject, trace: Trace, code: str, words: str) -> Finding:
-        phase = trace.end.phase if trace.end else "step"
+        fault, phase = trace.fault, trace.end.phase if trace.end else "step"
+        raised = fault.line if fault is not None and fault.phase != "policy" else None
         return self.finding(
             code,
             f"{words} (under {trace.rollout.player})",
-            line=subject.line_of(phase) if subject.env_class else None,
+            line=raised or (subject.line_of(phase) if subject.env_class else None),
             repro=repro(trace.rollout.cut(trace.steps + 1)),
             **trace.printed,
         )

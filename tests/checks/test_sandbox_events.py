@@ -78,6 +78,15 @@ def test_event(code: str, statement: str, reports: dict[str, SubjectReport]) -> 
     assert report.seconds < 240
 
 
+@pytest.mark.parametrize(
+    ("code", "statement"), [event for event in EVENTS if event[0] in ("EC902", "EC903", "EC905") or "open" in event[1]]
+)
+def test_a_call_that_a_limit_stops_is_named(code: str, statement: str, reports: dict[str, SubjectReport]) -> None:
+    [line] = {finding.line for check in reports[statement].checks for finding in check.findings if finding.code == code}
+    assert line is not None
+    assert statement in GAME.replace(STEP, f"        {statement}\n{STEP}", 1).splitlines()[line - 1]
+
+
 @pytest.mark.parametrize("statement", PRINTS)
 def test_output_is_part_of_the_finding(statement: str, reports: dict[str, SubjectReport]) -> None:
     findings = [finding for check in reports[statement].checks for finding in check.findings]
