@@ -36,6 +36,7 @@ import contextlib
 import itertools
 import re
 from collections.abc import Iterator
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 import msgspec
@@ -45,10 +46,12 @@ from envcraft.judging.check import Check, Rule
 from envcraft.judging.shrink import shrunk
 from envcraft.model.contract import OPTIONAL
 from envcraft.model.rollout import Conditions, Episode, Rollout
+from envcraft.model.target import Kind, parse
 from envcraft.model.verdict import Finding, Severity
 from envcraft.plugins import hookimpl
 
-from .linting.program import program_of
+from .linting.program import Program, program_of
+from .rewards.syntax import returns
 from .source import ask_for_dependency
 
 if TYPE_CHECKING:
@@ -210,13 +213,13 @@ class Api(Check):
             space = read_space(given)
             if promised is None and isinstance(space, Unknown) and not space.custom:
                 yield self.finding(
-                    code, f"{name} is {space}, which is not a Gymnasium space", line=_line_of(subject, name)
+                    code, f"{name} is {space}, which is not a Gymnasium space", line=_line_of_space(subject, name)
                 )
             elif promised is not None and space != (expected := read_space(promised)):
                 fits = fitting_contract(description, subject.contract)
                 hint = f"; the environment fits another contract: --contract {fits}" if fits else ""
                 words = f"{name} is {space}, not {expected}{hint}"
-                yield self.finding(code, words, line=_line_of(subject, name), given=given, fits=fits)
+                yield self.finding(code, words, line=_line_of_space(subject, name), given=given, fits=fits)
 
     def _judge_conventions(self, subject: Subject) -> Iterator[Finding]:
         """Judge the parameters of reset() and what wrappers that render expect."""
@@ -322,7 +325,7 @@ class Api(Check):
             problem = next((problem for problem in trace.problems if problem.kind == kind), None)
             if problem is None:
                 continue
-            line = subject.line_of("step" if problem.step else "reset")
+            line = _line_of_result(subject, "step" if problem.step else "reset")
             yield self.finding(
                 code, f"{problem.words} ({_at(problem.step)}, under {who})", line=line, step=problem.step
             )
@@ -345,11 +348,11 @@ class Api(Check):
             yield self.finding("EC115", f"{words} (under {who})", line=line, step=change.step)
         for problem in trace.render_problems:
             if problem.kind == "type":
-                yield self.finding("EC112", problem.words, line=subject.line_of("render"), step=problem.step)
+                yield self.finding("EC112", problem.words, line=_line_of_result(subject, "render"), step=problem.step)
                 break
         for step, note in trace.info_notes[:1]:
             what = f"is a {note['type']}" if "type" in note else f"has a key of type {note.get('key')}"
-            line = subject.line_of("step" if step else "reset")
+            line = _line_of_result(subject, "step" if step else "reset")
             yield self.finding("EC114", f"info {what} ({_at(step)}, under {who})", line=line, step=step)
 
     def _judge_fault(self, subject: Subject, trace: Trace, fault: Fault) -> Finding | None:
@@ -359,6 +362,7 @@ class Api(Check):
         closed = ", after another instance was closed" if after else ""
         if fault.malformed:
             method = {"earlier reset": "reset", "before": "step"}.get(fault.phase, fault.phase)
+            line = _line_of_result(subject, method)
             code = "EC105" if method == "reset" else "EC106"
             words = f"{method}() returned {fault.malformed} ({_at(fault.step)})"
             return self.finding(code, words, line=line, step=fault.step)
@@ -406,11 +410,32 @@ class Api(Check):
             yield subject.rollout(Rollout(each.seed or 0, each.actions, player="an earlier episode"))
 
 
-def _line_of(subject: Subject, space: str) -> int | Line:
+def _line_of_space(subject: Subject, space: str) -> int | Line:
     """The line that assigns a space; that of the constructor where the file does not show one."""
     program = program_of(subject) if not subject.target.wrappers else None
     lines = program.declared_at(space) if program is not None else []
     return lines[0] if len(lines) == 1 else subject.line_of("__init__")
+
+
+def _line_of_result(subject: Subject, method: str) -> int | Line:
+    """The line at which a method returns; that of the method where it may at several, or where it is not in this
+    file.
+    """
+    source = subject.target.kind is Kind.SOURCE and not subject.target.wrappers
+    line = _only_return(subject.text, subject.env_class, method) if source else None
+    return line or subject.line_of(method)
+
+
+@lru_cache(8)
+def _only_return(text: str, env_class: str | None, method: str) -> int | None:
+    # Many traces of one environment may show the same defect.
+    try:
+        program = Program(parse(text), env_class)
+    except RecursionError:
+        return None
+    function = program.method(program.env, method)
+    found = [each.lineno for each in returns(function) if each.value is not None] if function is not None else []
+    return found[0] if len(found) == 1 else None
 
 
 def _at(step: int) -> str:
