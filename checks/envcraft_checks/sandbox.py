@@ -28,6 +28,9 @@ from envcraft.model.rollout import Conditions, Rollout
 from envcraft.model.verdict import Finding
 from envcraft.plugins import hookimpl
 
+from .linting.loading import endless_line, method_code
+from .linting.program import program_of
+
 if TYPE_CHECKING:
     from envcraft.judging.subject import Subject
     from envcraft.model.trace import Trace
@@ -44,6 +47,8 @@ _ENDS = {
     ExitReason.DIED: "EC906",
     ExitReason.FORGED: "EC907",
 }
+#: The methods that a phase may call, where it is not named after one.
+_METHODS = {"construct": ("__init__",), **dict.fromkeys(("search", "before", "after"), ("reset", "step"))}
 #: Events that cost no time: their episodes are shrunk. Others reach a deadline or a limit in each attempt.
 _QUICK = ("EC905", "EC906")
 #: So many attempts may show the event again.
@@ -118,11 +123,14 @@ class SandboxEvents(Check):
 
     def _found(self, subject: Subject, trace: Trace, code: str, words: str) -> Finding:
         fault, phase = trace.fault, trace.end.phase if trace.end else "step"
-        raised = fault.line if fault is not None and fault.phase != "policy" else None
+        place = fault.line if fault is not None and fault.phase != "policy" else None
+        if code == "EC901" and not subject.target.wrappers and (program := program_of(subject)) is not None:
+            methods = _METHODS.get(phase, (phase.rpartition(" ")[2],))
+            place = endless_line(program, method_code(program, *methods))
         return self.finding(
             code,
             f"{words} (under {trace.rollout.player})",
-            line=raised or (subject.line_of(phase) if subject.env_class else None),
+            line=place or (subject.line_of(phase) if subject.env_class else None),
             repro=repro(trace.rollout.cut(trace.steps + 1)),
             **trace.printed,
         )

@@ -58,7 +58,7 @@ from envcraft.model.verdict import Finding, Severity, Verdict
 from envcraft.plugins import hookimpl
 
 from .imports import imported_modules, required_imports
-from .linting.loading import printing_line
+from .linting.loading import endless_line, import_code, method_code, printing_line
 from .linting.program import program_of
 
 if TYPE_CHECKING:
@@ -273,7 +273,7 @@ class Source(Check):
     def _judge_loaded(self, subject: Subject, loaded: Loaded) -> Iterator[Finding]:
         fault, end, description = loaded.trace.fault, loaded.end, loaded.description
         if end.reason is not ExitReason.DONE:
-            yield self._broken(loaded)
+            yield self._broken(subject, loaded)
             return
         if fault is not None and fault.phase == "import":
             yield self.finding("EC003", f"importing raises {fault}", line=fault.line, traceback=fault.traceback)
@@ -304,7 +304,7 @@ class Source(Check):
             ask_for_dependency(subject, fault)
             _refuse_options(subject, fault)
         if loaded.end.reason is not ExitReason.DONE:
-            yield self._broken(loaded)
+            yield self._broken(subject, loaded)
         elif fault is not None and _absent(fault, name):
             # A misspelt environment is installed under another name, or its package is there.
             known = "did you mean" in fault.message or fault.message.startswith("the package")
@@ -329,12 +329,15 @@ class Source(Check):
         words = f"{name}() needs {', '.join(required)}"
         return self.finding("EC007", words, line=description.get("line"), required=required)
 
-    def _broken(self, loaded: Loaded) -> Finding:
+    def _broken(self, subject: Subject, loaded: Loaded) -> Finding:
         end = loaded.end
         where = "the constructor" if end.phase == "construct" else "importing the file"
         line = loaded.description.get("line") if end.phase == "construct" else None
         if end.reason is ExitReason.TIMEOUT:
             code = "EC008" if end.phase == "construct" else "EC004"
+            if (program := program_of(subject)) is not None:
+                code_run = method_code(program, "__init__") if end.phase == "construct" else import_code(program)
+                line = endless_line(program, code_run) or line
             return self.finding(code, f"{where} did not end: {end.detail}", line=line, output=end.output[-2000:])
         code = "EC008" if end.phase == "construct" else "EC003"
         words = f"{where} ended the process ({end.reason}: {end.detail})"

@@ -6,6 +6,8 @@ import time
 from pathlib import Path
 
 import pytest
+from envcraft_checks.linting.loading import endless_line, method_code
+from envcraft_checks.linting.program import Program
 
 from envcraft.contracts.builtin import ARCADE
 from envcraft.judging.budget import BUDGETS
@@ -16,7 +18,7 @@ from envcraft.judging.selection import default_checks, driver_named
 from envcraft.judging.subject import Subject
 from envcraft.judging.worker_pool import WorkerPool
 from envcraft.model.events import Finished, SubjectFinished
-from envcraft.model.target import MAX_SOURCE, Target, read_target
+from envcraft.model.target import MAX_SOURCE, Target, parse, read_target
 from envcraft.model.verdict import SubjectReport, Verdict
 from evaluation.judge import failing
 
@@ -87,6 +89,40 @@ def test_a_call_that_a_limit_stops_is_named(code: str, statement: str, reports: 
     assert statement in GAME.replace(STEP, f"        {statement}\n{STEP}", 1).splitlines()[line - 1]
 
 
+@pytest.mark.parametrize(
+    ("before", "loop", "code"),
+    [
+        ("\nclass ", "while True:\n    pass", "EC004"),
+        ("        self.render_mode = ", "        while True:\n            pass", "EC008"),
+    ],
+    ids=["import", "constructor"],
+)
+def test_the_loop_that_keeps_a_file_from_loading_is_named(before: str, loop: str, code: str, tmp_path: Path) -> None:
+    assert before in GAME
+    text = GAME.replace(before, f"\n{loop}\n{before}", 1)
+    checks = [check for check in default_checks() if check.name == "source"]
+    [finding] = judged(tmp_path, text, Limits(call=1.0, loading=2.0), checks).checks[0].findings
+    assert (finding.code, finding.line) == (code, text.splitlines().index(loop.splitlines()[0]) + 1)
+
+
+@pytest.mark.parametrize(
+    ("step", "line"),
+    [
+        ("while True: pass", 7),
+        ("return input()", 7),
+        ("return helper()", 2),
+        ("for _ in range(9): pass", None),
+        ("while True: helper()", None),
+    ],
+)
+def test_only_one_place_that_may_never_end_is_named(step: str, line: int | None) -> None:
+    helper = (
+        "def helper():\n    while 1: pass\ndef other():\n    while 2: pass\nclass Game:\n    def step(self, action):\n"
+    )
+    program = Program(parse(f"{helper}        {step}\n"))
+    assert endless_line(program, method_code(program, "step")) == line
+
+
 @pytest.mark.parametrize("statement", PRINTS)
 def test_output_is_part_of_the_finding(statement: str, reports: dict[str, SubjectReport]) -> None:
     findings = [finding for check in reports[statement].checks for finding in check.findings]
@@ -96,6 +132,8 @@ def test_output_is_part_of_the_finding(statement: str, reports: dict[str, Subjec
 def test_the_hanging_step_is_named(reports: dict[str, SubjectReport]) -> None:
     (finding,) = next(check for check in reports[HANGS].checks if check.check == "sandbox").findings
     assert finding.message.startswith("step 32 did not end")
+    assert finding.line is not None
+    assert GAME.replace(STEP, f"        {HANGS}\n{STEP}", 1).splitlines()[finding.line - 1].strip() == HANGS
     assert len(finding.repro.actions) == 32
 
 

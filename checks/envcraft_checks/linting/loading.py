@@ -1,11 +1,19 @@
-"""The line that prints while a file is imported and its environment constructed."""
+"""The lines that print, or may never end, while a file is imported and its environment constructed or played."""
 
 from __future__ import annotations
 
 import ast
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
-from .program import Function, Program, line, name_of, outside
+from .program import Function, Program, line, outside
+
+#: What may wait, or go on, for ever.
+_ENDLESS = frozenset({
+    "builtins.input", "itertools.count", "itertools.cycle", "itertools.repeat", "select.select", "signal.pause",
+    "time.sleep",
+})  # fmt: skip
+#: A node, and the function that it is in.
+_Place = tuple[ast.AST, Function | None]
 
 
 def printing_line(program: Program, printed: str) -> int | None:
@@ -15,27 +23,48 @@ def printing_line(program: Program, printed: str) -> int | None:
         program: the file.
         printed: the first line of the output.
     """
-    lines = {line(call) for call in _prints(program) if _may_print(call, printed)}
-    return lines.pop() if len(lines) == 1 else None
+    code = [*import_code(program), *method_code(program, "__init__")]
+    return _only(
+        node
+        for node, function in code
+        if isinstance(node, ast.Call)
+        and program.path(node.func, function) == "builtins.print"
+        and _may_print(node, printed)
+    )
 
 
-def _prints(program: Program) -> Iterator[ast.Call]:
-    """The calls of print() that may run: of the module, of its classes' bodies, and of what these and the constructor
-    call.
-    """
+def endless_line(program: Program, code: Iterable[_Place]) -> int | None:
+    """The line of the only loop or call that may never end; None where there is none, or are several."""
+    return _only(
+        node
+        for node, function in code
+        if isinstance(node, ast.While) or (isinstance(node, ast.Call) and program.path(node.func, function) in _ENDLESS)
+    )
+
+
+def import_code(program: Program) -> Iterator[_Place]:
+    """What an import runs: the module, the bodies of its classes, and the functions that these call."""
     body = [one for one in program.tree.body if not (isinstance(one, ast.If) and "__name__" in ast.unparse(one.test))]
-    loaded = [node for part in (body, *(one.body for one in program.classes.values())) for node in outside(part)]
-    found: dict[Function, None] = dict.fromkeys(program.reached("__init__"))
-    waiting = list(loaded)
-    while waiting:
-        node = waiting.pop()
-        function = program.functions.get(name_of(node)) if isinstance(node, ast.Call) else None
-        if function is not None and function not in found:
-            found[function] = None
-            waiting += function.nodes
-    for node, function in [*((node, None) for node in loaded), *((node, one) for one in found for node in one.nodes)]:
-        if isinstance(node, ast.Call) and program.path(node.func, function) == "builtins.print":
-            yield node
+    waiting: list[_Place] = [
+        (node, None) for part in (body, *(one.body for one in program.classes.values())) for node in outside(part)
+    ]
+    called: set[Function] = set()
+    for node, function in waiting:
+        yield node, function
+        name = node.func.id if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) else ""
+        if (found := program.functions.get(name)) is not None and found not in called:
+            called.add(found)
+            waiting += ((one, found) for one in found.nodes)
+
+
+def method_code(program: Program, *methods: str) -> Iterator[_Place]:
+    """What some methods of the environment may run."""
+    return ((node, function) for function in program.reached(*methods) for node in function.nodes)
+
+
+def _only(nodes: Iterable[ast.AST]) -> int | None:
+    lines = {line(node) for node in nodes}
+    return lines.pop() if len(lines) == 1 else None
 
 
 def _may_print(call: ast.Call, printed: str) -> bool:
