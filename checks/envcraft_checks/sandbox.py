@@ -28,7 +28,7 @@ from envcraft.model.rollout import Conditions, Rollout
 from envcraft.model.verdict import Finding
 from envcraft.plugins import hookimpl
 
-from .linting.loading import endless_line, method_code
+from .linting.loading import endless_line, exiting_line, method_code, printing_line
 from .linting.program import program_of
 
 if TYPE_CHECKING:
@@ -123,10 +123,7 @@ class SandboxEvents(Check):
 
     def _found(self, subject: Subject, trace: Trace, code: str, words: str) -> Finding:
         fault, phase = trace.fault, trace.end.phase if trace.end else "step"
-        place = fault.line if fault is not None and fault.phase != "policy" else None
-        if code == "EC901" and not subject.target.wrappers and (program := program_of(subject)) is not None:
-            methods = _METHODS.get(phase, (phase.rpartition(" ")[2],))
-            place = endless_line(program, method_code(program, *methods))
+        place = fault.line if fault is not None and fault.phase != "policy" else self._place(subject, code, trace)
         return self.finding(
             code,
             f"{words} (under {trace.rollout.player})",
@@ -134,6 +131,18 @@ class SandboxEvents(Check):
             repro=repro(trace.rollout.cut(trace.steps + 1)),
             **trace.printed,
         )
+
+    def _place(self, subject: Subject, code: str, trace: Trace) -> int | None:
+        """The line that may have led to an event without an exception, if the file has only one such line."""
+        if trace.end is None or subject.target.wrappers or (program := program_of(subject)) is None:
+            return None
+        phase = trace.end.phase
+        run = method_code(program, *_METHODS.get(phase, (phase.rpartition(" ")[2],)))
+        if code == "EC904" and trace.end.reason is ExitReason.FLOOD:
+            return printing_line(program, run, trace.end.output)
+        if code == "EC901":
+            return endless_line(program, run)
+        return exiting_line(program, run) if code == "EC906" else None
 
 
 @hookimpl

@@ -345,11 +345,11 @@ class Source(Check):
 
     def _judge_effects(self, subject: Subject, effects: Effects, output: str) -> Iterator[Finding]:
         found, line = [], None
-        if printed := output.strip():
-            first = printed.splitlines()[0]
-            found.append(f"prints {first[:60]!r}")
-            program = program_of(subject)
-            line = printing_line(program, first) if program is not None else None
+        if output.strip():
+            found.append(f"prints {output.strip().splitlines()[0][:60]!r}")
+            if (program := program_of(subject)) is not None:
+                code = [*import_code(program), *method_code(program, "__init__")]
+                line = printing_line(program, code, output)
         if effects.get("random") or effects.get("numpy_random"):
             found.append("changes the global random generators")
         if (threads := effects.get("threads", 0)) > 0:

@@ -51,7 +51,7 @@ EVENTS = [
     ("EC904", "print('x' * 65536)"),
     ("EC904", "open(str(self.steps), 'wb').write(bytes(32 * 1024**2))"),
     ("EC905", "__import__('socket').socket()"),
-    ("EC906", "self.steps > 30 and __import__('os')._exit(3)"),
+    ("EC906", "import os; self.steps > 30 and os._exit(3)"),
     ("EC907", "self.steps > 30 and __import__('os').write(3, b'pass' * 64)"),
 ]
 PRINTS = [
@@ -80,10 +80,8 @@ def test_event(code: str, statement: str, reports: dict[str, SubjectReport]) -> 
     assert report.seconds < 240
 
 
-@pytest.mark.parametrize(
-    ("code", "statement"), [event for event in EVENTS if event[0] in ("EC902", "EC903", "EC905") or "open" in event[1]]
-)
-def test_a_call_that_a_limit_stops_is_named(code: str, statement: str, reports: dict[str, SubjectReport]) -> None:
+@pytest.mark.parametrize(("code", "statement"), [event for event in EVENTS if event[0] != "EC907"])
+def test_the_line_of_an_event_is_named(code: str, statement: str, reports: dict[str, SubjectReport]) -> None:
     [line] = {finding.line for check in reports[statement].checks for finding in check.findings if finding.code == code}
     assert line is not None
     assert statement in GAME.replace(STEP, f"        {statement}\n{STEP}", 1).splitlines()[line - 1]

@@ -1,4 +1,4 @@
-"""The lines that print, or may never end, while a file is imported and its environment constructed or played."""
+"""The lines that print, end the process or may never end, while a file is imported and its environment played."""
 
 from __future__ import annotations
 
@@ -12,18 +12,15 @@ _ENDLESS = frozenset({
     "builtins.input", "itertools.count", "itertools.cycle", "itertools.repeat", "select.select", "signal.pause",
     "time.sleep",
 })  # fmt: skip
+#: What ends the process without an exception.
+_EXITS = frozenset({"os._exit", "os.abort", "os.kill", "signal.raise_signal"})
 #: A node, and the function that it is in.
 _Place = tuple[ast.AST, Function | None]
 
 
-def printing_line(program: Program, printed: str) -> int | None:
-    """The line that prints a text while the file loads; None where several may, or none does.
-
-    Args:
-        program: the file.
-        printed: the first line of the output.
-    """
-    code = [*import_code(program), *method_code(program, "__init__")]
+def printing_line(program: Program, code: Iterable[_Place], output: str) -> int | None:
+    """The line that prints the first line of an output; None where several may, or none does."""
+    printed = output.strip().split("\n")[0]
     return _only(
         node
         for node, function in code
@@ -39,6 +36,13 @@ def endless_line(program: Program, code: Iterable[_Place]) -> int | None:
         node
         for node, function in code
         if isinstance(node, ast.While) or (isinstance(node, ast.Call) and program.path(node.func, function) in _ENDLESS)
+    )
+
+
+def exiting_line(program: Program, code: Iterable[_Place]) -> int | None:
+    """The line of the only call that ends the process; None where there is none, or are several."""
+    return _only(
+        node for node, function in code if isinstance(node, ast.Call) and program.path(node.func, function) in _EXITS
     )
 
 
