@@ -75,6 +75,24 @@ def test_a_gif_of_another_name_is_wrong_use(name: str, invoke: Any, report: Path
     assert {path: path.read_bytes() for path in tmp_path.iterdir() if path.is_file()} == before
 
 
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--repro", '{"sed": 1}'], "--repro has no field 'sed'; did you mean seed?"),
+        (
+            ["--repro", '{"conditions": {"hash_sed": 1}}'],
+            "--repro has no condition 'hash_sed'; did you mean hash_seed?",
+        ),
+        ([], "nan.py is not a report but a Python file; write one with"),
+    ],
+)
+def test_what_is_no_reproduction_says_so(arguments: list[str], words: str, invoke: Any, report: Path) -> None:
+    assert report.exists()
+    result = invoke("replay", "nan.py", *arguments, "--sandbox", "process")
+    assert result.exit_code == 2
+    assert words in result.stderr
+
+
 def test_one_frame_is_a_frame(invoke: Any, report: Path) -> None:
     assert report.exists()
     result = invoke("replay", "nan.py", "--repro", '{"seed": 0}', "--gif", "start.gif", "--sandbox", "process")

@@ -24,6 +24,7 @@ from envcraft.model.project import with_project
 from envcraft.model.rollout import Conditions, Rollout
 from envcraft.model.target import Kind, Target, kind_of, read_target
 from envcraft.model.verdict import SCHEMA, Finding, Report, Repro, Severity, SubjectReport
+from envcraft.registry import did_you_mean
 from envcraft.reports.summary import Numbered, numbered, repro_words
 from envcraft.text import one_line, plural
 
@@ -116,6 +117,10 @@ def read_report(path: str) -> Report:
     try:
         report = msgspec.json.decode(data, type=Report)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+        if path.endswith(".py"):
+            raise UsageError(
+                f"{path} is not a report but a Python file; {hint}, or play one episode with --repro"
+            ) from None
         raise UsageError(f"{path} is not a report ({one_line(error)}); {hint}") from None
     if report.schema != SCHEMA:
         raise UsageError(f"{path} has schema {report.schema}; this version of EnvCraft reads schema {SCHEMA}")
@@ -136,6 +141,13 @@ def read_repro(text: str) -> Repro:
         raise UsageError(f"--repro is not a reproduction ({one_line(error)}), such as {_EXAMPLE}") from None
     if len(read.actions) > _MAX_ACTIONS or not 0 <= read.seed < 2**63:
         raise UsageError("--repro has an invalid seed or too many actions")
+    for kind, given, known in (
+        ("field", msgspec.json.decode(text), Repro.__struct_fields__),
+        ("condition", read.conditions, Conditions.__struct_fields__),
+    ):
+        for name in given:
+            if name not in known:
+                raise UsageError(f"--repro has no {kind} {did_you_mean(name, known)}")
     return read
 
 
