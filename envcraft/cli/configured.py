@@ -49,7 +49,11 @@ class Configured(click.Command):
     ) -> click.Context:
         options = {name: param for name, param in self._options().items() if name not in self.apart}
         repeated = {str(param.name) for param in self.params if isinstance(param, click.Option) and param.multiple}
-        extra["default_map"] = configuration(Path.cwd(), options, repeated, settings_of_all_commands)
+        found = configuration(Path.cwd(), options, repeated, settings_of_all_commands)
+        # Click makes a whole number of 1.5, but not of its text.
+        extra["default_map"] = {
+            name: str(value) if isinstance(value, float) else value for name, value in found.items()
+        }
         with _blaming_the_file():
             return super().make_context(info_name, args, parent, **extra)
 

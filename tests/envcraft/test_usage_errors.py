@@ -47,6 +47,7 @@ def test_a_class_that_only_running_the_file_defines_is_judged(invoke: Invoke, go
         ('sandbox = "proces"', "sandbox: there is no sandbox 'proces'; did you mean process?"),
         ('budget = "huge"', "budget: 'huge' is not one of"),
         ('seed = "many"', "seed: 'many' is not a whole number from 0 to 2147483647"),
+        ("seed = 1.5", "seed: '1.5' is not a whole number from 0 to 2147483647"),
         ('kwargs = "[1]"', "kwargs: [1] is not a JSON object"),
         ('wrap = ["TimeLimit"]', "wrap: TimeLimit must be MODULE:FUNC"),
         ('policy = "none.py"', "policy: the policy none.py cannot be read: No such file or directory"),
