@@ -58,7 +58,7 @@ from envcraft.model.verdict import Finding, Severity, Verdict
 from envcraft.plugins import hookimpl
 
 from .imports import imported_modules, required_imports
-from .linting.loading import endless_line, import_code, method_code, printing_line
+from .linting.loading import endless_line, import_code, method_code, printing_line, seeding_line
 from .linting.program import program_of
 
 if TYPE_CHECKING:
@@ -352,6 +352,8 @@ class Source(Check):
                 line = printing_line(program, code, output)
         if effects.get("random") or effects.get("numpy_random"):
             found.append("changes the global random generators")
+            if line is None and (program := program_of(subject)) is not None:
+                line = seeding_line(program)
         if (threads := effects.get("threads", 0)) > 0:
             found.append(f"starts {threads} threads")
         seconds = effects.get("seconds", 0.0)

@@ -65,10 +65,28 @@ _METHOD = "    def __init__(self, render_mode=None):\n"
         (_METHOD, f"{_METHOD}        print('hello')\n", "print('hello')"),
         ("", "print('hello')\nprint('hello')\n", None),
         ("", "if len(sys.argv) > 9:\n    print('usage')\nsys.stdout.write('hello')\n", None),
+        ("", "rng = np.random.default_rng(3)\nnp.random.seed(0)\nnp.random.rand()\n", "np.random.seed(0)"),
+        (
+            "",
+            "import random\nLEVEL = [random.random() for _ in range(3)]\n",
+            "LEVEL = [random.random() for _ in range(3)]",
+        ),
     ],
-    ids=["module", "loop", "called", "another", "main block", "class", "constructor", "twice", "no print"],
+    ids=[
+        "module",
+        "loop",
+        "called",
+        "another",
+        "main block",
+        "class",
+        "constructor",
+        "twice",
+        "no print",
+        "seed",
+        "draw",
+    ],
 )
-def test_the_line_that_prints(old: str, new: str, named: str | None) -> None:
+def test_the_line_that_prints_or_seeds(old: str, new: str, named: str | None) -> None:
     text = "import sys\n" + (GAME.replace(old, new, 1) if old else GAME + new)
     line = findings(text, Source())["EC009"].line
     assert (text.splitlines()[line - 1].strip() if line is not None else None) == named

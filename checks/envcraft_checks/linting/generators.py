@@ -46,7 +46,7 @@ def generators(program: Program) -> Iterator[Suspect]:
             if isinstance(node.func, ast.Attribute) and (alias := aliases.get(function.field(node.func.value))):
                 path = f"{alias}.{node.func.attr}"
             module = path.rpartition(".")[0]
-            if _draws(path) and module not in seeded and (function in play or _kept(program, function, node)):
+            if draws(path) and module not in seeded and (function in play or _kept(program, function, node)):
                 yield Suspect(line(node), f"takes a number that no seed of reset() controls: {path}()")
             elif function in play and _draws_from_space(program, node, function) and not _seeds_space(every):
                 yield Suspect(line(node), "samples a space, whose generator reset() does not seed")
@@ -57,7 +57,8 @@ def generators(program: Program) -> Iterator[Suspect]:
     yield from _constant_seed(program)
 
 
-def _draws(path: str) -> bool:
+def draws(path: str) -> bool:
+    """Whether a function takes a number from a global generator or from the system."""
     module, _, name = path.rpartition(".")
     if path in _ENTROPY:
         return True
@@ -186,7 +187,7 @@ def _fixed(program: Program) -> Iterator[Suspect]:
             continue
         for call in ast.walk(node):
             if isinstance(call, ast.Call) and (
-                _draws(path := program.path(call.func)) or (path in _MAKERS and _unseeded(call))
+                draws(path := program.path(call.func)) or (path in _MAKERS and _unseeded(call))
             ):
                 yield Suspect(
                     line(call), f"takes {target.id} from a generator without a seed when the file is imported: {path}()"

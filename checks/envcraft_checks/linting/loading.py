@@ -1,10 +1,11 @@
-"""The lines that print, end the process or may never end, while a file is imported and its environment played."""
+"""The lines that print, seed, end the process or may never end, while a file is imported and its environment played."""
 
 from __future__ import annotations
 
 import ast
 from collections.abc import Iterable, Iterator
 
+from .generators import draws
 from .program import Function, Program, line, outside
 
 #: What may wait, or go on, for ever.
@@ -12,6 +13,7 @@ _ENDLESS = frozenset({
     "builtins.input", "itertools.count", "itertools.cycle", "itertools.repeat", "select.select", "signal.pause",
     "time.sleep",
 })  # fmt: skip
+_SEEDS = frozenset({"random.seed", "random.setstate", "numpy.random.seed", "numpy.random.set_state"})
 #: What ends the process without an exception.
 _EXITS = frozenset({"os._exit", "os.abort", "os.kill", "signal.raise_signal"})
 #: A node, and the function that it is in.
@@ -28,6 +30,12 @@ def printing_line(program: Program, code: Iterable[_Place], output: str) -> int 
         and program.path(node.func, function) == "builtins.print"
         and _may_print(node, printed)
     )
+
+
+def seeding_line(program: Program) -> int | None:
+    """The first line of the import that seeds a global generator or draws from one, if the file has one."""
+    called = ((node, program.path(node.func, one)) for node, one in import_code(program) if isinstance(node, ast.Call))
+    return min((line(node) for node, path in called if path in _SEEDS or _draws(path)), default=None)
 
 
 def endless_line(program: Program, code: Iterable[_Place]) -> int | None:
@@ -69,6 +77,11 @@ def method_code(program: Program, *methods: str) -> Iterator[_Place]:
 def _only(nodes: Iterable[ast.AST]) -> int | None:
     lines = {line(node) for node in nodes}
     return lines.pop() if len(lines) == 1 else None
+
+
+def _draws(path: str) -> bool:
+    module, _, name = path.rpartition(".")
+    return module in ("random", "numpy.random") and name.islower() and draws(path)
 
 
 def _may_print(call: ast.Call, printed: str) -> bool:
