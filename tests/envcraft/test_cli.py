@@ -181,9 +181,7 @@ def test_a_pipe_is_refused_rather_than_waited_for(invoke: Any, tmp_path: Path) -
         (("--contract", "zzz"), "there are arcade"),
         (("--format", "jsn"), "did you mean json?"),
         (("--sandbox", "dokcer"), "did you mean docker?"),
-        (("--output", "missing/report.txt"), "the report missing/report.txt cannot be written"),
-        (("--output", "report.json"), "--output report.json gets the format console; name the format json"),
-        (("--output", "report.xml"), "name the format junit"),
+        (("--output", "missing/report.json"), "the report missing/report.json cannot be written"),
         (("--report", "missing/report.json"), "must be FORMAT:FILE"),
         (("--report", "jsn:a"), "did you mean json?"),
         (("--report", "json:missing/a"), "the report missing/a cannot be written"),
@@ -351,6 +349,13 @@ def test_output_goes_to_the_file(invoke: Any, good: Path, tmp_path: Path) -> Non
     result = invoke("validate", good, *QUICK, "--format", "json", "--output", "report.json")
     assert result.stdout == ""
     assert json.loads((tmp_path / "report.json").read_text())["reports"][0]["verdict"] == "pass"
+
+
+def test_without_a_format_the_name_of_the_file_decides(invoke: Any, good: Path, tmp_path: Path) -> None:
+    invoke("validate", good, *QUICK, "--output", "report.json")
+    assert json.loads((tmp_path / "report.json").read_text())["reports"][0]["verdict"] == "pass"
+    invoke("validate", good, *QUICK, "--output", "report.xml", "--format", "console")
+    assert "1 passed" in (tmp_path / "report.xml").read_text()
 
 
 def test_one_run_gives_several_reports(invoke: Any, good: Path, bad: Path, tmp_path: Path) -> None:

@@ -55,8 +55,7 @@ def test_a_class_that_only_running_the_file_defines_is_judged(invoke: Invoke, go
         ('class = "Nope"', "class: walk.py defines no class Nope; its classes are Walk"),
         ('ignore = "EC901"', "ignore: EC901 cannot be ignored"),
         ("quiet = true\nverbose = true", "quiet: quiet and verbose contradict each other"),
-        ('output = "none/report.txt"', "output: the report none/report.txt cannot be written"),
-        ('output = "report.json"', "output: report.json gets the format console; name the format json"),
+        ('output = "none/report.json"', "output: the report none/report.json cannot be written"),
         ('report = ["json:none/report.json"]', "report: the report none/report.json cannot be written"),
     ],
 )

@@ -115,7 +115,7 @@ def audit(
     baseline: str | None,
     also: tuple[str, ...],
     previews: bool,
-    form: str,
+    form: str | None,
     output: str | None,
     exit_zero: bool,
 ) -> None:

@@ -27,7 +27,7 @@ _SHOWN = 10
 
 
 def read_audit_reports(
-    form: str, output: str | None, also: Iterable[str]
+    form: str | None, output: str | None, also: Iterable[str]
 ) -> tuple[list[tuple[type[Reporter], str | None]], str | None]:
     """Read ``--format``, ``--output`` and ``--report`` of an audit.
 

@@ -124,7 +124,7 @@ def validate(
     fail_fast: bool,
     policy: str | None,
     workers: int | None,
-    form: str,
+    form: str | None,
     output: str | None,
     also: tuple[str, ...],
     select: str | None,
@@ -237,22 +237,16 @@ def exit_code(report: Report, exit_zero: bool = False) -> ExitCode:
     return ExitCode.ERROR if Verdict.ERROR in verdicts else ExitCode.PASS
 
 
-def read_reports(form: str, output: str | None, also: Iterable[str]) -> list[tuple[type[Reporter], str | None]]:
-    """Read ``--format``, ``--output`` and ``--report``.
+def read_reports(form: str | None, output: str | None, also: Iterable[str]) -> list[tuple[type[Reporter], str | None]]:
+    """Read ``--format``, ``--output`` and ``--report``. Without a format, the name of the output decides.
 
     Returns:
         Each reporter with its file, the one of ``--format`` first. None stands for standard output.
 
     Raises:
-        UsageError: a format does not exist, two reports have one file, or the text for a console would get a file of
-            another format.
+        UsageError: a format does not exist, or two reports have one file.
     """
-    kind = _FORMATS.get(os.path.splitext(output)[1].lower()) if output is not None and form == "console" else None
-    if kind is not None:
-        raise UsageError(
-            f"--output {output} gets the format console; name the format {kind}",
-            setting="output",
-        )
+    form = form or _FORMATS.get(os.path.splitext(output or "")[1].lower(), "console")
     found = [(reporter_named(form), output)]
     for words in also:
         name, _, path = words.partition(":")
