@@ -8,10 +8,12 @@ from __future__ import annotations
 import inspect
 import sys
 from pathlib import Path
+from typing import TypeVar
 
 import msgspec
-from envcraft_dqn.study.report import headline, section
+from envcraft_dqn.study.report import headline, section, transfer_section
 from envcraft_dqn.study.summary import Summary
+from envcraft_dqn.study.transfer import TransferSummary
 from envcraft_families.families import families
 
 from envcraft import pytest_plugin
@@ -22,6 +24,7 @@ from evaluation import characteristics
 from evaluation.fixtures import fixtures
 
 ROOT = Path(__file__).resolve().parent.parent
+_Result = TypeVar("_Result")
 
 
 def main() -> int:
@@ -29,10 +32,14 @@ def main() -> int:
     pages = {ROOT / "docs" / "rules" / f"{check.name}.md": page(check) for check in checks}
     pages[ROOT / "docs" / "rules" / "index.md"] = f"# Rules\n\n{counts(checks)}\n{table(checks)}"
     pages[ROOT / "docs" / "pytest.md"] = inspect.cleandoc(pytest_plugin.__doc__ or "") + "\n"
+    study = committed("generalisation", Summary)
     blocks = {
-        ROOT / "README.md": {"counts": counts(checks), "study": headline(committed())},
+        ROOT / "README.md": {"counts": counts(checks), "study": headline(study)},
         ROOT / "docs" / "families.md": {"families": family_table()},
-        ROOT / "docs" / "study.md": {"results": section(committed())},
+        ROOT / "docs" / "study.md": {
+            "results": section(study),
+            "transfer": transfer_section(committed("transfer", TransferSummary)),
+        },
         ROOT / "docs" / "statistics.md": {name: write() for name, write in characteristics.BLOCKS.items()},
     }
     for file, written in blocks.items():
@@ -60,10 +67,9 @@ def main() -> int:
     return 0
 
 
-def committed() -> Summary:
-    """The committed study."""
-    data = (ROOT / "docs" / "results" / "generalisation" / "summary.json").read_bytes()
-    return msgspec.json.decode(data, type=Summary)
+def committed(name: str, kind: type[_Result]) -> _Result:
+    """The committed results of a study."""
+    return msgspec.json.decode((ROOT / "docs" / "results" / name / "summary.json").read_bytes(), type=kind)
 
 
 def family_table() -> str:

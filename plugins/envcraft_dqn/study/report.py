@@ -101,6 +101,11 @@ def section(summary: Summary) -> str:
     return _render("section.md", [{"text": size}, *_competence(summary)])
 
 
+def transfer_section(summary: TransferSummary) -> str:
+    """The results of a transfer, as Markdown for a page with a title and parts."""
+    return _render("section.md", _transfer(summary))
+
+
 def headline(summary: Summary) -> str:
     """What a study found about its agent, in a few sentences of Markdown for a page about something else."""
     found = summary.competence

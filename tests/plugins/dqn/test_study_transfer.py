@@ -9,7 +9,7 @@ import pytest
 from click.testing import CliRunner
 from envcraft_dqn.study.presets import TRANSFER
 from envcraft_dqn.study.protocol import PRIVILEGED, RANDOM, Task, training_settings
-from envcraft_dqn.study.report import write_transfer
+from envcraft_dqn.study.report import transfer_section, write_transfer
 from envcraft_dqn.study.selection import StudyEnv
 from envcraft_dqn.study.transfer import SCRATCH, TUNED, ZERO_SHOT, TransferSummary, summarise_transfer, transfer_tasks
 from envcraft_dqn.study.worker import TaskResult
@@ -73,7 +73,11 @@ def test_results_by_family_include_those_without_effect(tmp_path: Path) -> None:
     assert "| snake | 0 | no scale |" in report
     assert msgspec.json.decode((tmp_path / "summary.json").read_bytes(), type=TransferSummary) == summary
     assert "Each of the 2 families has" in report
-    assert "| maze | after the other families | +50.0 \\[50.0, 50.0\\] | 100 |" in report
+    row = "| maze | after the other families | +50.0 \\[50.0, 50.0\\] | 100 |"
+    assert row in report
+    section = transfer_section(summary)
+    assert row in section
+    assert "### Further training in the family" in section
 
 
 def test_one_family_is_too_few(tmp_path: Path) -> None:
