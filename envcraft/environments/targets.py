@@ -64,6 +64,7 @@ def resolve(
         if (kind := kind_of(path)) is None:
             raise UsageError(_absent(path)) from None
         file, _, name = path.partition(":")
+        name = name.lstrip(":")
         if file.endswith(".py") and os.path.isfile(file):
             raise UsageError(f"{path} does not exist; name the class of a file so: {file} --class {name}") from None
         if env_class is not None:

@@ -274,10 +274,8 @@ class _AsyncVectorEnv(AsyncVectorEnv[Any, Any]):
         Raises EnvCraftError.
         """
         if not all(successes):
-            _, kind, error, trace = self.error_queue.get()
-            failure = (
-                kind(str(error)) if issubclass(kind, EnvCraftError) else EnvironmentFailed(f"{kind.__name__}: {error}")
-            )
+            _, kind, words, trace = self.error_queue.get()
+            failure = kind(words)
             failure.add_note(f"In its process:\n{trace.rstrip()}")
             raise failure
 
@@ -319,22 +317,39 @@ class _AsyncVectorEnv(AsyncVectorEnv[Any, Any]):
             raise
 
 
-def _worker(index: int, maker: Callable[[], _NamedEnv], pipe: Any, parent_pipe: Any, *others: Any) -> None:
+class _Failures:
+    """Gymnasium's queue of errors, without the objects of an environment.
+
+    An error that cannot be pickled never arrives, and the vector would wait for it for ever.
+    """
+
+    def __init__(self, queue: Any) -> None:
+        self._queue = queue
+
+    def put(self, failure: tuple[int, type[BaseException], BaseException, str]) -> None:
+        index, kind, error, trace = failure
+        own = issubclass(kind, EnvCraftError)
+        self._queue.put((index, kind if own else EnvironmentFailed, str(error) if own else _words(error), trace))
+
+
+def _worker(
+    index: int, maker: Callable[[], _NamedEnv], pipe: Any, parent_pipe: Any, shared: Any, errors: Any, *others: Any
+) -> None:
     """Gymnasium's worker, which also reports why an environment cannot be made."""
     # A terminal sends Ctrl-C to all processes; the vector ends its own.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     for name, value in _VARIABLES.items():
         os.environ.setdefault(name, value)
+    failures: Any = _Failures(errors)
     try:
         env = maker()
     except BaseException as error:
         parent_pipe.close()
-        _, errors, *_ = others
-        errors.put((index, type(error), str(error), traceback.format_exc()))
+        failures.put((index, type(error), error, traceback.format_exc()))
         pipe.recv()
         pipe.send((None, False))
         return
-    _async_worker(index, partial(_identity, env), pipe, parent_pipe, *others)
+    _async_worker(index, partial(_identity, env), pipe, parent_pipe, shared, failures, *others)
 
 
 def _open(

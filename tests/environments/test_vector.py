@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copyreg
 import itertools
 import os
 import pickle
@@ -228,6 +229,18 @@ class TestFailures:
         with pytest.raises(EnvironmentFailed, match=rf"environment 1 \(.*bad\.py\) .*{words}"):
             vector.step(np.ones((3, 3), np.int64))
         assert vector.closed
+
+    def test_the_cause_of_an_error_cannot_be_pickled(
+        self, failing: Callable[..., NamedVectorEnv], monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        # As tblib does, which distributed installs for its whole process.
+        def reduce(error: EnvironmentFailed) -> tuple[Any, ...]:
+            return EnvironmentFailed, error.args, {"__cause__": error.__cause__}
+
+        monkeypatch.setitem(copyreg.dispatch_table, EnvironmentFailed, reduce)
+        vector = failing("raise type('Mute', (Exception,), {})()")
+        with pytest.raises(EnvironmentFailed, match="Mute"):
+            vector.step(np.ones((3, 3), np.int64))
 
     def test_an_environment_raises_in_a_process(self, failing: Callable[..., NamedVectorEnv]) -> None:
         vector = failing("raise ZeroDivisionError('by none')")
