@@ -40,6 +40,8 @@ def reports() -> Reports:
     return Reports()
 
 
+# The first of these may wait for all other fixtures, which are judged side by side.
+@pytest.mark.timeout(1800)
 @pytest.mark.parametrize("fixture", ALL, ids=lambda fixture: f"{fixture.check}/{(fixture.policy or fixture.path).name}")
 def test_judged_as_expected(fixture: Fixture, reports: Reports) -> None:
     report = reports.take(fixture)
