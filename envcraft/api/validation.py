@@ -7,7 +7,6 @@ import inspect
 import json
 import math
 import os
-import sys
 import warnings
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -25,7 +24,7 @@ from envcraft.errors import EnvCraftError, UsageError
 from envcraft.judging.budget import BUDGETS
 from envcraft.judging.engine import Plan
 from envcraft.judging.engine import validate as judge
-from envcraft.judging.installed import installed
+from envcraft.judging.installed import is_installed
 from envcraft.judging.selection import driver_named, rules_of, select_checks
 from envcraft.judging.severity import OFF, SeverityPolicy, severity_table
 from envcraft.judging.verdict_cache import record
@@ -110,7 +109,7 @@ def validate(
     """
     selected = select_checks(None if checks is None else _joined(checks), _joined(skip) or None)
     severity = SeverityPolicy(severity_table(Path.cwd()), strict, comments=True)
-    lookup("budget", budget, BUDGETS)
+    lookup("budget", str(budget), BUDGETS)
     _require_number("seed", seed, True, 0, _MAX_SEED)
     if time_limit is not None:
         _require_number("time_limit", time_limit, False, 0)
@@ -176,7 +175,7 @@ def check_env(
     left_out = [*(_RENDERING if skip_render_check else ()), *(_CLOSING if skip_close_check else ())]
     table = severity_table(Path.cwd()) | dict.fromkeys(left_out, OFF)
     target = msgspec.structs.replace(target, kwargs=_json(given))
-    lookup("budget", budget, BUDGETS)
+    lookup("budget", str(budget), BUDGETS)
     _require_number("seed", seed, True, 0, _MAX_SEED)
     with contextlib.closing(driver_named(sandbox)) as driver:
         promised, selected = contract_named(contract), select_checks(None, None)
@@ -202,7 +201,9 @@ def _judged(plan: Plan, workers: int | None = None, exitfirst: bool = False) -> 
         [report] = [event.report for event in events if isinstance(event, Finished)]
     wrong = [check.reason for subject in report.reports for check in subject.checks if check.wrong_use]
     if wrong:
-        raise UsageError(wrong[0])
+        # What a command calls an option is an argument here.
+        option, colon, words = wrong[0].removeprefix("--").partition(":")
+        raise UsageError(f"{'wrappers' if option == 'wrap' else option}{colon}{words}")
     return ShownReport.of(report)
 
 
@@ -303,9 +304,7 @@ def _class(kind: type) -> Target:
         file = inspect.getsourcefile(kind)
     except (OSError, TypeError):
         file = None
-    places = installed()
-    folders = [sys.prefix, sys.base_prefix, *places.paths, *places.folders]
-    if kind.__module__ != "__main__" and file and any(Path(file).is_relative_to(folder) for folder in folders):
+    if kind.__module__ != "__main__" and file and is_installed(Path(file)):
         return Target(f"{kind.__module__}:{kind.__qualname__}", kind=Kind.MODULE)
     target = target_of(kind)
     keep_source(target.source)

@@ -30,6 +30,20 @@ def installed() -> Installed:
     return Installed(tuple(_besides(paths)), tuple(path for path in _besides(projects) if path not in paths))
 
 
+def is_installed(file: Path) -> bool:
+    """Whether a module's file belongs to an installed package or to Python, and not only to a folder on ``sys.path``.
+
+    Test runners and scripts put folders of a project on the path, which no worker imports from.
+    """
+    import site
+    import sysconfig
+
+    places = sysconfig.get_paths()
+    folders = [places[name] for name in ("stdlib", "platstdlib", "purelib", "platlib")]
+    folders += [*site.getsitepackages(), site.getusersitepackages(), *_editable()]
+    return any(file.is_relative_to(folder) for folder in folders)
+
+
 def _besides(paths: list[str]) -> Iterator[str]:
     """Yield the existing paths outside the interpreter's own folders."""
     own = [os.path.abspath(prefix) for prefix in (sys.prefix, sys.base_prefix, sys.exec_prefix)]

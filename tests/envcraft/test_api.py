@@ -263,12 +263,15 @@ def test_check_env_raises_with_the_findings(tmp_path: Path, monkeypatch: pytest.
             {"kwargs": '{"size": 8}'},
             r"kwargs is '{\"size\": 8}'; it must be a dict, such as {'size': 8}",
         ),
+        ("CartPole-v1", {"kwargs": {"sise": 8}}, r"^kwargs: .* got an unexpected keyword argument 'sise'"),
+        ("CartPole-v1", {"wrappers": ["nomod:func"]}, "^wrappers: the module nomod of the wrapper nomod:func"),
+        ("CartPole-v1", {"budget": 3}, "there is no budget '3'; there are quick, standard, thorough"),
         ("CartPole-v1", {"wrappers": ["TimeLimit"]}, "the wrapper 'TimeLimit' must be 'module:func'"),
     ],
 )
 def test_a_wrong_argument_is_named(target: Any, options: dict[str, Any], words: str) -> None:
     with pytest.raises(envcraft.UsageError, match=words):
-        envcraft.validate(target, **_CHEAP, **options)
+        envcraft.validate(target, **{**_CHEAP, **options})
 
 
 def test_validate_says_what_judges_an_instance() -> None:
@@ -281,6 +284,18 @@ def test_one_wrapper_needs_no_list() -> None:
     options = {**_CHEAP, "checks": ["source"], "contract": "gymnasium"}
     report = envcraft.validate("CartPole-v1", wrappers="gymnasium.wrappers:FlattenObservation", **options)
     assert report.reports[0].wrappers == ["gymnasium.wrappers:FlattenObservation"]
+
+
+def test_a_class_of_a_folder_on_the_path_is_judged_from_its_source(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    kind, seen = _sized(tmp_path, monkeypatch), _only(monkeypatch)
+    # As with `python -m pytest tests`: the project comes after the folder of the tests.
+    monkeypatch.syspath_prepend(tmp_path / "tests")
+    envcraft.check_env(kind, sandbox="process")
+    envcraft.check_env("CartPole-v1", sandbox="process")
+    envcraft.check_env(type(gymnasium.make("CartPole-v1").unwrapped), sandbox="process")
+    assert [target.kind for target in seen] == [Kind.SOURCE, Kind.ID, Kind.MODULE]
 
 
 def test_check_env_takes_a_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
