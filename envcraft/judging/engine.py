@@ -269,8 +269,9 @@ def judge(
 
 
 def _confirmed(check: Check, done: list[CheckReport]) -> set[str]:
-    """The codes of a check whose defect an error of an earlier check has shown, even if a comment ignores it."""
-    found = [finding for report in done for finding in [*report.findings, *(one.finding for one in report.ignored)]]
+    """The codes of a check whose defect an error of an earlier check has shown, counted or not."""
+    found = [finding for report in done for finding in [*report.findings, *report.known]]
+    found += [one.finding for report in done for one in report.ignored]
     errors = {finding.code for finding in found if finding.severity is Severity.ERROR}
     return {rule.code for rule in check.rules if errors.intersection(rule.confirmed_by)}
 

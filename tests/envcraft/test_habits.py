@@ -154,6 +154,18 @@ class TestBaseline:
         said = invoke("validate", "games/untidy.py", *SOURCE, "--baseline", "again.json").stdout
         assert "2 known from the baseline" in said
 
+    def test_what_lint_says_of_a_known_defect_is_not_new(self, games: Path, invoke: Invoke) -> None:
+        leaky = ENVIRONMENT.replace("class Walk", "SEEN = []\n\n\nclass Walk").replace(
+            "self.x, self.steps, self.goal = 5, 0,",
+            "SEEN.append(0)\n        self.x, self.steps, self.goal = len(SEEN) % 3, 0,",
+        )
+        (games / "leaky.py").write_text(leaky)
+        options = ("games/leaky.py", "--sandbox", "process", "--budget", "quick", "--checks", "determinism,lint")
+        invoke("validate", *options, "--output", "base.json")
+        assert set(codes(Path("base.json").read_text())) >= {"EC206"}
+        again = invoke("validate", *options, "--format", "json", "--baseline", "base.json")
+        assert (again.exit_code, codes(again.stdout)) == (0, [])
+
     def test_a_report_from_another_folder_names_the_same_files(
         self, games: Path, invoke: Invoke, monkeypatch: pytest.MonkeyPatch
     ) -> None:
