@@ -43,7 +43,9 @@ from __future__ import annotations
 
 import ast
 import contextlib
+import io
 import re
+import tokenize
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -202,16 +204,18 @@ class Source(Check):
     def _parse(self, source: bytes) -> Finding | None:
         try:
             text = source.decode("utf-8-sig")
+            # Python refuses a file whose comment declares an encoding that it does not know.
+            tokenize.detect_encoding(io.BytesIO(source).readline)
             parse(text)
         except UnicodeDecodeError as error:
             line = source.count(b"\n", 0, error.start) + 1
             return self.finding("EC001", f"the byte {source[error.start]:#04x} is not UTF-8 text", line=line)
         except SyntaxError as error:
-            # Python 3.11 reports a null byte without its line.
-            line = error.lineno or _line_of_null(source)
+            # Python 3.11 reports a null byte without its line, and an encoding never has one.
+            line = error.lineno or _line_of(source, b"coding" if "encoding" in error.msg else b"\0")
             return self.finding("EC001", error.msg, line=line)
         except (ValueError, RecursionError, MemoryError) as error:
-            line = _line_of_null(source)
+            line = _line_of(source, b"\0")
             return self.finding("EC001", f"not Python source: {error or 'nested too deeply'}", line=line)
         return None
 
@@ -368,24 +372,28 @@ class Source(Check):
             # The first one that is too many.
             return self.finding("EC006", words, line=description["classes"][1]["line"], classes=classes)
         tree = parse(subject.text)
-        alike = ", ".join(description.get("lookalikes", []))
-        hint = f"; {alike} has reset and step but does not derive from gymnasium.Env" if alike else ""
+        lines = {node.name: node.lineno for node in tree.body if isinstance(node, ast.ClassDef)}
+        alike = description.get("lookalikes", [])
+        hint = f"; {', '.join(alike)} has reset and step but does not derive from gymnasium.Env" if alike else ""
         lacking = next(_lacking(tree), None)
-        line = None if lacking is None else lacking[0].lineno
+        line = lines.get(alike[0]) if alike else None if lacking is None else lacking[0].lineno
         if not hint and lacking is not None:
             node, methods = lacking
             hint = f"; {node.name} has no {' and no '.join(methods)}"
         elif not hint and (wrappers := description.get("wrappers")):
-            line = next((node.lineno for node in tree.body if getattr(node, "name", "") == wrappers[0]), None)
+            line = lines.get(wrappers[0])
             options = _wrapping(subject, wrappers[0])
             hint = f"; {wrappers[0]} is a wrapper; to judge it, validate an environment with {options}"
+        elif not hint and (abstract := next(_abstract(tree), None)) is not None:
+            line, (name, methods) = lines[abstract[0]], abstract
+            hint = f"; {name} leaves {' and '.join(methods)} abstract"
         words = f"the file defines no concrete subclass of gymnasium.Env with reset and step{hint}"
         return self.finding("EC005", words, line=line)
 
 
-def _line_of_null(source: bytes) -> int:
-    """The line of the first null byte, or 1."""
-    return source.count(b"\n", 0, source.find(b"\0")) + 1 if b"\0" in source else 1
+def _line_of(source: bytes, part: bytes) -> int:
+    """The line of the first occurrence of a part, or 1."""
+    return source.count(b"\n", 0, source.find(part)) + 1 if part in source else 1
 
 
 def _owners() -> dict[str, Check]:
@@ -415,6 +423,15 @@ def _lacking(tree: ast.Module) -> Iterator[tuple[ast.ClassDef, list[str]]]:
                 yield node, lacks
 
 
+def _abstract(tree: ast.Module) -> Iterator[tuple[str, list[str]]]:
+    """The classes that declare abstract methods, with their names."""
+    for node in tree.body:
+        methods = [each for each in getattr(node, "body", []) if isinstance(each, ast.FunctionDef)]
+        names = [f"{each.name}()" for each in methods if any("abstract" in ast.dump(d) for d in each.decorator_list)]
+        if isinstance(node, ast.ClassDef) and names:
+            yield node.name, names
+
+
 def _given(subject: Subject) -> str:
     """The arguments that the user gives the constructor, as a call has them."""
     words = ", ".join(f"{name}={value!r}" for name, value in subject.target.kwargs.items())
@@ -437,7 +454,8 @@ def _refuse_options(subject: Subject, fault: Fault) -> None:
                 "files; name --contract gymnasium"
             )
         raise UsageError(f"--wrap: {fault.message}")
-    unknown = any(f"unexpected keyword argument {name!r}" in fault.message for name in subject.target.kwargs)
+    refusals = ("unexpected keyword argument", "multiple values for argument")
+    unknown = any(f"{words} {name!r}" in fault.message for words in refusals for name in subject.target.kwargs)
     # An error that a line of the environment raises is its own.
     if unknown and fault.type == "TypeError" and fault.line is None:
         raise UsageError(f"--kwargs: {fault.message}")

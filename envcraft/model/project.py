@@ -25,6 +25,8 @@ _MAX_BYTES, _MOST_FILES = 4 * 1024**2, 1_000
 _LONGEST = 200
 #: The packages that define the base class of environments.
 _GYMNASIUM = frozenset({"gymnasium", "gym"})
+#: Bases of installed packages that are for many environments or agents at once, and do not derive from that class.
+_OTHER_ENVS = frozenset({"AECEnv", "ParallelEnv", "VecEnv", "VectorEnv"})
 #: What the parser raises for what is not Python.
 _UNREADABLE = (SyntaxError, ValueError, RecursionError, MemoryError)
 
@@ -421,4 +423,4 @@ def _imports_environment(module: _Module, words: str, path: Path, place: Place, 
             return _derives(other, parts[-1], file, Place.of(file), left - 1)
         return _imports_environment(other, parts[-1], file, Place.of(file), left - 1)
     # What an installed package calls an environment is one.
-    return not level and parts[-1].endswith("Env")
+    return not level and parts[-1].endswith("Env") and parts[-1] not in _OTHER_ENVS

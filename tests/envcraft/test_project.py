@@ -53,6 +53,8 @@ _DECORATED = "class Game(gym.Env):\n    @abc.abstractmethod\n    def draw(self):
         (f"import abc\nimport gymnasium as gym\n{_DECORATED}", False),
         ("from games.loops import Loop\nclass Snake(Loop): pass\n", False),
         ("from games.tiles import Game\nclass Snake(Game): pass\n", False),
+        ("from gymnasium.vector import VectorEnv\nclass Many(VectorEnv): pass\n", False),
+        ("from pettingzoo import ParallelEnv\nclass Duel(ParallelEnv): pass\n", False),
         ("class A(A): pass\n", False),
         ("", False),
     ],
@@ -316,6 +318,32 @@ def test_a_null_byte_has_a_line(invoke: Invoke, good: Path) -> None:
     result = invoke("validate", good, "--sandbox", "process", "--format", "concise")
     assert f"{good}:2: EC001" in result.stdout
     assert "(line None)" not in result.stdout
+
+
+def test_an_encoding_that_python_does_not_know_has_a_line(invoke: Invoke, good: Path) -> None:
+    good.write_text(f"#!/usr/bin/python\n# -*- coding: klingon -*-\n{ENVIRONMENT}")
+    result = invoke("validate", good, "--sandbox", "process", "--format", "concise")
+    assert f"{good}:2: EC001 unknown encoding: klingon" in result.stdout
+
+
+@pytest.mark.parametrize(
+    ("source", "words"),
+    [
+        (
+            f"import abc\nimport gymnasium as gym\n{_DECORATED}{_ROOM.partition(chr(10))[2]}",
+            "Game leaves draw() abstract",
+        ),
+        (_ROOM.replace("(gym.Env)", ""), "Room has reset and step but does not derive from gymnasium.Env"),
+    ],
+)
+def test_a_class_that_is_no_environment_is_named_with_its_line(
+    source: str, words: str, invoke: Invoke, good: Path
+) -> None:
+    good.write_text(source)
+    result = invoke("validate", good, "--sandbox", "process", "--format", "concise")
+    line = source.split("class ")[0].count("\n") + 1
+    assert f"{good}:{line}: EC005" in result.stdout
+    assert words in result.stdout
 
 
 def test_a_class_that_lacks_a_method_is_named_with_its_line(invoke: Invoke, good: Path) -> None:
