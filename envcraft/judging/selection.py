@@ -60,15 +60,18 @@ def select_checks(
     for code in ignore:
         if not any(check.waivable(rule.code) for check in checks for rule in check.rules if rule.code.startswith(code)):
             raise UsageError(f"{code} cannot be ignored, because other verdicts depend on it", setting="ignore")
+
+    def counts(rule: Rule) -> bool:
+        return (not select or rule.code.startswith(select)) and not (ignore and rule.code.startswith(ignore))
+
     kept = [
         check
         for check in checks
         if check.name not in unwanted
-        and (not select or check.always or check.gate or any(rule.code.startswith(select) for rule in check.rules))
-        and (not ignore or check.always or check.gate or not all(rule.code.startswith(ignore) for rule in check.rules))
+        and (check.always or check.gate or any(map(counts, check.rules)))
         and (check.name in wanted or check.always or check.gate or (only is None and not check.opt_in))
     ]
-    named = {check.name for check in checks if select and any(rule.code.startswith(select) for rule in check.rules)}
+    named = {check.name for check in checks if select and any(map(counts, check.rules))}
     if not [check for check in kept if not (check.always or check.gate) or check.name in {*wanted, *named}]:
         values = {"checks": only, "skip": skip, "select": ",".join(select) or None, "ignore": ",".join(ignore) or None}
         options = {name: f"--{name} {value!r}" for name, value in values.items() if value is not None}

@@ -77,6 +77,7 @@ def test_incomplete_guide_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyP
     ("name", "words"),
     [
         ("EC60", "EC60 is the beginning of 2 codes; name one of EC601, EC602"),
+        ("", "there is no rule or check ''; there are"),
         ("ec0", "codes; name one of EC001, EC002, EC003, …"),
     ],
 )

@@ -20,6 +20,14 @@ _CHEAP = ("--sandbox", "process", "--budget", "quick")
         (("--class", "Nope"), "defines no class Nope; its classes are Walk"),
         (("--wrap", "nomod:func"), "the module nomod of the wrapper nomod:func is not installed"),
         (("--wrap", "gymnasium.wrappers:TimeLimits"), "has no wrapper TimeLimits; did you mean TimeLimit?"),
+        (
+            ("--wrap", "gymnasium.wrappers:TimeLimit"),
+            "missing a required argument: 'max_episode_steps'; write a function",
+        ),
+        (("--wrap", "gymnasium:__version__"), "--wrap: gymnasium:__version__ is a str, not a wrapper"),
+        (("--wrap", "builtins:print"), "--wrap: builtins:print returns a NoneType, not an environment"),
+        (("--kwargs", '{{"self": 1}}'), "--kwargs: Walk.__init__() got multiple values for argument 'self'"),
+        (("--select", ""), "--select '' names no code; leave it out"),
         (("--checks", ""), "--checks '' leaves no check to run"),
         (("--skip", "{every}"), "leaves no check to run"),
     ],
@@ -29,6 +37,26 @@ def test_unknown_names_are_usage_errors(arguments: tuple[str, str], words: str, 
     result = invoke("validate", good, *_CHEAP, arguments[0], arguments[1].format(every=every))
     assert result.exit_code == 2, result.output
     assert words in " ".join((result.stderr + result.stdout).split())
+
+
+def test_codes_that_are_selected_and_ignored_leave_no_check(invoke: Invoke, good: Path) -> None:
+    result = invoke("validate", good, *_CHEAP, "--select", "EC301", "--ignore", "EC3")
+    assert result.exit_code == 2, result.output
+    assert "--select 'EC301' and --ignore 'EC3' leave no check to run" in result.stderr
+
+
+@pytest.mark.parametrize("options", [("--output", "{good}", "--format", "json"), ("--report", "html:./{name}")])
+def test_a_report_does_not_replace_what_is_judged(options: tuple[str, ...], invoke: Invoke, good: Path) -> None:
+    filled = [each.format(good=good, name=good.name) for each in options]
+    result = invoke("validate", ".", *_CHEAP, "--checks", "source", *filled)
+    assert result.exit_code == 2, result.output
+    assert "would replace the file that is judged; name another file" in result.stderr
+    assert good.read_text() == ENVIRONMENT
+
+
+def test_an_empty_output_is_standard_output(invoke: Invoke, good: Path) -> None:
+    result = invoke("validate", good, *_CHEAP, "--checks", "source", "--format", "concise", "--output", "")
+    assert (result.exit_code, result.stdout) == (0, "1 passed, 0 failed, 0 undecided: 0 findings, 0 warnings\n")
 
 
 def test_a_class_that_only_running_the_file_defines_is_judged(invoke: Invoke, good: Path) -> None:
@@ -273,6 +301,7 @@ def test_a_baseline_may_come_through_a_pipe(invoke: Invoke, good: Path, tmp_path
     ("arguments", "words"),
     [
         (["walk.py:Walk"], "walk.py:Walk does not exist; name the class of a file so: walk.py --class Walk"),
+        (["walk.py::Walk"], "walk.py::Walk does not exist; name the class of a file so: walk.py --class Walk"),
         (["games.walk.Walk"], "games.walk.Walk does not exist; did you mean games.walk:Walk?"),
         ([""], "the target is empty; give a Python file"),
         (["walk.py", "--checks", "ec301"], "ec301 is a code, and --checks takes checks; name --select EC301"),

@@ -38,7 +38,7 @@ def explain(name: str, example: bool) -> None:
         text = _page(rule, check, guide)
     elif name.lower() in checks and not example:
         text = checks[name.lower()].page
-    elif begun := [code for code in rules if code.startswith(name.upper())]:
+    elif name and (begun := [code for code in rules if code.startswith(name.upper())]):
         codes = ", ".join(begun if len(begun) <= _FEW else [*begun[:3], "…"])
         raise UsageError(f"{name} is the beginning of {plural(len(begun), 'code')}; name one of {codes}")
     else:

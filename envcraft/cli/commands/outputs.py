@@ -37,13 +37,13 @@ def report_stream(path: str | None, first: bool) -> Iterator[TextIO]:
     """Open the stream of a report.
 
     Args:
-        path: the file; None or ``-`` for standard output.
+        path: the file; None, an empty text or ``-`` for standard output.
         first: whether ``--output`` names the file, and not ``--report``.
 
     Raises:
         UsageError: if the file cannot be written.
     """
-    if path in (None, "-"):
+    if not path or path == "-":
         yield sys.stdout
         return
     with output_file(path, "the report ", "output" if first else "report") as data:

@@ -158,6 +158,7 @@ def validate(
         ctx.exit(ExitCode.USAGE)
 
     privileged = policy_of(policy)
+    _keep_files(wanted, [*(target.path for target in files if target.kind is Kind.SOURCE), policy or ""])
     report: Report | None = None
     with contextlib.ExitStack() as stack:
         driver = driver_for(driver_named(sandbox, require_isolation, runtime, probe=False), files)
@@ -260,13 +261,24 @@ def read_reports(form: str | None, output: str | None, also: Iterable[str]) -> l
     return found
 
 
+def _keep_files(wanted: list[tuple[type[Reporter], str | None]], read: list[str]) -> None:
+    """Raise UsageError if a report would replace a file that the run reads."""
+    kept = {os.path.realpath(path) for path in read if path}
+    for number, (_, path) in enumerate(wanted):
+        if path and os.path.realpath(path) in kept:
+            words = f"the report {path} would replace the file that is judged; name another file"
+            raise UsageError(words, setting="report" if number else "output")
+
+
 def _codes(names: str | None, setting: str, instead: str) -> tuple[str, ...]:
     """Read ``--select`` or ``--ignore``, and refer to the option `instead` if a name is that of a check.
 
     Raises:
-        UsageError: a name is that of a check.
+        UsageError: a name is that of a check, or ``--select`` has no name.
     """
     codes = split(names)
+    if setting == "select" and names is not None and not codes:
+        raise UsageError(f"--select {names!r} names no code; leave it out, or name one like EC204", setting=setting)
     checks = {check.name for check in all_checks()} if codes else ()
     for name in codes:
         if name.lower() in checks:

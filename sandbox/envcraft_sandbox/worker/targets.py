@@ -37,7 +37,7 @@ class NoSuchEnvironment(LookupError):
 
 
 class NoSuchWrapper(LookupError):
-    """No module has the wrapper that the target names."""
+    """The target names a wrapper that does not exist, or that wraps no environment."""
 
 
 class Target(ABC):
@@ -70,7 +70,11 @@ class Target(ABC):
 
     def wrap(self, env: Any) -> Any:
         for name in self._wrappers:
-            env = _wrapper(name)(env)
+            wrapper = _wrapper(name)
+            _require_wrapper(name, wrapper, env)
+            env = wrapper(env)
+            if not (hasattr(env, "reset") and hasattr(env, "step")):
+                raise NoSuchWrapper(f"{name} returns a {type(env).__name__}, not an environment")
         return env
 
 
@@ -226,6 +230,21 @@ def _wrapper(name: str) -> Any:
         known = [each for each, value in list(vars(sys.modules[module]).items()) if callable(value)]
         func = name.partition(":")[2]
         raise NoSuchWrapper(f"{module} has no wrapper {func}{_suggest(func, known)}") from None
+
+
+def _require_wrapper(name: str, wrapper: Any, env: Any) -> None:
+    """Raise NoSuchWrapper if a call with only an environment is not possible."""
+    if not callable(wrapper):
+        raise NoSuchWrapper(f"{name} is a {type(wrapper).__name__}, not a wrapper")
+    try:
+        signature = inspect.signature(wrapper)
+    except (ValueError, TypeError):
+        return
+    try:
+        signature.bind(env)
+    except TypeError as error:
+        words = f"{name} cannot wrap an environment without other arguments: {error}"
+        raise NoSuchWrapper(f"{words}; write a function of one argument that passes them") from None
 
 
 def find_spec(wanted: str) -> Any:
