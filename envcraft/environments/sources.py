@@ -27,6 +27,7 @@ from envcraft.model.verdict import SubjectReport, Verdict, plain
 VARIABLE = "ENVCRAFT_CORPUS"
 _DEFAULT = "arcade"
 _NO_VERDICT = "has no verdict"
+_SANDBOXED = "sandbox='auto' (--sandbox auto) runs it in a sandbox"
 
 
 class Untrusted(UsageError):
@@ -81,11 +82,11 @@ class EnvSource(msgspec.Struct, frozen=True):
         if self.project is not None and self.project.modules:
             raise Untrusted(
                 f"{self.name} imports files of its project, and only single files that have passed run in your own "
-                "process: import its class yourself, or sandbox='auto' runs it in a sandbox"
+                f"process: import its class yourself, or {_SANDBOXED}"
             )
         raise Untrusted(
             f"{self.name} {self.doubt} under the contract {contract}, and only what has passed runs in your own "
-            f"process: {step}, sandbox='auto' runs it in a sandbox, and trust=True runs it here anyway"
+            f"process: {step}, {_SANDBOXED}, and trust=True (--trust) runs it here anyway"
         )
 
 

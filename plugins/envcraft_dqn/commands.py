@@ -14,6 +14,7 @@ import click
 
 from envcraft.cli.signals import uninterrupted
 from envcraft.errors import UsageError
+from envcraft.text import plural
 from envcraft_dqn.config import read_config, write_config
 from envcraft_dqn.files import exclusive
 from envcraft_dqn.settings import AUGMENTATIONS, HEADS, OBJECTIVES, PRECISIONS, RENAMED, REPLAYS, SIZES, Settings
@@ -232,7 +233,7 @@ def train(
     first = None if initial is None else agent_file(initial)
     _ensure_writable(output)
     write_config(output / "config.toml")
-    click.echo(f"{len(names):,} environments; output in {output}", err=True)
+    click.echo(f"{plural(len(names), 'environment')}; output in {output}", err=True)
     every, sources = checkpoint_minutes * 60, source_digests(corpus, names, contract)
     try:
         with exclusive(output), ProgressLogger(output / "tensorboard") as callback:

@@ -73,6 +73,8 @@ def select_environments(
         if fast:
             raise UsageError(f"--fast needs a corpus with environments of `envcraft generate`, and {target} is a file")
         names, corpus, fast = [str(target)], None, False
+        if not trust and sandbox is None:
+            _passed(target, names, contract)
     else:
         names = _matching(target, patterns)
         simulated = None if fast is False or sandbox is not None else _simulated(target, names, contract, trust, fast)

@@ -141,6 +141,10 @@ def test_unjudged_code_does_not_run(corpus: Path, tmp_path: Path) -> None:
         assert result.exit_code == 2
         assert "has no verdict" in result.output
         assert "judges it" in result.output
+    result = run("train", tmp_path / "mark.py", "--output", tmp_path / "run", "--steps", "100")
+    assert result.exit_code == 2
+    assert "--sandbox auto" in result.output
+    assert not (tmp_path / "run").exists()
     assert not marks.exists()
 
 
