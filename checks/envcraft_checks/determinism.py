@@ -206,7 +206,7 @@ class Determinism(Check):
         if len(reset) < len(plays):
             raise Undecided("reset() returns no observation")
         if not any(play.usable and play.steps for play in plays):
-            raise Undecided("no episode has a step")
+            raise Undecided("each episode raises an error or has no step")
         for rollout, cause in seeds.after_many(subject):
             if cause.code not in reported:
                 yield self._found(subject, rollout, cause)

@@ -134,7 +134,7 @@ class Difficulty(Check):
 
     def _judge_play(self, subject: Subject) -> Iterator[Finding]:
         if not any(trace.usable and trace.steps for trace in subject.played()):
-            raise Undecided("no episode has a step")
+            raise Undecided("each episode raises an error or has no step")
         success = subject.contract.success
         if not success.sign and all(trace.reported_success is None for trace in subject.played()):
             raise Skip(f"info has no {success.key}, so wins are not known")

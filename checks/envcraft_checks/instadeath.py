@@ -87,7 +87,7 @@ class InstaDeath(Check):
             return
         within = subject.contract.at_once
         if not any(trace.usable and trace.steps for trace in map(subject.noop, range(_TRIED), repeat(within))):
-            raise Undecided("no episode has a step")
+            raise Undecided("each episode raises an error or has no step")
 
         def lost(number: int) -> bool:
             return _lost(subject.session.idle(number) or subject.noop(number, within))

@@ -64,7 +64,7 @@ class InstaWin(Check):
 
     def judge(self, subject: Subject) -> Iterator[Finding]:
         if not any(trace.usable and trace.steps for trace in subject.played()):
-            raise Undecided("no episode has a step")
+            raise Undecided("each episode raises an error or has no step")
         if not any(trace.ended for trace in subject.played()):
             raise Skip("no episode ends by itself")
         if wins_known(subject):

@@ -131,7 +131,7 @@ class Termination(Check):
         traces = [*subject.played(), *subject.episodes.rotations[:4], *subject.searches.onward, *subject.privileged()]
         usable = [trace for trace in traces if trace.usable and trace.steps]
         if not usable:
-            raise Undecided("no episode has a step")
+            raise Undecided("each episode raises an error or has no step")
         flags = ((trace, finding) for trace in usable for finding in self._judge_flags(subject, trace))
         for trace, finding in itertools.islice(flags, 1):
             yield shrunk(subject, trace.rollout, finding, lambda played: self._judge_flags(subject, played))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 
 import pytest
 
@@ -19,6 +20,7 @@ from envcraft.reports.junit import JUnitReporter
 from envcraft.reports.markdown import MarkdownReporter
 from envcraft.reports.reporter import Reporter
 from envcraft.reports.sarif import SarifReporter
+from tests.envcraft.conftest import ENVIRONMENT, Invoke
 from tests.envcraft.report_samples import events, rendered, subject
 
 PASSED = CheckReport("source", Verdict.PASS)
@@ -115,3 +117,12 @@ def test_progress_counts_them_apart() -> None:
         tally.take(event)
     words = [words for words, _ in tally.words()]
     assert words == ["4 of 4 judged", "1 passed", "1 failed", "2 undecided"]
+
+
+def test_episodes_that_raise_are_not_said_to_have_no_step(invoke: Invoke, good: Path) -> None:
+    good.write_text(
+        ENVIRONMENT.replace("        self.steps += 1\n", "        self.steps += 1\n        [0, 0, 0][self.steps]\n")
+    )
+    result = invoke("validate", good, "--sandbox", "process", "--budget", "quick", "--checks", "api,termination")
+    assert "step 3 raises IndexError" in result.stdout
+    assert "undecided: each episode raises an error or has no step" in result.stdout
