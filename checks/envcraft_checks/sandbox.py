@@ -28,7 +28,7 @@ from envcraft.model.rollout import Conditions, Rollout
 from envcraft.model.verdict import Finding
 from envcraft.plugins import hookimpl
 
-from .linting.loading import endless_line, exiting_line, method_code, printing_line
+from .linting.loading import exiting_line, method_code, printing_line, waiting_line, writing_line
 from .linting.program import program_of
 
 if TYPE_CHECKING:
@@ -133,16 +133,19 @@ class SandboxEvents(Check):
         )
 
     def _place(self, subject: Subject, code: str, trace: Trace) -> int | None:
-        """The line that may have led to an event without an exception, if the file has only one such line."""
-        if trace.end is None or subject.target.wrappers or (program := program_of(subject)) is None:
+        """The line that led to an event without an exception: one that was running, or the only one that may have."""
+        if (end := trace.end) is None or (program := program_of(subject)) is None:
             return None
-        phase = trace.end.phase
-        run = method_code(program, *_METHODS.get(phase, (phase.rpartition(" ")[2],)))
-        if code == "EC904" and trace.end.reason is ExitReason.FLOOD:
-            return printing_line(program, run, trace.end.output)
         if code == "EC901":
-            return endless_line(program, run)
-        return exiting_line(program, run) if code == "EC906" else None
+            return None if end.whole else waiting_line(program, end.stack)
+        run = method_code(program, *_METHODS.get(end.phase, (end.phase.rpartition(" ")[2],)))
+        if code == "EC904" and end.reason is ExitReason.FLOOD:
+            # Of a wrapper's calls the file has no line.
+            found = writing_line(program, end.stack)
+            return found or (None if subject.target.wrappers else printing_line(program, run, end.output))
+        if code != "EC906" or end.stack or subject.target.wrappers:
+            return next(iter(end.stack), None)
+        return exiting_line(program, run)
 
 
 @hookimpl

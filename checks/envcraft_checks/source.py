@@ -60,7 +60,7 @@ from envcraft.model.verdict import Finding, Severity, Verdict
 from envcraft.plugins import hookimpl
 
 from .imports import imported_modules, required_imports
-from .linting.loading import endless_line, import_code, method_code, printing_line, seeding_line
+from .linting.loading import import_code, method_code, printing_line, seeding_line, waiting_line
 from .linting.program import program_of
 
 if TYPE_CHECKING:
@@ -340,12 +340,11 @@ class Source(Check):
         if end.reason is ExitReason.TIMEOUT:
             code = "EC008" if end.phase == "construct" else "EC004"
             if (program := program_of(subject)) is not None:
-                code_run = method_code(program, "__init__") if end.phase == "construct" else import_code(program)
-                line = endless_line(program, code_run) or line
+                line = waiting_line(program, end.stack) or line
             return self.finding(code, f"{where} did not end: {end.detail}", line=line, output=end.output[-2000:])
         code = "EC008" if end.phase == "construct" else "EC003"
         words = f"{where} ended the process ({end.reason}: {end.detail})"
-        return self.finding(code, words, line=line, output=end.output[-2000:])
+        return self.finding(code, words, line=next(iter(end.stack), line), output=end.output[-2000:])
 
     def _judge_effects(self, subject: Subject, effects: Effects, output: str) -> Iterator[Finding]:
         found, line = [], None

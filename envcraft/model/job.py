@@ -43,6 +43,8 @@ class JobResult(msgspec.Struct, frozen=True):
         waits: calls of reset and step that gave up the processor to wait, if the job is measured.
         busy: the processor time of the steps in seconds, if the job is measured. Of a step that waits, all time counts.
         reached: a digit for each of the job's marks, 1 for those that were reached; empty if it does not say.
+        stack: the lines of the target's file that were running when a deadline, a flood of output or a crash ended the
+            job, the innermost call first; empty if they are unknown. The job itself reports them.
     """
 
     reason: ExitReason
@@ -60,6 +62,7 @@ class JobResult(msgspec.Struct, frozen=True):
     waits: int = 0
     busy: float = 0.0
     reached: str = ""
+    stack: tuple[int, ...] = ()
 
 
 class SearchOutcome(TypedDict, total=False):

@@ -271,8 +271,15 @@ class KillRequest(TypedDict):
     id: int
 
 
+class DumpRequest(TypedDict):
+    """Let a job's process write its Python stack to its output."""
+
+    op: Literal["dump"]
+    id: int
+
+
 #: What the host sends to the fork server.
-Request = PreloadRequest | FindRequest | JobRequest | KillRequest
+Request = PreloadRequest | FindRequest | JobRequest | KillRequest | DumpRequest
 
 
 class About(TypedDict):

@@ -22,10 +22,14 @@ from envcraft.judging.driver import Limits, Player, Recorder, Stop, Worker
 from envcraft.model.job import ExitReason, JobResult
 
 from .reader import Forged, Reader
+from .stack import Stack
 
 _CHUNK = 1 << 20
 _SERVER_SECONDS = 60.0
 _GOODBYE_SECONDS = 1.0
+#: Patience with a job that is to write its stack, and with its next lines.
+_STACK_SECONDS = 0.5
+_STACK_PAUSE = 0.05
 _LOADING = ("start", "import", "construct", "policy")
 #: Number of jobs of a series that one process runs.
 _SERIES = 64
@@ -105,7 +109,7 @@ class ForkServerWorker(Worker):
             with contextlib.suppress(OSError):
                 process.data.sendall(HEADER.pack(0, len(payload)) + payload)
             process.data.setblocking(False)
-            watch = _Watch(self, process, recorder, limits, player, series, len(job.get("marks", ())))
+            watch = _Watch(self, process, recorder, limits, player, series, job)
             end = watch.run()
             process.done += 1
             if watch.reusable:
@@ -161,6 +165,10 @@ class ForkServerWorker(Worker):
     def kill(self, number: int) -> None:
         """Request the end of a job's processes."""
         self._send({"op": "kill", "id": number})
+
+    def dump(self, number: int) -> None:
+        """Request that a job writes its stack to its output."""
+        self._send({"op": "dump", "id": number})
 
     def ended(self, number: int, patience: float = _SERVER_SECONDS) -> Ended | None:
         """Wait for the end of a job's process; None if it still runs after `patience` seconds. Raises WorkerLost."""
@@ -238,7 +246,7 @@ class _Watch:
         limits: Limits,
         player: Player | None,
         series: bool,
-        marks: int,
+        job: Job,
     ) -> None:
         self._worker = worker
         self._number = process.number
@@ -251,12 +259,15 @@ class _Watch:
         self._limits = limits
         self._recorder = recorder
         self._player = player
-        self._reader = Reader(recorder, played=player is not None, marks=marks)
+        self._reader = Reader(recorder, played=player is not None, marks=len(job.get("marks", ())))
+        self._stack = Stack(job["target"])
         self._started = time.monotonic()
         #: When the job began to wait for the player, and actions that the player has sent already.
         self._waiting: float | None = None
         self._given: list[Any] = []
         self._head = bytearray()
+        #: Whether the output is that of the job, not its stack.
+        self._own = True
         self._printed = 0
 
     def run(self) -> JobResult:
@@ -271,6 +282,8 @@ class _Watch:
             self._drain()
             os.set_blocking(self._output, True)
             return self._end(how)
+        if how in (ExitReason.TIMEOUT, ExitReason.FLOOD):
+            self._dump()
         died = how is ExitReason.DIED
         # A job that reported its end or closed its channel may still run.
         patience = _GOODBYE_SECONDS if how in (ExitReason.DONE, ExitReason.DIED) else 0
@@ -286,6 +299,8 @@ class _Watch:
             how, died, detail = ended.over, False, self._limit(ended.over)
         self._drain()
         status = ended.status
+        if died and os.WIFSIGNALED(status):
+            self._head = bytearray(self._stack.take(bytes(self._head)))
         return msgspec.structs.replace(
             self._end(how),
             signal=os.WTERMSIG(status) if died and os.WIFSIGNALED(status) else None,
@@ -307,6 +322,7 @@ class _Watch:
             waits=self._reader.waits,
             busy=self._reader.busy / 1e6,
             reached=self._reader.reached,
+            stack=self._stack.lines,
         )
 
     def _limit(self, how: ExitReason) -> str:
@@ -411,9 +427,27 @@ class _Watch:
         data = os.read(self._output, 1 << 16)
         self._printed += len(data)
         room = self._limits.output - len(self._head)
-        if room > 0:
+        if room > 0 and self._own:
             self._head += data[:room]
         return bool(data)
+
+    def _dump(self) -> None:
+        """Ask the job for its stack, which follows its output, and wait a moment for it."""
+        self._drain()
+        self._own = False
+        self._worker.dump(self._number)
+        received, deadline = b"", time.monotonic() + _STACK_SECONDS
+        with contextlib.suppress(BlockingIOError):
+            while len(received) < _CHUNK and (left := deadline - time.monotonic()) > 0:
+                # The end of a stack is not marked.
+                patience = min(left, _STACK_PAUSE) if self._stack.begins(received) else left
+                if not select.select([self._output], [], [], patience)[0]:
+                    break
+                data = os.read(self._output, 1 << 16)
+                if not data:
+                    break
+                received += data
+        self._stack.take(received)
 
     def _drain(self) -> None:
         """Take the rest of the output. Never wait: a process that outlives the job may hold the pipe open."""

@@ -6,8 +6,6 @@ import time
 from pathlib import Path
 
 import pytest
-from envcraft_checks.linting.loading import endless_line, method_code
-from envcraft_checks.linting.program import Program
 
 from envcraft.contracts.builtin import ARCADE
 from envcraft.judging.budget import BUDGETS
@@ -18,7 +16,7 @@ from envcraft.judging.selection import default_checks, driver_named
 from envcraft.judging.subject import Subject
 from envcraft.judging.worker_pool import WorkerPool
 from envcraft.model.events import Finished, SubjectFinished
-from envcraft.model.target import MAX_SOURCE, Target, parse, read_target
+from envcraft.model.target import MAX_SOURCE, Target, read_target
 from envcraft.model.verdict import SubjectReport, Verdict
 from evaluation.judge import failing
 
@@ -103,22 +101,44 @@ def test_the_loop_that_keeps_a_file_from_loading_is_named(before: str, loop: str
     assert (finding.code, finding.line) == (code, text.splitlines().index(loop.splitlines()[0]) + 1)
 
 
-@pytest.mark.parametrize(
-    ("step", "line"),
-    [
-        ("while True: pass", 7),
-        ("return input()", 7),
-        ("return helper()", 2),
-        ("for _ in range(9): pass", None),
-        ("while True: helper()", None),
-    ],
-)
-def test_only_one_place_that_may_never_end_is_named(step: str, line: int | None) -> None:
-    helper = (
-        "def helper():\n    while 1: pass\ndef other():\n    while 2: pass\nclass Game:\n    def step(self, action):\n"
-    )
-    program = Program(parse(f"{helper}        {step}\n"))
-    assert endless_line(program, method_code(program, "step")) == line
+#: Statements of a step that are judged together: the code, the line that is named, and what stands before it.
+LINES = {
+    "call beside a loop": ("EC901", "time.sleep(9)", "while n < 3: n += 1\nif self.steps > 30:\n    time.sleep(9)"),
+    "native code": (
+        "EC901",
+        "max(itertools.count())",
+        "while n < 3: n += 1\nself.steps > 30 and max(itertools.count())",
+    ),
+    "long loop": ("EC901", "for n in range(10**12):", "while n < 3: n += 1\nfor n in range(10**12):\n    self.n = n"),
+    "helper": ("EC901", "while n < 9:", "while n < 3: n += 1\nn = 3\nwhile n < 9:\n    free(n)"),
+    "flood": ("EC904", "print('x' * 65536)", "n and print('x')\nprint('x' * 65536)"),
+    "crash": ("EC906", "ctypes.string_at(0)", "self.steps > 30 and ctypes.string_at(0)"),
+}
+
+
+@pytest.fixture(scope="module")
+def lined() -> dict[str, tuple[str, SubjectReport]]:
+    """The game with each of these statements in step(), and its report."""
+    top = "import ctypes, itertools, time\ndef free(n):\n    return [n for _ in range(9)]\n"
+    texts = []
+    for _, _, statement in LINES.values():
+        lines = "".join(f"        {line}\n" for line in ["n = 0", *statement.splitlines()])
+        texts.append(GAME.replace("import gymnasium", f"{top}import gymnasium", 1).replace(STEP, f"{STEP}{lines}", 1))
+    targets = [Target("game.py", text.encode()) for text in texts]
+    checks = [check for check in default_checks() if check.name in ("source", "api", "sandbox")]
+    *_, last = validate(Plan(targets, ARCADE, process(), checks, BUDGETS["quick"], limits=LIMITS))
+    assert isinstance(last, Finished)
+    return dict(zip(LINES, zip(texts, last.report.reports, strict=True), strict=True))
+
+
+@pytest.mark.parametrize("name", LINES)
+def test_the_line_that_was_running_is_named(name: str, lined: dict[str, tuple[str, SubjectReport]]) -> None:
+    code, statement, _ = LINES[name]
+    text, report = lined[name]
+    [finding] = [one for check in report.checks for one in check.findings if one.code == code]
+    assert finding.line is not None
+    assert statement in text.splitlines()[finding.line - 1]
+    assert "most recent call first" not in finding.evidence.get("output", "")
 
 
 @pytest.mark.parametrize("statement", PRINTS)

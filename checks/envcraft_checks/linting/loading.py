@@ -1,18 +1,21 @@
-"""The lines that print, seed, end the process or may never end, while a file is imported and its environment played."""
+"""The lines that print, seed, wait or end the process, while a file is imported and its environment played."""
 
 from __future__ import annotations
 
 import ast
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 
 from .generators import draws
 from .program import Function, Program, line, outside
 
-#: What may wait, or go on, for ever.
+#: What may wait, or go on, for ever, and methods that do.
 _ENDLESS = frozenset({
     "builtins.input", "itertools.count", "itertools.cycle", "itertools.repeat", "select.select", "signal.pause",
     "time.sleep",
 })  # fmt: skip
+_WAITING = ("acquire", "wait")
+#: Methods that write.
+_WRITING = ("write", "writelines")
 _SEEDS = frozenset({"random.seed", "random.setstate", "numpy.random.seed", "numpy.random.set_state"})
 #: What ends the process without an exception.
 _EXITS = frozenset({"os._exit", "os.abort", "os.kill", "signal.raise_signal"})
@@ -38,13 +41,37 @@ def seeding_line(program: Program) -> int | None:
     return min((line(node) for node, path in called if path in _SEEDS or _draws(path)), default=None)
 
 
-def endless_line(program: Program, code: Iterable[_Place]) -> int | None:
-    """The line of the only loop or call that may never end; None where there is none, or are several."""
-    return _only(
-        node
-        for node, function in code
-        if isinstance(node, ast.While) or (isinstance(node, ast.Call) and program.path(node.func, function) in _ENDLESS)
+def writing_line(program: Program, stack: Sequence[int]) -> int | None:
+    """The innermost line of a stack, if it writes: a process may already have gone on when it is asked."""
+    calls = _calls(program, stack[0]) if stack else []
+    return (
+        stack[0]
+        if any(program.path(call.func) == "builtins.print" or _name(call) in _WRITING for call in calls)
+        else None
     )
+
+
+def waiting_line(program: Program, stack: Sequence[int]) -> int | None:
+    """The line at which a stack, the innermost line first, does not end.
+
+    It is that of the call that waits, else that of the loop that the stack is in: a ``while`` before a ``for``, which
+    ends some time, and an inner one before those around it.
+    """
+    if not stack or any(
+        program.path(call.func) in _ENDLESS or _name(call) in _WAITING for call in _calls(program, stack[0])
+    ):
+        return stack[0] if stack else None
+    loops = [node for node in program.nodes if isinstance(node, ast.While | ast.For)]
+    for endless in (True, False):
+        for at in stack:
+            around = [
+                loop.lineno
+                for loop in loops
+                if loop.lineno <= at <= (loop.end_lineno or 0) and (_is_endless(program, loop) or not endless)
+            ]
+            if around:
+                return max(around)
+    return stack[0]
 
 
 def exiting_line(program: Program, code: Iterable[_Place]) -> int | None:
@@ -77,6 +104,23 @@ def method_code(program: Program, *methods: str) -> Iterator[_Place]:
 def _only(nodes: Iterable[ast.AST]) -> int | None:
     lines = {line(node) for node in nodes}
     return lines.pop() if len(lines) == 1 else None
+
+
+def _calls(program: Program, at: int) -> list[ast.Call]:
+    return [
+        node for node in program.nodes if isinstance(node, ast.Call) and node.lineno <= at <= (node.end_lineno or 0)
+    ]
+
+
+def _name(call: ast.Call) -> str:
+    return call.func.attr if isinstance(call.func, ast.Attribute) else ""
+
+
+def _is_endless(program: Program, loop: ast.While | ast.For) -> bool:
+    """Whether a loop may go on for ever."""
+    if isinstance(loop, ast.While):
+        return True
+    return isinstance(loop.iter, ast.Call) and program.path(loop.iter.func) in _ENDLESS
 
 
 def _draws(path: str) -> bool:

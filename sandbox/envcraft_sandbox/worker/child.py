@@ -8,9 +8,11 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import faulthandler
 import json
 import os
 import random
+import signal
 import socket
 import subprocess
 import sys
@@ -29,6 +31,8 @@ from .resources import Resources
 from .series import Traces
 from .subject import Fault, Subject
 
+#: The signal at which a job writes its stack to its output. A process that does not handle it ignores it.
+DUMP = signal.SIGURG
 # Bound before any untrusted module can replace them.
 _seed, _seed_numpy = random.seed, np.random.seed
 
@@ -43,6 +47,9 @@ def main(data_fd: int, output_fd: int, limits: JobLimits, folder: str, shown: in
         os.setsid()
         shown = _keep_only(data_fd, output_fd, shown)
         os.chdir(folder)
+        # Both write to the output even while a call of native code does not return, or has crashed.
+        faulthandler.register(DUMP, file=2, all_threads=False)
+        faulthandler.enable(file=2, all_threads=False)
         sock = socket.socket(fileno=3)
         job = _receive(sock)
         recorded = job.get("conditions", {}).get("recorded")

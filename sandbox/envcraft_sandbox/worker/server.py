@@ -122,6 +122,10 @@ class Server:
             for pid, job in self._jobs.items():
                 if job.number == message["id"]:
                     _kill_session(pid)
+        elif message["op"] == "dump":
+            for pid, job in self._jobs.items():
+                if job.number == message["id"]:
+                    _kill(os.kill, pid, child.DUMP)
         elif message["op"] == "job":
             self._fork(_Job(message["id"], message["limits"]), descriptors.pop(0), descriptors.pop(0))
 
@@ -194,9 +198,9 @@ def _children() -> list[int]:
         return [int(pid) for pid in listed.read().split()]
 
 
-def _kill(kill: Callable[[int, int], None], target: int) -> None:
+def _kill(kill: Callable[[int, int], None], target: int, number: int = signal.SIGKILL) -> None:
     with contextlib.suppress(ProcessLookupError, PermissionError):
-        kill(target, signal.SIGKILL)
+        kill(target, number)
 
 
 def _preload(modules: list[str]) -> list[str]:

@@ -26,6 +26,9 @@ class TestDeadlines:
         assert ran.end.reason is ExitReason.TIMEOUT
         assert ran.end.phase == phase
         assert deadline <= ran.end.seconds < deadline + 10
+        assert ran.end.stack == (
+            source.splitlines().index("while True: pass".rjust(16 if phase == "import" else 24)) + 1,
+        )
 
     def test_a_hang_that_refuses_signals_ends_too(self, worker: Worker, environment: Environment, play: Any) -> None:
         source = environment(
@@ -78,6 +81,7 @@ class TestDeaths:
         assert ran.end.reason is ExitReason.DIED
         assert ran.end.phase == ("import" if phase == "top" else "step")
         assert (ran.end.signal, ran.end.exit_code) == (signal_number, exit_code)
+        assert bool(ran.end.stack) == (signal_number in (signal.SIGSEGV, signal.SIGABRT))
 
     def test_a_job_without_descriptors_is_ended(self, worker: Worker, environment: Environment, play: Any) -> None:
         ran = play(worker, environment(step="import os; os.closerange(0, 256)\nwhile True: pass"))
