@@ -240,17 +240,21 @@ class Source(Check):
                 if name in missing and allowed is not None and name in allowed:
                     raise WorkerLost(f"{name} is not installed where the worker runs; install it, then validate again")
                 if name in unknown:
-                    why = self._why_unknown(name, subject, known, name not in missing)
-                    words = f"{file}line {line} imports {name}, {why}"
+                    shown = _in_package(tree, name, line)
+                    why = self._why_unknown(name, subject, known, shown, name not in missing)
+                    words = f"{file}line {line} imports {shown}, {why}"
                     yield self.finding("EC002", words, line=None if file else line, module=name)
 
-    def _why_unknown(self, name: str, subject: Subject, known: list[str], installed: bool = False) -> str:
+    def _why_unknown(
+        self, name: str, subject: Subject, known: list[str], shown: str = "", installed: bool = False
+    ) -> str:
         """What is wrong with an import, and the next step.
 
         Args:
             name: the module, which the contract does not allow or the worker does not have.
             subject: the environment.
             known: the modules that are installed, if that was asked.
+            shown: the module as a message names it.
             installed: whether the worker has the module.
         """
         contract = subject.contract
@@ -263,7 +267,7 @@ class Source(Check):
         if beside is not None and name in beside.modules:
             return "a file of its project, which only `envcraft validate` and the audit of its folder judge with it"
         if name.startswith("."):
-            return f"which is no file of its package{_near_file(name, Path(subject.target.path))}"
+            return f"which is no file of its package{_near_file(shown, Path(subject.target.path))}"
         if name == "envcraft":
             return (
                 "which is not there where environments run; leave it out, or move it with what uses it to another file "
@@ -458,6 +462,14 @@ def _refuse_options(subject: Subject, fault: Fault) -> None:
     # An error that a line of the environment raises is its own.
     if unknown and fault.type == "TypeError" and fault.line is None:
         raise UsageError(f"--kwargs: {fault.message}")
+
+
+def _in_package(tree: ast.Module, name: str, line: int) -> str:
+    """The name of an import; of one in a line like ``from . import name`` the name after the dots, too."""
+    if name.strip("."):
+        return name
+    imports = (node for node in nodes(tree) if isinstance(node, ast.ImportFrom) and node.lineno == line)
+    return name + next((node.names[0].name for node in imports if not node.module), "")
 
 
 def _near_file(name: str, file: Path) -> str:

@@ -306,11 +306,21 @@ def test_an_installed_package_wins_over_a_folder_of_its_name(good: Path, monkeyp
     assert target.kind is Kind.MODULE
 
 
-def test_a_relative_import_of_no_file_suggests_the_nearest(invoke: Invoke, good: Path) -> None:
+@pytest.mark.parametrize("statement", ["from .helper import SIZE", "from . import helper"])
+def test_a_relative_import_of_no_file_suggests_the_nearest(invoke: Invoke, good: Path, statement: str) -> None:
     (good.parent / "helpers.py").write_text("SIZE = 3\n")
-    good.write_text(f"from .helper import SIZE\n{ENVIRONMENT}")
+    good.write_text(f"{statement}\n{ENVIRONMENT}")
     result = invoke("validate", good, "--sandbox", "process", "--contract", "gymnasium", "--format", "concise")
     assert "line 1 imports .helper, which is no file of its package; did you mean .helpers?" in result.stdout
+
+
+def test_a_message_names_files_as_the_project_does(invoke: Invoke, good: Path) -> None:
+    package = good.parent / "maze"
+    package.mkdir()
+    (package / "__init__.py").write_text("")
+    (package / "grid.py").write_text(f"from . import helper\n{ENVIRONMENT}")
+    found = invoke("validate", package / "grid.py", "--sandbox", "process", "--contract", "gymnasium")
+    assert "cannot import name 'helper' from 'maze' (maze/__init__.py)" in found.stdout
 
 
 def test_a_null_byte_has_a_line(invoke: Invoke, good: Path) -> None:

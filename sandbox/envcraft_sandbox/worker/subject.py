@@ -227,7 +227,8 @@ class Subject:
         own = [frame for frame in frames if frame.filename == file]
         line = own[-1].lineno if own else _line_of(error, file)
         try:
-            message = str(error)
+            # Each worker may have its project in another folder.
+            message = str(error).replace(f"{self._folder}{os.sep}", "")
         except BaseException:
             message = "(its message could not be read)"
         shown = [frame for frame in frames if not any(name in frame.filename for name in _OWN)][-8:]
@@ -236,7 +237,6 @@ class Subject:
                 # Marks move the columns that a traceback underlines.
                 frame.colno = self.target.column(frame.lineno, frame.colno)
                 frame.end_colno = self.target.column(frame.end_lineno, frame.end_colno)
-            # Each worker may have its project in another folder.
             frame.filename = frame.filename.removeprefix(f"{self._folder}{os.sep}")
         return {
             "phase": phase,
