@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from pathlib import Path
 from typing import Any
 
@@ -17,15 +18,18 @@ def settings(folder: Path) -> tuple[Path, dict[str, Any]]:
     else:
         return folder / "pyproject.toml", {}
     try:
-        text = path.read_text("utf-8")
-        if "envcraft" not in text:
-            return path, {}
-        # The parser is slow to import, and most projects have nothing to configure.
-        import tomllib
-
-        table = tomllib.loads(text).get("tool", {}).get("envcraft", {})
+        table = _table(path.read_text("utf-8"))
     except (OSError, ValueError, AttributeError) as error:
         raise UsageError(f"{path} cannot be read as configuration: {error}") from None
     if not isinstance(table, dict):
         raise UsageError(f"{path}: [tool.envcraft] must be a table")
     return path, table
+
+
+@functools.lru_cache(maxsize=4)
+def _table(text: str) -> Any:
+    """The table in a text. One that is no TOML is an error, as for pytest and ruff, if it has no such table, too."""
+    # The parser is slow to import.
+    import tomllib
+
+    return tomllib.loads(text).get("tool", {}).get("envcraft", {})

@@ -50,9 +50,11 @@ class Configured(click.Command):
         options = {name: param for name, param in self._options().items() if name not in self.apart}
         repeated = {str(param.name) for param in self.params if isinstance(param, click.Option) and param.multiple}
         found = configuration(Path.cwd(), options, repeated, settings_of_all_commands)
-        # Click makes a whole number of 1.5, but not of its text.
+        # Click takes 1.5 for a whole number, True for 1, and no 1 for a flag, but not their texts.
+        flags = {param.name for param in self.params if isinstance(param, click.Option) and param.is_flag}
         extra["default_map"] = {
-            name: str(value) if isinstance(value, float) else value for name, value in found.items()
+            name: value if isinstance(value, list) or (name in flags and isinstance(value, bool)) else _text(value)
+            for name, value in found.items()
         }
         with _blaming_the_file():
             return super().make_context(info_name, args, parent, **extra)
@@ -60,6 +62,11 @@ class Configured(click.Command):
     def invoke(self, ctx: click.Context) -> Any:
         with _blaming_the_file(ctx):
             return super().invoke(ctx)
+
+
+def _text(value: Any) -> str:
+    """A value as the file writes it."""
+    return str(value).lower() if isinstance(value, bool) else str(value)
 
 
 def settings_of_all_commands() -> set[str]:

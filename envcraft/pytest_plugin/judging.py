@@ -288,12 +288,13 @@ def settings(config: pytest.Config, given: dict[str, Any] | None = None) -> Sett
     found = _of_project(config.rootpath)
     of_file = set(found)
     for name in SETTINGS:
+        # In pytest's configuration an empty value is none.
         for value in (
             (given or {}).get(name),
             config.getoption(f"envcraft_{name}"),
-            config.getini(f"envcraft_{name}"),
+            config.getini(f"envcraft_{name}") or None,
         ):
-            if value is not None and value != "":
+            if value is not None:
                 found[name] = value
                 of_file.discard(name)
                 break
@@ -336,7 +337,7 @@ def _plain(name: str, value: Any) -> Any:
         return int(value)
     if name == "time_limit":
         try:
-            seconds = float(value)
+            seconds = math.nan if isinstance(value, bool) else float(value)
         except (TypeError, ValueError):
             seconds = math.nan
         if not 0 < seconds < math.inf:
@@ -345,7 +346,9 @@ def _plain(name: str, value: Any) -> Any:
         return seconds
     names = [value] if isinstance(value, str) else value
     if name in ("checks", "skip"):
-        return ",".join(split(",".join(map(str, names)))) or None
+        listed = ",".join(split(",".join(map(str, names))))
+        # No check to skip is a choice; no check to run is none.
+        return listed if name == "checks" else listed or None
     if not isinstance(value, str):
         raise UsageError(f"{name} must be a name, not {value!r}", setting=name)
     return value

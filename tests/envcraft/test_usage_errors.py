@@ -75,6 +75,10 @@ def test_a_class_that_only_running_the_file_defines_is_judged(invoke: Invoke, go
         ('sandbox = "proces"', "sandbox: there is no sandbox 'proces'; did you mean process?"),
         ('budget = "huge"', "budget: 'huge' is not one of"),
         ('seed = "many"', "seed: 'many' is not a whole number from 0 to 2147483647"),
+        ("seed = true", "seed: 'true' is not a whole number from 0 to 2147483647"),
+        ("time-limit = true", "time-limit: 'true' is not a number above 0"),
+        ('strict = "perhaps"', "strict: 'perhaps' is not a valid boolean"),
+        ("strict = 3", "strict: '3' is not a valid boolean"),
         ("seed = 1.5", "seed: '1.5' is not a whole number from 0 to 2147483647"),
         ('kwargs = "[1]"', "kwargs: [1] is not a JSON object"),
         ('wrap = ["TimeLimit"]', "wrap: TimeLimit must be MODULE:FUNC"),
@@ -111,6 +115,28 @@ def test_a_setting_that_does_not_fit_the_target_is_blamed_on_its_file(
     result = invoke("validate", target, "--sandbox", "process", "--checks", "source")
     assert result.exit_code == 2, result.output
     assert f"{tmp_path / 'pyproject.toml'}: [tool.envcraft] {words}" in result.stderr
+
+
+def test_a_file_of_settings_that_is_no_toml_is_an_error(invoke: Invoke, good: Path, tmp_path: Path) -> None:
+    file = tmp_path / "pyproject.toml"
+    file.write_text("[tool.ruff\nline-length = 88\n")
+    result = invoke("validate", good)
+    assert (result.exit_code, result.stdout) == (2, "")
+    assert f"{file} cannot be read as configuration: " in result.stderr
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("audit", ""), "the place is empty; give a corpus or a folder"),
+        (("audit", ".", "--report", ""), "--report is empty; name a folder, or FORMAT:FILE"),
+        (("replay", "report.json", "--gif", ""), "--gif is empty; name a file like episode.gif"),
+    ],
+)
+def test_an_empty_name_is_a_usage_error(arguments: tuple[str, ...], words: str, invoke: Invoke, good: Path) -> None:
+    result = invoke(*arguments)
+    assert (result.exit_code, result.stdout) == (2, "")
+    assert words in result.stderr
 
 
 def test_a_table_of_contracts_is_one(invoke: Invoke, good: Path, tmp_path: Path) -> None:
