@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import msgspec
 import pytest
 
 from envcraft.cli.commands.validate import exit_code
@@ -53,6 +54,14 @@ def test_the_verdict_stays_and_the_outcome_says_more() -> None:
     strict = subject("open.py", [PASSED, CheckReport("difficulty", Verdict.FAIL, reason="not settled", undecided=True)])
     assert (strict.outcome, strict.undecided) == (Outcome.FAIL, [])
     assert exit_code(Report("arcade", 0, [undecided])) is ExitCode.PASS
+
+
+def test_what_ran_out_of_time_is_said_not_to_pass() -> None:
+    report = sample()
+    late = [msgspec.structs.replace(each, out_of_time=each.undecided != []) for each in report.reports]
+    words = "3 environments ran out of time: what is undecided has not passed; a longer --time-limit lets it be judged"
+    assert words in rendered(ConsoleReporter, msgspec.structs.replace(report, reports=late))
+    assert "ran out of time" not in rendered(ConsoleReporter, report)
 
 
 @pytest.mark.parametrize(
