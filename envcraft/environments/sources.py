@@ -146,6 +146,10 @@ def resolve(target: str | os.PathLike[str], name: str | None = None, contract: s
         UsageError: There is no such environment or contract.
         CorpusDamaged: The corpus cannot be read.
     """
+    if not isinstance(target, str | os.PathLike):
+        kind = target if isinstance(target, type) else type(target)
+        words = "a file, or an environment of a corpus; a class that you have imported makes its instances itself"
+        raise UsageError(f"{kind.__name__} is a Python object, and envcraft.make takes {words}")
     path = Path(target)
     if path.is_file() or path.suffix == ".py":
         if name is not None:

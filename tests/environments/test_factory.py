@@ -53,6 +53,12 @@ def _texts(corpus: Path, *names: str) -> list[str]:
         return [store.source(store.db.execute(find, (name,)).fetchone()[0]).decode() for name in names]
 
 
+def test_an_object_in_place_of_a_file_is_a_sentence() -> None:
+    words = "Settings is a Python object, and envcraft.make takes a file, or an environment of a corpus"
+    with pytest.raises(UsageError, match=words):
+        envcraft.make(Settings)  # type: ignore[arg-type]
+
+
 class TestTrust:
     def test_what_has_passed_runs_here(self, corpus: Path) -> None:
         env = envcraft.make(corpus, "ant")
