@@ -74,6 +74,8 @@ _OLD_NAMES = {"gym": "gymnasium", "pygame_ce": "pygame", "np": "numpy"}
 _SLOW_IMPORT = 3.0
 #: The most characters of the constructor's arguments in a message.
 _LONGEST = 200
+#: The worker's words for a name that has one like it, or whose package is there.
+_MISSPELT = re.compile(r"did you mean|^the package |^No module named '[\w.]+\.\w+'")
 #: The base class of environments, as a class statement names it.
 _ENV = re.compile(r"((gym|gymnasium)(\.core)?\.)?Env(\[.*\])?")
 
@@ -314,10 +316,9 @@ class Source(Check):
         if loaded.end.reason is not ExitReason.DONE:
             yield self._broken(subject, loaded)
         elif fault is not None and _absent(fault, name):
-            # A misspelt environment is installed under another name, or its package is there.
-            known = "did you mean" in fault.message or fault.message.startswith("the package")
-            advice = "" if known else _installation_hint(subject)
-            raise WorkerLost(f"{fault.message}{advice}")
+            if _MISSPELT.search(fault.message):
+                raise UsageError(fault.message)
+            raise WorkerLost(f"{fault.message}{_installation_hint(subject)}")
         elif fault is not None and fault.type.endswith("NoSuchEnvironment"):
             raise UsageError(fault.message)
         elif fault is not None and fault.phase == "import":

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from envcraft.errors import UsageError
-from envcraft.registry import offered
+from envcraft.registry import did_you_mean, offered
 from envcraft_dqn.env_spec import EnvSpec
 from envcraft_dqn.frames import Frames
 
@@ -154,5 +154,5 @@ def policy_named(name: str, spec: EnvSpec, seed: int, epsilon: float = 0.0, devi
     kind, _, path = name.partition(":")
     if kind != "checkpoint" or not path:
         players = [player.name for player in offered("envcraft_players") if player.name not in NAMES]
-        raise UsageError(f"unknown player {name!r}; choose from {', '.join((*NAMES, 'checkpoint:PATH', *players))}")
+        raise UsageError(f"there is no player {did_you_mean(name, [*NAMES, 'checkpoint:PATH', *players])}")
     return AgentPolicy(Path(path), spec, seed, epsilon, device)

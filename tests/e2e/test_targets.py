@@ -210,8 +210,11 @@ def test_no_render_mode_is_as_good_as_none_named(target: str, tmp_path: Path) ->
             "bullets is not installed; install the package beside EnvCraft, then validate",
         ),
         ("nowhere.to.be:Found", 3, "No module named 'nowhere'; install the package beside EnvCraft"),
-        ("Corridors/Longer-v0", 3, "no installed package registers Corridors/Longer-v0"),
-        ("gymnasium:Foo-v0", 3, "the package gymnasium registers no Foo-v0"),
+        ("Corridors/Longer-v0", 2, "registers Corridors/Longer-v0; did you mean Corridors/Long-v0?"),
+        ("Xyzzy-v7", 3, "no installed package registers Xyzzy-v7; write MODULE:ID"),
+        ("corridors.corider:Corridor", 2, "No module named 'corridors.corider'"),
+        ("CartPol-v1", 2, "no installed package registers CartPol-v1; did you mean CartPole-v1?"),
+        ("gymnasium:Foo-v0", 2, "the package gymnasium registers no Foo-v0"),
         ("nowhere:CartPole-v1", 3, "no installed package is named nowhere; install the package beside EnvCraft"),
     ],
 )
