@@ -391,6 +391,12 @@ class Source(Check):
         elif not hint and (abstract := next(_abstract(tree), None)) is not None:
             line, (name, methods) = lines[abstract[0]], abstract
             hint = f"; {name} leaves {' and '.join(methods)} abstract"
+        elif not hint and (made := next(_made(tree), None)) is not None:
+            line, function, name = made
+            step = (
+                "define it at the top level" if (to := _bound(tree, function)) is None else f"name it with --class {to}"
+            )
+            hint = f"; {function}() makes the class {name}: {step}"
         words = f"the file defines no concrete subclass of gymnasium.Env with reset and step{hint}"
         return self.finding("EC005", words, line=line)
 
@@ -434,6 +440,25 @@ def _abstract(tree: ast.Module) -> Iterator[tuple[str, list[str]]]:
         names = [f"{each.name}()" for each in methods if any("abstract" in ast.dump(d) for d in each.decorator_list)]
         if isinstance(node, ast.ClassDef) and names:
             yield node.name, names
+
+
+def _made(tree: ast.Module) -> Iterator[tuple[int, str, str]]:
+    """The line, the function and the name of each class of environments that a function defines."""
+    for function in (each for each in tree.body if isinstance(each, ast.FunctionDef)):
+        for node in ast.walk(function):
+            if isinstance(node, ast.ClassDef) and any(_ENV.fullmatch(ast.unparse(base)) for base in node.bases):
+                yield node.lineno, function.name, node.name
+
+
+def _bound(tree: ast.Module, function: str) -> str | None:
+    """The name that a module gives to the result of one of its functions."""
+    for node in tree.body:
+        match node:
+            case ast.Assign(targets=[ast.Name(id=name)], value=ast.Call(func=ast.Name(id=called))) if (
+                called == function
+            ):
+                return name
+    return None
 
 
 def _given(subject: Subject) -> str:

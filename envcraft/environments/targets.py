@@ -7,6 +7,7 @@ import os
 import stat
 import sys
 from collections.abc import Callable, Iterator
+from fnmatch import fnmatchcase
 from pathlib import Path
 
 import click
@@ -29,6 +30,8 @@ _FEW = 5
 _READ = 100
 #: How the names of files end that a project has beside its Python files.
 _OTHER = {".cfg", ".csv", ".ini", ".json", ".md", ".rst", ".toml", ".txt", ".yaml", ".yml"}
+#: How the names of pytest's files look.
+_TESTS = ("conftest.py", "test_*.py", "*_test.py")
 _SKIPPED_FOLDERS = {"__pycache__", "node_modules", "site-packages", "build", "dist"}
 
 
@@ -113,7 +116,7 @@ def _absent(path: str) -> str:
 
 
 def environments_below(folder: str, env_class: str | None = None, unreadable: Unreadable = refuse) -> Iterator[Target]:
-    """Yield the environments in a folder by path; report on stderr at the end how many files define none.
+    """Yield the environments in a folder by path; report on stderr at the end how many files define none, or are tests.
 
     Args:
         folder: the folder.
@@ -123,24 +126,24 @@ def environments_below(folder: str, env_class: str | None = None, unreadable: Un
     Raises:
         UsageError: a file cannot be read, and `unreadable` raises its error.
     """
-    passed = []
+    passed, tests = [], []
     for file in _python_files(folder, unreadable):
         try:
             target = read_target(file, env_class)
         except UsageError as error:
             unreadable(file, error)
             continue
-        if _is_environment(target):
-            yield with_project(target)
-        else:
+        if not _is_environment(target):
             passed.append(file)
-    if passed:
-        named = ", ".join(one_line(os.path.relpath(file, folder)) for file in passed[:3])
-        more = ", …" if len(passed) > 3 else ""
-        click.echo(
-            f"skipped {plural(len(passed), 'file')} without an environment in {one_line(folder)}: {named}{more}",
-            err=True,
-        )
+        elif _is_test(target):
+            tests.append(file)
+        else:
+            yield with_project(target)
+    for files, kind, without in ((passed, "file", " without an environment"), (tests, "test file", "")):
+        named = ", ".join(one_line(os.path.relpath(file, folder)) for file in files[:3])
+        more = ", …" if len(files) > 3 else ""
+        if files:
+            click.echo(f"skipped {plural(len(files), kind)}{without} in {one_line(folder)}: {named}{more}", err=True)
 
 
 def _module(name: str) -> Target:
@@ -208,6 +211,19 @@ def _is_installed(package: str, folder: Path) -> bool:
 
 def _is_environment(target: Target) -> bool:
     return defines_environment(target.source, Path(target.path))
+
+
+def _is_test(target: Target) -> bool:
+    """Whether a file is one of pytest's, whose environments stand in for others: its name says so, and its code."""
+    name = os.path.basename(target.path)
+    if not any(fnmatchcase(name, pattern) for pattern in _TESTS):
+        return False
+    try:
+        body = parse(target.source).body
+    except (SyntaxError, ValueError, RecursionError, MemoryError):
+        return False
+    names = [node.name.lower() for node in body if isinstance(node, ast.FunctionDef | ast.ClassDef)]
+    return name == _TESTS[0] or any(each.startswith("test") for each in names)
 
 
 def _require_class(target: Target) -> None:

@@ -116,6 +116,18 @@ def test_other_files_of_a_folder_are_counted(invoke: Any, good: Path, tmp_path: 
     assert len(json.loads(invoke("validate", folder, *QUICK, "--format", "json").stdout)["reports"]) == 1
 
 
+def test_tests_in_a_folder_are_not_judged(invoke: Any, good: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "games"
+    folder.mkdir()
+    for name, more in (("walk", ""), ("conftest", ""), ("test_agent", "\n\ndef test_it(): ...\n"), ("test_level", "")):
+        (folder / f"{name}.py").write_text(good.read_text() + more)
+    result = invoke("validate", folder, *QUICK, "--format", "json")
+    assert f"skipped 2 test files in {folder}: conftest.py, test_agent.py" in result.stderr
+    judged = [Path(report["path"]).stem for report in json.loads(result.stdout)["reports"]]
+    assert judged == ["test_level", "walk"]
+    assert invoke("validate", folder / "test_agent.py", *QUICK).exit_code == 0
+
+
 def test_links_to_files_are_followed(invoke: Any, good: Path, tmp_path: Path) -> None:
     folder = tmp_path / "snapshot"
     folder.mkdir()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import re
+import textwrap
 from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
@@ -23,6 +24,7 @@ from tests.envcraft.conftest import ENVIRONMENT, Invoke
 _ROOM = "class Room(gym.Env):\n    def reset(self, *, seed=None, options=None): ...\n    def step(self, action): ...\n"
 _ABSTRACT = "class Game(gym.Env):\n    def step(self, action):\n        raise NotImplementedError\n"
 _DECORATED = "class Game(gym.Env):\n    @abc.abstractmethod\n    def draw(self): ...\n"
+_MADE = f"import gymnasium as gym\ndef build(size):\n{textwrap.indent(_ROOM, '    ')}    return Room\n"
 
 
 @pytest.mark.parametrize(
@@ -344,6 +346,11 @@ def test_an_encoding_that_python_does_not_know_has_a_line(invoke: Invoke, good: 
             "Game leaves draw() abstract",
         ),
         (_ROOM.replace("(gym.Env)", ""), "Room has reset and step but does not derive from gymnasium.Env"),
+        (
+            f"{_MADE}Other = build(3)\n",
+            "build() makes the class Room: name it with --class Other",
+        ),
+        (_MADE, "build() makes the class Room: define it at the top level"),
     ],
 )
 def test_a_class_that_is_no_environment_is_named_with_its_line(
