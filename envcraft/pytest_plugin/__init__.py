@@ -156,8 +156,13 @@ def pytest_configure_node(node: Any) -> None:
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_pycollect_makeitem(obj: object) -> None:
+    kind = obj if inspect.isclass(obj) else type(obj)
+    if _is_marked(vars(kind).get("pytestmark")) and hasattr(kind, "reset") and hasattr(kind, "step"):
+        # pytest takes a class as the only argument for what it decorates, and the test is gone.
+        words = f"the marker envcraft({kind.__name__}) marks {kind.__name__} itself, and no test"
+        raise pytest.Collector.CollectError(f"{words}; write envcraft(target={kind.__name__})")
     marks = getattr(obj, "pytestmark", None) if inspect.isfunction(obj) else None
-    if isinstance(marks, list) and any(mark.name == "envcraft" for mark in marks):
+    if _is_marked(marks):
         pytest.mark.usefixtures("envcraft")(obj)
 
 
@@ -212,6 +217,10 @@ def pytest_terminal_summary(terminalreporter: Any, exitstatus: int, config: pyte
             terminalreporter.write_line(f"envcraft: {words}")
         elif given:
             terminalreporter.write_line(f"envcraft: {given[0]} collects nothing; add --envcraft")
+
+
+def _is_marked(marks: object) -> bool:
+    return isinstance(marks, list) and any(mark.name == "envcraft" for mark in marks)
 
 
 def _loaded(name: str) -> Any:

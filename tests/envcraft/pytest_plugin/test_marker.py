@@ -74,6 +74,20 @@ def test_a_wrong_marker_is_a_sentence(pytester: pytest.Pytester, walk: Path, mar
     assert "another exception" not in result.stdout.str()
 
 
+@pytest.mark.parametrize("decorated", ["def test_it(): pass", "class TestIt:\n    def test_it(self, envcraft): pass"])
+def test_a_marker_that_marks_its_target_is_a_sentence(pytester: pytest.Pytester, decorated: str) -> None:
+    pytester.makepyfile(
+        game="class Game:\n    def __init__(self, size): ...\n    def reset(self): ...\n    def step(self, action): ...",
+        test_it=f"import game\nimport pytest\n@pytest.mark.envcraft(game.Game)\n{decorated}",
+    )
+    pytester.syspathinsert()
+    result = pytester.runpytest_inprocess("-p", "no:cacheprovider")
+    result.assert_outcomes(errors=1)
+    result.stdout.fnmatch_lines(
+        ["the marker envcraft(Game) marks Game itself, and no test; write envcraft(target=Game)"]
+    )
+
+
 def test_classes_are_judged_from_their_file(pytester: pytest.Pytester, walk: Path, canned: Canned) -> None:
     pytester.makepyfile(
         test_it="""
