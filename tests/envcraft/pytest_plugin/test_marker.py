@@ -77,7 +77,7 @@ def test_a_wrong_marker_is_a_sentence(pytester: pytest.Pytester, walk: Path, mar
 @pytest.mark.parametrize("decorated", ["def test_it(): pass", "class TestIt:\n    def test_it(self, envcraft): pass"])
 def test_a_marker_that_marks_its_target_is_a_sentence(pytester: pytest.Pytester, decorated: str) -> None:
     pytester.makepyfile(
-        game="class Game:\n    def __init__(self, size): ...\n    def reset(self): ...\n    def step(self, action): ...",
+        game="class Game:\n    def __init__(self, a): ...\n    def reset(self): ...\n    def step(self, action): ...",
         test_it=f"import game\nimport pytest\n@pytest.mark.envcraft(game.Game)\n{decorated}",
     )
     pytester.syspathinsert()
