@@ -43,7 +43,7 @@ def lookup(kind: str, name: str, known: Mapping[str, Any]) -> Any:
         UsageError: the name does not exist; the message suggests the nearest one.
     """
     if name not in known:
-        raise UsageError(f"there is no {kind} {did_you_mean(name, known)}", setting=kind)
+        raise UsageError(f"there is no {kind} {did_you_mean(str(name), known)}", setting=kind)
     return known[name]
 
 

@@ -214,6 +214,9 @@ def _words(finding: Finding, file: str) -> str:
 
 def _targets(target: str | os.PathLike[str] | type, env_class: str | None) -> list[Target]:
     if isinstance(target, type):
+        if env_class is not None:
+            words = f"{env_class!r} does not apply to the class {target.__name__}; leave it out"
+            raise UsageError(f"env_class {words}", setting="class")
         return [_class(target)]
     if isinstance(target, str) and "\n" in target:
         keep_source(target.encode())

@@ -457,7 +457,13 @@ def make_vec(
         UsageError: An environment does not exist, or spaces differ.
         EnvironmentFailed: An environment cannot be made.
     """
-    wanted = [names] if isinstance(names, str | os.PathLike) else list(names)
+    wanted = list(names) if isinstance(names, Sequence) and not isinstance(names, str) else [names]
+    for name in wanted:
+        if not isinstance(name, str | os.PathLike):
+            raise UsageError(f"{name!r} is not the name of an environment, and not a file; make_vec takes these")
+    if not isinstance(num_envs, int | None):
+        words = "make_vec takes all names as one list first, and their corpus as corpus="
+        raise UsageError(f"num_envs is {num_envs!r}, not a whole number; {words}")
     count = len(wanted) if num_envs is None else num_envs
     if not wanted or count < 1:
         raise UsageError(f"make_vec needs at least one name and one environment, and has {len(wanted)} and {count}")

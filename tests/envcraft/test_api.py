@@ -266,6 +266,8 @@ def test_check_env_raises_with_the_findings(tmp_path: Path, monkeypatch: pytest.
         ("CartPole-v1", {"kwargs": {"sise": 8}}, r"^kwargs: .* got an unexpected keyword argument 'sise'"),
         ("CartPole-v1", {"wrappers": ["nomod:func"]}, "^wrappers: the module nomod of the wrapper nomod:func"),
         ("CartPole-v1", {"budget": 3}, "there is no budget '3'; there are quick, standard, thorough"),
+        ("CartPole-v1", {"contract": None}, "there is no contract 'None'"),
+        (gymnasium.Env, {"env_class": "Cart"}, "env_class 'Cart' does not apply to the class Env; leave it out"),
         ("CartPole-v1", {"wrappers": ["TimeLimit"]}, "the wrapper 'TimeLimit' must be 'module:func'"),
     ],
 )

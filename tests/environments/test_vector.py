@@ -141,6 +141,16 @@ class TestUse:
             started(workers=-1)
         vector.step(np.zeros((2, 3), np.int64))
 
+    def test_what_names_no_environment_is_a_sentence(self, corpus: Path) -> None:
+        names: Any = Path
+        with pytest.raises(UsageError, match=r"Path'> is not the name of an environment, and not a file"):
+            envcraft.make_vec(names)
+        count: Any = ["ant"]
+        with pytest.raises(
+            UsageError, match=r"num_envs is \['ant'\], .* as one list first, and their corpus as corpus="
+        ):
+            envcraft.make_vec(corpus, count)
+
     def test_where_names_are_looked_up(self, corpus: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.chdir(tmp_path)
         monkeypatch.delenv("ENVCRAFT_CORPUS", raising=False)
