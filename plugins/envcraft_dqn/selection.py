@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from envcraft.errors import UsageError
+from envcraft.text import plural
 
 if TYPE_CHECKING:
     from envcraft.environments.sources import EnvSource
@@ -162,7 +163,8 @@ def _simulated(
             raise
         return None
     _report_skipped(len(located) - len(kept), len(located))
-    click.echo(f"{len(kept):,} environments run in the simulator of their family (--no-fast: by their files)", err=True)
+    played = plural(len(kept), "environment")
+    click.echo(f"the simulator of the family plays {played} (--no-fast: their files run)", err=True)
     return [one.name for one in kept]
 
 

@@ -209,7 +209,8 @@ class TestWindow:
     ("arguments", "words"),
     [
         (("nowhere.py",), "nowhere.py does not exist"),
-        ((".",), "holds 2 environments; play one, such as"),
+        ((".",), "holds 2 environments; play one, such as ./other.py"),
+        (("games",), "or any in the browser: `envcraft explore games`"),
         (("walk.py", "--contract", "arkade"), "did you mean arcade?"),
         (("walk.py",), "standard input and output must be a terminal"),
     ],
@@ -220,6 +221,8 @@ def test_a_usage_error_is_one_sentence(
     for name in ("DISPLAY", "WAYLAND_DISPLAY", "SDL_VIDEODRIVER"):
         monkeypatch.delenv(name, raising=False)
     good.with_name("other.py").write_text(good.read_text())
+    if "games" in arguments:
+        assert invoke("generate", "--family", "tetris", "--count", "2", "--corpus", "games").exit_code == 0
     result = invoke("play", *arguments)
     assert result.exit_code == 2
     assert words in result.stderr

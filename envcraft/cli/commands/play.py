@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import time
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
@@ -94,7 +95,10 @@ def play(
     promised = contract_named(contract)
     found = resolve(target, env_class)
     if len(found) > 1:
-        raise UsageError(f"{target} holds {len(found)} environments; play one, such as {found[0].path}")
+        from envcraft.corpus.store import is_corpus
+
+        more = f", or any in the browser: `envcraft explore {target}`" if is_corpus(Path(target)) else ""
+        raise UsageError(f"{target} holds {len(found)} environments; play one, such as {found[0].path}{more}")
     chosen = msgspec.structs.replace(found[0], kwargs=read_kwargs(kwargs), wrappers=read_wrappers(wrap))
     with uninterrupted():
         from envcraft.judging.engine import Plan, open_subject

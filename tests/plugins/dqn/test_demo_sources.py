@@ -54,7 +54,7 @@ def outcome(result: Result) -> list[dict[str, Any]]:
 def test_simulator_replaces_code_of_environments(games: Path, tmp_path: Path) -> None:
     playing = ("evaluate", games, "--player", "random", "--episodes", "20")
     done = run(*playing)
-    assert "3 environments run in the simulator of their family" in done.stderr
+    assert "the simulator of the family plays 3 environments" in done.stderr
     fast = outcome(done)
     assert outcome(run(*playing, "--no-fast", "--trust", "--workers", "0")) == fast
     assert len(fast) == COUNT
