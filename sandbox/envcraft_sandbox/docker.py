@@ -312,7 +312,8 @@ class Container:
         if self._stderr is not None:
             while gone and self._read():
                 pass
-            self._stderr.close()
+            # The SDK keeps the response, whose connection a closed stream leaves open.
+            getattr(self._stderr, "_response", self._stderr).close()
             self._stderr = None
         if gone:
             # Otherwise the next sweep removes it.

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import gc
 import json
 import secrets
 import signal
 import textwrap
+import warnings
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -284,6 +286,14 @@ class TestLaunch:
         worker.close()
         gone = set(recorded) - set(leftovers.containers().iterdir())
         assert len(gone) == 1
+
+    def test_no_connection_of_a_worker_stays_open(self, driver: DockerDriver, limits: Limits) -> None:
+        gc.collect()
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always", ResourceWarning)
+            driver.launch(hash_seed=0, limits=limits).close()
+            gc.collect()
+        assert [str(each.message) for each in caught] == []
 
 
 class TestProbe:
