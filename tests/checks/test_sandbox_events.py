@@ -109,6 +109,11 @@ LINES = {
         "max(itertools.count())",
         "while n < 3: n += 1\nself.steps > 30 and max(itertools.count())",
     ),
+    "call in a loop": (
+        "EC901",
+        "re.match(",
+        "while n < 3: n += 1\nfor n in range(2):\n    if self.steps > 30:\n        re.match('(a+)+$', 'a' * 40 + 'b')",
+    ),
     "long loop": ("EC901", "for n in range(10**12):", "while n < 3: n += 1\nfor n in range(10**12):\n    self.n = n"),
     "helper": ("EC901", "while n < 9:", "while n < 3: n += 1\nn = 3\nwhile n < 9:\n    free(n)"),
     "flood": ("EC904", "print('x' * 65536)", "n and print('x')\nprint('x' * 65536)"),
@@ -119,7 +124,7 @@ LINES = {
 @pytest.fixture(scope="module")
 def lined() -> dict[str, tuple[str, SubjectReport]]:
     """The game with each of these statements in step(), and its report."""
-    top = "import ctypes, itertools, time\ndef free(n):\n    return [n for _ in range(9)]\n"
+    top = "import ctypes, itertools, re, time\ndef free(n):\n    return [n for _ in range(9)]\n"
     texts = []
     for _, _, statement in LINES.values():
         lines = "".join(f"        {line}\n" for line in ["n = 0", *statement.splitlines()])

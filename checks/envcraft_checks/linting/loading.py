@@ -54,12 +54,11 @@ def writing_line(program: Program, stack: Sequence[int]) -> int | None:
 def waiting_line(program: Program, stack: Sequence[int]) -> int | None:
     """The line at which a stack, the innermost line first, does not end.
 
-    It is that of the call that waits, else that of the loop that the stack is in: a ``while`` before a ``for``, which
-    ends some time, and an inner one before those around it.
+    It is that of a call that is known to wait, else that of the ``while`` that the stack is in. A ``for`` ends some
+    time, so a call in it comes before it. Of loops, an inner one comes before those around it.
     """
-    if not stack or any(
-        program.path(call.func) in _ENDLESS or _name(call) in _WAITING for call in _calls(program, stack[0])
-    ):
+    calls = _calls(program, stack[0]) if stack else []
+    if not stack or any(program.path(call.func) in _ENDLESS or _name(call) in _WAITING for call in calls):
         return stack[0] if stack else None
     loops = [node for node in program.nodes if isinstance(node, ast.While | ast.For)]
     for endless in (True, False):
@@ -71,6 +70,8 @@ def waiting_line(program: Program, stack: Sequence[int]) -> int | None:
             ]
             if around:
                 return max(around)
+        if calls:
+            break
     return stack[0]
 
 
