@@ -54,6 +54,20 @@ def test_a_report_does_not_replace_what_is_judged(options: tuple[str, ...], invo
     assert good.read_text() == ENVIRONMENT
 
 
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("--report", "json:-"), "two reports have the same file, standard output"),
+        (("--output", "-", "--report", "json:-"), "two reports have the same file, standard output"),
+        (("--output", "a.json", "--report", "sarif:./a.json"), "a.json; name another file for one of them"),
+    ],
+)
+def test_two_reports_have_two_files(options: tuple[str, ...], words: str, invoke: Invoke, good: Path) -> None:
+    result = invoke("validate", good, *_CHEAP, "--checks", "source", *options)
+    assert (result.exit_code, result.stdout) == (2, "")
+    assert words in result.stderr
+
+
 def test_an_empty_output_is_standard_output(invoke: Invoke, good: Path) -> None:
     result = invoke("validate", good, *_CHEAP, "--checks", "source", "--format", "concise", "--output", "")
     assert (result.exit_code, result.stdout) == (0, "1 passed, 0 failed, 0 undecided: 0 findings, 0 warnings\n")

@@ -254,10 +254,10 @@ def read_reports(form: str | None, output: str | None, also: Iterable[str]) -> l
         if not path:
             raise UsageError(f"--report {words} must be FORMAT:FILE, such as sarif:report.sarif", setting="report")
         found.append((reporter_named(name), path))
-    files = [os.path.realpath(path) for _, path in found if path]
+    files = [os.path.realpath(path) if path and path != "-" else "standard output" for _, path in found]
     for path in files:
         if files.count(path) > 1:
-            raise UsageError(f"two reports have the same file {path}; name another file for one of them")
+            raise UsageError(f"two reports have the same file, {path}; name another file for one of them")
     return found
 
 
