@@ -108,7 +108,7 @@ def counts(checks: list[Check]) -> str:
     bad = sum(bool(fixture.codes) for fixture in every)
     return (
         f"EnvCraft has {len(checks)} checks with {rules} rules. "
-        f"The tests hold them to {bad} defective environments and {len(every) - bad} correct ones.\n"
+        f"They are tested on {bad} defective and {len(every) - bad} correct environments.\n"
     )
 
 

@@ -13,8 +13,8 @@ them after the next reset. It reads the spaces again after the reset, after 1, 2
 may be a new object if it is equal.
 
 The check searches for exceptions: it plays random actions, holds single actions, plays all actions in rotation,
-continues after a success, a reward or a loss, tries rare actions on copies of states (those of the longest episode, and
-the last ones on the way to a win), and explores from states in which few actions were tried.
+continues after a success, a reward or a loss, and explores from states in which few actions were tried. It also tries
+rare actions on copies of the states of the longest episode and of the last states before a win.
 
 ## Why is this bad?
 Agents batch, store and replay the values that an environment returns. One frame of another shape at the end of an

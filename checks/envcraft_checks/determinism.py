@@ -7,22 +7,23 @@ PYTHONHASHSEED, global random generators in another state, a shifted and faster 
 on the same instance, a second instance that is stepped alongside, `render()` between the steps, and actions as other
 callers pass them: in one array that they overwrite for each step, as int32, and as Python's ints and lists where the
 action space contains these. If this trace differs, the check tries each condition alone. The finding names the
-condition, the first step and the field: of an observation the part that differs, and of info the key. It also names
-the lines that draw from global generators, read the clock, use the order of a set, or write state that episodes or
-instances share, whichever the condition changes.
+condition, the first step and the field, with the part of an observation or the key of info that differs. It also names
+the lines that depend on the condition: lines that draw from global generators, read the clock, use the order of a set,
+or write state that episodes or instances share.
 
 Then the check plays both runs once more and compares their states after each step: the attributes of the environment
 and of its objects, class attributes, globals of the module, default arguments and random generators. The finding names
 what differs first, with both values, and the line that writes it: `self.speed differs first, after step 3: 0.25 and
-0.75, and line 41 writes it`. What also differs between two equal runs, such as a time of day, is not named. Of several
-fields that differ after the same step, the one that the others are calculated from is named.
+0.75, and line 41 writes it`. It does not name what also differs between two equal runs, such as the time of day. If
+several fields differ after the same step, it names the one from which the others are calculated.
 
-The line of a finding is the only one that writes the key of info, else the one that draws, reads or writes what differs
-first, else the first of those lines, else that of `reset` or `step`.
+The line of a finding is the first that is known of these: the only line that writes the key of info; the line that
+draws, reads or writes what differs first; the first of the lines that depend on the condition; the line of `reset` or
+`step`.
 
 The episodes are random play and the best episode of a search, such as a win. The earlier episodes include the same
-episode, the best one, a win several times, and one that does nothing until the end. Last, the first steps of random
-play are compared after many short episodes on the same instance, which other checks also judge.
+episode, the best one, a win several times, and one that does nothing until the end. Last, the check compares the first
+steps of random play after many short episodes on the same instance. Other checks judge these episodes, too.
 
 Different seeds must give different traces. One fixed level for every seed is a legitimate design and only a warning.
 Training passes a seed only to the first reset. The episodes after it must be the same when the program runs again. They

@@ -6,10 +6,10 @@ Checks that the game can be won, and that winning takes decisions.
 With `--policy FILE` a privileged policy plays in the worker: a class with `act(state)`, which reads the environment's
 attributes from the state, or a function `policy(env)`. The check then steps the policy's actions without the policy. If
 the traces differ, the policy changed the environment, unless the environment differs by itself. A policy that changes
-the environment, raises or chooses no valid action does not fail it: `envcraft validate` names the policy's line, and
-ends with status 2. These are findings only where a program writes the policy. A policy that never
-wins counts as clearly better than random play or doing nothing only if the 95% interval of its lead over both, on the
-same seeds, lies above zero.
+the environment, raises or chooses no valid action does not fail the environment: `envcraft validate` names the policy's
+line and exits with status 2. Such faults are findings only if a program wrote the policy. A policy that never wins must
+be clearly better than random play and doing nothing: the 95% interval of its lead over each, on the same seeds, must
+lie above zero.
 
 Without a policy, or if it does not win, a built-in player searches on copies of the environment's state, or replays
 actions if the state cannot be copied. The check then plays the actions that the search returns.
@@ -17,17 +17,17 @@ actions if the state cannot be copied. The check then plays the actions that the
 A game is unsolvable only if a search visited all reachable states without a positive outcome, and no whole episode
 reaches another state, since a hidden timer might open a door. A game is trivial if one held action, or the first moves
 of a greedy player, win on nearly every seed. This is a warning if wins are known only by the sign of a return that
-mostly pays for each step. Of the held actions that win the first episode, the five with the shortest ones are judged.
-If the budget settles neither, the check is skipped with the reason.
+mostly pays for each step. If many held actions win the first episode, the check judges the five that win fastest. If
+the budget settles neither question, the check is skipped with the reason.
 
 If the game can be won and has few states, the search also looks for a success on further seeds. A seed cannot be won if
 none of its reachable states is a success. Two such seeds are an error, and one is a warning.
 
-Where no proof is possible, but the exploration met no new state in its second half, a game without a positive outcome
-gets a warning. Another warning names the lines that `step()` can run, that pay, win or end the episode, and that no
-play and no search has reached; the worker reports which lines ran. It comes if the exploration met no new state in its
-second half, and at `standard` also if the game was won. Lines behind a count of steps, behind an option of the
-constructor or `render_mode`, in handlers of exceptions and in guards do not count, nor do penalties. If the check is
+If no proof is possible, but the exploration met no new state in its second half, a game without a positive outcome gets
+a warning. Another warning names lines of `step()` that pay, win or end the episode, and that no play and no search
+reached; the worker reports which lines ran. The check gives this warning if the exploration met no new state in its
+second half, and at `standard` also if the game was won. Penalties and guards do not count, nor do handlers of
+exceptions, and lines that depend on a count of steps, an option of the constructor or `render_mode`. If the check is
 skipped without a warning, the reason names these lines.
 
 ## Why is this bad?

@@ -3,13 +3,13 @@
 ## What it does
 Does nothing, on one seed after another, until it is settled whether this loses at once on more than 50% of seeds
 (EC701). To lose at once is to terminate within 30 steps without success. Later losses, truncations and wins do not
-count. Neither does a game that is short by design: doing nothing ends at the same step on every seed, no play lasts
-longer, and what is played decides the return.
+count. A game that is short by design does not count either: doing nothing ends at the same step on every seed, no play
+lasts longer, and the return depends on the actions.
 
-Plays a few random steps on many seeds. Where an episode ends at once, other actions are tried on the same seed. If they
-end it, too, within 3 steps, the seed is degenerate: nothing can be played. It is a defect if 10% of the seeds or more
-are, and surely more than 5% (EC702), unless episodes on other seeds are as short. It is a warning if surely more than
-2% are (EC703).
+Plays a few random steps on many seeds. If an episode ends at once, the check tries other actions on the same seed. A
+seed is degenerate if these also end the episode within 3 steps, so that nothing can be played. Degenerate seeds are an
+error (EC702) if they are at least 10% of the seeds and the 95% interval of their share lies above 5%, unless episodes
+on other seeds are as short. They are a warning (EC703) if the interval lies above 2%.
 
 ## Why is this bad?
 An untrained agent acts at random. If every early episode ends before it can act, it sees only the start and the loss. A

@@ -3,13 +3,13 @@
 ## What it does
 Plays at random until it is settled whether random play consistently wins, that is in more than 80% of episodes. A win
 is `is_success` if info reports it; otherwise it is a positive return at a terminated end that no other play clearly
-exceeds. If that return is mostly a payment for each step, it counts survival and not wins: the finding is a warning.
+exceeds. If that return mostly pays for each step, it measures survival and not wins, and the finding is a warning.
 
-Success that info reports at every step of every episode counts as such a win.
+It is the same defect if info reports success at every step of every episode.
 
 The check also compares the returns of all policies: if each earns the same positive return, the reward does not depend
-on play. If info reports success, this counts only after an episode with success. Play that reaches no end counts as
-different if it earns clearly more.
+on play. If info reports success, the check needs an episode with success for this. An episode without an end counts
+only if it earns clearly more, which shows that play matters.
 
 With `--policy FILE` the check also plays the actions of the privileged policy.
 

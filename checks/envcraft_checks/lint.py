@@ -9,15 +9,15 @@ The check runs after the others. If play has shown a defect of the same kind, fo
 global generator, that finding has the reproduction, and this check does not repeat it. A rule that is off by default
 reports only if `--select` names its code.
 
-Only branches under `if self.render_mode == "human"` and functions that nothing calls are left out. These are accepted:
-a generator made from `self.np_random` or from the seed, a constant seed for one level that only `reset()` draws, the
-clock for a frame rate or telemetry in info, sets that serve membership tests or are sorted, class attributes and
-globals that nothing writes, a table that only remembers results, a copy of a buffer. Sets of numbers, or of tuples of
+Only branches under `if self.render_mode == "human"` and functions that nothing calls are left out. The check accepts a
+generator made from `self.np_random` or from the seed, a constant seed for one level that only `reset()` draws, the
+clock for a frame rate or telemetry in info, sets that are sorted or only tested for membership, class attributes and
+globals that nothing writes, a table that only caches results, and a copy of a buffer. Sets of numbers, or of tuples of
 numbers, have the same order in each process.
 
 ## Why is this bad?
 Play reaches what random actions and searches reach. A draw from a global generator on the fifth level, or a list that
-all instances share, shows only to the agent that gets there, after days of training.
+all instances share, affects only the agent that gets there, after days of training.
 
 ## Example
 ```python

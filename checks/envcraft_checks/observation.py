@@ -12,20 +12,21 @@ rotation, or exploration. A game that gets stuck does so at different steps, and
 waiting game needs. A picture is also frozen if it stops changing after some step or reward of at least three episodes
 while the game continues. The game continues if the same action at the same picture earns different rewards, or if a
 search reaches different states that look the same. A game that is over or stuck does neither. Last, a picture is frozen
-if a search finds a state after which it stays as it is in at least 60 steps of four episodes, although moves lead to
-different states. A light that is off for a while comes back in these steps.
+if a search finds a state after which it does not change in four episodes, at least 60 steps in all, although moves lead
+to different states. These steps are enough for a light that is off for a while to come back.
 
 The contrast is too low if no channel of any picture spans more than eight of 255 levels. A dark game usually has a
 bright pixel in some picture. Small pictures may contain codes instead of colours, and so may grey pictures that no
 contract prescribes.
 
-An agent is invisible if no picture of episodes that each hold one move differs before their rewards and flags do,
-although moves lead to at least three lasting states of the game, or, if episodes do nothing after their first moves, to
-three different rewards or endings; two are a warning. A move may show late, or matter only while its button is pressed.
+An agent is invisible if two things hold. In episodes that each hold one move, no picture differs before the rewards and
+flags do. And moves lead to at least three different states of the game that last, or, in episodes that do nothing after
+the first moves, to at least three different results; two results are a warning. A move may become visible late, or
+matter only while its button is pressed.
 
-State is hidden (a warning) if three quarters of all rewards and terminations follow a picture and an action that had
-another result elsewhere, and the picture does not make the event likelier, in a game that draws no random numbers while
-it is played. Memory games do this on purpose.
+State is hidden (a warning) if three quarters of all rewards and terminations follow a picture and an action that also
+had another result, and the picture does not make the event more likely. The game must not draw random numbers during
+play. Memory games hide state on purpose.
 
 Noise is measured on the pixels that vary: each one minus its mean over time, correlated with itself one to four steps
 later while one action is held. The picture is noise if more than half of it changes at each step, no lag correlates,

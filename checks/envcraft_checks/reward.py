@@ -9,25 +9,27 @@ If `info["is_success"]` reports wins, the check compares the return of each win 
 same seed. It warns if no win has a positive last reward, a positive return, or a higher return than doing nothing.
 Step costs are fine: they make a win cheaper than idling to the end.
 
-A reward that is zero in all play and all searches is an error if the code returns zero wherever it returns a reward,
-and the contract counts a positive return as a win. Otherwise it is a warning if no success is reported, because play
-may not have reached the reward. With `--policy FILE` the policy's episodes count, too.
+A reward that is zero in all play and all searches is an error if the code only ever returns zero, and the contract
+counts a positive return as a win. Otherwise it is a warning if no success is reported, because play may not have
+reached the reward. With `--policy FILE` the policy's episodes count, too.
 
-The exploration also looks for loops: actions that lead back to the same picture and pay each time, and an action that
-is paid again after each single other one. A loop is farmable if repeating it in a plain episode earns clearly more than
-success on that seed within half of the longest episode. It is an error if it earns twice as much as every success that
-was played, else a warning. Without a success on the seed, nothing is reported: the pay may be the goal.
+The exploration also looks for loops: actions that lead back to the same picture and pay each time, and two actions in
+turn that pay each time. A loop is farmable if repeating it in a plain episode earns clearly more than a success on that
+seed within half of the longest episode. It is an error if the loop earns twice as much as every success that was
+played, else a warning. Without a success on the seed, the check reports nothing, because the reward of the loop may be
+the goal.
 
-Failing pays more if one held action, or a loss that pays more than the step that wins, earns clearly more than every
-success on its seed that takes half as long, and than the step that wins, and no success earns clearly more than it. It
-is an error if at least three successes show it, or two whose last steps are punished, else a warning. Varied play that
-fails and collects more than a short success does not count: a better success may collect the same.
+A failure is an episode of one held action, or a loss that pays more than the step that wins. Failing pays more if a
+failure earns clearly more than the step that wins and than every success on its seed that takes at most half as long,
+and no success earns clearly more than the failure. It is an error if at least three successes show this, or two whose
+last steps are punished, else a warning. Varied play that fails and collects more than a short success does not count,
+because a better success may collect the same.
 
-The line of a finding is the one that writes the reward, also where a method or a dictionary of the file gives it. If
-several lines do, the check plays the episode once more, and the worker notes which lines each call runs. The finding
-then names the line that ran in the call it is about: for a NaN the one that divides or takes a logarithm, for a value
-out of range the one without which it would be inside, and for what pays too much the one that pays most. If the calls
-do not tell, the line is that of `step`.
+The line of a finding is the one that writes the reward, even if a method or a dictionary of the file contains it. If
+there are several, the check plays the episode once more, and the worker records which lines each call runs. The finding
+then names a line that ran in the call in question: for a NaN the line that divides or takes a logarithm, for a value
+out of range the line that moved it out, and for excessive rewards the line that pays most. If the calls do not show the
+line, it is that of `step`.
 
 ## Why is this bad?
 One NaN turns every weight of a network into NaN. A rare reward of a million outweighs everything else that an agent

@@ -7,8 +7,8 @@ check fails unless the file is Python text that imports without an error and def
 
 Imports under `try: ... except ImportError`, `with suppress(ImportError):`, `if find_spec(...)`, `if TYPE_CHECKING:` and
 `if __name__ == "__main__":` are optional. The handler of such a `try` is required only if the module in its body is
-missing or not allowed. Of `if sys.version_info ...` only the branch that runs is required. An import inside a function
-is required as well, unless no code calls the function, or only a `__main__` block does.
+missing or not allowed. Under `if sys.version_info ...`, only the branch that runs is required. An import inside a
+function is required as well, unless no code calls the function, or only a `__main__` block does.
 
 Abstract bases, wrappers, private classes (`_Base`) and helper classes do not count as environments. `--class` selects
 one of several classes.

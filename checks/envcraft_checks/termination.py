@@ -5,29 +5,28 @@ Plays random, held, idle and mixed episodes to the contract's limit, and goes on
 loss. With `--policy FILE` it also plays the actions of the privileged policy. Each episode must end by itself by then.
 The end at the limit must be `truncated`, not `terminated`. Flags must be booleans of Python or NumPy. Some episode must
 last long enough to play. Gymnasium leaves open what `step` does after an episode's end, so flags that become false
-again are only a warning. It is an error if the first step after the end, and no other one, pays more than any step of
-an episode, or if it pays the same in five episodes, whose last steps do not pay that: the reward of the end comes a
-step late, and no agent receives it.
+again are only a warning. It is an error if the reward of the end comes a step late, because no agent receives it. The
+first step after the end, and no other one, then pays more than any step of an episode, or it pays the same in five
+episodes whose last steps pay something else.
 
-It also reads from the code what counts the steps. If nothing else limits an episode, play must not set this count back,
-count only the steps of some actions, or change the count past a number that it must equal.
+It also finds the step counter in the code. If nothing else limits an episode, play must not reset the counter, skip it
+for some actions, or increase it past a number that it must equal.
 
 A success must end the episode as `terminated`. If only `truncated` is set, the check looks for a longer episode on the
 same seed, which shows that the end is not a time limit.
 
-Where info reports no success, an end at the limit that pays more than any step before it is a goal, such as to survive
-so long, and may be terminated. A game may have a rule that ends it at a fixed step before the contract's limit, such as
-a torch that burns out. The check reports a time limit with swapped flags if all episodes that reach this step are
-terminated and all shorter ones are truncated. It also does so if the code names the limit, such as `max_steps`, and
-truncates nothing.
+If info reports no success, an end at the limit that pays more than any step before it is a goal, such as survival, and
+may be terminated. A game may have a rule that ends it at a fixed step before the contract's limit, such as a torch that
+burns out. The check reports a time limit with swapped flags if all episodes that reach this step are terminated and all
+shorter ones are truncated. It also does so if the code names the limit, such as `max_steps`, and truncates nothing.
 
-Under a contract with a limit, success ends the episode. An episode that continues is a defect if only time passes after
-its success: for at least 30 steps of any play, no reward is paid, or doing nothing earns a reward at each step. A
-temporary success, such as on a plate that opens a door, is fine.
+Under a contract with a limit, success ends the episode. It is a defect if only time passes after the success: for at
+least 30 steps of any play, no reward is paid, or doing nothing earns a reward at each step. A temporary success, such
+as on a plate that opens a door, is fine.
 
-A loss ends the episode, too. It is an error if an episode goes on after the step that costs most, is not rewarded
-differently any more, and shows and pays the same for at least 150 steps under other actions, up to the limit as far as
-the budget allows. A player who is only stunned, or who appears again, acts again before that.
+A loss ends the episode, too. It is an error if an episode goes on after the step that costs most, and its rewards do
+not change any more. For at least 150 steps, up to the limit if the budget allows, other actions must lead to the same
+pictures and rewards. A player who is only stunned, or who appears again, acts sooner than that.
 
 ## Why is this bad?
 An episode that never ends fills a replay memory with one situation and hangs evaluations. A time limit that is reported
@@ -404,7 +403,7 @@ class Termination(Check):
         if abs(late) > max(largest, *(_TIMES * abs(reward) for reward in rest)):
             words = f"no step of {len(traces)} episodes pays or costs more than {largest:g}"
         elif shown := self._owed(subject, traces, ended):
-            words = f"so it is in all of {shown} episodes, and none of their last steps pays that"
+            words = f"the same holds in all of {shown} episodes, and none of their last steps pays this reward"
         else:
             return
         yield self.finding(

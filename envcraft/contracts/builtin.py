@@ -39,7 +39,7 @@ ARCADE_NATIVE = msgspec.structs.replace(
 
 GYMNASIUM = Contract(
     name="gymnasium",
-    summary="all of Gymnasium's spaces, any length; API, determinism and finite rewards still hold",
+    summary="all of Gymnasium's spaces, any length; the rules on the API, determinism and finite rewards still apply",
     # The sign of a return means nothing if rewards have any size.
     success=Success(sign=False),
     project=True,

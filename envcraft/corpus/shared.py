@@ -32,8 +32,8 @@ class Shared(msgspec.Struct, frozen=True):
     def words(self) -> str:
         """One sentence for people."""
         share = f"{self.code} in {self.environments / self.judged:.0%} of {plural(self.judged, 'environment')}"
-        means = f"if the corpus means it, waive it by a contract with {self.waiver}"
-        return one_line(f"{share}: {means if self.waiver else 'they have one cause, probably'}")
+        means = f"if this is intended, waive it in a contract with {self.waiver}"
+        return one_line(f"{share}: {means if self.waiver else 'they probably have one cause'}")
 
 
 def shared_codes(counts: Mapping[str, int], judged: int, checks: list[Check]) -> list[Shared]:

@@ -46,4 +46,4 @@ class TimeLimit:
     def skip(self) -> OutOfTime:
         """Return the exception that ends a check at the limit, and record that the clock decided."""
         self.decided = True
-        return OutOfTime(f"out of time: the limit of {self.seconds:g} s is over")
+        return OutOfTime(f"out of time: the limit of {self.seconds:g} s is reached")

@@ -205,7 +205,7 @@ class ConsoleReporter(Reporter):
             line.append(f" {self._dot} {report.unjudged:,} not judged after the first failure")
         self._say(line)
         if late := sum(subject.out_of_time for subject in report.reports):
-            words = "what is undecided has not passed; a longer --time-limit lets it be judged"
+            words = "undecided checks have not passed; a longer --time-limit may settle them"
             self._say(_text(f"{plural(late, 'environment')} ran out of time: {words}", _WARNING))
         if findings and self.verbosity >= 0:
             self._say(_text(f"{self.again}Read about a rule: envcraft explain CODE.", "bright_black"))

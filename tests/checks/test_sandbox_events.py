@@ -174,6 +174,6 @@ def test_what_is_not_settled_in_time_is_skipped(tmp_path: Path) -> None:
     assert time.monotonic() - started < 15
     assert failing(report) == {"EC908"}
     assert report.out_of_time
-    late = [check for check in report.checks if check.reason == "out of time: the limit of 6 s is over"]
+    late = [check for check in report.checks if check.reason == "out of time: the limit of 6 s is reached"]
     assert late
     assert {check.verdict for check in late} == {Verdict.SKIP}

@@ -12,7 +12,7 @@ from envcraft.judging.selection import all_checks
 
 from .conftest import ENVIRONMENT, QUICK, Invoke
 
-_MEANT = "if the corpus means it, waive it by a contract with"
+_MEANT = "if this is intended, waive it in a contract with"
 
 
 @pytest.mark.parametrize(
@@ -20,8 +20,8 @@ _MEANT = "if the corpus means it, waive it by a contract with"
     [
         ({"EC112": 97, "EC201": 12}, 100, [f'EC112 in 97% of 100 environments: {_MEANT} render = "optional"']),
         ({"EC201": 10}, 10, [f'EC201 in 100% of 10 environments: {_MEANT} without = ["EC201"]']),
-        ({"EC901": 10}, 10, ["EC901 in 100% of 10 environments: they have one cause, probably"]),
-        ({"ZZ001": 10}, 10, ["ZZ001 in 100% of 10 environments: they have one cause, probably"]),
+        ({"EC901": 10}, 10, ["EC901 in 100% of 10 environments: they probably have one cause"]),
+        ({"ZZ001": 10}, 10, ["ZZ001 in 100% of 10 environments: they probably have one cause"]),
         ({"EC112": 79}, 100, []),
         ({"EC112": 9}, 9, []),
         ({}, 0, []),

@@ -277,7 +277,7 @@ def test_no_job_starts_or_runs_after_the_time_limit(parallel_jobs: int) -> None:
         assert not subject.out_of_time
         # Less is left than a job takes.
         subject.time_limit.seconds -= subject.time_limit.left - 0.2
-        with pytest.raises(Skip, match=r"out of time: the limit of [0-9.]+ s is over"):
+        with pytest.raises(Skip, match=r"out of time: the limit of [0-9.]+ s is reached"):
             subject.rollout(play(1))
         served = len(driver.served)
         subject.prefetch([play(seed) for seed in range(50)])

@@ -59,7 +59,7 @@ def test_the_verdict_stays_and_the_outcome_says_more() -> None:
 def test_what_ran_out_of_time_is_said_not_to_pass() -> None:
     report = sample()
     late = [msgspec.structs.replace(each, out_of_time=each.undecided != []) for each in report.reports]
-    words = "3 environments ran out of time: what is undecided has not passed; a longer --time-limit lets it be judged"
+    words = "3 environments ran out of time: undecided checks have not passed; a longer --time-limit may settle them"
     assert words in rendered(ConsoleReporter, msgspec.structs.replace(report, reports=late))
     assert "ran out of time" not in rendered(ConsoleReporter, report)
 

@@ -92,7 +92,7 @@ def _latches(program: Program, own: list[Function]) -> Iterator[Suspect]:
                 # What every step sets says nothing about the last episode.
                 sometimes = isinstance(program.parents[node], ast.If)
                 if function.field(target) == field and sometimes and not only_remembers(program, function, field, node):
-                    words = f"sets self.{field}, which reset() never sets back, so that it outlives the episode"
+                    words = f"sets self.{field}, which reset() never resets, so that it outlives the episode"
                     yield Suspect(line(node), words)
 
 

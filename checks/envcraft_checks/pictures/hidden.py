@@ -40,7 +40,7 @@ def find_hidden(subject: Subject, traces: list[Trace]) -> Defect | None:
     if hidden < _HIDDEN or hidden < _MOST * events:
         return None
     return Defect(
-        f"no picture shows when {hidden} of {events} events come (rewards other than {usual[0] + 0.0:g}, and "
+        f"no picture shows when {hidden} of {events} events occur (rewards other than {usual[0] + 0.0:g}, and "
         "terminations): the same action at the same picture also had another result, although the game draws no "
         "random numbers during play",
         traces[0].rollout.cut(traces[0].steps),

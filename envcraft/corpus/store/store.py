@@ -415,9 +415,10 @@ def _no_corpus(root: Path) -> str:
     """What there is instead of a corpus, and the next step."""
     name = shlex.quote(str(root))
     if not root.exists():
-        return f": it does not exist; `envcraft corpus init {name}` makes one, `envcraft audit FOLDER` one for a folder"
+        folder = "`envcraft audit FOLDER` makes one for a folder"
+        return f": it does not exist; `envcraft corpus init {name}` makes one, and {folder}"
     if not root.is_dir():
-        return " but a file; `envcraft corpus init NEW` makes one, `envcraft audit FOLDER` one for a folder"
+        return " but a file; `envcraft corpus init NEW` makes one, and `envcraft audit FOLDER` makes one for a folder"
     if any(file.endswith(".py") for _, _, files in os.walk(root) for file in files):
         return (
             f" but a folder of Python files; `envcraft audit {name}` judges them and keeps the verdicts there, "

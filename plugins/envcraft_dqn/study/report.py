@@ -120,7 +120,7 @@ def headline(summary: Summary) -> str:
     if "goals" in agent.means:
         others = [f"{rows[one].means['goals'].mean:.2f} {words}" for one, words in _BESIDE.items() if one in rows]
         cleared = _unsigned(agent.means["goals"], 2)
-        text += f" It clears {cleared} lines or groups in an episode, beside {' and '.join(others)}."
+        text += f" It clears {cleared} lines or groups in an episode, compared with {' and '.join(others)}."
     return text + "\n"
 
 
@@ -338,7 +338,7 @@ def _competence(summary: Summary) -> list[_Block]:
             [f"{one.environments:,}", _interval(one.training), _interval(one.held_out), _interval(one.gap)]
             for one in found.sizes
         ]
-        head = ["environments of the training", "return in some of them", "return in held-out environments", "gap"]
+        head = ["environments of the training", "training return", "held-out return", "gap"]
         blocks += [{"heading": "Scaling"}, {"head": head, "rows": curve}]
     return blocks
 

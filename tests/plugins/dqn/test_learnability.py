@@ -162,7 +162,7 @@ def test_time_limit_skips_the_check(tmp_path: Path, subject_of: Opened) -> None:
     subject = subject_of(BROKEN, 0.0)
     report = run_check(LEARNABILITY, subject)
     assert report.verdict is Verdict.SKIP
-    assert report.reason == "out of time: the limit of 0 s is over"
+    assert report.reason == "out of time: the limit of 0 s is reached"
 
 
 def test_training_uses_one_thread() -> None:
