@@ -269,7 +269,7 @@ class Source(Check):
         if beside is not None and name in beside.modules:
             return "a file of its project, which only `envcraft validate` and the audit of its folder judge with it"
         if name.startswith("."):
-            return f"which is no file of its package{_near_file(shown, Path(subject.target.path))}"
+            return f"which is not a file of its package{_near_file(shown, Path(subject.target.path))}"
         if name == "envcraft":
             return (
                 "which is not there where environments run; leave it out, or move it with what uses it to another file "

@@ -34,7 +34,7 @@ class PluginGroup(click.Group):
     ) -> tuple[str | None, click.Command | None, list[str]]:
         if args and not args[0].startswith("-") and self.get_command(ctx, args[0]) is None:
             if os.path.exists(args[0]):
-                ctx.fail(f"{args[0]!r} is no command; to judge it: {shlex.join(['envcraft', 'validate', args[0]])}")
+                ctx.fail(f"{args[0]!r} is not a command; to judge it: {shlex.join(['envcraft', 'validate', args[0]])}")
             ctx.fail(f"there is no command {did_you_mean(args[0], self.list_commands(ctx))}")
         return super().resolve_command(ctx, args)
 

@@ -35,7 +35,7 @@ def register(corpus: str | os.PathLike[str] | None = None, namespace: str = NAME
         UsageError: There is no corpus, or another one is registered under the namespace.
     """
     if not _NAMESPACE.fullmatch(namespace):
-        raise UsageError(f"{namespace!r} is no namespace: it must consist of letters, digits, _ and -")
+        raise UsageError(f"{namespace!r} is not a namespace: it must consist of letters, digits, _ and -")
     root = str(needed_corpus(corpus))
     specs = [_spec(identifier(name, namespace), root, name) for name in names(root)]
     for spec in specs:

@@ -81,7 +81,7 @@ def resolve(
         if path.endswith(".ipynb"):
             raise UsageError(f"{path} is a notebook; envcraft.validate(CLASS) in a cell judges a class of it")
         if os.path.splitext(path)[1].lower() in _OTHER:
-            raise UsageError(f"{path} is no Python file; the name of an environment's file ends in .py")
+            raise UsageError(f"{path} is not a Python file; the name of an environment's file ends in .py")
         target = read_target(path, env_class)
         if environments_only and not _is_environment(target):
             return []

@@ -492,5 +492,5 @@ def _resolve(name: str | os.PathLike[str], corpus: str | os.PathLike[str] | None
     """Look in the given corpus; else at the file, or else in the default corpus."""
     place = corpus if corpus is not None or Path(name).is_file() else default_corpus()
     if place is None and not Path(name).exists():
-        raise UsageError(f"{name} is no file, and no corpus is named that has it: give corpus=, or set {VARIABLE}")
+        raise UsageError(f"{name} is not a file, and no corpus is named that has it: give corpus=, or set {VARIABLE}")
     return resolve(name, None, contract) if place is None else resolve(place, os.fspath(name), contract)

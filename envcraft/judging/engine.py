@@ -255,7 +255,7 @@ def judge(
             if plan.fail_fast and report.verdict is Verdict.FAIL:
                 blocked = blocked or f"--fail-fast ends at the first error, and {check.name} has one"
             if (check.gate and report.verdict is Verdict.ERROR) or _stops(check, report):
-                blocked = f"it did not get past the check {check.name}"
+                blocked = f"the check {check.name} did not pass"
             done.append(report)
             if len(done) == 3 and not blocked:
                 # Workers that start earlier would delay the first episodes.
@@ -392,7 +392,7 @@ def run_check(
         report.verdict, report.reason = Verdict.ERROR, str(error)
         report.wrong_use = isinstance(error, UsageError)
     except Exception as error:
-        report.verdict, report.reason = Verdict.ERROR, f"the check broke: {type(error).__name__}: {error}"
+        report.verdict, report.reason = Verdict.ERROR, f"the check raised {type(error).__name__}: {error}"
     finally:
         subject.cache.cancel_pending()
     if report.verdict is not Verdict.ERROR and (_failed(report) or (severity.strict and report.undecided)):
@@ -428,7 +428,7 @@ def _take(
     if policy is not None and counted.severity is Severity.ERROR and check.rule(counted.code).about_policy:
         if policy.common:
             report.verdict, report.undecided = Verdict.SKIP, True
-            report.reason = f"the policy cannot play it: {finding.message}"
+            report.reason = f"the policy cannot play this environment: {finding.message}"
             return
         if severity.comments:
             raise UsageError(f"--policy: {finding.message}", setting="policy")
@@ -464,6 +464,6 @@ def _conclude(plan: Plan, subject: Subject, reports: list[CheckReport]) -> None:
             for finding in check.conclude(subject, reports):
                 _take(report, check, subject, finding, plan.severity)
         except Exception as error:
-            report.verdict, report.reason = Verdict.ERROR, f"the check broke: {type(error).__name__}: {error}"
+            report.verdict, report.reason = Verdict.ERROR, f"the check raised {type(error).__name__}: {error}"
         if report.verdict is not Verdict.ERROR and _failed(report):
             report.verdict = Verdict.FAIL

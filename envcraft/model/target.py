@@ -208,7 +208,7 @@ def read_policy(path: str) -> PolicyFile:
     except ValueError as error:
         raise UsageError(f"the policy {path} is not valid Python: {error}") from None
     if not any(map(_may_play, nodes(tree))):
-        raise UsageError(f"{path} is no policy: it defines no function policy(env) and no class with act(state)")
+        raise UsageError(f"{path} is not a policy: it defines no function policy(env) and no class with act(state)")
     return PolicyFile(path, source)
 
 

@@ -21,15 +21,15 @@ whose test modules nobody has read, use `envcraft validate`. Nothing else import
 environment nor tests is judged and not imported.
 
 ## Outcomes
-A finding fails its check. pytest prints it with the usual fix, the reproduction, and the commands that show it again.
-A check that does not apply is skipped with its reason. A check that leaves its question open is also skipped, and its
-reason begins with "undecided". The last line counts the environments that passed, failed or are undecided. A check
-that could not judge, or a missing sandbox, is an error with the next step, never a failure of the environment. Findings
-of severity warning are pytest warnings of the category `EnvCraftWarning`, so that
-`-W error::envcraft.pytest_plugin.EnvCraftWarning` turns them into failures. The
-severities of `pyproject.toml` and comments such as `# envcraft: ignore[EC203] reason` apply as
-[for `envcraft validate`](severity.md). The checks `source` and `sandbox` always run, because every verdict depends on
-them. If they are not selected, another test of the environment shows their findings.
+A finding fails its check. pytest prints it with the usual fix, the reproduction, and the commands that show it again. A
+check that does not apply is skipped with its reason. A check that leaves its question open is also skipped, and its
+reason begins with "undecided". The last line counts the environments that passed, failed or are undecided. A check that
+could not judge, or a missing sandbox, is an error with the next step, never a failure of the environment. Findings of
+severity warning are pytest warnings of the category `EnvCraftWarning`, so that
+`-W error::envcraft.pytest_plugin.EnvCraftWarning` turns them into failures. The severities of `pyproject.toml` and
+comments such as `# envcraft: ignore[EC203] reason` apply as in [`envcraft validate`](severity.md). The checks `source`
+and `sandbox` always run, because every verdict depends on them. If they are not selected, another test of the
+environment shows their findings.
 
 ## Classes
 The marker `envcraft` turns a test function into one test for each check of a target. Its body runs if the check
@@ -45,7 +45,7 @@ This gives `test_snake[source]`, `test_snake[api]`, and so on. `target` is a cla
 `sandbox` and `time_limit` are optional. On a test class, or as `pytestmark`, the marker applies to the tests that take
 the fixture `envcraft`.
 
-For properties that only you know there are [strategies and a state machine](testing.md).
+[Strategies and a state machine](testing.md) test properties that only you know.
 
 ## The fixture
 The fixture `envcraft` judges from within a test:

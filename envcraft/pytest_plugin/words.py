@@ -31,7 +31,7 @@ def failure(judged: Judged, reports: Iterable[CheckReport]) -> str:
 def error(judged: Judged, reports: Iterable[CheckReport]) -> str:
     """Return why checks could not judge, and the next step."""
     lines = [
-        f"the check {report.check} could not judge {one_line(judged.report.path)}, which is no failure of the "
+        f"the check {report.check} could not judge {one_line(judged.report.path)}, which is not a failure of the "
         f"environment: {one_line(report.reason)}"
         for report in reports
         if report.verdict is Verdict.ERROR

@@ -189,7 +189,7 @@ class GymnasiumStateMachine(RuleBasedStateMachine):
             flag = getattr(result, name)
             assert isinstance(flag, bool | np.bool_), f"{name} is {flag!r}, not a bool (EC504)"
         assert isinstance(result.info, dict), f"info is a {type(result.info).__name__} (EC114)"
-        assert all(isinstance(key, str) for key in result.info), "info has keys that are no str (EC114)"
+        assert all(isinstance(key, str) for key in result.info), "info has keys that are not str (EC114)"
         kept = copy.deepcopy(result.observation)
         self.last = result
         self._record.append(result._replace(observation=kept, info=None))

@@ -35,7 +35,7 @@ def read_config(context: click.Context, parameter: click.Parameter, file: Path |
     known = _options(context.command)
     for key in values:
         if key not in known:
-            raise UsageError(f"--config {file} has the key {key!r}, which is no option of `{context.command_path}`")
+            raise UsageError(f"--config {file} has the key {key!r}, which is not an option of `{context.command_path}`")
     context.default_map = {known[key]: value for key, value in values.items()}
 
 

@@ -116,7 +116,7 @@ def test_a_policy_plays_where_it_can_and_is_part_of_the_settings(tmp_path: Path,
     assert result.exit_code == 0, result.output
     assert reports["games/a.py"]["verdict"] == "pass", reports
     assert reports["games/b.py"]["undecided"]
-    assert "the policy cannot play it: the policy raises AttributeError" in reports["games/b.py"]["reason"]
+    assert "the policy cannot play this environment: the policy raises" in reports["games/b.py"]["reason"]
     assert not reports["games/b.py"]["findings"]
 
     def judged_again(*more: str) -> int:

@@ -91,7 +91,7 @@ def judged(*checks: Check, driver: Driver | None = None, targets: int = 1, worke
         (("EC901",), "fail", ""),
         ((Skip("cannot tell"),), "skip", "cannot tell"),
         (("EC901", Skip("no more")), "fail", "no more"),
-        ((ValueError("oops"),), "error", "the check broke: ValueError: oops"),
+        ((ValueError("oops"),), "error", "the check raised ValueError: oops"),
         ((WorkerLost("gone"),), "error", "gone"),
     ],
 )
@@ -111,7 +111,7 @@ def test_after_a_failed_gate_only_checks_that_always_run_are_run() -> None:
     checks = [StubCheck("one", "EC901"), StubCheck("two", "EC901", gate=True), StubCheck("three", "EC901")]
     (subject,) = judged(*checks, StubCheck("last", always=True)).reports
     assert [check.verdict for check in subject.checks] == ["fail", "fail", "skip", "pass"]
-    assert subject.checks[2].reason == "it did not get past the check two"
+    assert subject.checks[2].reason == "the check two did not pass"
 
 
 @pytest.mark.parametrize("workers", [1, 4])

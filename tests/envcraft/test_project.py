@@ -316,7 +316,7 @@ def test_a_relative_import_of_no_file_suggests_the_nearest(invoke: Invoke, good:
     (good.parent / "helpers.py").write_text("SIZE = 3\n")
     good.write_text(f"{statement}\n{ENVIRONMENT}")
     result = invoke("validate", good, "--sandbox", "process", "--contract", "gymnasium", "--format", "concise")
-    assert "line 1 imports .helper, which is no file of its package; did you mean .helpers?" in result.stdout
+    assert "line 1 imports .helper, which is not a file of its package; did you mean .helpers?" in result.stdout
 
 
 def test_a_message_names_files_as_the_project_does(invoke: Invoke, good: Path) -> None:

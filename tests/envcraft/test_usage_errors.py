@@ -199,7 +199,7 @@ def test_a_notebook_is_no_file_to_judge(invoke: Invoke, tmp_path: Path) -> None:
     ("target", "words"),
     [
         ("walk", "walk does not exist; did you mean walk.py?"),
-        ("README.md", "README.md is no Python file; the name of an environment's file ends in .py"),
+        ("README.md", "README.md is not a Python file; the name of an environment's file ends in .py"),
         ("CartPole", "CartPole does not exist; give a Python file, a folder with some,"),
     ],
 )
@@ -351,7 +351,7 @@ def test_a_baseline_may_come_through_a_pipe(invoke: Invoke, good: Path, tmp_path
         (["walk.py", "--baseline", "none.json"], "the baseline none.json does not exist; a baseline is a report that"),
         (["walk.py", "--baseline", "none.json"], "with --format json, without a baseline or with --baseline ''"),
         (["walk.py", "--policy", "play.py"], "the policy play.py is not valid Python: '(' was never closed (line 1)"),
-        (["walk.py", "--policy", "no.py"], "no.py is no policy: it defines no function policy(env) and no class with"),
+        (["walk.py", "--policy", "no.py"], "no.py is not a policy: it defines no function policy(env) and no class"),
     ],
 )
 def test_a_usage_error_has_a_next_step(
@@ -368,7 +368,7 @@ def test_a_usage_error_has_a_next_step(
 def test_a_file_in_place_of_a_command_has_a_next_step(invoke: Invoke, good: Path) -> None:
     result = invoke(good.name)
     assert result.exit_code == 2
-    assert "'walk.py' is no command; to judge it: envcraft validate walk.py" in result.stderr
+    assert "'walk.py' is not a command; to judge it: envcraft validate walk.py" in result.stderr
 
 
 def test_a_file_that_is_named_twice_is_judged_once(invoke: Invoke, good: Path) -> None:

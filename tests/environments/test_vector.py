@@ -154,7 +154,7 @@ class TestUse:
     def test_where_names_are_looked_up(self, corpus: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.chdir(tmp_path)
         monkeypatch.delenv("ENVCRAFT_CORPUS", raising=False)
-        with pytest.raises(UsageError, match=r"ant is no file, and .* give corpus=, or set ENVCRAFT_CORPUS"):
+        with pytest.raises(UsageError, match=r"ant is not a file, and .* give corpus=, or set ENVCRAFT_CORPUS"):
             envcraft.make_vec(["ant"], workers=0)
         (tmp_path / "ant.py").write_text(game("Here"))
         monkeypatch.setenv("ENVCRAFT_CORPUS", str(corpus))

@@ -290,7 +290,7 @@ def _replay(subject: Subject, item: Numbered, check: Check | None) -> ExitCode:
     except EnvCraftError as error:
         return _could_not([item], str(error))
     except Exception as error:
-        return _could_not([item], f"the check broke: {type(error).__name__}: {one_line(error)}")
+        return _could_not([item], f"the check raised {type(error).__name__}: {one_line(error)}")
     if found is None:
         click.echo(f"{_label(item)}: not reproduced: {one_line(item.finding.message)}")
         return ExitCode.FAIL

@@ -20,7 +20,7 @@ class Played(Check):
     """A check for ``envcraft play`` and ``envcraft replay`` only; it never judges."""
 
     name = "play"
-    rules = (Rule("EC000", "played", "A person played this episode.", "Nothing needs mending.", Severity.WARNING),)
+    rules = (Rule("EC000", "played", "A person played this episode.", "No fix is needed.", Severity.WARNING),)
 
     def judge(self, subject: Subject) -> Iterator[Finding]:
         raise Skip("a person plays, and no rule judges how")

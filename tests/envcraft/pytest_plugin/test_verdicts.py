@@ -115,7 +115,7 @@ def test_what_could_not_judge_is_an_error(walk: Path, run: Run, canned: Canned) 
     result.assert_outcomes(passed=CHECKS - 1, errors=1)
     result.stdout.fnmatch_lines(
         [
-            "the check reward could not judge games/walk.py, which is no failure*: the worker stopped *",
+            "the check reward could not judge games/walk.py, which is not a failure*: the worker stopped *",
             "Try it by itself: envcraft validate games/walk.py --contract arcade --budget quick *",
         ]
     )
@@ -148,7 +148,7 @@ def test_a_check_that_breaks_is_an_error(walk: Path, run: Run, monkeypatch: pyte
     monkeypatch.setattr(type(reward), "judge", broken)
     result = run("games/walk.py::reward")
     result.assert_outcomes(errors=1)
-    result.stdout.fnmatch_lines(["*the check broke: ValueError: out of cheese"])
+    result.stdout.fnmatch_lines(["*the check raised ValueError: out of cheese"])
 
 
 def test_warnings_are_shown_and_fail_nothing_unless_a_filter_wants_it(walk: Path, run: Run, canned: Canned) -> None:
@@ -183,7 +183,7 @@ def test_filters_of_the_tests_do_not_reach_the_judging(walk: Path, run: Run) -> 
 def test_checks_that_verdicts_rest_on_show_in_those_selected(walk: Path, run: Run, canned: Canned) -> None:
     canned.set("source", Verdict.FAIL, failing("EC003", "importing raises"))
     for check in ("api", "reward"):
-        canned.set(check, Verdict.SKIP, reason="the file did not get past the check source")
+        canned.set(check, Verdict.SKIP, reason="the check source did not pass")
     canned.set("sandbox", Verdict.FAIL, failing("EC905", "the network was asked for"))
     result = run("-v", "games", "-k", "api or reward")
     assert set(outcomes(result).values()) == {"FAILED"}

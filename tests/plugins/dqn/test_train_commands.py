@@ -83,7 +83,7 @@ def test_run_with_held_out_environments_and_its_configuration(corpus: Path, tmp_
     odd.write_text("speed = 3\n")
     refused = run("train", corpus, "--output", again, "--config", odd)
     assert refused.exit_code == 2
-    assert "the key 'speed', which is no option of" in " ".join(refused.output.split())
+    assert "the key 'speed', which is not an option of" in " ".join(refused.output.split())
     picture = tmp_path / "play.gif"
     playing = ("--player", f"checkpoint:{one}", "--trust", "--workers", "0", "--episodes", "2", "--device", "cpu")
     assert run("evaluate", corpus, *playing, "--gif", picture).exit_code == 0
