@@ -272,8 +272,8 @@ class Source(Check):
             return f"which is not a file of its package{_near_file(shown, Path(subject.target.path))}"
         if name == "envcraft":
             return (
-                "which is not there where environments run; leave it out, or move it with what uses it to another file "
-                'or below `if __name__ == "__main__":`'
+                "which is not available where environments run; leave it out, or move it and the code that needs "
+                'it to another file or below `if __name__ == "__main__":`'
             )
         near = _nearest(name, [each for each in (*(contract.libraries or ()), *known) if each != name])
         if installed and name not in _OLD_NAMES:

@@ -134,7 +134,7 @@ def check_options(stages: bool = False) -> Callable[[_F], _F]:
     Args:
         stages: ``--budget`` may name several budgets.
     """
-    more = ". Of several, such as quick,standard, a later one judges only what passes the earlier ones"
+    more = ". If there are several, such as quick,standard, each judges only what passes the one before"
     return _together(
         click.option(
             "--contract",

@@ -148,7 +148,7 @@ def resolve(target: str | os.PathLike[str], name: str | None = None, contract: s
     """
     if not isinstance(target, str | os.PathLike):
         kind = target if isinstance(target, type) else type(target)
-        words = "a file, or an environment of a corpus; a class that you have imported makes its instances itself"
+        words = "a file, or an environment of a corpus; to construct an instance of a class, call the class"
         raise UsageError(f"{kind.__name__} is a Python object, and envcraft.make takes {words}")
     path = Path(target)
     if path.is_file() or path.suffix == ".py":

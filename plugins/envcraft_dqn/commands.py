@@ -76,7 +76,7 @@ def _number(name: str, text: str, minimum: float = 1) -> Callable[[_F], _F]:
     is_eager=True,
     expose_value=False,
     callback=read_config,
-    help="TOML file with options, such as DIR/config.toml of an earlier run. Options on the command line come first.",
+    help="TOML file with options, such as DIR/config.toml of a run. Options on the command line take precedence.",
 )
 @click.option("--eval-every", type=click.IntRange(1), help="Updates between two tests in held-out environments.")
 @click.option(
@@ -121,7 +121,7 @@ def _number(name: str, text: str, minimum: float = 1) -> Callable[[_F], _F]:
     show_default=True,
     help="Random changes to frames in updates.",
 )
-@_number("lead", "Share of episodes of dataset aggregation that the advice of a simulator plays.", 0.0)
+@_number("lead", "Share of training episodes that follow the simulator's advice, for the objective dagger.", 0.0)
 @click.option(
     "--initial",
     metavar="AGENT",
@@ -139,7 +139,7 @@ def _number(name: str, text: str, minimum: float = 1) -> Callable[[_F], _F]:
 @_number("demonstrations", "Demonstrated steps in each environment.")
 @_number("num_envs", "Number of environments to step in parallel.")
 @_number("cycle", "Steps of an environment before another takes its turn.")
-@_number("segment", "Steps of an environment between two points at which a checkpoint is possible.")
+@_number("segment", "Steps of an environment between two possible checkpoints.")
 @_number("batch", "Transitions in an update.")
 @_number("learning_rate", "Learning rate of Adam.", 0.0)
 @click.option("--decay", is_flag=True, help="Let the learning rate fall linearly to zero.")

@@ -184,7 +184,8 @@ def _playable(player: Player, selection: Selection) -> list[EnvSource]:
         raise UsageError(f"{player.name} supports only the family {families}, and no environment belongs to it")
     if skipped := len(every) - len(found):
         click.echo(
-            f"skipped {skipped:,} of {len(every):,} environments of families that {player.name} does not support",
+            f"skipped {skipped:,} of {len(every):,} environments, because {player.name} does not support their "
+            "families",
             err=True,
         )
     return found

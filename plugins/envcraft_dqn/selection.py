@@ -187,4 +187,4 @@ def _located(target: Path, names: Sequence[str], contract: str | None) -> list[E
 
 def _report_skipped(skipped: int, count: int) -> None:
     if skipped:
-        click.echo(f"skipped {skipped:,} of {count:,} environments that have not passed", err=True)
+        click.echo(f"skipped {skipped:,} of {count:,} environments, because they have not passed", err=True)

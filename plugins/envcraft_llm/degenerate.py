@@ -126,7 +126,7 @@ def degenerate_reason(brief: str, first: Attempt, before: Attempt, repair: Attem
     if new is None:
         # The check ``source`` reports it.
         return ""
-    named = (before, "the attempt before"), (first, "the first attempt")
+    named = (before, "the previous attempt"), (first, "the first attempt")
     for (old, words), share in zip(named, (_PREVIOUS_SHARE, _FIRST_SHARE), strict=True):
         known = structure(old.source)
         if known is None:
@@ -152,18 +152,18 @@ def _less(brief: str, old: Structure, new: Structure, words: str, share: float) 
     if old.rewards >= 2 and new.rewards < share * old.rewards:
         yield f"rewards: {_left(new.rewards, 'statement')} of the {old.rewards} by which {words} pays"
     if old.wins and not new.wins:
-        yield f"winning: nothing sets that the game is won any more, as {words} does"
+        yield f"winning: the code no longer records a win, which {words} does"
     if old.losses and not new.losses:
-        yield f"ending: nothing ends the game any more, as {words} does"
+        yield f"ending: the code no longer ends the game, which {words} does"
     if old.random and not new.random:
-        yield f"chance: no random number is drawn any more, as {words} does"
+        yield f"chance: the code no longer draws random numbers, which {words} does"
     # Without any visible index, the action is read in a way that is not recognised.
     if gone := sorted(old.parts - new.parts) if new.parts else []:
-        yield f"controls: the action's part {gone[0]} is not read any more, as {words} does"
+        yield f"controls: the code no longer reads part {gone[0]} of the action, which {words} does"
     required = {float(number) for number in _NUMBER.findall(brief)} - {0.0, 1.0, 2.0, 84.0, 255.0}
     had, has = required & old.numbers, required & new.numbers
     if len(had) >= _MIN_NUMBERS and len(has) < share * len(had):
-        yield f"parameters: of the brief {_left(len(has), 'number')} of the {len(had)} in {words}"
+        yield f"parameters: {_left(len(has), 'number')} of the {len(had)} of the brief in {words}"
 
 
 def _left(number: int, noun: str) -> str:

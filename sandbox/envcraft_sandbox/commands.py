@@ -34,12 +34,12 @@ _TABLE = 72
 @click.option("--format", "form", type=click.Choice(["console", "json"]), default="console", show_default=True)
 @runtime_option
 def doctor(form: str, runtime: str | None) -> None:
-    """Check which sandboxes work here and how to fix them.
+    """Check which sandboxes work here, and how to fix the others.
 
     The command starts a worker in each sandbox. It lists the active layers, the missing layers, and how to add each.
 
     \b
-    Exit status: 0 some sandbox works    3 none does
+    Exit status: 0 a sandbox works    3 none works
     """
     from envcraft.judging.selection import under
     from envcraft.plugins import plugins

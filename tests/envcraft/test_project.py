@@ -411,7 +411,7 @@ def test_an_audit_says_that_it_takes_single_files(maze: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "words"),
     [
-        ("envcraft", "line 1 imports envcraft, which is not there where environments run; leave it out, or move it"),
+        ("envcraft", "line 1 imports envcraft, which is not available where environments run; leave it out, or move"),
         ("msgspec", "line 1 imports msgspec, which the contract arcade does not allow; it allows numpy, gymnasium, "),
         ("gym", "line 1 imports gym, which is not a known library; did you mean gymnasium?"),
     ],

@@ -32,7 +32,7 @@ class _ExportCommand(click.Command):
     "--licence", metavar="NAME", help="The licence of the sources, such as mit, if the corpus does not state one."
 )
 def export(corpus: Path, form: str, output: Path, name: str | None, everything: bool, licence: str | None) -> None:
-    """Export the environments of a corpus that have passed, with their verdicts.
+    """Export the environments that have passed, with their verdicts.
 
     CORPUS is a corpus or an audited folder.
     """

@@ -222,11 +222,11 @@ def transfer(
     workers: int | None,
     **options: Any,
 ) -> None:
-    """Measure how training in some families helps in another one.
+    """Measure how training transfers between families.
 
     For each family, an agent trains on all other families. It is tested in the family without further training, and
-    after several numbers of steps there, beside agents from random weights. The same command resumes an interrupted
-    study, and writes DIR/report.md, DIR/report.html and their data.
+    after several numbers of steps there, compared with agents from random weights. The same command resumes an
+    interrupted study, and writes DIR/report.md, DIR/report.html and their data.
     """
     import msgspec
 

@@ -96,7 +96,9 @@ def select(corpus: Path, patterns: Sequence[str]) -> list[StudyEnv]:
         duplicates = clusters(store, _SAME, members=[row.environment for row in rows]).clusters
     copies = {name for cluster in duplicates for name in cluster.members[1:]}
     if copies:
-        click.echo(f"skipped {len(copies):,} of {len(rows):,} environments that are copies of others", err=True)
+        click.echo(
+            f"skipped {len(copies):,} of {len(rows):,} environments, because they are copies of others", err=True
+        )
     envs = [_study_env(*row) for row in rows if row.environment.name not in copies]
     if not envs:
         such = f" that matches {' or '.join(patterns)}" if patterns else ""

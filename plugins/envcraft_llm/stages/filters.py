@@ -22,14 +22,14 @@ async def current_attempt(
     """
     attempt = state.best
     if attempt is None:
-        return StageOutcome("failed", "not judged: there is no attempt that was judged")
+        return StageOutcome("failed", "not judged: no attempt was judged")
     if attempt.report is None:
         await context.judge(state, attempt)
         context.keep_attempt(state, attempt)
         assert attempt.report is not None
         checks = frozenset(check.check for check in attempt.report.checks)
         if failed := findings(attempt.report, checks - pending):
-            return StageOutcome("rejected", f"judged anew: {summary_line(failed)}", {"attempt": attempt.number})
+            return StageOutcome("rejected", f"judged again: {summary_line(failed)}", {"attempt": attempt.number})
     return attempt
 
 

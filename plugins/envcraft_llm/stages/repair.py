@@ -98,6 +98,6 @@ def _outcome(state: ConceptState, current: Attempt) -> StageOutcome:
     passing = next((one for one in state.attempts if one.degenerate and not to_repair(one.report)), None)
     if passing is not None:
         return StageOutcome(
-            "rejected", f"gutted: attempt {passing.number} passes by being less ({passing.degenerate})", facts
+            "rejected", f"gutted: attempt {passing.number} passes by doing less ({passing.degenerate})", facts
         )
     return StageOutcome("rejected", f"unfixable: {summary_line(failed)}", facts)

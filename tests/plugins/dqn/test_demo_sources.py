@@ -98,7 +98,7 @@ def test_failed_environments_are_skipped(games: Path) -> None:
         report = SubjectReport(FIRST, "", source, Verdict.FAIL, "process", 0.1, 10, [])
         store.record(Environment(FIRST, source, ""), store.settings(given), report)
     done = run("evaluate", games, "--player", "noop", "--episodes", "2")
-    assert "skipped 1 of 3 environments that have not passed" in done.stderr
+    assert "skipped 1 of 3 environments, because they have not passed" in done.stderr
     assert FIRST not in [one["name"] for one in outcome(done)]
     assert "has the verdict fail" in run("evaluate", games, "--player", "noop", "--select", FIRST).output
 

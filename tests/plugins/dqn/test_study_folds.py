@@ -76,7 +76,7 @@ def test_copies_are_chosen_among_those_that_are_asked_for(tmp_path: Path, capsys
         ):
             store.add(name, source)
     assert [one.name for one in select(tmp_path / "corpus", ())] == ["a.py", "e.py"]
-    assert "skipped 3 of 5 environments that are copies of others" in capsys.readouterr().err
+    assert "skipped 3 of 5 environments, because they are copies of others" in capsys.readouterr().err
     for other in "bcd":
         assert [one.name for one in select(tmp_path / "corpus", [f"[{other}e].py"])] == [f"{other}.py", "e.py"]
 

@@ -72,7 +72,7 @@ def test_a_degenerate_repair_is_rejected_with_the_reason() -> None:
 
 def test_only_degenerate_repairs_pass() -> None:
     outcome, about, _ = repaired(GUTTED)
-    assert outcome.reason.startswith("gutted: attempt 1 passes by being less")
+    assert outcome.reason.startswith("gutted: attempt 1 passes by doing less")
     assert about.best is about.attempts[0]
 
 
@@ -93,11 +93,11 @@ def test_findings_of_later_stages_are_not_repaired() -> None:
 @pytest.mark.parametrize(
     ("stage", "code", "reason"),
     [
-        (Instawin(), "EC107", "judged anew: EC107"),
+        (Instawin(), "EC107", "judged again: EC107"),
         (Instawin(), "EC601", "instawin: EC601"),
-        (Privileged(), "EC601", "judged anew: EC601"),
+        (Privileged(), "EC601", "judged again: EC601"),
         (Privileged(), "EC801", "too hard: EC801"),
-        (Validated(), "EC801", "judged anew: EC801"),
+        (Validated(), "EC801", "judged again: EC801"),
     ],
 )
 def test_an_attempt_under_other_settings_is_judged_again(stage: Stage, code: str, reason: str) -> None:
