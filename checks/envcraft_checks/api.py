@@ -343,7 +343,7 @@ class Api(Check):
         for change in trace.spaces[:1]:
             words = f"{change.name} is {change.now} at {_at(change.step)}, but was {change.before} before the reset"
             if change.now == change.before:
-                words = f"{change.name}, {change.now}, has other bounds at {_at(change.step)} than before the reset"
+                words = f"{change.name} is {change.now} at {_at(change.step)}, with other bounds than before the reset"
             line = subject.line_of("step" if change.step else "reset")
             yield self.finding("EC115", f"{words} (under {who})", line=line, step=change.step)
         for problem in trace.render_problems:

@@ -159,8 +159,8 @@ class Speed(Check):
         evidence = {"steps": trace.steps, "steps_per_second": rate, "minimum": minimum}
         if growing is None:
             waits = trace.end is not None and trace.end.cpu < trace.end.busy / 2
-            time = "with much waiting" if waits else "of processor time"
-            words = f"a step takes {1e3 / rate:.3g} ms {time}, which allows {rate:.2g} steps a second"
+            time = ", mostly waiting" if waits else " of processor time"
+            words = f"a step takes {1e3 / rate:.3g} ms{time}, which allows {rate:.2g} steps a second"
         else:
             last = growing.at(subject.length)
             rate = 1e6 / last

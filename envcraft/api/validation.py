@@ -223,7 +223,7 @@ def _targets(target: str | os.PathLike[str] | type, env_class: str | None) -> li
         return [Target("source.py", target.encode(), env_class)]
     if isinstance(target, gymnasium.Env):
         name = type(target).__name__
-        raise UsageError(f"validate() judges no instance; give the class {name}, or call envcraft.check_env(env)")
+        raise UsageError(f"validate() takes no instance; pass the class {name}, or call envcraft.check_env(env)")
     if not isinstance(target, str | os.PathLike):
         words = "give a file, a folder, a class, package.module:Class, an id or the text of a module"
         raise UsageError(f"{target!r} is not a target; {words}")

@@ -165,7 +165,7 @@ class _Dispatch:
         if self._losses[number] < _LOSSES:
             self._again.append(number)
         else:
-            yield self._give_up(number, f"the executor {self._name} lost it {_LOSSES} times: {why}")
+            yield self._give_up(number, f"the executor {self._name} lost this task {_LOSSES} times: {why}")
 
     def _give_up(self, number: int, reason: str) -> tuple[int, Event]:
         named = self._started.pop(number)

@@ -98,7 +98,7 @@ def test_some_steps_that_wait_long() -> None:
     """An animation that is drawn at a fixed rate waits, although most steps do not."""
     (finding,) = found(game("time.sleep(0.4 * (self.steps % 4 == 0))"))
     assert finding.code == "EC909"
-    assert "with much waiting" in finding.message
+    assert "mostly waiting" in finding.message
 
 
 def test_steps_of_nearly_a_second() -> None:

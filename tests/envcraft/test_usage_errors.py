@@ -142,7 +142,7 @@ def test_a_file_of_settings_that_is_no_toml_is_an_error(invoke: Invoke, good: Pa
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (("audit", ""), "the place is empty; give a corpus or a folder"),
+        (("audit", ""), "CORPUS|FOLDER is empty; name a corpus or a folder"),
         (("audit", ".", "--report", ""), "--report is empty; name a folder, or FORMAT:FILE"),
         (("replay", "report.json", "--gif", ""), "--gif is empty; name a file like episode.gif"),
     ],

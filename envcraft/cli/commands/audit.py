@@ -243,7 +243,7 @@ def _open(place: str, store: str | None, with_projects: bool) -> tuple[Store, st
             raise UsageError(f"the corpus {place} is empty; `envcraft corpus add {place} FOLDER` adds environments")
         return opened, "", None
     if not place.strip():
-        raise UsageError("the place is empty; give a corpus or a folder, such as . for the working directory")
+        raise UsageError("CORPUS|FOLDER is empty; name a corpus or a folder, such as . for the working directory")
     if not os.path.isdir(place):
         raise UsageError(f"{place} is neither a corpus nor a folder; `envcraft validate` judges single files")
     root = Path(store) if store is not None else Path(place, FOLDER_CORPUS)

@@ -308,11 +308,11 @@ def _competence(summary: Summary) -> list[_Block]:
         names = "; ".join(_name(one) for one in found.unbeaten)
         gate = (
             "The gate is not passed: in environments of its own training, the agent's lead in return is not above "
-            f"zero over these controls: {names}. It has not learned to play, so that no figure below measures "
+            f"zero over these controls: {names}. It has not learned to play, so no figure below measures "
             "generalisation."
         )
     else:
-        gate = "The agent was not tested in environments of its training (--familiar), so that the gate is closed."
+        gate = "The agent was not tested in environments of its training (--familiar), so the gate is closed."
     blocks: list[_Block] = [{"heading": "Competence"}, {"text": gate}]
     for rows, where in ((found.training, "environments of the training"), (found.held_out, "held-out environments")):
         if rows:

@@ -75,7 +75,7 @@ def test_single_environment_has_an_infinite_interval(tmp_path: Path) -> None:
     results = {one.task.name: one for one in found}
     report = write(tmp_path, protocol, "search", results, summarise(protocol, results, {"easy": ""})).read_text()
     assert "\\[-inf, inf\\]" in report
-    assert "so that the gate is closed" in report
+    assert "so the gate is closed" in report
 
 
 def test_gate_needs_a_lead_over_every_control_in_training_environments(tmp_path: Path) -> None:
