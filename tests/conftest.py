@@ -11,17 +11,22 @@ slow machine reports the results that it has. The later tests are skipped, and t
 
 from __future__ import annotations
 
+import contextlib
 import os
 import signal
 import time
-from collections.abc import Generator
+from collections.abc import Callable, Generator
 from pathlib import Path
 from typing import Any
 
 import hypothesis
 import pytest
+from envcraft_sandbox.bubblewrap import BubblewrapDriver
+from envcraft_sandbox.process import ProcessDriver
 
+from envcraft.judging.driver import Driver
 from envcraft.judging.engine import cores
+from envcraft.judging.installed import Installed
 
 ROOT = Path(__file__).resolve().parent.parent
 # Other tests may take the processor for seconds while Hypothesis draws one example.
@@ -109,6 +114,42 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: p
     for title, text in config.stash.get(_SECTIONS, {}).items():
         terminalreporter.section(title)
         terminalreporter.write_line(text)
+
+
+@pytest.fixture(scope="session")
+def zygotes() -> Generator[dict[tuple[str, Installed], Driver]]:
+    """Drivers that fork their workers, by the driver's name and what its workers can import."""
+    with contextlib.ExitStack() as closing:
+        found: dict[tuple[str, Installed], Driver] = {}
+        yield found
+        for driver in found.values():
+            closing.callback(type(driver).close, driver)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def shared_zygotes(zygotes: dict[tuple[str, Installed], Driver]) -> Generator[None]:
+    """Fork the workers of all validations in this process from the same zygotes, as one audit does.
+
+    A launched worker imports NumPy and Gymnasium, which takes longer than most tests. Workers that a check wants fresh
+    are launched, and commands that run in a process of their own launch all workers.
+    """
+
+    def sharing(original: Callable[[Any], Driver]) -> Callable[[Any], Driver]:
+        def shared_layout(driver: Any) -> Driver:
+            key = (driver.name, driver._found)
+            if key not in zygotes:
+                zygotes[key] = original(driver)
+                # The pool closes the driver, and the next validation uses it again.
+                vars(zygotes[key])["close"] = lambda: None
+            return zygotes[key]
+
+        return shared_layout
+
+    with pytest.MonkeyPatch.context() as patch:
+        for driver in (ProcessDriver, BubblewrapDriver):
+            patch.setattr(driver, "shared_layout", sharing(driver.shared_layout))
+            patch.setattr(driver, "shares_from", 0)
+        yield
 
 
 @pytest.fixture(scope="session")

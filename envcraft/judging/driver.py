@@ -247,12 +247,14 @@ class Driver(ABC):
         rank: ``auto`` selects the working driver with the highest rank.
         packages: names of packages that the driver starts by name, such as its worker. A change in them makes verdicts
             stale.
+        shares_from: the number of subjects from which on the workers of a run share their memory layout.
     """
 
     name: str
     isolation: Isolation
     rank: int
     packages: tuple[str, ...] = ()
+    shares_from = 2
 
     @abstractmethod
     def probe(self) -> Availability:

@@ -26,8 +26,8 @@ _WARM = 3
 class WorkerPool:
     """The workers of one run.
 
-    The pool starts one worker ahead for each subject, and those that leases reserve, a few at a time. For more than one
-    subject they share their memory layout where the driver can do that, because they start faster then. Use it as a
+    The pool starts one worker ahead for each subject, and those that leases reserve, a few at a time. For several
+    subjects they share their memory layout where the driver can do that, because they start faster then. Use it as a
     context manager, or close it.
 
     Args:
@@ -43,7 +43,7 @@ class WorkerPool:
         self.driver = driver
         self.limits = limits or Limits()
         self.closed = False
-        self._shared = driver.shared_layout() if subjects > 1 else driver
+        self._shared = driver.shared_layout() if subjects >= driver.shares_from else driver
         self._reserved = Counter({0: subjects})
         self._warm: list[tuple[int, Future[Worker]]] = []
         self._workers: weakref.WeakSet[Worker] = weakref.WeakSet()

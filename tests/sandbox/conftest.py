@@ -122,6 +122,11 @@ def play(
     return Ran(end, recording.trace, recording.description)
 
 
+@pytest.fixture(scope="module", autouse=True)
+def shared_zygotes() -> None:
+    """Start workers as a run does, because these tests are about that."""
+
+
 @pytest.fixture(name="play", scope="session")
 def _play() -> Play:
     return play
