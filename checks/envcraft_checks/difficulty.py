@@ -92,6 +92,7 @@ class Difficulty(Check):
             "unsolvable-seeds",
             "On some seeds no positive outcome can be reached.",
             "Search for a way to the goal in reset(), and draw again if there is none.",
+            confirmed_by=("EC503",),
         ),
         Rule(
             "EC808",

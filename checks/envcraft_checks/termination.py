@@ -361,7 +361,7 @@ class Termination(Check):
         longest = max(ended, key=lambda trace: trace.steps)
         yield self.finding(
             "EC503",
-            f"all {len(ended)} episodes end within {longest.steps} steps under every policy",
+            f"all {len(ended)} episodes end within {plural(longest.steps, 'step')} under every policy",
             line=subject.line_of("step"),
             repro=repro(longest.rollout.cut(longest.steps)),
             episodes=len(ended),
