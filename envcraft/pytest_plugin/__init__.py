@@ -54,7 +54,7 @@ The fixture `envcraft` judges from within a test:
 def test_every_level(envcraft):
     envcraft.check("games/snake.py", checks=["api"])        # fails the test if a check fails
     report = envcraft.judge(Snake, budget="quick")          # returns the report
-    assert report.verdict == "pass" and report.steps > 1000
+    assert report.outcome == "pass" and report.steps > 1000
 ```
 
 The marker and the fixture work without `--envcraft`, which only collects files.
