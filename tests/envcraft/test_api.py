@@ -278,7 +278,7 @@ def test_a_wrong_argument_is_named(target: Any, options: dict[str, Any], words: 
 
 def test_validate_says_what_judges_an_instance() -> None:
     env: Any = gymnasium.make("CartPole-v1").unwrapped
-    with pytest.raises(envcraft.UsageError, match=r"give the class CartPoleEnv, or call envcraft.check_env\(env\)"):
+    with pytest.raises(envcraft.UsageError, match=r"pass the class CartPoleEnv, or call envcraft.check_env\(env\)"):
         envcraft.validate(env, **_CHEAP)
 
 

@@ -94,7 +94,7 @@ def test_an_id_of_another_corpus_is_not_taken_over(corpus: Path, tmp_path: Path)
         store.add("ant.py", b"1")
     with pytest.raises(UsageError, match=r"EnvCraft/ant-v0 is taken by .*games.*another namespace"):
         envcraft.register(tmp_path / "other")
-    with pytest.raises(UsageError, match="no namespace"):
+    with pytest.raises(UsageError, match="not a namespace"):
         envcraft.register(corpus, "a/b")
 
 
