@@ -106,6 +106,7 @@ class Determinism(Check):
             "earlier-episodes",
             "The trace depends on earlier episodes.",
             "Let reset() set every attribute that step() changes.",
+            confirmed_by=("EC115",),
         ),
         Rule(
             "EC207",
@@ -278,9 +279,6 @@ class Determinism(Check):
         together = conditions.together(subject, rollout, left_out)
         everything = subject.rollout(rollout.under(together), alone=True)
         found = diverge(base, everything, info)
-        if everything.fault is not None and everything.fault.phase == "spaces":
-            # EC115 reports it.
-            return
         if found is None and not interrupted(everything):
             return
         alone = [each for each in conditions.alone(subject, rollout) if each[2] not in left_out]
