@@ -5,6 +5,8 @@ from __future__ import annotations
 import os
 
 _MODE = 0o700
+#: No game nests folders this deeply. Each level makes all paths below it slower to look up.
+_DEPTH = 100
 
 
 class JobFolder:
@@ -34,16 +36,20 @@ class JobFolder:
     def bytes(self, most: int) -> int:
         """The disk space of its files in bytes. Counting stops beyond `most`.
 
-        Each entry counts for something. A folder that cannot be read counts for more than `most`.
+        Each entry counts for something. A folder that cannot be read, or that lies 100 folders deep, counts for more
+        than `most`.
         """
-        total, folders = 0, [self.path]
+        total, folders = 0, [(self.path, 0)]
         while folders and total <= most:
+            path, depth = folders.pop()
+            if depth > _DEPTH:
+                return most + 1
             try:
-                with os.scandir(folders.pop()) as entries:
+                with os.scandir(path) as entries:
                     for entry in entries:
                         total += entry.stat(follow_symlinks=False).st_blocks * 512 + 1024
                         if entry.is_dir(follow_symlinks=False):
-                            folders.append(entry.path)
+                            folders.append((entry.path, depth + 1))
             except FileNotFoundError:
                 continue
             except OSError:
