@@ -115,7 +115,7 @@ class Api(Check):
             "EC107",
             "step-raises",
             "step() raises.",
-            "Fix the line that the finding names; the reproduction reaches it.",
+            "Fix the line that raises; the reproduction reaches it.",
         ),
         Rule(
             "EC108",

@@ -140,10 +140,20 @@ def environments_below(folder: str, env_class: str | None = None, unreadable: Un
         else:
             yield with_project(target)
     for files, kind, without in ((passed, "file", " without an environment"), (tests, "test file", "")):
-        named = ", ".join(one_line(os.path.relpath(file, folder)) for file in files[:3])
-        more = ", …" if len(files) > 3 else ""
-        if files:
-            click.echo(f"skipped {plural(len(files), kind)}{without} in {one_line(folder)}: {named}{more}", err=True)
+        say_skipped([os.path.relpath(file, folder) for file in files], kind, f"{without} in {one_line(folder)}")
+
+
+def say_skipped(files: list[str], kind: str, words: str) -> None:
+    """Report on stderr how many files are skipped, with the names of the first; nothing if there are none.
+
+    Args:
+        files: their paths.
+        kind: what each is, such as ``file``.
+        words: what follows the number, with a space before it.
+    """
+    named = ", ".join(one_line(file) for file in files[:3])
+    if files:
+        click.echo(f"skipped {plural(len(files), kind)}{words}: {named}{', …' if len(files) > 3 else ''}", err=True)
 
 
 def _module(name: str) -> Target:

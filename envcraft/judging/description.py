@@ -54,12 +54,11 @@ class Rendering(TypedDict):
     fps: Annotated[float, msgspec.Meta(gt=0)] | None
 
 
-#: The functional syntax, because ``class`` is a keyword. ``renders`` says whether
-#: the class has a render() of its own. ``lines`` has the methods that the file of the class defines, and ``inherited``
-#: the classes that the others come from. The keys between ``nondeterministic`` and ``modules`` are sent
-#: only for installed environments: the module, path and digest of the file that defines the class, the type of the
-#: object that was ``made``, and whether that is an ``environment``. ``modules`` are those that the target imports, of a
-#: file without the standard library.
+#: The functional syntax, because ``class`` is a keyword. ``renders`` says whether the class has a render() of its own.
+#: ``lines`` has the methods that the file of the class defines, and ``inherited`` the classes, files and lines that the
+#: others come from. The keys between ``nondeterministic`` and ``modules`` are sent only for installed environments: the
+#: module, path and digest of the file that defines the class, the type of the object that was ``made``, and whether
+#: that is an ``environment``. ``modules`` are those that the target imports, of a file without the standard library.
 Description = TypedDict(
     "Description",
     {

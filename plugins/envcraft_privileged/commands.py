@@ -35,6 +35,9 @@ _DEFAULT_PLAYER, _CONTRACT = "search", "arcade"
 class _Players(Configured):
     """A command whose help lists the players of all plugins."""
 
+    # The setting of this name selects rules.
+    apart = frozenset({"select"})
+
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         super().format_options(ctx, formatter)
         with formatter.section("Players"):

@@ -388,6 +388,13 @@ def test_several_reports_may_be_settings(invoke: Any, good: Path, tmp_path: Path
     assert (tmp_path / "b.xml").read_text().startswith("<?xml")
 
 
+@pytest.mark.parametrize("setting", ['select = ["EC106"]', 'select = "EC106,EC107"'])
+def test_selected_rules_may_be_a_setting(setting: str, invoke: Any, good: Path, tmp_path: Path) -> None:
+    (tmp_path / "pyproject.toml").write_text(f"[tool.envcraft]\n{setting}\n")
+    (report,) = json.loads(invoke("validate", good, *QUICK[:4], "--format", "json").stdout)["reports"]
+    assert [check["check"] for check in report["checks"]] == ["source", "api", "sandbox"]
+
+
 def test_environments_only_skips_other_files(invoke: Any, good: Path, bad: Path, tmp_path: Path) -> None:
     helper = tmp_path / "helper.py"
     helper.write_text("class Tiles:\n    size = 8\n")
@@ -395,6 +402,7 @@ def test_environments_only_skips_other_files(invoke: Any, good: Path, bad: Path,
     asked = (*QUICK, "--environments-only", "--format", "json")
     result = invoke("validate", helper, good, *asked)
     assert result.exit_code == 0
+    assert f"skipped 1 file without an environment: {helper}" in result.stderr
     assert [Path(report["path"]).name for report in json.loads(result.stdout)["reports"]] == ["walk.py"]
     assert invoke("validate", helper, bad, *asked).exit_code == 1
     for nothing in (invoke("validate", helper, *asked), invoke("validate", helper, *asked, "--workers", 2)):

@@ -8,6 +8,7 @@ from collections.abc import Callable
 import pytest
 from envcraft_checks.api import Api
 from envcraft_checks.source import Source
+from gymnasium.envs.classic_control.cartpole import CartPoleEnv
 
 from envcraft.contracts.builtin import GYMNASIUM
 from envcraft.judging.budget import BUDGETS
@@ -41,7 +42,9 @@ class Grid(CartPoleEnv):
         return 0, reward, terminated, truncated, info
 """
 _CLASS = _GRID.splitlines().index("class Grid(CartPoleEnv):") + 1
-_OWNER = "gymnasium.envs.classic_control.cartpole.CartPoleEnv"
+_OWNER = (
+    f"gymnasium.envs.classic_control.cartpole.CartPoleEnv (cartpole.py:{CartPoleEnv.render.__code__.co_firstlineno})"
+)
 
 
 @pytest.fixture(scope="module")

@@ -100,6 +100,8 @@ def test_a_class_that_only_running_the_file_defines_is_judged(invoke: Invoke, go
         ("checks = []", "checks: '' leaves no check to run"),
         ('class = "Nope"', "class: walk.py defines no class Nope; its classes are Walk"),
         ('ignore = "EC901"', "ignore: EC901 cannot be ignored"),
+        ("select = []", "select: '' names no code"),
+        ('select = "snake_*"', "select: there is no rule 'SNAKE_*'"),
         ("quiet = true\nverbose = true", "quiet: quiet and verbose contradict each other"),
         ('output = "none/report.json"', "output: the report none/report.json cannot be written"),
         ('report = ["json:none/report.json"]', "report: the report none/report.json cannot be written"),

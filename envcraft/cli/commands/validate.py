@@ -19,7 +19,7 @@ from envcraft.cli.options import check_options, format_option, output_option, po
 from envcraft.cli.signals import uninterrupted
 from envcraft.contracts.lookup import contract_named
 from envcraft.corpus.baseline import read_baseline
-from envcraft.environments.targets import resolve
+from envcraft.environments.targets import resolve, say_skipped
 from envcraft.errors import ExitCode, UsageError
 from envcraft.judging.budget import BUDGETS
 from envcraft.judging.driver import Limits, driver_for
@@ -42,9 +42,6 @@ _LIKE = "write it like '{\"size\": 8}'"
 
 class _ValidateCommand(Configured):
     """Lists the report formats of all plugins in the help."""
-
-    # The setting of this name selects environments to train on.
-    apart = frozenset({"select"})
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         super().format_options(ctx, formatter)
@@ -323,13 +320,16 @@ def _files(
         UsageError: ``--exclude`` leaves no target.
     """
     excluded = 0
+    skipped: list[str] = []
     files: dict[str, Target] = {}
     errors: dict[str, None] = {}
 
     for path in targets:
         unreadable: dict[str, UsageError] = {}
         try:
-            for target in resolve(path, env_class, environments_only, unreadable.__setitem__):
+            found = resolve(path, env_class, environments_only, unreadable.__setitem__)
+            skipped += [path] if not found and os.path.isfile(path) else []
+            for target in found:
                 if exclude and os.path.isdir(path) and is_excluded(target.path, path, exclude):
                     excluded += 1
                     continue
@@ -338,6 +338,7 @@ def _files(
         except UsageError as error:
             errors[str(blamed(ctx, error))] = None
         errors |= {str(unreadable[place]): None for place in unreadable if not is_excluded(place, path, exclude)}
+    say_skipped(skipped, "file", " without an environment")
     for words in errors:
         click.echo(f"Error: {words}", err=True)
     if excluded and not files and not errors:

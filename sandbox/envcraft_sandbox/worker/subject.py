@@ -200,7 +200,7 @@ class Subject:
             name: _line(getattr(kind, name)) for name in _METHODS if name in dir(kind) and self._defines(kind, name)
         }
         loaded["inherited"] = {
-            name: f"{owner.__module__}.{owner.__qualname__}"[:_MAX_NAME]
+            name: f"{owner.__module__}.{owner.__qualname__}{_place(vars(owner)[name])}"[:_MAX_NAME]
             for name in _METHODS
             if name not in loaded["lines"] and (owner := _owner(kind, name)) not in (None, kind, object)
         }
@@ -306,6 +306,12 @@ def _line(value: Any) -> int | None:
 def _owner(kind: type, name: str) -> type | None:
     """The class that a class has a method from."""
     return next((each for each in kind.__mro__ if name in vars(each)), None)
+
+
+def _place(function: Any) -> str:
+    """The file and line of a function in parentheses, "" if it has none."""
+    code = _code(function)
+    return "" if code is None else f" ({os.path.basename(code.co_filename)}:{code.co_firstlineno})"
 
 
 def _code(function: Any) -> CodeType | None:

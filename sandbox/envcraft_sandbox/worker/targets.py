@@ -341,10 +341,13 @@ def _importable(module: str) -> bool:
 
 
 def _suggest(name: str, known: list[str]) -> str:
+    """Words with the id whose name is nearest, "" if none is near. A common version alone makes no two ids alike."""
     import difflib
 
-    near = difflib.get_close_matches(name, known, n=1, cutoff=0.6)
-    return f"; did you mean {near[0]}?" if near else ""
+    names = {other.rpartition("-v")[0].lower() or other.lower(): other for other in known}
+    wanted = name.rpartition("-v")[0].lower() or name.lower()
+    near = difflib.get_close_matches(wanted, names, n=1, cutoff=0.7)
+    return f"; did you mean {names[near[0]]}?" if near else ""
 
 
 def lookalikes(module: ModuleType) -> list[str]:
