@@ -189,6 +189,10 @@ class Audit:
         """The number of environments with each code, the most frequent code first."""
         return audits.code_counts(self.store)
 
+    def warning_codes(self) -> set[str]:
+        """The codes that the environments have as warnings only."""
+        return audits.warning_codes(self.store)
+
     def shared(self) -> list[Shared]:
         """The codes that nearly all of the environments have that pass or fail."""
         verdicts = self.verdicts()

@@ -210,6 +210,8 @@ def load_agent(path: Path) -> tuple[Network, EnvSpec]:
             names = file.keys()
             tensors = {name: file.get_tensor(name) for name in names}
             network.load_state_dict(tensors)
+    except FileNotFoundError:
+        raise UsageError(f"{path} does not exist; name what `envcraft train` wrote") from None
     except _UNREADABLE as error:
         raise UsageError(f"{path} is not an agent of `envcraft train`: {type(error).__name__}: {error}") from None
     if not all(isfinite(tensor).all() for tensor in tensors.values()):

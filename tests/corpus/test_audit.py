@@ -45,7 +45,8 @@ class Words(Check):
         if "late" in subject.text:
             raise subject.time_limit.skip()
         for code in re.findall(r"EC\d+", subject.text):
-            yield self.finding(code, f"{code} in {subject.target.path}")
+            finding = self.finding(code, f"{code} in {subject.target.path}")
+            yield finding.as_warning() if "mildly" in subject.text else finding
 
 
 class Corpus:
@@ -98,6 +99,13 @@ def corpus(tmp_path: Path) -> Iterator[Corpus]:
     made = Corpus(tmp_path)
     yield made
     made.store.close()
+
+
+def test_codes_that_are_never_errors_are_known(corpus: Corpus) -> None:
+    corpus.write(a="mildly EC101 EC107", b="mildly EC101 EC102", c="EC107")
+    audit = corpus.audit()
+    assert audit.codes() == {"EC101": 2, "EC107": 2, "EC102": 1}
+    assert audit.warning_codes() == {"EC101", "EC102"}
 
 
 def test_only_what_changed_is_judged_again(corpus: Corpus) -> None:

@@ -12,7 +12,7 @@ from envcraft.cli.commands.validate import read_reports
 from envcraft.errors import UsageError
 from envcraft.judging.selection import all_checks, rules_of
 from envcraft.model.events import Finished, SubjectFinished
-from envcraft.model.verdict import Outcome, Report, Severity, plain
+from envcraft.model.verdict import Outcome, Report, plain
 from envcraft.registry import offered
 from envcraft.reports.reporter import Reporter
 from envcraft.reports.summary import counted
@@ -134,9 +134,9 @@ def _write_summary(stream: TextIO, run: Audit, outcomes: dict[Outcome, int], dif
     for each in shared:
         say(f"  {each.words}")
     codes = {code: times for code, times in run.codes().items() if code not in {each.code for each in shared}}
-    rules = rules_of(all_checks())
+    warnings = run.warning_codes()
     for code, times in list(codes.items())[:_SHOWN]:
-        warning = " (warning)" if code in rules and rules[code].severity is Severity.WARNING else ""
+        warning = " (warning)" if code in warnings else ""
         say(f"  {code}{warning}  in {plural(times, 'environment')}")
     if len(codes) > _SHOWN:
         say(f"  and {plural(len(codes) - _SHOWN, 'more code')}")

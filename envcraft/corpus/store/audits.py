@@ -244,6 +244,15 @@ def code_counts(store: Store) -> dict[str, int]:
     return dict(cursor)
 
 
+def warning_codes(store: Store) -> set[str]:
+    """The codes that selected environments have as warnings only."""
+    cursor = store.db.execute(
+        f"SELECT code FROM {_VERDICTS} JOIN findings ON findings.verdict = verdicts.id GROUP BY code "
+        "HAVING min(severity = 'warning')"
+    )
+    return {code for (code,) in cursor}
+
+
 def totals(store: Store) -> tuple[int, float]:
     """The environment steps and the seconds of the verdicts on all selected environments."""
     row: tuple[int, float] = next(_rows(store, "coalesce(sum(steps), 0), coalesce(sum(seconds), 0.0)", "1"))

@@ -155,7 +155,7 @@ def test_unjudged_code_does_not_run(corpus: Path, tmp_path: Path) -> None:
         (("--demos", "somebody"), "there is no player 'somebody'; there are random, noop, checkpoint:PATH"),
         (("--demos", "randm"), "there is no player 'randm'; did you mean random?"),
         (("--demos", "chekpoint:run"), "there is no player 'chekpoint:run'; did you mean checkpoint:PATH?"),
-        (("--demos", "checkpoint:nowhere"), "nowhere is not an agent of `envcraft train`"),
+        (("--demos", "checkpoint:nowhere"), "nowhere does not exist; name what `envcraft train` wrote"),
         (("--pretrain-updates", "5"), "5 updates of pretraining need demonstrations"),
         (("--demonstration-share", "0.5"), "name their player by --demos"),
         (("--gamma", "1.5"), "gamma is 1.5; it must be between 0 and 1"),
