@@ -5,6 +5,9 @@ Reads the syntax tree of a file: which functions `reset()`, `step()` and the con
 in them. It runs nothing, so it also judges lines that no play has reached. What is certain from the code is an error;
 what is only suspicious is a warning, or off by default.
 
+Sums that a test of the end compares with `==` are computed in floats and in exact fractions. If no float equals the
+number, EC056 is an error; if only the order of the additions decides, it is a warning.
+
 The check runs after the others. If play has shown a defect of the same kind, for example EC204 for a draw from a
 global generator, that finding has the reproduction, and this check does not repeat it. A rule that is off by default
 reports only if `--select` names its code.
@@ -46,10 +49,11 @@ from .linting.clock import clocks
 from .linting.effects import effects, swallowed
 from .linting.generators import generators
 from .linting.leftovers import leftovers
-from .linting.logic import contradictions, divisions, floats
+from .linting.logic import contradictions, divisions
 from .linting.order import orders
 from .linting.program import Program, Suspect, in_words
 from .linting.sharing import aliases, shared
+from .linting.sums import floats
 
 if TYPE_CHECKING:
     from envcraft.judging.subject import Subject
@@ -124,8 +128,6 @@ class Lint(Check):
             "exact-float",
             "A test of the end compares a sum of fractions with ==.",
             "Compare with >=, or count in whole numbers.",
-            Severity.WARNING,
-            default=False,
         ),
         Rule(
             "EC057",
@@ -164,8 +166,10 @@ class Lint(Check):
             raise Skip("the code is nested too deeply") from None
         for code, suspects in found.items():
             if suspects:
-                words, lines = in_words(suspects)
-                yield self.finding(code, words, line=next(iter(suspects)).line, lines=lines[:_LINES])
+                ordered = sorted(suspects, key=lambda suspect: not suspect.certain)
+                words, lines = in_words(ordered)
+                finding = self.finding(code, words, line=ordered[0].line, lines=lines[:_LINES])
+                yield finding if ordered[0].certain else finding.as_warning()
 
 
 @hookimpl

@@ -20,7 +20,7 @@ from envcraft.judging.subject import Subject
 from envcraft.judging.worker_pool import WorkerPool
 from envcraft.model.events import Finished
 from envcraft.model.target import Kind, Target
-from envcraft.model.verdict import SubjectReport, Verdict
+from envcraft.model.verdict import Severity, SubjectReport, Verdict
 from evaluation.fixtures import FIXTURES, fixtures
 
 GAME = """
@@ -45,6 +45,8 @@ class Game(gym.Env):
     {more}
 """
 
+EMPTY = "return self.x == 0"
+WON = "return self.see(), 1.0, True, False, {}"
 GUST = "def more(self): self.x = self.np_random.random()"
 
 
@@ -113,6 +115,18 @@ def subject_of(target: Target) -> Subject:
         ("EC054", {"step": "self.x = action[0]; action[0] = 1"}),
         ("EC055", {"step": "open('x', 'w')"}),
         ("EC056", {"reset": "self.x = 0.0", "step": "self.x += 0.1; done = self.x == 1.0", "ended": "done"}),
+        ("EC056", {"reset": "self.x = 0.0", "step": "self.x = self.x + 0.1; full = self.x == 1", "ended": "full"}),
+        (
+            "EC056",
+            {
+                "reset": "self.x = 1.0",
+                "step": "self.x -= 0.1",
+                "ended": "self.won()",
+                "more": f"def won(self): {EMPTY}",
+            },
+        ),
+        ("EC056", {"reset": "self.x = 0.0", "step": f"self.x += 0.1\n        if self.x == 0.3: {WON}"}),
+        ("EC056", {"step": "self.x += 0.3 if action[0] else 0.1", "ended": "self.x == 1.0", "more": "x = 0.0"}),
         ("EC057", {"step": "self.x = 1 / math.hypot(action[0], action[1])"}),
         ("EC058", {"step": "\n        try: self.see()\n        except Exception: pass"}),
         (
@@ -149,6 +163,17 @@ def test_each_rule_reads_what_play_may_never_reach(code: str, parts: dict[str, s
         {"step": "self.note()", "more": "def note(self, seen=None): seen = seen or []; seen.append(1)"},
         {"see": "self.canvas[:] = 1; return self.canvas.copy()"},
         {"step": "action = action.copy(); action[0] = 1"},
+        {"reset": "self.x = 0.0", "step": "self.x += 0.25", "ended": "self.x == 1.0"},
+        {"reset": "self.x = 0.0", "step": "self.x = round(self.x + 0.1, 1)", "ended": "self.x == 1.0"},
+        {"reset": "self.x = 0.0", "step": "self.x = min(self.x + 0.1, 1.0)", "ended": "self.x == 1.0"},
+        {
+            "reset": "self.x = 0.0",
+            "step": "self.x += 0.1\n        if self.x > 1: self.x = 1.0",
+            "ended": "self.x == 1.0",
+        },
+        {"reset": "self.x = 0.0", "step": "self.x += 0.1", "ended": "self.x == 1.0 or self.x > 1.0"},
+        {"reset": "self.x = self.np_random.random()", "step": "self.x += 0.1", "ended": "self.x == 1.0"},
+        {"reset": "self.x = 0.0", "step": "self.x += 0.1; self.y = self.x == 1.0"},
         {"step": "d = math.hypot(action[0], 1.0); self.x = 1 / d if d else 0.0"},
         {"step": "\n        try: self.x = {}['a']\n        except KeyError: pass"},
         {"reset": "self.x = 0", "step": "self.x = min(self.x + 1, LIMIT); done = self.x >= LIMIT", "ended": "done"},
@@ -169,7 +194,7 @@ def test_what_only_looks_alike_is_not_reported(parts: dict[str, str]) -> None:
 def test_no_good_fixture_has_an_error(fixture: object) -> None:
     path: Path = fixture.path  # type: ignore[attr-defined]
     header = path.read_text("utf-8").partition("\n")[0]
-    assert all(f"warning {code}" in header for code in found(path.read_text("utf-8")) - {"EC056", "EC057"})
+    assert all(f"warning {code}" in header for code in found(path.read_text("utf-8")) - {"EC057"})
 
 
 def judged(path: Path, checks: str | None = None, select: tuple[str, ...] = ()) -> SubjectReport:
@@ -242,3 +267,22 @@ def test_installed_and_deeply_nested_code_is_skipped() -> None:
     deep = "class Game:\n    def reset(self): pass\n    def step(self, action): return " + "+".join("1" * 3000)
     with subject_of(Target("game.py", deep.encode())) as subject, pytest.raises(Skip, match="nested too deeply"):
         list(Lint().judge(subject))
+
+
+@pytest.mark.parametrize(
+    ("added", "severity"), [("0.1", Severity.ERROR), ("0.3 if action[0] else 0.1", Severity.WARNING)]
+)
+def test_a_sum_that_only_some_orders_miss_is_a_warning(added: str, severity: Severity) -> None:
+    source = GAME.format(
+        super="super().reset(seed=seed)",
+        reset="self.x = 0.0",
+        step=f"self.x += {added}",
+        ended="self.x == 1.0",
+        see="return np.zeros(4)",
+        more="",
+    )
+    with subject_of(Target("game.py", source.encode())) as subject:
+        (finding,) = Lint().judge(subject)
+    assert finding.severity is severity
+    assert "is 0.9999999999999999" in finding.message
+    assert ("no other sum is equal" in finding.message) == (severity is Severity.ERROR)

@@ -76,34 +76,6 @@ def _never(kind: type[ast.cmpop], low: float, high: float, limit: float) -> bool
     return kind is ast.Eq and (high < limit or low > limit)
 
 
-def floats(program: Program) -> Iterator[Suspect]:
-    """Find tests of the end that compare a sum of fractions with ``==``."""
-    for function in program.play:
-        for node in function.nodes:
-            if isinstance(node, ast.Compare) and isinstance(node.ops[0], ast.Eq) and decides(program, node):
-                for side, other in ((node.left, node.comparators[0]), (node.comparators[0], node.left)):
-                    exact = isinstance(other, ast.Constant) and not isinstance(other.value, int | float)
-                    if not exact and (field := function.field(side)) and _fraction(program, function, field):
-                        yield Suspect(line(node), f"compares a sum of fractions exactly: {ast.unparse(node)}")
-
-
-def _fraction(program: Program, function: Function, field: str) -> bool:
-    """Whether an attribute is a running sum of fractions, and nothing rounds or clips it."""
-    methods = program.methods(program.bound_to(function))
-    adds = any(
-        isinstance(node, ast.AugAssign)
-        and isinstance(node.op, ast.Add | ast.Sub)
-        and one.field(node.target) == field
-        and isinstance(node.value, ast.Constant)
-        and isinstance(node.value.value, float)
-        and not (node.value.value * 1024).is_integer()
-        for one in methods
-        for node in one.nodes
-    )
-    values = [value for one in methods for target, value, _ in one.bindings if one.field(target) == field]
-    return adds and all(isinstance(value, ast.Constant) for value in values)
-
-
 def divisions(program: Program) -> Iterator[Suspect]:
     """Find divisions by a length or a distance that nothing compares with zero."""
     for function in program.play:

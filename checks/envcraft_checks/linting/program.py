@@ -28,10 +28,12 @@ class Suspect(NamedTuple):
     Attributes:
         line: of the file.
         words: what the line does, after "line 12".
+        certain: whether it is a defect in any play.
     """
 
     line: int
     words: str
+    certain: bool = True
 
 
 def in_words(suspects: Iterable[Suspect]) -> tuple[str, list[int]]:

@@ -39,8 +39,13 @@ def decides(program: Program, test: ast.AST) -> bool:
         bound = [name_of(target) for target in node.targets]
     else:
         return False
-    names = [name.lower() for name in bound]
-    return any(part in name for name in names for part in _PARTS) or any(_WORDS & {*name.split("_")} for name in names)
+    return any(map(names_end, bound))
+
+
+def names_end(name: str) -> bool:
+    """Whether the name of a variable or a method says that it ends or decides an episode."""
+    name = name.lower()
+    return any(part in name for part in _PARTS) or not _WORDS.isdisjoint(name.split("_"))
 
 
 class Ranges:
