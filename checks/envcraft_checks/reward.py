@@ -25,6 +25,10 @@ and no success earns clearly more than the failure. It is an error if at least t
 last steps are punished, else a warning. Varied play that fails and collects more than a short success does not count,
 because a better success may collect the same.
 
+If most steps of a success pay, a search takes long to reach it. The check then plays the success once more without
+detours: it leaves out the actions between two equal observations. Loops and failures are compared with this success,
+too.
+
 The line of a finding is the one that writes the reward, even if a method or a dictionary of the file contains it. If
 there are several, the check plays the episode once more, and the worker records which lines each call runs. The finding
 then names a line that ran in the call in question: for a NaN the line that divides or takes a logarithm, for a value
@@ -144,13 +148,17 @@ class Reward(Check):
         if (silent := self._judge_silence(subject, traces)) is not None:
             yield _placed(subject, silent)
             return
-        unpaid, failing = self._judge_wins(subject, traces), self._judge_failures(subject, traces)
+        unpaid = self._judge_wins(subject, traces)
+        traces += _direct_successes(subject, traces)
+        failing = self._judge_failures(subject, traces)
         if failing is not None and not grown and (unpaid is None or failing.evidence["earned"] > 0):
             yield _placed(subject, failing)
         elif unpaid is not None:
             yield _placed(subject, unpaid)
-        if not grown:
-            yield from (_placed(subject, finding) for finding in self._judge_loops(subject, traces))
+        for finding in [] if grown else self._judge_loops(subject, traces):
+            # Waiting that pays is a loop, too.
+            if failing is None or finding.severity is Severity.ERROR:
+                yield _placed(subject, finding)
 
     def confirm(self, subject: Subject, finding: Finding) -> Finding | None:
         if finding.code not in ("EC301", "EC302", "EC303"):
@@ -392,6 +400,37 @@ def _best_soon(traces: list[Trace], limit: int) -> dict[int, Trace]:
         if worth[0] > worth[1]:
             best[trace.rollout.seed] = trace
     return best
+
+
+def _direct_successes(subject: Subject, traces: list[Trace]) -> list[Trace]:
+    """Successes without detours, on seeds where steps pay and no success comes soon.
+
+    A search follows what pays, so where each step does, it comes to a success late, if at all. Actions that lead back
+    to the same observation are left out.
+    """
+    limit = max(trace.steps for trace in traces) * _SOON
+    soonest: dict[int, Trace] = {}
+    for trace in sorted(_successes(traces), key=lambda trace: trace.steps):
+        soonest.setdefault(trace.rollout.seed, trace)
+    found = []
+    for trace in soonest.values():
+        if trace.steps > limit and not trace.opaque and sum(reward > 0 for reward in trace.rewards) > trace.steps / 2:
+            actions = _without_detours(trace)
+            if len(actions) <= limit and subject.affords(len(actions)):
+                player = f"{trace.rollout.player} without detours"
+                found.append(subject.rollout(Rollout(trace.rollout.seed, actions, player=player)))
+    return [trace for trace in found if trace.usable]
+
+
+def _without_detours(trace: Trace) -> list[Any]:
+    """The actions of an episode, without those between two equal observations."""
+    last = {observation: step for step, observation in enumerate(trace.observations[: trace.steps])}
+    actions, step = [], 0
+    while step < trace.steps:
+        step = last[trace.observations[step]]
+        actions.append(trace.actions[step])
+        step += 1
+    return actions
 
 
 def _fails(trace: Trace, pays: float) -> bool:
