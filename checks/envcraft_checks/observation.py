@@ -28,6 +28,10 @@ State is hidden (a warning) if three quarters of all rewards and terminations fo
 had another result, and the picture does not make the event more likely. The game must not draw random numbers during
 play. Memory games hide state on purpose.
 
+Two opposite moves of a pad should differ. They are alike (a warning) if they show and pay the same while they are held,
+unlike doing nothing, and if varied episodes stay the same with one move replaced by the other. All four moves may be
+alike, and a move that undoes itself may equal its opposite.
+
 Noise is measured on the pixels that vary: each one minus its mean over time, correlated with itself one to four steps
 later while one action is held. The picture is noise if more than half of it changes at each step, no lag correlates,
 and no picture is a shifted copy of the one before.
@@ -61,6 +65,7 @@ from .pictures.hidden import find_hidden
 from .pictures.invisible import find_invisible
 from .pictures.noise import find_noise
 from .pictures.traces import Defect
+from .pictures.twins import find_twins
 from .pictures.unresponsive import find_unresponsive
 
 if TYPE_CHECKING:
@@ -101,6 +106,13 @@ class Observation(Check):
             "agent-invisible",
             "Moves matter, but no picture shows them.",
             "Draw what the agent controls where it is.",
+        ),
+        Rule(
+            "EC408",
+            "moves-alike",
+            "Two opposite moves always do the same.",
+            "Give each direction of the pad its own effect, or none.",
+            Severity.WARNING,
         ),
     )
 
@@ -169,6 +181,7 @@ def _defects(subject: Subject, traces: list[Trace]) -> Iterator[tuple[str, Defec
     yield "EC403", find_unresponsive(subject, traces)
     yield "EC407", find_invisible(subject)
     yield "EC401", find_frozen(subject, traces)
+    yield "EC408", find_twins(subject)
     yield "EC406", find_hidden(subject, traces)
 
 
