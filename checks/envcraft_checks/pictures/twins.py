@@ -33,8 +33,8 @@ def find_twins(subject: Subject) -> Defect | None:
         return None
     for one, two in _OPPOSITES:
         if _alike(known[one], known[two]) and not _alike(known[one], known[0]):
-            compared = _exchanged(subject, one, two)
-            if compared and not _undoes_itself(subject, known[one], known[0]):
+            undone = _undoes_itself(subject, known[one], known[0])
+            if not undone and (compared := _exchanged(subject, one, two)):
                 steps = sum(trace.steps for trace in compared)
                 return Defect(
                     f"the moves {one} and {two} do the same: {len(compared)} episodes of {steps} steps on "
