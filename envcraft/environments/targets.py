@@ -165,7 +165,10 @@ def _module(name: str) -> Target:
         file, defined = found
         return with_project(read_target(os.path.relpath(file), defined), root)
     if (own := Place(root, module).find(root / module, module)) is not None:
-        _require_class(read_target(os.path.relpath(own), env_class))
+        _require_class(target := read_target(os.path.relpath(own), env_class))
+        # The name is assigned or imported there, and a worker imports only what is installed.
+        if not _is_installed(module.partition(".")[0], root):
+            return with_project(target, root)
     else:
         _require_module(root, module)
     return Target(name, kind=Kind.MODULE)

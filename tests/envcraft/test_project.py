@@ -267,6 +267,34 @@ def test_a_module_of_the_working_directory_that_lacks_the_class_is_a_sentence(
     assert (result.exit_code, result.stderr) == (2, f"Error: {words}\n")
 
 
+@pytest.mark.parametrize(
+    "line", ["Env = Walk", "Env = type('Env', (Walk,), {})", "from games.walk import *\n\nglobals()['Env'] = Walk"]
+)
+def test_a_class_that_a_module_of_the_working_directory_assigns_is_judged_as_its_file(
+    line: str, invoke: Invoke, good: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(good.parent)
+    Path("games").mkdir()
+    good.rename("games/walk.py")
+    Path("games/named.py").write_text(f"from .walk import Walk\n\n{line}\n")
+    options = ("--sandbox", "process", "--budget", "quick", "--checks", "source", "--format", "json")
+    result = invoke("validate", "games.named:Env", "--contract", "gymnasium", *options)
+    [report] = json.loads(result.stdout)["reports"]
+    assert (result.exit_code, report["path"], report["env_class"]) == (0, "games/named.py", "Env")
+
+
+def test_a_class_that_a_file_imports_is_judged_where_its_package_is_installed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for folder in ("here", "there"):
+        (tmp_path / folder / "games").mkdir(parents=True)
+        (tmp_path / folder / "games" / "__init__.py").write_text("from compiled import Walk\n")
+    monkeypatch.chdir(tmp_path / "here")
+    assert [target.kind for target in resolve("games:Walk")] == [Kind.SOURCE]
+    monkeypatch.syspath_prepend(tmp_path / "there")
+    assert [target.kind for target in resolve("games:Walk")] == [Kind.MODULE]
+
+
 @pytest.mark.parametrize("target", ["walk.py", "walk:Walk"])
 def test_a_wrapper_of_the_project_is_found(
     target: str, invoke: Invoke, good: Path, monkeypatch: pytest.MonkeyPatch
