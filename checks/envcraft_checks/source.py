@@ -27,7 +27,7 @@ stops every worker of a cluster.
 its own above it, or on the first line of the class or function around it. `# envcraft: ignore-file[EC203] ...` ignores
 it in the whole file. Only commands for authors, such as `envcraft validate`, read these comments; audits do not. Two
 kinds of comments are warnings: a comment that is malformed, names an unknown rule or gives no reason (EC011), and a
-comment that matches no finding (EC012, not at the budget `quick`).
+comment that matches no finding (EC012, not at the budget `quick`). A comment without a reason still ignores.
 
 ## Example
 ```python
@@ -197,11 +197,11 @@ class Source(Check):
             ]
             if not comment.codes:
                 wrong.append("it names no code")
-            elif not comment.reason:
-                wrong.append("it gives no reason")
+            words = f"the ignore comment in line {comment.line}"
             if wrong:
-                words = f"the ignore comment in line {comment.line} is invalid: {'; '.join(wrong)}"
-                yield self.finding("EC011", words, line=comment.line)
+                yield self.finding("EC011", f"{words} is invalid: {'; '.join(wrong)}", line=comment.line)
+            elif not comment.reason:
+                yield self.finding("EC011", f"{words} gives no reason", line=comment.line)
 
     def _parse(self, source: bytes) -> Finding | None:
         try:

@@ -7,7 +7,7 @@ import os
 import queue
 import threading
 import time
-from collections.abc import Callable, Collection, Generator, Iterable, Sequence
+from collections.abc import Callable, Collection, Generator, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING
 
@@ -249,9 +249,8 @@ def judge(
                 report = CheckReport(check.name, Verdict.SKIP, reason=blocked)
             else:
                 yield CheckStarted(target.path, check.name)
-                report = run_check(
-                    check, subject, fail_fast=plan.fail_fast, severity=plan.severity, without=_confirmed(check, done)
-                )
+                confirmed = _confirmed(check, done, plan.severity.table)
+                report = run_check(check, subject, fail_fast=plan.fail_fast, severity=plan.severity, without=confirmed)
             if plan.fail_fast and report.verdict is Verdict.FAIL:
                 blocked = blocked or f"--fail-fast ends at the first error, and {check.name} has one"
             if (check.gate and report.verdict is Verdict.ERROR) or _stops(check, report):
@@ -268,11 +267,16 @@ def judge(
         yield SubjectFinished(report_on(plan, subject, done, started))
 
 
-def _confirmed(check: Check, done: list[CheckReport]) -> set[str]:
-    """The codes of a check whose defect an error of an earlier check has shown, counted or not."""
-    found = [finding for report in done for finding in [*report.findings, *report.known]]
-    found += [one.finding for report in done for one in report.ignored]
-    errors = {finding.code for finding in found if finding.severity is Severity.ERROR}
+def _confirmed(check: Check, done: list[CheckReport], severities: Mapping[str, str]) -> set[str]:
+    """The codes of a check whose defect an error of an earlier check has shown, counted or not, or a warning that is
+    one by the author's choice in `severities`, by code or check.
+    """
+    errors = {
+        finding.code
+        for report in done
+        for finding in [*report.findings, *report.known, *(one.finding for one in report.ignored)]
+        if finding.severity is Severity.ERROR or not severities.keys().isdisjoint((finding.code, report.check))
+    }
     return {rule.code for rule in check.rules if errors.intersection(rule.confirmed_by)}
 
 

@@ -14,7 +14,7 @@ from envcraft.plugins import hookimpl
 from envcraft.reports.evidence import evidence_lines, source_line
 from envcraft.reports.pictures import picture_lines, shows_pictures
 from envcraft.reports.reporter import Reporter
-from envcraft.reports.summary import counted, repro_words
+from envcraft.reports.summary import counted, repro_words, uncounted
 from envcraft.text import one_line, plural
 
 if TYPE_CHECKING:
@@ -193,16 +193,12 @@ class ConsoleReporter(Reporter):
             f"{plural(len(findings) - errors, 'warning')} {self._dot} contract {report.contract}, "
             f"budget {report.budget}, seed {report.seed}"
         )
-        if ignored := sum(len(check.ignored) for subject in report.reports for check in subject.checks):
-            line.append(f" {self._dot} {ignored:,} ignored by comments")
-        if known := sum(len(check.known) for subject in report.reports for check in subject.checks):
-            line.append(f" {self._dot} {known:,} known from the baseline")
+        for words in uncounted(report):
+            line.append(f" {self._dot} {words}")
         if changed := [f"{name} {value}" for name, value in report.severity.items()]:
             line.append(f" {self._dot} severity {one_line(', '.join(changed))}")
         if report.strict:
             line.append(f" {self._dot} strict")
-        if report.unjudged:
-            line.append(f" {self._dot} {report.unjudged:,} not judged after the first failure")
         self._say(line)
         if late := sum(subject.out_of_time for subject in report.reports):
             words = "undecided checks have not passed; a longer --time-limit may settle them"

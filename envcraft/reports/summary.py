@@ -67,11 +67,23 @@ def numbered(report: Report) -> Iterator[Numbered]:
 
 
 def summary_words(report: Report) -> str:
-    """Summarise a report in one sentence: ``1 passed, 2 failed, 0 undecided: 3 findings, 1 warning``."""
+    """Summarise a report: ``1 passed, 2 failed, 0 undecided: 3 findings, 1 warning``, and what does not count."""
     counts = ", ".join(words for _, words in counted(Counter(subject.outcome for subject in report.reports)))
     severities = Counter(item.finding.severity for item in numbered(report))
     errors, warnings = severities[Severity.ERROR], severities[Severity.WARNING]
-    return f"{counts or 'nothing judged'}: {plural(errors, 'finding')}, {plural(warnings, 'warning')}"
+    rest = "".join(f"; {words}" for words in uncounted(report))
+    return f"{counts or 'nothing judged'}: {plural(errors, 'finding')}, {plural(warnings, 'warning')}{rest}"
+
+
+def uncounted(report: Report) -> list[str]:
+    """Phrases with the numbers of findings and environments that the counts of a summary leave out; none of 0."""
+    checks = [check for subject in report.reports for check in subject.checks]
+    numbers = {
+        "ignored by comments": sum(len(check.ignored) for check in checks),
+        "known from the baseline": sum(len(check.known) for check in checks),
+        "not judged after the first failure": report.unjudged,
+    }
+    return [f"{number:,} {words}" for words, number in numbers.items() if number]
 
 
 def counted(counts: Mapping[Outcome, int]) -> list[tuple[Outcome, str]]:

@@ -253,6 +253,8 @@ def _environments(store: Store, select: str | None) -> Iterator[tuple[Environmen
     from envcraft.corpus.store import environments
 
     rows = environments.distinct(store, select)
+    if not rows and select:
+        rows = environments.distinct(store, f"{select}.py")
     if not rows:
         words = f"no environment called {select}" if select else "no environment"
         raise UsageError(f"{store.root} has {words}; `envcraft corpus list {store.root}` lists the environments")

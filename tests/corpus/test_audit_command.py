@@ -208,6 +208,9 @@ def test_a_corpus_is_made_filled_and_judged(games: Path, invoke: Invoke) -> None
     assert invoke("corpus", "add", "corpus", "games").stdout == "0 environments added, 4 already present\n"
     (games / "a.py").write_text(ENVIRONMENT.replace("CRASH", "-9"))
     assert invoke("corpus", "add", "corpus", "games/a.py").exit_code == 2
+    partly = invoke("corpus", "add", "corpus", "nowhere.py", "games/b.py")
+    assert (partly.exit_code, partly.stdout) == (2, "0 environments added, 1 already present\n")
+    assert "nowhere.py cannot be read" in partly.stderr
     assert invoke("corpus", "add", "corpus", "games/a.py", "--replace").exit_code == 0
     assert invoke("corpus", "add", "corpus", "games/a.py", "--replace", "--metadata", '{"model": "b"}').exit_code == 0
     assert json.loads(invoke("corpus", "show", "corpus", "a.py", "--format", "json").stdout)["origin"]["model"] == "b"

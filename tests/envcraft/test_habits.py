@@ -30,6 +30,12 @@ UNTIDY = ENVIRONMENT.replace(
 """,
 )
 
+#: A list outlives the episodes, and where an episode starts depends on it.
+LEAKY = ENVIRONMENT.replace("class Walk", "SEEN = []\n\n\nclass Walk").replace(
+    "self.x, self.steps, self.goal = 5, 0,",
+    "SEEN.append(0)\n        self.x, self.steps, self.goal = len(SEEN) % 3, 0,",
+)
+
 
 @pytest.fixture
 def games(tmp_path: Path) -> Path:
@@ -153,18 +159,26 @@ class TestBaseline:
         assert invoke("validate", *options, "--baseline", "again.json").exit_code == 0
         said = invoke("validate", "games/untidy.py", *SOURCE, "--baseline", "again.json").stdout
         assert "2 known from the baseline" in said
+        for form in ("concise", "github", "markdown"):
+            brief = invoke("validate", "games/untidy.py", *SOURCE, "--baseline", "again.json", "--format", form).stdout
+            assert "0 warnings; 2 known from the baseline" in brief
 
     def test_what_lint_says_of_a_known_defect_is_not_new(self, games: Path, invoke: Invoke) -> None:
-        leaky = ENVIRONMENT.replace("class Walk", "SEEN = []\n\n\nclass Walk").replace(
-            "self.x, self.steps, self.goal = 5, 0,",
-            "SEEN.append(0)\n        self.x, self.steps, self.goal = len(SEEN) % 3, 0,",
-        )
-        (games / "leaky.py").write_text(leaky)
+        (games / "leaky.py").write_text(LEAKY)
         options = ("games/leaky.py", "--sandbox", "process", "--budget", "quick", "--checks", "determinism,lint")
         invoke("validate", *options, "--output", "base.json")
         assert set(codes(Path("base.json").read_text())) >= {"EC206"}
         again = invoke("validate", *options, "--format", "json", "--baseline", "base.json")
         assert (again.exit_code, codes(again.stdout)) == (0, [])
+
+    def test_what_lint_says_of_a_defect_that_is_a_warning_is_not_said_again(self, games: Path, invoke: Invoke) -> None:
+        (games / "leaky.py").write_text(LEAKY)
+        options = ("games/leaky.py", "--sandbox", "process", "--budget", "quick", "--checks", "determinism,lint")
+        errors = set(codes(invoke("validate", *options, "--format", "json").stdout))
+        lowered = "".join(f'{code} = "warning"\n' for code in errors)
+        Path("pyproject.toml").write_text(f"[tool.envcraft.severity]\n{lowered}")
+        again = invoke("validate", *options, "--format", "json")
+        assert (again.exit_code, set(codes(again.stdout))) == (0, errors)
 
     def test_a_report_from_another_folder_names_the_same_files(
         self, games: Path, invoke: Invoke, monkeypatch: pytest.MonkeyPatch

@@ -412,7 +412,7 @@ def test_recording_uses_the_passed_contract_and_reports_missing_frames(tmp_path:
     assert len(list((tmp_path / "corpus").rglob("*.frames"))) == 1
     # Said again, since it is missing still; what was asked for outright is refused where it does not hold.
     assert CliRunner().invoke(cli, [*command, "--cache"]).exit_code == 3
-    refused = CliRunner().invoke(cli, [*command, "--contract", "arcade", "--select", "counter.py"])
+    refused = CliRunner().invoke(cli, [*command, "--contract", "arcade", "--select", "counter"])
     assert refused.exit_code == 3, refused.output
 
 

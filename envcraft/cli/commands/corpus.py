@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -72,17 +72,21 @@ def add(
         if is_corpus(Path(path)):
             raise UsageError(f"{path} is a corpus; `envcraft corpus merge {corpus} {path}` adds its environments")
     added, known, refused, parts = 0, 0, 0, 0
+
+    def refuse(words: str) -> None:
+        nonlocal refused
+        refused += 1
+        click.echo(f"Error: {one_line(words)}", err=True)
+
     with Store(corpus, write=True) as store:
         if store.follows_folder:
             raise UsageError(f"{corpus} follows a folder: put files there, and `envcraft audit` adds them")
-        for name, target in _files(paths):
+        for name, target in _files(paths, refuse):
             row = environments.get(store, name)
             found = row and row.environment
             twins = [twin for twin in store.twins(target.source, env_class) if twin != name]
             if len(target.source) > MAX_SOURCE:
-                words = f"{target.path} is larger than {MAX_SOURCE:,} bytes"
-                click.echo(f"Error: {one_line(words)}", err=True)
-                refused += 1
+                refuse(f"{target.path} is larger than {MAX_SOURCE:,} bytes")
             elif twins and (found is None or not replace):
                 click.echo(
                     f"{one_line(target.path)} has the same source as {one_line(twins[0])} and is skipped", err=True
@@ -90,9 +94,7 @@ def add(
                 known += 1
             elif found not in (None, (name, target.sha256, env_class)) and not replace:
                 other = "source" if found and found.source != target.sha256 else "class of this source"
-                words = f"{name} has another {other} in {corpus}; --replace replaces it by {target.path}"
-                click.echo(f"Error: {one_line(words)}", err=True)
-                refused += 1
+                refuse(f"{name} has another {other} in {corpus}; --replace replaces it by {target.path}")
             else:
                 origin = {"file": target.path, **fields}
                 fresh = _put(store, name, target, env_class, origin)
@@ -301,18 +303,22 @@ def records(corpus: Path, output: str) -> None:
 COMMANDS = (init, add, list_, show, rm, verify, merge, records, dedup, diversity, split, report)
 
 
-def _files(paths: tuple[str, ...]) -> Iterator[tuple[str, Target]]:
-    """Yield the name and the target of each file at or below the paths. Raises UsageError."""
+def _files(paths: tuple[str, ...], refuse: Callable[[str], None]) -> Iterator[tuple[str, Target]]:
+    """Yield the name and the target of each file at or below the paths; `refuse` receives the errors of the others."""
     for path in paths:
-        if os.path.isdir(path):
-            found = False
-            for target in environments_below(path):
-                found = True
-                yield plain(os.path.relpath(target.path, path)), target
-            if not found:
-                raise UsageError(f"{path} holds no environment: no .py file in it defines a subclass of gymnasium.Env")
-        else:
-            yield plain(os.path.basename(path)), with_project(read_target(path))
+        found = False
+        try:
+            if os.path.isdir(path):
+                for target in environments_below(path, unreadable=lambda _, error: refuse(str(error))):
+                    found = True
+                    yield plain(os.path.relpath(target.path, path)), target
+                if not found:
+                    refuse(f"{path} holds no environment: no .py file in it defines a subclass of gymnasium.Env")
+            else:
+                target = with_project(read_target(path))
+                yield plain(os.path.basename(path)), target
+        except UsageError as error:
+            refuse(str(error))
 
 
 def _restore_hint(root: Path) -> str:
