@@ -258,12 +258,13 @@ def on_terminal(
     output: Path | None = None,
     until: str = "",
     environment: dict[str, str] | None = None,
+    name: str = "validate",
 ) -> tuple[str, int]:
-    """What the command writes on a terminal, standard output to a file if wanted, and its exit status.
+    """What the command of a name writes on a terminal, standard output to a file if wanted, and its exit status.
 
     Once the terminal shows `until`, somebody presses Ctrl-C.
     """
-    command = [sys.executable, "-m", "envcraft", "validate", *map(str, arguments)]
+    command = [sys.executable, "-m", "envcraft", name, *map(str, arguments)]
     ours, its = pty.openpty()
     fcntl.ioctl(its, termios.TIOCSWINSZ, struct.pack("HHHH", 24, 140, 0, 0))
     with open(output or os.devnull, "wb") as file:
@@ -360,3 +361,21 @@ def test_ctrl_c_leaves_the_terminal_clean(good: Path) -> None:
     assert shown.endswith("interrupted\n")
     assert shown.rindex(SHOW) > shown.rindex(HIDE)
     assert "Traceback" not in shown
+
+
+@pytest.mark.parametrize(
+    ("name", "note"),
+    [
+        ("validate", "0 of 2 were judged and not stored; `envcraft audit FOLDER` stores each verdict and resumes"),
+        ("audit", "0 of 2 were judged and stored; the same command resumes"),
+    ],
+)
+def test_ctrl_c_leaves_what_was_judged_and_no_view(name: str, note: str, good: Path) -> None:
+    good.with_name("other.py").write_text(good.read_text().replace("Walk", "Other"))
+    thorough = ("--sandbox", "process", "--budget", "thorough", "--workers", "1")
+    shown, status = on_terminal([good.parent, *thorough], until="of 2 judged", name=name)
+    assert status == 130
+    # The terminal echoes the key.
+    lines = screen(shown).replace("^C", "").split("\n")
+    assert [line.rstrip() for line in lines if line.strip()][-2:] == [note, "interrupted"]
+    assert not re.search("of 2 judged|steps/s", "\n".join(lines))

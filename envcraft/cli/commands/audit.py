@@ -274,15 +274,15 @@ def _judge(run: Audit, judging: Judging, resume: bool) -> None:
         progress.handle(event)
         judged += isinstance(event, SubjectFinished)
 
-    # Nothing else is written while the progress display is active.
-    with Progress(io.StringIO()) as progress:
-        try:
+    try:
+        # Nothing else is written while the progress display is active.
+        with Progress(io.StringIO()) as progress:
             run.run(judging, tell)
-        except KeyboardInterrupt:
-            again = (
-                "the same command resumes"
-                if resume
-                else "the same command judges all again, and without --no-resume only those without a verdict"
-            )
-            click.echo(f"{judged:,} of {len(run.pending):,} were judged and stored; {again}", err=True)
-            raise
+    except KeyboardInterrupt:
+        again = (
+            "the same command resumes"
+            if resume
+            else "the same command judges all again, and without --no-resume only those without a verdict"
+        )
+        click.echo(f"{judged:,} of {len(run.pending):,} were judged and stored; {again}", err=True)
+        raise

@@ -182,6 +182,8 @@ def validate(
             fail_fast=fail_fast,
             severity=severity,
         )
+        # Outside the view, which would erase the words.
+        stack.enter_context(_counting(finished := [], len(files)))
         progress = stack.enter_context(Progress(streams[0]))
         rules = rules_of(all_checks())
         reporters = [kind(stream, rules) for (kind, _), stream in zip(wanted, streams, strict=True)]
@@ -194,7 +196,6 @@ def validate(
             frames = stack.enter_context(FrameRenderer(plan))
             for reporter in filmed:
                 reporter.frames = frames
-        stack.enter_context(_counting(finished := [], len(files)))
         for event in stack.enter_context(contextlib.closing(judge(plan, workers, pool, exitfirst))):
             if not quiet:
                 progress.handle(event)
