@@ -55,10 +55,12 @@ class Rendering(TypedDict):
 
 
 #: The functional syntax, because ``class`` is a keyword. ``renders`` says whether the class has a render() of its own.
-#: ``lines`` has the methods that the file of the class defines, and ``inherited`` the classes, files and lines that the
-#: others come from. The keys between ``nondeterministic`` and ``modules`` are sent only for installed environments: the
-#: module, path and digest of the file that defines the class, the type of the object that was ``made``, and whether
-#: that is an ``environment``. ``modules`` are those that the target imports, of a file without the standard library.
+#: ``line`` is that of the class, or that at which the target's file imports or assigns it; ``elsewhere`` then has the
+#: class, its file and its line. ``lines`` has the methods that the file of the class defines, and ``inherited`` the
+#: classes, files and lines that the others come from. The keys between ``nondeterministic`` and ``modules`` are sent
+#: only for installed environments: the module, path and digest of the file that defines the class, the type of the
+#: object that was ``made``, and whether that is an ``environment``. ``modules`` are those that the target imports, of a
+#: file without the standard library.
 Description = TypedDict(
     "Description",
     {
@@ -68,6 +70,7 @@ Description = TypedDict(
         "effects": Effects,
         "class": str,
         "line": int | None,
+        "elsewhere": _Name,
         "required": list[str],
         "lines": dict[str, int | None],
         "inherited": dict[str, _Name],

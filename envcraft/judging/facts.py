@@ -176,12 +176,19 @@ class Facts:
             return self.load().description.get("renders", False)
         return promised or "rgb_array" in self.load().description.get("render_modes", ())
 
-    def line_of(self, method: str) -> Line:
-        """Return the line at which the class defines a method, or that of the class if it inherits the method."""
+    def line_of(self, method: str | None = None) -> Line:
+        """Return the line at which the class defines a method, or that of the class if it inherits the method; without
+        a method that of the class.
+        """
         description = self.load().description
-        owner = description.get("inherited", {}).get(method)
-        note = f"{method}() is inherited from {owner}" if owner else ""
-        return Line(description.get("lines", {}).get(method) or description.get("line"), note)
+        if method is not None and (line := description.get("lines", {}).get(method)):
+            return Line(line)
+        note = ""
+        if method is not None and (owner := description.get("inherited", {}).get(method)):
+            note = f"{method}() is inherited from {owner}"
+        elif elsewhere := description.get("elsewhere"):
+            note = f"{self.env_class} is {elsewhere}"
+        return Line(description.get("line"), note)
 
     def _space(self, name: Literal["observation_space", "action_space"], promised: dict[str, Any] | None) -> SpaceSpec:
         described = promised or self.load().description.get(name)

@@ -183,8 +183,10 @@ class Subject:
         """Whether render() must give frames: the contract, the metadata or an optional render() says so."""
         return self._facts.renders
 
-    def line_of(self, method: str) -> Line:
-        """The line at which the class defines a method, or that of the class if it inherits the method."""
+    def line_of(self, method: str | None = None) -> Line:
+        """The line at which the class defines a method, or that of the class if it inherits the method; without a
+        method that of the class. If another file defines the class, it is the line that imports or assigns it.
+        """
         return self._facts.line_of(method)
 
     # Requests

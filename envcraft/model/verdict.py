@@ -64,8 +64,9 @@ class Line(msgspec.Struct, frozen=True):
     """Where a method of the environment is: a line of the target's file.
 
     Attributes:
-        number: of the method, or of the class if another file defines the method; None if neither is known.
-        note: which class of another file the method is inherited from, in words; "" if it is not.
+        number: of the method, or of the class if another file defines the method, or of the import of the class if
+            another file defines that, too; None if none is known.
+        note: which class of another file has the method, in words; "" if none has.
     """
 
     number: int | None

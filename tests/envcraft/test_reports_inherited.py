@@ -1,9 +1,10 @@
-"""A finding about an inherited method names the method's class, and the line of the user's class in every format."""
+"""A finding about what another file defines names the class there, and a line of the user's file in every format."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from pathlib import Path
 
 import pytest
 from envcraft_checks.api import Api
@@ -12,10 +13,12 @@ from gymnasium.envs.classic_control.cartpole import CartPoleEnv
 
 from envcraft.contracts.builtin import GYMNASIUM
 from envcraft.judging.budget import BUDGETS
+from envcraft.judging.check import Check
 from envcraft.judging.engine import Plan, validate
 from envcraft.judging.selection import driver_named
 from envcraft.model.events import Finished
-from envcraft.model.target import Target
+from envcraft.model.project import with_project
+from envcraft.model.target import Target, read_target
 from envcraft.model.verdict import Report
 from envcraft.registry import offered
 from envcraft.reports.reporter import Reporter
@@ -47,14 +50,16 @@ _OWNER = (
 )
 
 
-@pytest.fixture(scope="module")
-def report() -> Report:
-    plan = Plan(
-        [Target("grid.py", _GRID.encode())], GYMNASIUM, driver_named("process"), [Source(), Api()], BUDGETS["quick"]
-    )
+def _judged(target: Target, checks: Sequence[Check] = (Source(), Api())) -> Report:
+    plan = Plan([target], GYMNASIUM, driver_named("process"), [*checks], BUDGETS["quick"])
     *_, last = validate(plan)
     assert isinstance(last, Finished)
     return last.report
+
+
+@pytest.fixture(scope="module")
+def report() -> Report:
+    return _judged(Target("grid.py", _GRID.encode()))
 
 
 def test_the_finding_has_the_line_of_the_class_and_names_the_method(report: Report) -> None:
@@ -90,3 +95,40 @@ def test_every_format_has_the_line_of_the_class(kind: type[Reporter], report: Re
     assert "CartPoleEnv" in text.partition("EC112")[2]
     in_place = _PLACES.get(kind.name)
     assert in_place(text) if in_place else f"grid.py:{_CLASS}" in text
+
+
+def _in_package(folder: Path, base: str, source: str, name: str) -> Target:
+    """A class of the file room.py, beside which base.py lies."""
+    package = folder / "mazes"
+    package.mkdir()
+    for file, text in {"__init__.py": "", "base.py": f"# One line more.\n{base}", "room.py": source}.items():
+        (package / file).write_text(text)
+    return with_project(read_target(str(package / "room.py"), name))
+
+
+def test_a_class_that_the_file_imports_has_the_line_of_the_import(tmp_path: Path) -> None:
+    step = "    def step(self, action):\n"
+    base = _GRID.replace(step, f"{step}        raise ValueError\n")
+    report = _judged(_in_package(tmp_path, base, "from .base import Grid\n", "Grid"))
+    found = {finding.code: finding for check in report.reports[0].checks for finding in check.findings}
+    assert {code: finding.line for code, finding in found.items()} == {"EC107": 1, "EC112": 1, "EC116": 1}
+    assert found["EC107"].message.endswith(f"; Grid is mazes.base.Grid (base.py:{_CLASS + 1})")
+    assert found["EC112"].message.endswith(f"; render() is inherited from {_OWNER}")
+
+
+@pytest.mark.parametrize(
+    ("source", "name", "line"),
+    [
+        ("import numpy\nfrom .base import (\n    Grid as Room,\n)\n", "Room", 3),
+        ("from .base import *\n", "Grid", 1),
+        ("from . import base\n\nif base:\n    Room = base.Grid\n\n\ndef f():\n    Room = 0\n", "Room", 4),
+        ("from . import base\n\nglobals().update(Room=base.Grid)\n", "Room", None),
+        ("from .base import Grid\n\n\nclass Room(Grid):\n    pass\n", "Room", 4),
+        (f"{_GRID}\n\nRoom = Grid\n", "Room", _CLASS),
+    ],
+)
+def test_the_line_of_a_class_is_one_of_the_file(source: str, name: str, line: int | None, tmp_path: Path) -> None:
+    base, source = (text.replace("render_mode=None", "size, render_mode=None") for text in (_GRID, source))
+    report = _judged(_in_package(tmp_path, base, source, name), [Source()])
+    (found,) = report.reports[0].checks[0].findings
+    assert (found.code, found.line) == ("EC007", line)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import hashlib
 import inspect
+import linecache
 import os
 import random
 import re
@@ -13,7 +14,7 @@ import threading
 import time
 import traceback
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from types import CodeType, ModuleType
 from typing import Any
 
@@ -196,11 +197,14 @@ class Subject:
         if not inspect.isclass(kind):
             return
         loaded["line"] = _line(kind)
+        if isinstance(self.target, targets.Source) and not self._is_own(_file_of(kind)):
+            loaded["line"] = _bound_at(self.target.filename, loaded["class"])
+            loaded["elsewhere"] = _named(kind, _file_of(kind), _line(kind))
         loaded["lines"] = {
             name: _line(getattr(kind, name)) for name in _METHODS if name in dir(kind) and self._defines(kind, name)
         }
         loaded["inherited"] = {
-            name: f"{owner.__module__}.{owner.__qualname__}{_place(vars(owner)[name])}"[:_MAX_NAME]
+            name: _inherited(owner, vars(owner)[name])
             for name in _METHODS
             if name not in loaded["lines"] and (owner := _owner(kind, name)) not in (None, kind, object)
         }
@@ -217,8 +221,12 @@ class Subject:
         method = getattr(kind, name)
         if isinstance(self.target, targets.Source):
             code = _code(method)
-            return code is not None and code.co_filename == self.target.filename
+            return code is not None and self._is_own(code.co_filename)
         return _source_file(method) == _source_file(kind)
+
+    def _is_own(self, file: str) -> bool:
+        """Whether a file is the target's, of which other files of the project may import a copy."""
+        return os.path.join(self._folder, file) == os.path.join(self._folder, self.target.filename)
 
     def _report(self, phase: str, error: BaseException) -> dict[str, Any]:
         frames = traceback.extract_tb(error.__traceback__)
@@ -296,11 +304,44 @@ def _line_of(error: BaseException, file: str) -> int | None:
 def _line(value: Any) -> int | None:
     """The first line of a class or function, decorators included."""
     if inspect.isclass(value):
-        found = definitions(getattr(sys.modules.get(value.__module__), "__file__", None) or "")
+        found = definitions(_file_of(value))
         named = [line for line, node in found.items() if isinstance(node, ast.ClassDef) and node.name == value.__name__]
         return named[-1] if named else None
     code = _code(value)
     return code.co_firstlineno if code is not None else None
+
+
+def _file_of(kind: type) -> str:
+    """The file of the module that defines a class, "" if it is not known."""
+    return getattr(sys.modules.get(kind.__module__), "__file__", None) or ""
+
+
+def _bound_at(filename: str, name: str) -> int | None:
+    """The last line at which a file binds a name when it is imported; None if no statement shows it."""
+    try:
+        tree = ast.parse("".join(linecache.getlines(filename)))
+    except (SyntaxError, ValueError, RecursionError, MemoryError):
+        return None
+    bound, starred = [], []
+    for node in _executed(tree):
+        if isinstance(node, ast.alias):
+            if node.name == "*":
+                starred.append(node.lineno)
+            elif name == (node.asname or node.name.partition(".")[0]):
+                bound.append(node.lineno)
+        elif isinstance(node, ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
+            bound += [node.lineno] if node.name == name else []
+        elif isinstance(node, ast.Name) and node.id == name and isinstance(node.ctx, ast.Store):
+            bound.append(node.lineno)
+    return next(iter([*bound[-1:], *starred[-1:]]), None)
+
+
+def _executed(node: ast.AST) -> Iterator[ast.AST]:
+    """The nodes below one that run when a module is imported, without those in classes and functions."""
+    for child in ast.iter_child_nodes(node):
+        yield child
+        if not isinstance(child, ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda):
+            yield from _executed(child)
 
 
 def _owner(kind: type, name: str) -> type | None:
@@ -308,10 +349,16 @@ def _owner(kind: type, name: str) -> type | None:
     return next((each for each in kind.__mro__ if name in vars(each)), None)
 
 
-def _place(function: Any) -> str:
-    """The file and line of a function in parentheses, "" if it has none."""
+def _inherited(owner: type, function: Any) -> str:
+    """The class that has a function, with the function's place."""
     code = _code(function)
-    return "" if code is None else f" ({os.path.basename(code.co_filename)}:{code.co_firstlineno})"
+    return _named(owner, "", None) if code is None else _named(owner, code.co_filename, code.co_firstlineno)
+
+
+def _named(kind: type, file: str, line: int | None) -> str:
+    """The full name of a class, with a file and line in parentheses if they are known."""
+    place = "" if line is None else f" ({os.path.basename(file)}:{line})"
+    return f"{kind.__module__}.{kind.__qualname__}{place}"[:_MAX_NAME]
 
 
 def _code(function: Any) -> CodeType | None:
