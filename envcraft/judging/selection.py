@@ -128,9 +128,9 @@ def driver_named(name: str, least: str | None = None, runtime: str | None = None
     if least is not None and levels.index(driver.isolation) > levels.index(Isolation(least)):
         raise SandboxUnavailable(
             f"the strongest sandbox here is {driver.name}, whose isolation is only {driver.isolation}, and "
-            f"--require-isolation requires {least}; `envcraft doctor` lists what is missing"
+            f"{least} isolation is required; `envcraft doctor` lists what is missing"
             if name == "auto"
-            else f"the {name} sandbox isolates by {driver.isolation} only, and --require-isolation requires {least}"
+            else f"the {name} sandbox isolates by {driver.isolation} only, and {least} isolation is required"
         )
     if name == "auto" and driver.isolation is Isolation.PROCESS:
         click.echo(

@@ -286,25 +286,32 @@ def _class_spec(target: type) -> Spec:
 def settings(config: pytest.Config, given: dict[str, Any] | None = None) -> Settings:
     """Resolve the settings; `given` ones win. Raises UsageError if a value does not exist."""
     found = _of_project(config.rootpath)
-    of_file = set(found)
+    # Where values that are not from the project's file are from.
+    origins: dict[str, str] = {}
     for name in SETTINGS:
+        option = name.replace("_", "-")
         # In pytest's configuration an empty value is none.
-        for value in (
-            (given or {}).get(name),
-            config.getoption(f"envcraft_{name}"),
-            config.getini(f"envcraft_{name}") or None,
+        for value, origin in (
+            ((given or {}).get(name), option),
+            (config.getoption(f"envcraft_{name}"), f"--envcraft-{option}"),
+            (config.getini(f"envcraft_{name}") or None, f"envcraft_{name}"),
         ):
             if value is not None:
-                found[name] = value
-                of_file.discard(name)
+                found[name], origins[option] = value, origin
                 break
     try:
         chosen = Settings(**{name: _plain(name, value) for name, value in found.items()})
         _require(chosen)
     except UsageError as error:
-        if error.setting.replace("-", "_") not in of_file:
+        setting = error.setting
+        if setting.replace("-", "_") not in found:
             raise
-        raise UsageError(f"{place(error.setting, config.rootpath)}: {error}") from None
+        origin = origins.get(setting) or place(setting, config.rootpath)
+        if f"--{setting}" in str(error):
+            raise UsageError(str(error).replace(f"--{setting}", origin)) from None
+        if setting in origins:
+            raise
+        raise UsageError(f"{origin}: {error}") from None
     severity_table(config.rootpath)
     return chosen
 
