@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from random import Random
 
-from envcraft_composer.mechanic import Constants, Mechanic, traits
+from envcraft_composer.mechanic import Constants, Mechanic, scaled, traits
 
 _STEPS = ((0, 0, 0), (1, 0, 0), (2, 0, 0), (3, 0, 0), (4, 0, 0))
 _FIRST = ((0, 1, 0), (1, 1, 0), (2, 1, 0), (3, 1, 0), (4, 1, 0))
@@ -36,6 +36,28 @@ if first and move:
         self.at = (y, x)
 else:
     self.at = self._shift(self.at, move)
+"""
+_KNIGHT = """
+(y, x), (dy, dx) = self.at, MOVES[move]
+leap = (y + 2 * dy + dx, x + 2 * dx - dy)
+if not first:
+    self.at = self._shift(self.at, move)
+elif 0 <= leap[0] < ROWS and 0 <= leap[1] < COLUMNS and leap not in self.walls:
+    self.at = leap
+"""
+_BLINK = """
+opposite = (ROWS - 1 - self.at[0], COLUMNS - 1 - self.at[1])
+if not first:
+    self.at = self._shift(self.at, move)
+elif opposite not in self.walls:
+    self.at = opposite
+"""
+_SPRINT = """
+self.stride = min(self.stride + 1, 3) if move and move == self.heading else 1
+self.heading = move
+for _ in range(self.stride):
+    self.at = self._shift(self.at, move)
+    self._touch()
 """
 _SNAKE = """
 after = self._shift(self.at, move)
@@ -75,10 +97,8 @@ _LEAPS = '''
         return list(dict.fromkeys(at for at, _ in states))
 '''
 _DRAW_NOSE = """
-top, left = self._pixel(self.at)
-dy, dx = MOVES[{facing}]
 half = CELL // 2
-y, x = top + half + dy * (half - 1), left + half + dx * (half - 1)
+y, x = (side + half + part * (half - 1) for side, part in zip(self._pixel(self.at), MOVES[{facing}]))
 frame[y - 1 : y + 1, x - 1 : x + 1] = PALETTE[7]
 """
 _DRAW_BODY = """
@@ -95,14 +115,10 @@ self.reload = RELOAD if self.beam else max(self.reload - 1, 0)
 _RAY = '''
     def _ray(self) -> list[tuple]:
         """The places ahead, up to the next wall."""
-        found, place = [], self.at
+        found = [self.at]
         for _ in range(RANGE):
-            after = self._shift(place, self.facing)
-            if after == place:
-                break
-            place = after
-            found.append(place)
-        return found
+            found.append(self._shift(found[-1], self.facing))
+        return list(dict.fromkeys(found))[1:]
 '''
 _SHIP = """
 if move in (3, 4):
@@ -138,9 +154,9 @@ y, x = round(min(max(top + half - 4 * vy, 6), 78)), round(min(max(left + half - 
 frame[y : y + 2, x : x + 2] = PALETTE[3]
 """
 _DRAW_BEAM = """
-for place in self.beam:
-    top, left = self._pixel(place)
+for top, left in map(self._pixel, self.beam):
     frame[top + CELL // 2, left + CELL // 2] = PALETTE[4]
+frame[1:4, 60 : 60 + self.reload] = PALETTE[3]
 """
 _FLY = """
 for _ in range(2 if first else 1):
@@ -204,7 +220,7 @@ def _ship(rng: Random, level: float) -> Constants:
 
 
 def _paddle(rng: Random, level: float) -> Constants:
-    return {"WIDTH": rng.randint(14, 18), "BALL": rng.choice((2.0, 2.4)), "LOW": 56}
+    return {"WIDTH": scaled(18, 13, level) + rng.randint(0, 1), "BALL": rng.choice((2.0, 2.4)), "LOW": 56}
 
 
 AVATARS = (
@@ -230,7 +246,7 @@ AVATARS = (
     Mechanic(
         "runner",
         "",
-        gives=traits("mover"),
+        gives=traits("mover", "runs"),
         needs=traits("walk"),
         parts={"avatar": "self.heading = 0", "act": _RUN, "over": _pointed("self.heading")},
         controls="The avatar runs on by itself. A move turns it if the way is free. The first button stops it a step.",
@@ -240,7 +256,7 @@ AVATARS = (
     Mechanic(
         "turtle",
         "",
-        gives=traits("mover"),
+        gives=traits("mover", "pushes", "turns"),
         needs=traits("walk"),
         parts={
             "constants": "# The moves in the order in which the avatar turns.\nAROUND = (1, 4, 2, 3)",
@@ -261,6 +277,37 @@ AVATARS = (
         controls="The four moves walk one cell. With the first button they hop two cells, over walls too.",
         actions=(*_STEPS, *_FIRST[1:]),
         pace=0.7,
+    ),
+    Mechanic(
+        "knight",
+        "",
+        gives=traits("mover"),
+        needs=traits("walk", "walled"),
+        parts={"act": _KNIGHT},
+        controls="The four moves walk one cell. With the first button they leap two cells ahead and one to the right.",
+        actions=(*_STEPS, *_FIRST[1:]),
+        pace=0.8,
+    ),
+    Mechanic(
+        "blinker",
+        "",
+        gives=traits("mover"),
+        needs=traits("walk"),
+        # Between cars nobody could see where a blink is safe.
+        bars=traits("traffic"),
+        parts={"act": _BLINK},
+        controls="The four moves walk one cell. The first button brings the avatar to the opposite side of the world.",
+        actions=(*_STEPS, _FIRST[0]),
+    ),
+    Mechanic(
+        "sprinter",
+        "",
+        gives=traits("mover", "pushes", "sprints"),
+        needs=traits("walk"),
+        parts={"avatar": "self.stride, self.heading = 1, 0", "act": _SPRINT},
+        controls="The four moves walk one cell, the same move again two cells, and then three.",
+        actions=_STEPS,
+        pace=0.8,
     ),
     Mechanic(
         "snake",
@@ -299,7 +346,7 @@ AVATARS = (
             "avatar": "self.facing, self.reload, self.beam = 1, 0, []",
             "act": _AIM,
             "method:ray": _RAY,
-            "over": _pointed("self.facing") + _DRAW_BEAM + "frame[1:4, 60 : 60 + self.reload] = PALETTE[3]",
+            "over": _pointed("self.facing") + _DRAW_BEAM.lstrip(),
         },
         draw=_shooter,
         controls="The four moves walk and look that way. The first button shoots ahead and reloads for some steps.",
@@ -323,7 +370,7 @@ AVATARS = (
             "avatar": "self.facing, self.reload, self.beam = 1, 0, []",
             "act": _AIM,
             "method:ray": _RAY,
-            "over": _pointed("self.facing") + _DRAW_BEAM + "frame[1:4, 60 : 60 + self.reload] = PALETTE[3]",
+            "over": _pointed("self.facing") + _DRAW_BEAM.lstrip(),
         },
         draw=_gunner,
         controls="The four moves fly and aim that way. The first button shoots ahead and reloads for some steps.",
@@ -338,7 +385,7 @@ AVATARS = (
             "avatar": "self.facing, self.drift, self.reload, self.beam = 0, (0.0, 0.0), 0, []",
             "act": _SHIP,
             "method:ray": _SHIP_RAY,
-            "over": _DRAW_SHIP + _DRAW_BEAM + "frame[1:4, 60 : 60 + self.reload] = PALETTE[3]",
+            "over": _DRAW_SHIP + _DRAW_BEAM.lstrip(),
         },
         draw=_ship,
         controls="Left and right turn, up thrusts, down brakes. The first button shoots ahead, then reloads.",

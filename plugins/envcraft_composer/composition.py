@@ -15,6 +15,7 @@ from envcraft_composer.mechanic import Constants, Mechanic, fits
 from envcraft_composer.mechanics import found
 from envcraft_composer.pressures import DANGERS, PRESSURES
 from envcraft_composer.skeleton import SKELETON
+from envcraft_composer.twists import TWISTS
 from envcraft_composer.worlds import WORLDS
 
 #: The groups of mechanics, in the order of their sentences and code.
@@ -24,6 +25,7 @@ GROUPS: dict[str, tuple[Mechanic, ...]] = {
         ("world", WORLDS),
         ("avatar", AVATARS),
         ("goal", GOALS),
+        ("twist", TWISTS),
         ("danger", DANGERS),
         ("pressure", PRESSURES),
     )
@@ -33,16 +35,13 @@ _SHAPES = dict(SPRITES)
 for _mechanics in GROUPS.values():
     for _mechanic in _mechanics:
         _SHAPES |= _mechanic.shapes
-_CODE_SLOTS = frozenset(
-    {"build", "avatar", "place", "act", "touch", "stir", "press", "draw", "over", "hud", "constants"}
-)
 #: Steps between two things, as a share of the mean length of a world's sides.
 _APART = 0.45
 #: The time limit as a multiple of the steps that a good player needs, on the easiest and the hardest level.
-_SLACK = (3.4, 2.0)
+_SLACK = (10.0, 2.0)
 #: Constants in one line.
-_TOGETHER = 5
-_LEAST_TIME, _MOST_TIME = 60, 960
+_TOGETHER = 6
+_LEAST_TIME, _MOST_TIME = 80, 960
 
 
 @dataclass(frozen=True)
@@ -70,12 +69,11 @@ class Composition:
         if goal.name == "escort":
             # A train of chicks keeps apart: a cell, or the points of some steps.
             constants["PACE"] = 1 if "ROWS" in constants else 4
-        pace = goal.pace * mechanics["world"].pace * mechanics["avatar"].pace
+        slow = mechanics["avatar"].pace * mechanics["twist"].pace
+        pace = goal.pace * mechanics["world"].pace * slow
         things = int(str(constants.get("COUNT", 0)))
-        needed = (
-            goal.area * size * size * mechanics["avatar"].pace if goal.area else things * _APART * size * pace + size
-        )
-        slack = _SLACK[0] + (_SLACK[1] - _SLACK[0]) * level
+        needed = goal.area * size * size * slow if goal.area else things * _APART * size * pace + size
+        slack = _SLACK[0] * (_SLACK[1] / _SLACK[0]) ** level
         constants["TIME"] = round(min(max(slack * needed, _LEAST_TIME), _MOST_TIME))
         constants["POINT"] = round(rng.uniform(2, 8) / (size * size * 0.8 if goal.area else things), 3)
         constants["PRIZE"] = round(rng.uniform(2, 10), 1)
@@ -97,7 +95,6 @@ class Composition:
         builder.add("title", f"{self.title}.")
         builder.add("about", self._about())
         builder.add("class", class_name)
-        builder.add("summary", f"{self.title}.")
         builder.add("colours", ROLES)
         builder.add("palette", self.look.palette)
         builder.add("actions", ", ".join(map(str, self.mechanics["avatar"].actions)))
@@ -113,15 +110,16 @@ class Composition:
             for slot, code in part.parts.items():
                 if slot.startswith("method:"):
                     methods[slot] = code
-                elif slot == "act" and part is self.mechanics["goal"]:
-                    # The goal moves the avatar itself.
-                    slots[slot] = [code]
                 else:
-                    slots.setdefault(slot, []).append(code)
+                    slots.setdefault(slot, []).append(code.replace("\n\n", "\n"))
+        if "method:push" in methods:
+            # Where the goal is to push, each step of the avatar pushes.
+            for slot in ("act", "stir"):
+                slots[slot] = [code.replace("self._shift(self.at, ", "self._push(") for code in slots.get(slot, ())]
         for slot, codes in slots.items():
             builder.add(slot, *("\n" + code for code in codes))
         builder.add("methods", *("\n" + code for code in methods.values()))
-        if any("self._harm()" in code for code in slots.get("touch", ())):
+        if "_harm()" in "".join(slots.get("touch", ())):
             builder.add("again", "self._touch()")
         return builder.render(SKELETON)
 
@@ -155,15 +153,18 @@ def _size(constants: Constants) -> float:
     return 78 / float(str(constants["SPEED"]))
 
 
-def combinations() -> list[dict[str, Mechanic]]:
-    """All sets of mechanics, one of each group, that fit together."""
-    fitting = []
-    for world, avatar, goal in product(GROUPS["world"], GROUPS["avatar"], GROUPS["goal"]):
-        # Most sets are ruled out before dangers and pressures are tried.
-        if not avatar.needs <= world.gives | goal.gives | {"danger"} or not goal.needs <= world.gives | avatar.gives:
-            continue
-        for danger, pressure in product(GROUPS["danger"], GROUPS["pressure"]):
-            chosen = (world, avatar, goal, danger, pressure)
-            if fits(chosen):
-                fitting.append(dict(zip(GROUPS, chosen, strict=True)))
-    return fitting
+def cores() -> list[dict[str, Mechanic]]:
+    """All worlds, avatars and goals that fit together."""
+    return [
+        {"world": world, "avatar": avatar, "goal": goal}
+        for world, avatar, goal in product(GROUPS["world"], GROUPS["avatar"], GROUPS["goal"])
+        if fits((world, avatar, goal))
+    ]
+
+
+def combinations(core: dict[str, Mechanic]) -> list[dict[str, Mechanic]]:
+    """All sets of mechanics, one of each group, that fit together and have this core."""
+    given = frozenset().union(*(mechanic.gives for mechanic in core.values()))
+    twists = [twist for twist in GROUPS["twist"] if twist.needs <= given and not twist.bars & given]
+    sets = product(*([mechanic] for mechanic in core.values()), twists, GROUPS["danger"], GROUPS["pressure"])
+    return [dict(zip(GROUPS, chosen, strict=True)) for chosen in sets if fits(chosen)]

@@ -8,13 +8,16 @@ from random import Random
 from typing import Any
 
 from envcraft.environments.families import Family, Generated
-from envcraft_composer.composition import Composition, combinations
+from envcraft_composer.composition import Composition, combinations, cores
+from envcraft_composer.kinship import Kinship
 from envcraft_composer.mechanic import Mechanic
 
 #: The most lines of a source.
 _MOST_LINES = 250
 #: Sets of mechanics among which the next is chosen.
 _CHOICES = 40
+#: The share of their own code from which two games are too much alike.
+_ALIKE, _EQUAL = 0.6, 1.0
 
 
 class ComposerFamily(Family):
@@ -61,36 +64,39 @@ class ComposerFamily(Family):
 
 
 def _varied(rng: Random) -> Iterator[dict[str, Mechanic]]:
-    """Yield sets of mechanics: goals in turn, then those whose mechanics were used least together.
+    """Yield sets of mechanics: goals in turn, and for each the mechanics that were used least, alone and together.
 
-    Games with the same world, avatar and goal differ in little code, so such a three comes again only after all others.
+    A goal is left out once each of its sets shares too much code with an earlier game, and comes back when all are.
     """
-    rest: dict[str, dict[str, list[dict[str, Mechanic]]]] = {}
-    used: dict[tuple[str, str], int] = {}
-    while True:
-        if not any(sets for cores in rest.values() for sets in cores.values()):
-            for chosen in combinations():
-                cores = rest.setdefault(chosen["goal"].name, {})
-                cores.setdefault(f"{chosen['world'].name} {chosen['avatar'].name}", []).append(chosen)
-            for cores in rest.values():
-                for sets in cores.values():
-                    rng.shuffle(sets)
-        waiting = [[sets.pop() for sets in cores.values() if sets] for cores in rest.values()]
-        for choices in waiting:
-            rng.shuffle(choices)
-        while any(waiting):
-            for choices in waiting:
-                if choices:
-                    best = min(
-                        choices[-_CHOICES:], key=lambda chosen: sum(used.get(pair, 0) for pair in _pairs(chosen))
-                    )
-                    choices.remove(best)
-                    for pair in _pairs(best):
-                        used[pair] = used.get(pair, 0) + 1
-                    yield best
+    known = Kinship()
+    done: set[tuple[str, ...]] = set()
+    for limit in itertools.cycle((_ALIKE, _EQUAL)):
+        if limit == _ALIKE:
+            known = Kinship()
+            done.clear()
+        rest: dict[str, list[dict[str, Mechanic]]] = {}
+        for core in cores():
+            rest.setdefault(core["goal"].name, []).append(core)
+        while rest:
+            for goal, waiting in list(rest.items()):
+                fresh: list[dict[str, Mechanic]] = []
+                while waiting and not fresh:
+                    rng.shuffle(waiting)
+                    core = min(waiting, key=known.uses)
+                    fresh = [one for one in combinations(core) if _names(one) not in done]
+                    fresh = [one for one in fresh if limit == _EQUAL or known.nearest(one) < limit]
+                    if not fresh:
+                        # All that is added makes it less likely that a set fits.
+                        waiting.remove(core)
+                if not fresh:
+                    del rest[goal]
+                    continue
+                rng.shuffle(fresh)
+                chosen = min(fresh[:_CHOICES], key=known.uses)
+                done.add(_names(chosen))
+                known.add(chosen)
+                yield chosen
 
 
-def _pairs(chosen: dict[str, Mechanic]) -> list[tuple[str, str]]:
-    names = [(group, mechanic.name) for group, mechanic in chosen.items()]
-    pairs = [(f"{one} {two}", f"{first} {second}") for one, first in names for two, second in names if one < two]
-    return [*pairs, *((name, value) for name, value in names for _ in range(2))]
+def _names(chosen: dict[str, Mechanic]) -> tuple[str, ...]:
+    return tuple(mechanic.name for mechanic in chosen.values())

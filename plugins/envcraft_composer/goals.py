@@ -83,14 +83,9 @@ _STAIN = '''
         self.picture[top : top + CELL, left : left + CELL] = PALETTE[5]
 '''
 _ESCORT = """
-self.waiting, joined = (
-    [place for place in self.waiting if not self.near(place, self.at)],
-    [place for place in self.waiting if self.near(place, self.at)],
-)
-self.train += joined
-if self.near(self.home, self.at):
-    self.safe += len(self.train)
-    self.train = []
+joined = [place for place in self.waiting if self.near(place, self.at)]
+self.waiting = [place for place in self.waiting if place not in joined]
+self.train = [] if self.near(self.home, self.at) else self.train + joined
 """
 _TRAIL = """
 if self.at != self.trail[0]:
@@ -116,16 +111,15 @@ if self.clock % FLEE == 0:
     self.sheep = herd
 """
 _SHOOT = """
-if self.beam:
-    for place in self.beam:
-        hit = next((target for target in self.marks if self.near(target, place)), None)
-        if hit is not None:
-            self.marks.remove(hit)
-            break
-        if any(self.near(friend, place) for friend in self.friends):
-            self.beam = []
-            self._harm()
-            break
+for place in self.beam:
+    hit = next((target for target in self.marks if self.near(target, place)), None)
+    if hit is not None:
+        self.marks.remove(hit)
+        break
+    if any(self.near(friend, place) for friend in self.friends):
+        self.beam = []
+        self._harm()
+        break
 """
 _DRAW_SHOOT = """
 for place in self.marks:
@@ -139,43 +133,50 @@ if self.near(self.prize, self.at):
     self.taken = type(self.taken)([self.at])
     self.prize = self._spots(1)[0]
 """
-_PUSH_ACT = """
-after = self._shift(self.at, move)
-if after in self.crates:
-    beyond = self._shift(after, move)
-    if beyond != after and beyond not in self.crates:
-        self.crates = [beyond if crate == after else crate for crate in self.crates]
-        self.at = after
-else:
-    self.at = after
-"""
+_PUSH = '''
+    def _push(self, move: int) -> tuple[int, int]:
+        """The avatar's cell after a step, which pushes a crate if there is room behind it."""
+        after = self._shift(self.at, move)
+        if after in self.crates:
+            beyond = self._shift(after, move)
+            if beyond == after or beyond in self.crates:
+                return self.at
+            self.crates = [beyond if crate == after else crate for crate in self.crates]
+        return after
+'''
 _PUSH_PLACE = """
 # The crates start on their marks and are pulled away, so that they can be pushed back.
 for _ in range(500):
     self.taken = {self.at}
     self.marks = self._spots(COUNT)
-    self.crates = list(self.marks)
-    for _ in range(PULLS):
-        number, move = int(self.np_random.integers(COUNT)), int(self.np_random.integers(1, 5))
-        for _ in range(int(self.np_random.integers(1, 4))):
-            crate = self.crates[number]
-            stand = self._shift(crate, move)
-            behind = self._shift(stand, move)
-            if stand == crate or behind == stand or stand in self.crates or behind in self.crates:
-                break
-            self.crates[number] = stand
-    if not set(self.crates) & set(self.marks) and self._open():
+    self.crates = self._pulled(list(self.marks))
+    if not set(self.crates) & set(self.marks) and self._open(self.crates):
         break
 """
+_PULLED = '''
+    def _pulled(self, parts: list[tuple[int, int]]) -> list[tuple[int, int]]:
+        """Where these things are after some pulls, each of which a push undoes."""
+        for _ in range(PULLS):
+            number, move = self.np_random.integers((0, 1), (len(parts), 5)).tolist()
+            for _ in range(self.np_random.integers(1, 4)):
+                stand = self._shift(parts[number], move)
+                behind = self._shift(stand, move)
+                if stand == parts[number] or behind == stand or {stand, behind} & set(parts):
+                    break
+                parts[number] = stand
+        return parts
+'''
 _OPEN = '''
-    def _open(self) -> bool:
-        """Whether the avatar, which starts outside, can walk to all free cells beside crates."""
-        walls, self.walls = self.walls, self.walls | set(self.crates)
+    def _open(self, parts: list[tuple[int, int]]) -> bool:
+        """Whether the avatar, which starts outside, can walk to all free cells beside these things."""
+        walls, self.walls = self.walls, self.walls | set(parts)
         found = set(self._reachable())
         self.walls = walls
-        beside = {self._shift(crate, move) for crate in self.crates for move in range(1, 5)} - set(self.crates)
-        return self.at not in self.crates and beside <= found
+        beside = {self._shift(part, move) for part in parts for move in range(1, 5)} - set(parts)
+        return self.at not in parts and beside <= found
 '''
+#: Methods of goals that start with things that are pulled apart.
+PULLING = {"method:pulled": _PULLED, "method:open": _OPEN}
 _DRAW_PUSH = """
 for place in self.marks:
     self._blit(frame, place, RING, PALETTE[4])
@@ -206,7 +207,7 @@ GOALS = (
             **goal_methods("len(self.gems)", "self.gems"),
         },
         sprites=("GEM",),
-        draw=_count(6, 14),
+        draw=_count(2, 14),
     ),
     Mechanic(
         "bricks",
@@ -219,7 +220,7 @@ GOALS = (
             **goal_methods("len(self.gems)", "self.gems"),
         },
         sprites=("CRATE",),
-        draw=_count(9, 14),
+        draw=_count(6, 14),
     ),
     Mechanic(
         "order",
@@ -233,7 +234,7 @@ GOALS = (
             **goal_methods("COUNT - self.done", "self.beacons[self.done : self.done + 1]"),
         },
         sprites=("BEACON",),
-        draw=_count(4, 8),
+        draw=_count(2, 8),
         pace=1.5,
     ),
     Mechanic(
@@ -248,7 +249,7 @@ GOALS = (
             **goal_methods("len(self.keys) + (not self.out)", "self.keys or [self.exit]"),
         },
         sprites=("KEY", "DOOR"),
-        draw=_count(4, 9),
+        draw=_count(1, 9),
     ),
     Mechanic(
         "switches",
@@ -265,7 +266,7 @@ GOALS = (
             ),
         },
         sprites=("SWITCH",),
-        draw=_count(5, 10),
+        draw=_count(2, 10),
     ),
     Mechanic(
         "deliver",
@@ -280,7 +281,7 @@ GOALS = (
             **goal_methods("2 * len(self.items) + self.carries", "[self.depot] if self.carries else self.items"),
         },
         sprites=("PARCEL", "DEPOT"),
-        draw=_count(3, 6),
+        draw=_count(1, 6),
         pace=2.0,
     ),
     Mechanic(
@@ -302,17 +303,14 @@ GOALS = (
         needs=traits("mover"),
         bars=traits("ball", "long", "slides"),
         parts={
-            "place": (
-                "self.home, *self.waiting = self._spots(COUNT + 1)\n"
-                "self.train, self.trail, self.safe = [], [self.at], 0"
-            ),
+            "place": "self.home, *self.waiting = self._spots(COUNT + 1)\nself.train, self.trail = [], [self.at]",
             "touch": _ESCORT,
             "stir": _TRAIL,
             "draw": _DRAW_ESCORT,
             **goal_methods("2 * len(self.waiting) + len(self.train)", "self.waiting or [self.home]"),
         },
         sprites=("CHICK", "DEPOT"),
-        draw=_count(4, 8),
+        draw=_count(1, 8),
         pace=1.2,
     ),
     Mechanic(
@@ -328,7 +326,7 @@ GOALS = (
             **goal_methods("len(self.sheep)", "self.sheep"),
         },
         sprites=("SHEEP",),
-        draw=_count(4, 8, FLEE=(3, 4)),
+        draw=_count(2, 8, FLEE=(3, 4)),
         pace=1.8,
     ),
     Mechanic(
@@ -342,13 +340,14 @@ GOALS = (
             **goal_methods("len(self.marks)", "self.marks"),
         },
         sprites=("MARK", "FRIEND"),
-        draw=_count(5, 9, FRIENDS=(3, 5)),
+        draw=_count(3, 9, FRIENDS=(3, 5)),
         gives=traits("danger"),
         pace=1.2,
     ),
     Mechanic(
         "score",
         "Goal: take {COUNT} fruits before time is up. Each fruit appears when the last one is taken.",
+        gives=traits("respawns"),
         needs=traits("mover"),
         bars=traits("ball"),
         parts={
@@ -358,18 +357,19 @@ GOALS = (
             **goal_methods("COUNT - self.score", "[self.prize]"),
         },
         sprites=("FRUIT",),
-        draw=_count(7, 14),
+        draw=_count(2, 14),
         pace=1.5,
     ),
     Mechanic(
         "crates",
         "Goal: push all {COUNT} crates onto the marks. A crate cannot be pulled.",
+        gives=traits("heavy"),
         needs=traits("roomy", "pushes"),
         bars=traits("danger"),
         parts={
-            "act": _PUSH_ACT,
+            "method:push": _PUSH,
             "place": _PUSH_PLACE,
-            "method:open": _OPEN,
+            **PULLING,
             "draw": _DRAW_PUSH,
             **goal_methods("sum(crate not in self.marks for crate in self.crates)", "self.marks"),
         },

@@ -37,7 +37,7 @@ _UNDONE = 5.0
 _BOUNCES = (-10, -7, -4, -2, 0, 2, 4, 7, 10)
 #: Attributes that tell states apart, besides the place and what is left.
 _PARTS = (
-    *("heading", "facing", "rise", "carries", "body", "paddle", "lit", "standing"),
+    *("heading", "stride", "facing", "inside", "rise", "carries", "body", "paddle", "lit", "standing"),
     *("reload", "train", "lives", "sheep", "marks", "lifts", "pointer"),
 )
 #: Attributes that no step changes.

@@ -30,12 +30,9 @@ _CHASE = """
 if self.clock % BEAT == 0:
     for foe in self.foes:
         dy, dx = self.at[0] - foe[0][0], self.at[1] - foe[0][1]
-        ways = [(abs(dy), 2 if dy > 0 else 1), (abs(dx), 4 if dx > 0 else 3)]
-        for _, move in sorted(ways, reverse=True):
-            after = self._shift(foe[0], move)
-            if after != foe[0]:
-                foe[:] = [after, move]
-                break
+        ways = sorted([(abs(dy), 2 if dy > 0 else 1), (abs(dx), 4 if dx > 0 else 3)], reverse=True)
+        found = [[self._shift(foe[0], way), way] for _, way in ways]
+        foe[:] = next((step for step in found if step[0] != foe[0]), foe)
 """
 _PLACE_FOES = """
 self.foes = [[place, int(self.np_random.integers(1, 5))] for place in self._spots(FOES)]
@@ -43,9 +40,8 @@ self.foes = [[place, int(self.np_random.integers(1, 5))] for place in self._spot
 _DRAW_FOES = """
 for place, way in self.foes:
     self._blit(frame, place, FOE, PALETTE[6])
-    top, left = self._pixel(place)
-    half = CELL // 2
-    frame[top + half + MOVES[way][0] * half, left + half + MOVES[way][1] * half] = PALETTE[7]
+    y, x = (side + CELL // 2 * (1 + part) for side, part in zip(self._pixel(place), MOVES[way]))
+    frame[y, x] = PALETTE[7]
 """
 _DRAW_BEAT = """
 frame[1:4, 66 : 67 + self.clock % BEAT] = PALETTE[6]
@@ -85,8 +81,8 @@ _LIVES = '''
 '''
 _FRAIL = '''
     def _harm(self) -> None:
-        """An accident loses the game."""
-        self.lost = True
+        """An accident loses the game, except in the first steps, which a bar at the top shows."""
+        self.lost = self.lost or not self.shield
 '''
 _TIRE = '''
     def _harm(self) -> None:
@@ -99,23 +95,27 @@ _TIRE = '''
 _SHIELDED = """
 if self.shield:
     self._blit(frame, self.at, HERO, PALETTE[7])
-    frame[4, 70 : 70 + self.shield] = PALETTE[3]
+    frame[4, 47 : 47 + self.shield] = PALETTE[3]
+"""
+_RECOVER = """
+self.shield = max(self.shield - 1, 0)
 """
 _TIMED = """
-if self.clock >= TIME:
-    self.lost = True
+self.lost = self.lost or self.clock >= TIME
 """
 _CLOCK = """
 frame[81:83, 1 : 1 + 82 * (TIME - self.clock) // TIME] = PALETTE[4]
 """
 _BURN = """
-self.energy -= 1
-self.shield = max(self.shield - 1, 0)
-if self._remaining() < self.fewest:
-    self.energy = min(self.energy + (self.fewest - self._remaining()) * TIME / 2 / self.total, TIME / 2)
-if self.energy <= 0:
-    self.lost = True
+gain = max(self.fewest - self._remaining(), 0) * TIME / 2 / self.total
+self.energy = min(self.energy - 1 + gain, TIME / 2)
+self.lost = self.lost or self.energy <= 0
 """
+
+
+def _safe(rng: Random, level: float) -> Constants:
+    """The steps at the start in which nothing harms, so that a player who looks first has not lost already."""
+    return {"SAFE": 30 + rng.randint(0, 6)}
 
 
 def _beat(low: int, high: int, slow: tuple[int, int], **more: tuple[int, int]) -> Callable[[Random, float], Constants]:
@@ -207,38 +207,50 @@ PRESSURES = (
     ),
     Mechanic(
         "frail",
-        "An accident loses the game. So does the end of time, after {TIME} steps; the bar at the bottom shows it.",
+        "After the first {SAFE} steps an accident loses the game. So does the end of time, after {TIME} steps; the bar "
+        "at the bottom shows it.",
         needs=traits("danger"),
         bars=traits("ball", "aims", "narrow"),
-        parts={"method:harm": _FRAIL, "press": _TIMED, "hud": _CLOCK},
+        parts={
+            "avatar": "self.shield = SAFE",
+            "method:harm": _FRAIL,
+            "press": _RECOVER + _TIMED.strip(),
+            "over": _SHIELDED,
+            "hud": _CLOCK,
+        },
+        draw=_safe,
     ),
     Mechanic(
         "lives",
-        "The third accident loses the game, and so does the end of time, after {TIME} steps. The bar at the bottom "
-        "shows the time, and the squares at the top show the lives.",
+        "After the first {SAFE} steps the third accident loses the game, and so does the end of time, after {TIME} "
+        "steps. The bar at the bottom shows the time, and the squares at the top show the lives.",
         needs=traits("danger"),
         parts={
-            "avatar": "self.lives, self.shield = 3, 0",
+            "avatar": "self.lives, self.shield = 3, SAFE",
             "method:harm": _LIVES,
-            "press": "self.shield = max(self.shield - 1, 0)\n" + _TIMED.strip(),
+            "press": _RECOVER + _TIMED.strip(),
             "over": _SHIELDED,
             "hud": _CLOCK
             + "for life in range(self.lives):\n    frame[1:4, 80 - 4 * life : 83 - 4 * life] = PALETTE[3]",
         },
-        draw=lambda rng, level: {"SHIELD": rng.randint(6, 12)},
+        draw=lambda rng, level: {"SHIELD": rng.randint(6, 12), **_safe(rng, level)},
     ),
     Mechanic(
         "energy",
-        "Every step costs energy, accidents cost more, and progress restores some. Without energy the game is lost. "
-        "The bar at the bottom shows what is left.",
+        "Every step costs energy, accidents after the first {SAFE} steps cost more, and progress restores some. "
+        "Without energy the game is lost. The bar at the bottom shows what is left.",
         needs=traits("danger"),
         parts={
-            "avatar": "self.energy, self.shield = TIME / 2, 0",
+            "avatar": "self.energy, self.shield = TIME / 2, SAFE",
             "method:harm": _TIRE,
-            "press": _BURN,
+            "press": _RECOVER + _BURN.strip(),
             "over": _SHIELDED,
             "hud": "frame[81:83, 1 : 1 + max(round(164 * self.energy / TIME), 0)] = PALETTE[4]",
         },
-        draw=lambda rng, level: {"SHIELD": rng.randint(6, 12), "HIT": scaled(15, 40, level)},
+        draw=lambda rng, level: {
+            "SHIELD": rng.randint(6, 12),
+            "HIT": scaled(15, 40, level),
+            **_safe(rng, level),
+        },
     ),
 )

@@ -24,8 +24,7 @@ BACK = (0, 2, 1, 4, 3)
 # The joint actions that differ in this game.
 ACTIONS = (<<actions>>)
 # Colours of <<colours>>.
-IN_HEXADECIMAL = "<<palette>>"
-PALETTE = np.frombuffer(bytes.fromhex(IN_HEXADECIMAL), np.uint8).reshape(-1, 3)
+PALETTE = np.array(bytearray.fromhex("<<palette>>")).reshape(-1, 3)
 
 
 def sprite(rows: str) -> np.ndarray:
@@ -39,8 +38,6 @@ def sprite(rows: str) -> np.ndarray:
 
 
 class <<class>>(gym.Env):
-    """<<summary>>"""
-
     metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 15}
 
     def __init__(self, render_mode: str | None = None) -> None:
@@ -50,9 +47,7 @@ class <<class>>(gym.Env):
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[np.ndarray, dict]:
         super().reset(seed=seed)
-        self.steps = self.clock = 0
-        self.won = self.lost = False
-        self.reward = 0.0
+        self.steps, self.clock, self.reward, self.won, self.lost = 0, 0, 0.0, False, False
         <<build>>
         <<avatar>>
         <<place>>
@@ -63,11 +58,10 @@ class <<class>>(gym.Env):
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
         move, first, second = (int(part) for part in action)
-        self.steps += 1
-        self.reward = 0.0
+        self.steps, self.reward = self.steps + 1, 0.0
         if not (self.won or self.lost):
-            self.clock += 1
-            self.reward -= COST
+            self.clock, self.reward = self.clock + 1, -COST
+            <<before>>
             <<act>>
             self._touch()
             <<stir>>
@@ -79,8 +73,8 @@ class <<class>>(gym.Env):
 
     def get_state(self) -> dict[str, Any]:
         """The whole state for privileged players: `targets` are the places that count now."""
-        state = {name: value for name, value in vars(self).items() if name not in ("picture", "_np_random")}
-        return {**state, "targets": self._targets(), "remaining": self._remaining(), "actions": ACTIONS}
+        state = {**vars(self), "targets": self._targets(), "remaining": self._remaining(), "actions": ACTIONS}
+        return {name: value for name, value in state.items() if name not in ("picture", "_np_random")}
 
     def _info(self) -> dict[str, Any]:
         return {"is_success": self.won, "remaining": self._remaining()}
@@ -88,9 +82,8 @@ class <<class>>(gym.Env):
     def _settle(self) -> None:
         """Pay for progress beyond the best so far, and end the game."""
         left = self._remaining()
-        if left < self.fewest:
-            self.reward += POINT * (self.fewest - left)
-            self.fewest = left
+        self.reward += POINT * max(self.fewest - left, 0)
+        self.fewest = min(left, self.fewest)
         if left == 0:
             self.won, self.lost = True, False
             self.reward += PRIZE

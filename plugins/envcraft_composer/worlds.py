@@ -11,7 +11,7 @@ from dataclasses import replace
 from random import Random
 from typing import Any
 
-from envcraft_composer.mechanic import Constants, Mechanic, traits
+from envcraft_composer.mechanic import Constants, Mechanic, scaled, traits
 
 _SHIFT = '''
     def _shift(self, place: tuple[int, int], move: int) -> tuple[int, int]:
@@ -28,8 +28,7 @@ _SHIFT_WRAP = '''
 _CELLS = '''
     def _reachable(self) -> list[tuple[int, int]]:
         """The cells that can be reached from the avatar's, the nearest first."""
-        found = [self.at]
-        known = {self.at}
+        found, known = [self.at], {self.at}
         for place in found:
             for move in range(1, 5):
                 after = self._shift(place, move)
@@ -42,8 +41,7 @@ _SPOTS = '''
     def _spots(self, count: int) -> list[tuple[int, int]]:
         """Distinct cells that can be reached, away from the avatar."""
         free = [place for place in self._reachable()[GAP:] if place not in self.taken]
-        order = self.np_random.permutation(len(free))[:count]
-        found = [free[number] for number in order]
+        found = [free[number] for number in self.np_random.permutation(len(free))[:count]]
         self.taken.update(found)
         return found
 '''
@@ -58,12 +56,11 @@ _PIXEL = """
 _PAINT = '''
     def _paint(self) -> None:
         """Draw what stays: the floor and the walls."""
-        picture = np.full((SIZE, SIZE, 3), PALETTE[7])
+        self.picture = picture = np.full((SIZE, SIZE, 3), PALETTE[7])
         picture[5:80] = PALETTE[8]
         floor = picture[TOP : TOP + CELL * ROWS, LEFT : LEFT + CELL * COLUMNS]
         floor[:] = PALETTE[0]
         <<texture>>
-        self.picture = picture
         for y, x in self.walls:
             if 0 <= y < ROWS and 0 <= x < COLUMNS:
                 top, left = self._pixel((y, x))
@@ -87,12 +84,14 @@ for y, x in np.argwhere(self.np_random.random((ROWS, COLUMNS)) < DENSITY).tolist
     self.walls.add((y, x))
 """
 _CAVE = """
-rock = self.np_random.random((ROWS, COLUMNS)) < DENSITY
-for _ in range(2):
-    padded = np.pad(rock, 1, constant_values=True)
-    crowd = sum(padded[y : y + ROWS, x : x + COLUMNS].astype(int) for y in range(3) for x in range(3))
-    rock = crowd > 4
-self.walls.update((y, x) for y, x in np.argwhere(rock).tolist())
+# A mole digs at random, so that all of the cave hangs together.
+y, x = ROWS // 2, COLUMNS // 2
+dug = {(y, x)}
+while len(dug) < HOLLOW * ROWS * COLUMNS:
+    dy, dx = MOVES[self.np_random.integers(1, 5)]
+    y, x = min(max(y + dy, 0), ROWS - 1), min(max(x + dx, 0), COLUMNS - 1)
+    dug.add((y, x))
+self.walls |= {(y, x) for y in range(ROWS) for x in range(COLUMNS)} - dug
 """
 _MAZE = """
 self.walls |= {(y, x) for y in range(ROWS) for x in range(COLUMNS) if y % 2 or x % 2}
@@ -114,10 +113,7 @@ for y, x in self.np_random.integers((ROWS, COLUMNS), size=(LOOPS, 2)).tolist():
         self.walls.discard((y, x))
 """
 _ROOMS = """
-for y in range(ROWS):
-    for x in range(COLUMNS):
-        if y % ROOM == ROOM - 1 or x % ROOM == ROOM - 1:
-            self.walls.add((y, x))
+self.walls |= {(y, x) for y in range(ROWS) for x in range(COLUMNS) if ROOM - 1 in (y % ROOM, x % ROOM)}
 for y in range(0, ROWS, ROOM):
     for x in range(0, COLUMNS, ROOM):
         a, b = self.np_random.integers(ROOM - 1, size=2).tolist()
@@ -140,6 +136,30 @@ _LATTICE = """
 self.walls |= {(y, x) for y in range(1, ROWS, 2) for x in range(1, COLUMNS, 2)}
 for y, x in self.np_random.integers((ROWS, COLUMNS), size=(EXTRA, 2)).tolist():
     self.walls.add((y, x))
+"""
+_FENCES = """
+for y in range(2, ROWS - 1, 3):
+    gaps = self.np_random.permutation(COLUMNS)[:GAPS].tolist()
+    self.walls |= {(y, x) for x in range(COLUMNS) if x not in gaps}
+"""
+_HALLS = """
+# Four halls, each with a corridor to the next.
+self.walls |= {(y, x) for y in range(ROWS) for x in range(COLUMNS)}
+corners = np.array(((0, 0), (0, COLUMNS // 2), (ROWS // 2, COLUMNS // 2), (ROWS // 2, 0)))
+halls = (corners + self.np_random.integers(min(ROWS, COLUMNS) // 2 - 3, size=(4, 2))).tolist()
+for (y, x), (v, u) in zip(halls, halls[1:] + halls[:1]):
+    self.walls -= {(y + dy, x + dx) for dy in range(4) for dx in range(4)}
+    self.walls -= {(place, x) for place in range(min(y, v), max(y, v) + 1)}
+    self.walls -= {(v, place) for place in range(min(x, u), max(x, u) + 1)}
+"""
+_SLANTS = """
+for y, x in np.argwhere(self.np_random.random((ROWS, COLUMNS)) < CLOSED).tolist():
+    if (y + LEAN * x) % APART == 0:
+        self.walls.add((y, x))
+"""
+_CROSSES = """
+for y, x in self.np_random.integers((ROWS, COLUMNS), size=(CROSSES, 2)).tolist():
+    self.walls |= {(y + dy, x + dx) for dy, dx in MOVES}
 """
 _TORUS = """
 self.walls: set[tuple[int, int]] = set()
@@ -224,11 +244,10 @@ _PLANE_PIXEL = """
 _PLANE_PAINT = '''
     def _paint(self) -> None:
         """Draw what stays."""
-        picture = np.full((SIZE, SIZE, 3), PALETTE[7])
+        self.picture = picture = np.full((SIZE, SIZE, 3), PALETTE[7])
         floor = picture[5:80]
         floor[:] = PALETTE[0]
         <<texture>>
-        self.picture = picture
 '''
 
 
@@ -249,7 +268,8 @@ def _drawn(sizes: tuple[int, int], odd: bool = False, **ranges: tuple[float, flo
     """Draw the size of a world of cells, and constants from ranges."""
 
     def draw(rng: Random, level: float) -> Constants:
-        rows, columns = rng.randint(*sizes), rng.randint(*sizes)
+        # Half of the size is chance, half difficulty.
+        rows, columns = (scaled(*sizes, (rng.random() + level) / 2) for _ in range(2))
         if odd:
             rows, columns = rows | 1, columns | 1
         found = frame_of(rows, columns)
@@ -264,6 +284,11 @@ def _rooms(rng: Random, level: float) -> Constants:
     room = rng.choice((4, 5))
     most = 14 // room
     return {**frame_of(room * rng.randint(2, most) - 1, room * rng.randint(2, most) - 1), "ROOM": room}
+
+
+def _slants(rng: Random, level: float) -> Constants:
+    found = _drawn((10, 13), APART=(4, 5), CLOSED=(0.5, 0.7))(rng, level)
+    return {**found, "LEAN": rng.choice((-1, 1))}
 
 
 def _plane(rng: Random, level: float) -> Constants:
@@ -328,7 +353,7 @@ PLATFORMS = _variant(
 
 WORLDS = (
     _FIELD_WORLD,
-    _grid("cave", "A cave with rough walls.", _CAVE, _drawn((11, 14), DENSITY=(0.36, 0.42)), 1.3),
+    _grid("cave", "A cave with rough walls.", _CAVE, _drawn((11, 14), HOLLOW=(0.5, 0.62)), 1.3, "roomy"),
     _grid("maze", "A maze with a few loops.", _MAZE, _drawn((9, 13), odd=True, LOOPS=(6, 14)), 2.2, "narrow"),
     _grid("rooms", "Rooms that are joined by narrow doorways.", _ROOMS, _rooms, 1.5, "roomy"),
     _grid(
@@ -339,7 +364,13 @@ WORLDS = (
         2.0,
         "narrow",
     ),
-    _grid("lattice", "A lattice of pillars.", _LATTICE, _drawn((9, 13), odd=True, EXTRA=(2, 8)), 1.1),
+    _grid("lattice", "A lattice of pillars.", _LATTICE, _drawn((9, 13), odd=True, EXTRA=(2, 8)), 1.1, "roomy"),
+    _grid("fences", "Rows of fences, each with a few gaps.", _FENCES, _drawn((11, 13), GAPS=(3, 5)), 1.5, "roomy"),
+    _grid("halls", "Four halls in a ring of corridors.", _HALLS, _drawn((11, 13)), 1.5, "roomy"),
+    _grid("slants", "Slanted walls with many gaps.", _SLANTS, _slants, 1.3, "open"),
+    _grid(
+        "crosses", "A field with blocks like crosses.", _CROSSES, _drawn((10, 13), CROSSES=(4, 7)), 1.2, "open roomy"
+    ),
     _variant(
         _FIELD_WORLD,
         "torus",

@@ -23,7 +23,7 @@ _MOVES = ((0, 0, 0), (1, 0, 0), (2, 0, 0), (3, 0, 0), (4, 0, 0), (0, 1, 0))
 MECHANIC = Mechanic(
     "cursor",
     "",
-    gives=traits("mover"),
+    gives=traits("mover", "points"),
     needs=traits("walk"),
     # A pointer does not cross the edges of the world, and cars would run over a figure that cannot step aside.
     bars=traits("wrap", "traffic"),

@@ -15,7 +15,8 @@ for y in range(ROWS - 1 - STOREY, 0, -STOREY):
     # A ledge at each side, and a lift: its row, first column and way, and the columns between which it goes.
     low, high = self.np_random.integers((1, COLUMNS - 2), (3, COLUMNS)).tolist()
     self.walls |= {(y, x) for x in range(COLUMNS) if not low <= x < high}
-    self.lifts.append([y, int(self.np_random.integers(low + 1, high - WIDE)), 3 + y % 2, (low + 1, high - 1 - WIDE)])
+    first = int(self.np_random.integers(low + 1, high - WIDE))
+    self.lifts.append([y, first, 3 + y % 2, (low + 1, high - 1 - WIDE)])
 self.at = (ROWS - 1, int(self.np_random.integers(COLUMNS)))
 self.taken = {self.at}
 # While things are placed, a lift fills its whole way, so that they can lie above all of it.

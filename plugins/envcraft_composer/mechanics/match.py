@@ -49,6 +49,6 @@ MECHANIC = Mechanic(
             "11111 10101 11111 10101 11111",
         )
     },
-    draw=lambda rng, level: {"COUNT": scaled(4, 7, level) + rng.randint(0, 1)},
+    draw=lambda rng, level: {"COUNT": scaled(2, 7, level) + rng.randint(0, 1)},
     pace=1.8,
 )

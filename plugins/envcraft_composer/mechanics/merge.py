@@ -2,55 +2,42 @@
 
 from __future__ import annotations
 
+from envcraft_composer.goals import PULLING
 from envcraft_composer.mechanic import Mechanic, goal_methods, scaled, traits
 
 GROUP = "goal"
 
-_PUSH = """
-after = self._shift(self.at, move)
-beyond = self._shift(after, move)
-if after not in self.drops:
-    self.at = after
-elif beyond != after:
-    self.drops = self.drops - {after} | {beyond}
-    self.at = after
-"""
+_PUSH = '''
+    def _push(self, move: int) -> tuple[int, int]:
+        """The avatar's cell after a step, which pushes a drop if there is no wall behind it."""
+        after = self._shift(self.at, move)
+        beyond = self._shift(after, move)
+        if after not in self.drops:
+            return after
+        if beyond == after:
+            return self.at
+        self.drops = self.drops - {after} | {beyond}
+        return after
+'''
 _PLACE = """
 # The drops start as one and are pulled apart, so that they can be pushed together.
 for _ in range(500):
     self.taken = {self.at}
-    parts = self._spots(1) * COUNT
-    for _ in range(PULLS):
-        number, move = int(self.np_random.integers(1, COUNT)), int(self.np_random.integers(1, 5))
-        for _ in range(int(self.np_random.integers(1, 4))):
-            stand = self._shift(parts[number], move)
-            behind = self._shift(stand, move)
-            if stand == parts[number] or behind == stand or stand in parts or behind in parts:
-                break
-            parts[number] = stand
-    self.drops = set(parts)
-    if len(self.drops) == COUNT and self._open():
+    self.drops = set(self._pulled(self._spots(1) * COUNT))
+    if len(self.drops) == COUNT and self._open(self.drops):
         break
 """
-_OPEN = '''
-    def _open(self) -> bool:
-        """Whether the avatar, which starts outside, can walk to all free cells beside drops."""
-        walls, self.walls = self.walls, self.walls | self.drops
-        found = set(self._reachable())
-        self.walls = walls
-        beside = {self._shift(drop, move) for drop in self.drops for move in range(1, 5)} - self.drops
-        return self.at not in self.drops and beside <= found
-'''
 
 MECHANIC = Mechanic(
     "merge",
     "Goal: push the {COUNT} drops together until they are one. A drop cannot be pulled.",
+    gives=traits("heavy"),
     needs=traits("roomy", "pushes"),
     bars=traits("traffic"),
     parts={
-        "act": _PUSH,
+        "method:push": _PUSH,
         "place": _PLACE,
-        "method:open": _OPEN,
+        **PULLING,
         "draw": "for place in self.drops:\n    self._blit(frame, place, DROP, PALETTE[4])",
         **goal_methods("len(self.drops) - 1", "list(self.drops)"),
     },
@@ -62,6 +49,6 @@ MECHANIC = Mechanic(
             "00100 01110 11011 11111 01110",
         )
     },
-    draw=lambda rng, level: {"COUNT": scaled(3, 4, level), "PULLS": rng.randint(20, 30)},
+    draw=lambda rng, level: {"COUNT": scaled(2, 4, level), "PULLS": rng.randint(20, 30)},
     pace=4.0,
 )

@@ -8,7 +8,7 @@ RIGHT, JUMP = (4, 0, 0), (0, 1, 0)
 
 
 def test_the_pointer_crosses_walls_and_the_figure_follows_at_the_button() -> None:
-    env = game("field cursor collect calm hurry")
+    env = game("field cursor collect plain calm hurry")
     env.walls = (env.walls - {(1, 0), (1, 2)}) | {(1, 1)}
     env.at, env.pointer, env.gems = (1, 0), (1, 0), [(1, 2), (8, 8)]
     env.fewest = env._remaining()
@@ -25,7 +25,7 @@ def test_the_pointer_crosses_walls_and_the_figure_follows_at_the_button() -> Non
 
 
 def test_the_pointer_stays_inside() -> None:
-    env = game("field cursor collect calm hurry")
+    env = game("field cursor collect plain calm hurry")
     env.pointer = (0, 0)
     for move in (1, 3):
         env.step((move, 0, 0))

@@ -11,7 +11,7 @@ STAY = (0, 0, 0)
 
 def one_lift(at: tuple[int, int]) -> Any:
     """A game with one lift in row 6, columns 2 to 4, which goes right at the next step as far as column 5."""
-    env = game("lifts jumper collect calm hurry")
+    env = game("lifts jumper collect plain calm hurry")
     env.walls = {place for place in env.walls if not (0 <= place[0] < 11 and 0 <= place[1] < 11)}
     constants = env.step.__func__.__globals__
     constants["PACE"], constants["WIDE"] = 1, 3
@@ -49,7 +49,7 @@ def test_a_rider_in_front_of_a_wall_stays_behind() -> None:
 
 
 def test_lifts_stay_between_their_ledges() -> None:
-    env = game("lifts jumper collect calm hurry")
+    env = game("lifts jumper collect plain calm hurry")
     for seed in range(5):
         env.reset(seed=seed)
         for _ in range(60):
@@ -59,7 +59,7 @@ def test_lifts_stay_between_their_ledges() -> None:
 
 
 def test_things_lie_above_the_whole_way_of_a_lift() -> None:
-    env = game("lifts jumper collect calm hurry")
+    env = game("lifts jumper collect plain calm hurry")
     above = 0
     for seed in range(20):
         env.reset(seed=seed)

@@ -8,7 +8,7 @@ RIGHT = (4, 0, 0)
 
 
 def test_a_drop_is_pushed_and_merges_with_the_next() -> None:
-    env = game("field walker merge calm hurry")
+    env = game("field walker merge plain calm hurry")
     env.walls -= {(1, column) for column in range(5)}
     env.at, env.drops, env.fewest = (1, 0), {(1, 1), (1, 3)}, 1
     env.step(RIGHT)
@@ -22,7 +22,7 @@ def test_a_drop_is_pushed_and_merges_with_the_next() -> None:
 
 
 def test_a_drop_in_front_of_a_wall_stays() -> None:
-    env = game("field walker merge calm hurry")
+    env = game("field walker merge plain calm hurry")
     env.walls = env.walls - {(1, 0), (1, 1)} | {(1, 2)}
     env.at, env.drops = (1, 0), {(1, 1), (5, 5)}
     env.step(RIGHT)
@@ -32,7 +32,7 @@ def test_a_drop_in_front_of_a_wall_stays() -> None:
 
 def test_all_drops_can_be_walked_to_at_the_start() -> None:
     for world in ("field", "rooms", "torus"):
-        env = game(f"{world} walker merge calm hurry")
+        env = game(f"{world} walker merge plain calm hurry")
         for seed in range(10):
             env.reset(seed=seed)
             assert len(env.drops) == env.total + 1
