@@ -5,7 +5,9 @@ processor time with frames, resets included. The games are generated sources and
 
 The diversity of behaviour is the Vendi score of fingerprints, as a share of the number of games, beside the Tetris
 family and the games of the generation demo. Each share is of the same number of games, which are played in the sandbox.
-For the difficulty, the same games are generated at three levels.
+For the difficulty, the same games are generated at some levels. Of ``--sources`` games it counts the lines of the
+shortest and the longest, the smallest and the largest number for a goal, and those that are duplicates by text or
+structure; each is a part of what ``envcraft corpus dedup`` compares.
 
 The exit status is 1 if a limit is missed.
 """
@@ -16,6 +18,7 @@ import argparse
 import sys
 import time
 import types
+from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from statistics import median
 from typing import Any, NamedTuple
@@ -35,13 +38,15 @@ from envcraft.judging.budget import BUDGETS
 from envcraft.judging.subject import Subject
 from envcraft.judging.worker_pool import WorkerPool
 from envcraft.model.target import Target
-from envcraft.similarity import behavioural, diversity
+from envcraft.similarity import behavioural, diversity, near, structural
+from envcraft.similarity.groups import Groups
 
 #: The share of wins that the player reaches, and that random play does not exceed; on these shares of the games.
 PLAYER_WINS, PLAYER_GAMES = 0.9, 0.95
 RANDOM_WINS, RANDOM_GAMES = 0.2, 0.9
 STEPS_PER_SECOND = 5_000
-LEVELS = (0.0, 0.5, 1.0)
+LEVELS = (0.0, 0.4, 0.8, 1.0)
+LEAST_LINES, MOST_LINES = 80, 250
 
 
 class Played(NamedTuple):
@@ -66,6 +71,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--games", type=int, default=20)
     parser.add_argument("--episodes", type=int, default=10, help="episodes of each player in each game")
     parser.add_argument("--levels", type=int, default=13, help="games that are played at each level of difficulty")
+    parser.add_argument("--sources", type=int, default=1000, help="games whose sources are compared")
     parser.add_argument("--verbose", action="store_true", help="print a line for each game")
     options = parser.parse_args(arguments)
     missed = 0
@@ -98,6 +104,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     row(f"random wins <= {RANDOM_WINS:.0%}", f"{rarely:.1%} of games", f">= {RANDOM_GAMES:.0%}", rarely >= RANDOM_GAMES)
     row("doing nothing wins", f"{idle} games", "0", idle == 0)
     row("steps per second, median", f"{speed:,.0f}", f">= {STEPS_PER_SECOND:,}", speed >= STEPS_PER_SECOND)
+    sources = list(ComposerFamily().generate(options.sources, 0))
+    lines = [one.source.count("\n") for one in sources]
+    short = min(lines) >= LEAST_LINES and max(lines) <= MOST_LINES
+    row(f"lines of {options.sources:,} games", f"{min(lines)} to {max(lines)}", f"{LEAST_LINES} to {MOST_LINES}", short)
+    goals = Counter(one.metadata["axes"]["goal"] for one in sources)
+    row("games of a goal", ", ".join(f"{goal} {number}" for goal, number in goals.most_common()), "", True)
+    alike = duplicates([one.source.encode() for one in sources])
+    row("duplicates by text or structure", f"{alike} games", "0", alike == 0)
     shares = diversities(options.games)
     for name, share in shares.items():
         limit = "" if name == "composer" else "below composer"
@@ -157,6 +171,20 @@ def load_game(source: str) -> Any:
     return next(kind for kind in vars(module).values() if isinstance(kind, type) and issubclass(kind, gym.Env))()
 
 
+def duplicates(sources: Sequence[bytes]) -> int:
+    """How many sources have the structure of another, or nearly its text."""
+    groups = Groups(len(sources))
+    first: dict[bytes | None, int] = {}
+    for number, source in enumerate(sources):
+        groups.join(number, first.setdefault(structural.key(source), number))
+    sets = near.own([near.shingles(near.key(source) or b"") for source in sources])
+    keyed = [number for number, found in enumerate(sets) if found is not None]
+    texts = [found for found in sets if found is not None]
+    for one, two in near.pairs(texts, near.THRESHOLD, Groups(len(texts))):
+        groups.join(keyed[one], keyed[two])
+    return sum(len(group) for group in groups.all() if len(group) > 1)
+
+
 def diversities(count: int) -> dict[str, float]:
     """The Vendi score of each set of games by behaviour, as a share of the number of games; equal numbers of games."""
     # Some concepts are turned down before any code is written.
@@ -183,7 +211,7 @@ def _fingerprint(source: bytes) -> str:
 
 
 def at_level(level: float, count: int, episodes: int) -> tuple[float, float]:
-    """The mean steps of the player's wins and random play's share of wins at a level of difficulty."""
+    """The mean steps of the player's episodes and random play's share of wins at a level of difficulty."""
     steps, wins = [], []
     rng = np.random.default_rng(1)
     for generated in ComposerFamily().generate(count, 1, level):
