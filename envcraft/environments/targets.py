@@ -17,8 +17,8 @@ from envcraft.model.project import (
     Place,
     defined_classes,
     defined_names,
-    defines_environment,
     defining_file,
+    environment_line,
     with_project,
 )
 from envcraft.model.target import Kind, Target, kind_of, nodes, parse, read_target
@@ -223,7 +223,7 @@ def _is_installed(package: str, folder: Path) -> bool:
 
 
 def _is_environment(target: Target) -> bool:
-    return defines_environment(target.source, Path(target.path))
+    return environment_line(target.source, Path(target.path)) is not None
 
 
 def _is_test(target: Target) -> bool:

@@ -17,8 +17,10 @@ import msgspec
 
 from envcraft.model.target import MAX_SOURCE, Kind, Project, Target, nodes, parse
 
-#: Maximum number of classes and modules that a base is followed through.
+#: Maximum number of modules that a class is followed through, and of the parts of a name.
 _DEEPEST = 20
+#: Maximum number of names that a class is followed through.
+_MOST_NAMES = 1_000
 #: The most bytes of a project that a worker gets, and the most files of a folder.
 _MAX_BYTES, _MOST_FILES = 4 * 1024**2, 1_000
 #: The longest string that may name a file.
@@ -288,7 +290,7 @@ def defined_names(source: bytes) -> list[str] | None:
 def defined_classes(source: bytes) -> list[str]:
     """The classes that a module defines at its top level; none if it does not parse."""
     try:
-        return list(_Module.read(source).classes)
+        return list(_Module.read(source, Path()).classes)
     except _UNREADABLE:
         return []
 
@@ -307,59 +309,96 @@ def defining_file(root: Path, module: str, name: str) -> tuple[Path, str] | None
         if file is None:
             return None
         try:
-            read = _Module.read(file.read_bytes()[: MAX_SOURCE + 1])
+            read = _Module.read(file.read_bytes()[: MAX_SOURCE + 1], file)
         except (OSError, *_UNREADABLE):
             return None
         if name in read.classes:
             return file, name
-        source, _, name = read.imported.get(name, "").partition(":")
+        source, _, name = read.imported.get(name, [""])[-1].partition(":")
         dotted = source.lstrip(".")
         file = place.find(file, dotted, len(source) - len(dotted)) if source and name else None
     return None
 
 
-def defines_environment(source: bytes, path: Path) -> bool:
-    """Whether a file defines a class that derives from ``gymnasium.Env`` and can be instantiated.
+def environment_line(source: bytes, path: Path) -> int | None:
+    """Return the line of the first class of a file that derives from ``gymnasium.Env`` and can be instantiated.
 
-    Bases are followed through the file and its project. A base of an installed package counts if its name ends with
-    ``Env``. A file that does not parse counts if it mentions a class and Gymnasium.
+    Bases are followed through the file and its project: through names that are assigned or imported, also with ``*``,
+    and through functions that return a class. A base of an installed package counts if its name ends with ``Env``. A
+    base that only a call can tell counts if the file imports Gymnasium and the class has ``reset`` and ``step``. A file
+    that does not parse counts from its first line if it mentions a class and Gymnasium.
 
     Args:
         source: the file.
         path: where it is, for the modules of its project.
+
+    Returns:
+        The line; None if the file defines no environment.
     """
     if len(source) > MAX_SOURCE or b"class " not in source:
-        return False
+        return None
+    bases = _Bases()
     try:
-        module = _Module.read(source)
+        module = _Module.read(source, path)
+        found = [node.lineno for name, node in module.classes.items() if _concrete(node) and bases.lead(module, name)]
     except _UNREADABLE:
-        return b"gym" in source
-    place = Place.of(path)
-    return any(_concrete(module, name, path, place) for name in module.classes)
+        return 1 if b"gym" in source else None
+    return min(found, default=None)
 
 
-class _Module(msgspec.Struct):
-    """What a module binds at its top level: classes, and the dotted names of what it imports, with leading dots."""
+class _Module(msgspec.Struct, eq=False):
+    """What a module, or a function of it, binds.
 
+    Attributes:
+        path: its file.
+        classes: the classes.
+        functions: the functions.
+        assigned: the values of names.
+        imported: the dotted names of what is imported, with leading dots.
+        starred: the modules of which all names are imported, with leading dots.
+    """
+
+    path: Path
     classes: dict[str, ast.ClassDef] = {}
-    imported: dict[str, str] = {}
+    functions: dict[str, ast.FunctionDef] = {}
+    assigned: dict[str, list[ast.expr]] = {}
+    imported: dict[str, list[str]] = {}
+    starred: list[str] = []
 
     @classmethod
-    def read(cls, source: bytes) -> _Module:
+    def read(cls, source: bytes, path: Path) -> _Module:
         """Read a source. Raises one of `_UNREADABLE`."""
-        module = cls()
-        for node in _statements(parse(source)):
+        module = cls(path)
+        module.bind(parse(source))
+        return module
+
+    def within(self, function: ast.FunctionDef) -> _Module:
+        """What a function of the module sees."""
+        assigned, imported = ({name: [*all_] for name, all_ in each.items()} for each in (self.assigned, self.imported))
+        inner = _Module(self.path, {**self.classes}, {**self.functions}, assigned, imported, self.starred)
+        inner.bind(function)
+        return inner
+
+    def bind(self, tree: ast.AST) -> None:
+        """Add what the statements of a module or function bind."""
+        for node in _statements(tree):
             if isinstance(node, ast.ClassDef):
-                module.classes[node.name] = node
+                self.classes[node.name] = node
+            elif isinstance(node, ast.FunctionDef):
+                self.functions[node.name] = node
+            elif isinstance(node, ast.Assign | ast.AnnAssign) and node.value is not None:
+                for target in node.targets if isinstance(node, ast.Assign) else [node.target]:
+                    if isinstance(target, ast.Name):
+                        self.assigned.setdefault(target.id, []).append(node.value)
             elif isinstance(node, ast.Import):
                 for alias in node.names:
                     top = alias.name.partition(".")[0]
-                    module.imported[alias.asname or top] = alias.name if alias.asname else top
+                    self.imported.setdefault(alias.asname or top, []).append(alias.name if alias.asname else top)
             elif isinstance(node, ast.ImportFrom):
                 base = "." * node.level + (node.module or "")
                 for alias in node.names:
-                    module.imported[alias.asname or alias.name] = f"{base}:{alias.name}"
-        return module
+                    self.imported.setdefault(alias.asname or alias.name, []).append(f"{base}:{alias.name}")
+                self.starred += [base] if node.names[0].name == "*" else []
 
 
 def _statements(node: ast.AST) -> Iterator[ast.stmt]:
@@ -371,10 +410,9 @@ def _statements(node: ast.AST) -> Iterator[ast.stmt]:
             yield from _statements(child)
 
 
-def _concrete(module: _Module, name: str, path: Path, place: Place) -> bool:
-    """Whether a class is an environment that leaves no method to its subclasses."""
-    methods = [node for node in module.classes[name].body if isinstance(node, ast.FunctionDef)]
-    return not any(map(_is_abstract, methods)) and _derives(module, name, path, place, _DEEPEST)
+def _concrete(node: ast.ClassDef) -> bool:
+    """Whether a class leaves no method to its subclasses."""
+    return not any(_is_abstract(method) for method in node.body if isinstance(method, ast.FunctionDef))
 
 
 def _is_abstract(method: ast.FunctionDef) -> bool:
@@ -386,41 +424,118 @@ def _is_abstract(method: ast.FunctionDef) -> bool:
     return method.name in ("reset", "step") and bool(body) and all(refuses)
 
 
-def _derives(module: _Module, name: str, path: Path, place: Place, left: int) -> bool:
-    """Whether a class of a module derives from ``gymnasium.Env``, through at most `left` classes."""
-    for base in module.classes[name].bases if left else ():
-        words = ast.unparse(base.value if isinstance(base, ast.Subscript) else base)
+class _Bases:
+    """Follows the bases of classes through a file and its project, without running anything."""
+
+    def __init__(self) -> None:
+        self._modules: dict[Path, _Module | None] = {}
+        self._scopes: dict[ast.FunctionDef, _Module] = {}
+
+    def lead(self, module: _Module, name: str) -> bool:
+        """Whether a class of a module derives from ``gymnasium.Env``, as far as its source shows, or may do so."""
+        # Names that end with () mean what a call returns.
+        pending = [(module, name)]
+        seen: set[tuple[_Module, str]] = set()
+        while pending and len(seen) < _MOST_NAMES:
+            here = pending.pop()
+            if here in seen or here[1].count(".") > _DEEPEST:
+                continue
+            seen.add(here)
+            for found in self._next(*here):
+                if found is None:
+                    return True
+                pending.append(found)
+        return _may_derive(module, module.classes[name])
+
+    def _next(self, module: _Module, words: str) -> Iterator[tuple[_Module, str] | None]:
+        """What a dotted name means, or derives from; None for a class of environments of an installed package."""
+        first, _, rest = words.partition(".")
+        rest = f".{rest}" if rest else ""
         if words in module.classes:
-            found = words != name and _derives(module, words, path, place, left - 1)
-        else:
-            found = _imports_environment(module, words, path, place, left)
-        if found:
-            return True
-    return False
+            for base in module.classes[words].bases:
+                yield from ((module, each) for each in _names(base))
+        function = module.functions.get(first.removesuffix("()")) if first.endswith("()") else None
+        if function is not None:
+            if function not in self._scopes:
+                self._scopes[function] = module.within(function)
+            inner = self._scopes[function]
+            for node in _statements(function):
+                if isinstance(node, ast.Return) and node.value is not None:
+                    yield from ((inner, each + rest) for each in _names(node.value))
+        for value in module.assigned.get(first, ()):
+            yield from ((module, each + rest) for each in _names(value))
+        yield from self._imported(module, words)
+
+    def _imported(self, module: _Module, words: str) -> Iterator[tuple[_Module, str] | None]:
+        """What a dotted name means that a module imports."""
+        first, _, rest = words.partition(".")
+        called = "()" if first.endswith("()") else ""
+        first = first.removesuffix("()")
+        bound = first in module.imported or first in module.classes
+        starred = [] if bound else [f"{source}:{first}" for source in module.starred]
+        for source, _, name in (each.partition(":") for each in (*module.imported.get(first, ()), *starred)):
+            parts = [part for part in (name + called if name else "", *rest.split(".")) if part]
+            if parts:
+                yield from self._of(module, source, parts)
+
+    def _of(self, module: _Module, source: str, parts: list[str]) -> Iterator[tuple[_Module, str] | None]:
+        """What the parts of a dotted name mean that follow the name of a module."""
+        dotted = source.lstrip(".")
+        level, top = len(source) - len(dotted), dotted.partition(".")[0]
+        if top in _GYMNASIUM and parts[-1] == "Env" and not level:
+            yield None
+            return
+        # The last part is the class; any before it may name modules.
+        for cut in range(len(parts) - 1, -1, -1):
+            path = ".".join([*filter(None, [dotted]), *parts[:cut]])
+            file = Place.of(module.path).find(module.path, path, level)
+            if file is not None:
+                if (other := self._read(file)) is not None:
+                    yield other, parts[-1]
+                return
+        # What an installed package calls an environment is one.
+        if not level and parts[-1].endswith("Env") and parts[-1] not in _OTHER_ENVS:
+            yield None
+
+    def _read(self, file: Path) -> _Module | None:
+        """A file of the project; None if it cannot be read, or if too many have been read."""
+        if file not in self._modules and len(self._modules) < _DEEPEST:
+            try:
+                self._modules[file] = _Module.read(file.read_bytes()[: MAX_SOURCE + 1], file)
+            except (OSError, *_UNREADABLE):
+                self._modules[file] = None
+        return self._modules.get(file)
 
 
-def _imports_environment(module: _Module, words: str, path: Path, place: Place, left: int) -> bool:
-    """Whether a dotted name that a module has imported is a class of environments."""
-    first, _, rest = words.partition(".")
-    source, _, name = module.imported.get(first, "").partition(":")
-    parts = [part for part in (name, *rest.split(".")) if part]
-    if not source or not parts or not left:
+def _names(value: ast.expr) -> Iterator[str]:
+    """The dotted names that an expression for a class may mean; those of calls end with ()."""
+    if isinstance(value, ast.Subscript):
+        yield from _names(value.value)
+    elif isinstance(value, ast.IfExp | ast.BoolOp):
+        for each in [value.body, value.orelse] if isinstance(value, ast.IfExp) else value.values:
+            yield from _names(each)
+    elif isinstance(value, ast.Call):
+        yield from (f"{name}()" for name in _names(value.func))
+        if not _wraps(value):
+            # A function that makes a class of another one, such as ``with_metaclass``.
+            yield from (name for each in value.args for name in _names(each))
+    elif isinstance(value, ast.Name | ast.Attribute):
+        words = ast.unparse(value)
+        if all(part.isidentifier() for part in words.split(".")):
+            yield words
+
+
+def _may_derive(module: _Module, node: ast.ClassDef) -> bool:
+    """Whether a class has what an environment has, and a base that only running the module can tell."""
+    if not _GYMNASIUM & {
+        name.partition(".")[0].partition(":")[0] for each in module.imported.values() for name in each
+    }:
         return False
-    dotted = source.lstrip(".")
-    level, top = len(source) - len(dotted), dotted.partition(".")[0]
-    if top in _GYMNASIUM and parts[-1] == "Env" and not level:
-        return True
-    # The last part is the class; any before it may name modules.
-    for cut in range(len(parts) - 1, -1, -1):
-        file = place.find(path, ".".join([*filter(None, [dotted]), *parts[:cut]]), level)
-        if file is None:
-            continue
-        try:
-            other = _Module.read(file.read_bytes()[: MAX_SOURCE + 1])
-        except (OSError, *_UNREADABLE):
-            return False
-        if parts[-1] in other.classes:
-            return _derives(other, parts[-1], file, Place.of(file), left - 1)
-        return _imports_environment(other, parts[-1], file, Place.of(file), left - 1)
-    # What an installed package calls an environment is one.
-    return not level and parts[-1].endswith("Env") and parts[-1] not in _OTHER_ENVS
+    values = [value for base in node.bases for value in (base, *module.assigned.get(ast.unparse(base), ()))]
+    methods = {method.name for method in node.body if isinstance(method, ast.FunctionDef)}
+    return {"reset", "step"} <= methods and any(isinstance(each, ast.Call) and not _wraps(each) for each in values)
+
+
+def _wraps(call: ast.Call) -> bool:
+    """Whether a call names wrappers, which are no environments of their own."""
+    return "wrapper" in ast.unparse(call).lower()

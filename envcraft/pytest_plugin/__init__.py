@@ -13,12 +13,12 @@ games/snake.py::determinism FAILED
 ```
 
 pytest's own features work: `games/snake.py::determinism`, `-k`, `-x`, `--lf`, `--collect-only`, `-m envcraft`,
-`--junit-xml`, xdist's `-n`. A file is an environment if its source imports gymnasium and defines an environment
-class. The plugin parses the source and never imports it. A test module (`conftest.py`, `test_*.py`, `*_test.py` and
-the patterns of `python_files`) belongs to pytest **and runs in this process**, as in any run of pytest: for a folder
-whose test modules nobody has read, use `envcraft validate`. Nothing else imports an environment file, neither
-`--doctest-modules` nor the `__init__.py` of its folder. A file that is named on the command line and holds neither an
-environment nor tests is judged and not imported.
+`--junit-xml`, xdist's `-n`. As for `envcraft validate`, a file is an environment if its source shows that it defines a
+subclass of `gymnasium.Env`, also through other files of its project. The plugin parses these and imports none. A test
+module (`conftest.py`, `test_*.py`, `*_test.py` and the patterns of `python_files`) belongs to pytest **and runs in this
+process**, as in any run of pytest: for a folder whose test modules nobody has read, use `envcraft validate`. Nothing
+else imports an environment file, neither `--doctest-modules` nor the `__init__.py` of its folder. A file that is named
+on the command line and holds neither an environment nor tests is judged and not imported.
 
 ## Outcomes
 A finding fails its check. pytest prints it with the usual fix, the reproduction, and the commands that show it again. A

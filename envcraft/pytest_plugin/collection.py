@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import warnings
 from collections.abc import Generator, Iterator
+from contextlib import contextmanager
 from fnmatch import fnmatch
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -12,6 +13,8 @@ from typing import TYPE_CHECKING
 import pytest
 
 from envcraft.judging.selection import select_checks
+from envcraft.model import project
+from envcraft.model.target import MAX_SOURCE, parse
 from envcraft.pytest_plugin.items import CheckItem
 from envcraft.pytest_plugin.judging import CASE, Case, Spec
 
@@ -21,8 +24,6 @@ if TYPE_CHECKING:
 _TESTS = ("conftest.py", "test_*.py", "*_test.py")
 #: Patterns of ``python_files`` that would match every environment.
 _EVERYTHING = ("*", "*.py")
-#: As :data:`envcraft.model.target.MAX_SOURCE`, whose module takes longer to load than a folder to collect.
-_MAX_SOURCE = 2 * 1024**2
 
 
 class Collection:
@@ -77,23 +78,16 @@ def is_test_module(path: Path, config: pytest.Config) -> bool:
 
 
 def environment_line(path: Path) -> int | None:
-    """Return the line of the first environment class of a file that imports gymnasium, or None.
+    """Return the line of the first environment class of a file, or None; `envcraft validate` judges the same files of a
+    folder.
 
-    A file that does not parse but mentions both counts as an environment: the check ``source`` reports the error. So
-    does a file that cannot be read, which then is an error.
+    A file that cannot be read counts as an environment, which then is an error.
     """
     source = _read(path)
     if source is None:
         return 1
-    if b"gym" not in source or b"class" not in source:
-        return None
-    tree = _parse(source)
-    if tree is None:
-        return 1
-    if not any(_imports_gymnasium(node) for node in ast.walk(tree)):
-        return None
-    classes = [node for node in ast.walk(tree) if isinstance(node, ast.ClassDef)]
-    return next((node.lineno for node in classes if _is_environment(node)), None)
+    with _without_warnings():
+        return project.environment_line(source, path)
 
 
 def defines_tests(path: Path) -> bool:
@@ -108,38 +102,22 @@ def defines_tests(path: Path) -> bool:
 def _read(path: Path) -> bytes | None:
     try:
         with path.open("rb") as stream:
-            return stream.read(_MAX_SOURCE)
+            return stream.read(MAX_SOURCE + 1)
     except OSError:
         return None
 
 
 def _parse(source: bytes) -> ast.Module | None:
     try:
-        with warnings.catch_warnings():
-            # Invalid escape sequences of an environment are not a matter of this run.
-            warnings.simplefilter("ignore")
-            return ast.parse(source)
+        with _without_warnings():
+            return parse(source)
     except (SyntaxError, ValueError, RecursionError, MemoryError):
         return None
 
 
-def _imports_gymnasium(node: ast.AST) -> bool:
-    names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
-    if isinstance(node, ast.ImportFrom) and node.module and not node.level:
-        names = [node.module]
-    return any(name.partition(".")[0] in ("gymnasium", "gym") for name in names)
-
-
-def _is_environment(node: ast.ClassDef) -> bool:
-    bases = [_last_name(base) for base in node.bases]
-    if any(base.endswith("Wrapper") for base in bases):
-        return False
-    methods = {item.name for item in node.body if isinstance(item, ast.FunctionDef)}
-    return any(base.endswith("Env") for base in bases) or {"reset", "step"} <= methods
-
-
-def _last_name(base: ast.expr) -> str:
-    """``Env`` for ``Env``, ``gym.Env`` and ``gym.Env[Observation, Action]``."""
-    if isinstance(base, ast.Subscript):
-        return _last_name(base.value)
-    return base.attr if isinstance(base, ast.Attribute) else base.id if isinstance(base, ast.Name) else ""
+@contextmanager
+def _without_warnings() -> Iterator[None]:
+    """Ignore the invalid escape sequences of an environment, which are not a matter of this run."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        yield

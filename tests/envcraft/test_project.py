@@ -18,7 +18,7 @@ from envcraft_checks.source import Source
 from envcraft.contracts.builtin import GYMNASIUM
 from envcraft.environments.targets import environments_below, resolve
 from envcraft.errors import UsageError
-from envcraft.model.project import defines_environment, defining_file, with_project
+from envcraft.model.project import defining_file, environment_line, with_project
 from envcraft.model.target import Kind, Target
 from tests.envcraft.conftest import ENVIRONMENT, Invoke
 
@@ -59,6 +59,27 @@ _MADE = f"import gymnasium as gym\ndef build(size):\n{textwrap.indent(_ROOM, '  
         ("from gymnasium.vector import VectorEnv\nclass Many(VectorEnv): pass\n", False),
         ("from pettingzoo import ParallelEnv\nclass Duel(ParallelEnv): pass\n", False),
         ("class A(A): pass\n", False),
+        ("import gymnasium as gym\nRoot = gym.Env\nclass A(Root): pass\n", True),
+        ("import gymnasium\ngym = gymnasium\nclass A(gym.Env): pass\n", True),
+        ("try:\n    from gymnasium import Env\nexcept ImportError:\n    Env = object\nclass A(Env): pass\n", True),
+        ("try:\n    from gymnasium import Env\nexcept ImportError:\n    class Env: ...\nclass A(Env): pass\n", True),
+        ("from games.base import Game\nclass Game(Game): pass\n", True),
+        ("from gymnasium import *\nclass A(Env): pass\n", True),
+        ("from gymnasium.envs.toy_text import *\nclass A(FrozenLakeEnv): pass\n", True),
+        ("from games.base import *\nclass A(Game): pass\n", True),
+        ("from games.tiles import *\nclass A(Game): pass\n", False),
+        ("from gymnasium import *\nclass A(Wrapper):\n    def reset(self): ...\n    def step(self, a): ...\n", False),
+        ("import gymnasium as gym\ndef make(): return gym.Env\nclass A(make()): pass\n", True),
+        (f"{_MADE}Base = build(3)\nclass A(Base): pass\n", True),
+        ("from games.made import make\nclass A(make()): pass\n", True),
+        ("def make(): return make()\nclass A(make()): pass\n", False),
+        ("import gymnasium as A\nA = A.b\nA = A.c\nclass B(A): pass\n", False),
+        ("from six import with_metaclass\nimport gymnasium\nclass A(with_metaclass(M, gymnasium.Env)): pass\n", True),
+        (f"import gymnasium as gym\nimport lib\n{_ROOM}".replace("gym.Env", "lib.make()"), True),
+        (f"import gymnasium as gym\nimport lib\n{_ROOM}".replace("gym.Env", "lib.make_wrapper(gym.Env)"), False),
+        (f"import lib\n{_ROOM}".replace("gym.Env", "lib.make()"), False),
+        ("import gymnasium\nfrom collections import namedtuple\nclass A(namedtuple('A', 'env, step')): pass\n", False),
+        ("import gymnasium\nimport lib\nclass A(lib.make()):\n    def step(self): ...\n", False),
         ("", False),
     ],
 )
@@ -68,8 +89,9 @@ def test_a_subclass_of_env_is_found(source: str, expected: bool, tmp_path: Path)
     (games / "__init__.py").write_text("from .base import Game\n")
     (games / "base.py").write_text(f"import gymnasium as gym\n{_ABSTRACT}")
     (games / "tiles.py").write_text("class Game: pass\n")
+    (games / "made.py").write_text("def make():\n    from .base import Game\n    return Game\n")
     (games / "loops.py").write_text("from .loops import Loop\nclass Ring(Loop): pass\n")
-    assert defines_environment(source.encode(), games / "snake.py") is expected
+    assert (environment_line(source.encode(), games / "snake.py") is not None) is expected
 
 
 @pytest.fixture

@@ -8,8 +8,10 @@ from pathlib import Path
 
 import pytest
 
+from envcraft.environments.targets import environments_below
 from envcraft.model.verdict import Verdict
 from envcraft.pytest_plugin.collection import defines_tests, environment_line
+from tests.envcraft.conftest import ENVIRONMENT
 from tests.envcraft.pytest_plugin.stand_in import TRAP, Canned, Run, failing, outcomes
 
 pytest_plugins = ["pytester"]
@@ -68,21 +70,41 @@ def test_the_plugin_can_be_left_out(pytester: pytest.Pytester, walk: Path) -> No
     [
         ("import gymnasium as gym\n\nclass Snake(gym.Env):\n    pass\n", 3),
         ("from gymnasium import Env\nclass Snake(Env[int, int]): pass\n", 2),
-        ("def f():\n    import gymnasium\nclass A: pass\nclass B(MiniGridEnv): pass\n", 4),
-        ("import gymnasium\nclass A:\n    def reset(self): ...\n    def step(self): ...\n", 2),
+        ("from minigrid.minigrid_env import MiniGridEnv\nclass A: pass\n\nclass B(MiniGridEnv): pass\n", 4),
+        ("import gymnasium\nclass A:\n    def reset(self): ...\n    def step(self): ...\n", None),
         ("import gym\nclass A(gym.Env)\n    pass\n", 1),
         ("import gymnasium\nclass A(gymnasium.Env):\n    x = " + "(" * 5_000, 1),
         ("import gymnasium\nclass A(gymnasium.Wrapper):\n    def reset(self): ...\n    def step(self): ...\n", None),
         ("import gymnasium\nclass A: pass\ndef make(): ...\n", None),
+        ("import gymnasium as gym\nRoot = gym.Env\nclass C(Root): pass\n", 3),
+        ("from gymnasium.envs.toy_text import *\nclass J(FrozenLakeEnv): pass\n", 2),
+        ("from base import Walk\nclass Grid(Walk): pass\n", 2),
         ("'about gymnasium'\nclass Snake(Env): pass\n", None),
         ("from .gymnasium import Env\nclass Snake(Env): pass\n", None),
         ("class Snake(Env)  # no Python, nor about it\n", None),
     ],
 )
 def test_what_is_an_environment_is_told_by_the_source(tmp_path: Path, source: str, line: int | None) -> None:
+    (tmp_path / "base.py").write_text(ENVIRONMENT)
     path = tmp_path / "a.py"
     path.write_text(source)
     assert environment_line(path) == line
+
+
+def test_the_same_files_are_collected_as_are_validated(pytester: pytest.Pytester, walk: Path, run: Run) -> None:
+    sources = {
+        "alias": "import gymnasium as gym\nRoot = gym.Env\nclass C(Root): pass\n",
+        "grid": "from walk import Walk\nclass Grid(Walk): pass\n",
+        "abstract": "import gymnasium\nclass A(gymnasium.Env):\n    def step(self, a): raise NotImplementedError\n",
+        "alike": "import gymnasium\nclass A:\n    def reset(self): ...\n    def step(self): ...\n",
+        "wraps": "import gymnasium\nclass A(gymnasium.Wrapper): pass\n",
+    }
+    for name, source in sources.items():
+        (walk.parent / name).with_suffix(".py").write_text(source)
+    result = run("--collect-only", "-q", "games", "--envcraft-checks=source")
+    collected = {line.partition("::")[0] for line in result.outlines if "::" in line}
+    assert collected == {target.path for target in environments_below("games")}
+    assert collected == {"games/alias.py", "games/grid.py", "games/walk.py"}
 
 
 def test_a_file_that_cannot_be_read_counts_and_is_then_an_error(tmp_path: Path) -> None:
