@@ -27,6 +27,11 @@ def plural(number: int, noun: str) -> str:
     return f"{number:,} {noun}" if number == 1 else f"{number:,} {noun}s"
 
 
+def with_article(noun: object) -> str:
+    """A noun after its article: ``a uint8``, ``an int64``."""
+    return f"{'an' if str(noun)[:1].lower() in 'aeio' else 'a'} {noun}"
+
+
 def relative(path: str, folder: str | None = None) -> str:
     """Shorten a path to be relative to `folder` (the working directory) if it lies below it."""
     full = os.path.abspath(path)

@@ -35,6 +35,7 @@ from envcraft.judging.shrink import repro
 from envcraft.judging.statistics import settle
 from envcraft.model.verdict import Finding
 from envcraft.plugins import hookimpl
+from envcraft.text import plural
 
 if TYPE_CHECKING:
     from envcraft.judging.subject import Subject
@@ -94,7 +95,7 @@ class InstaWin(Check):
         shortest = min(wins, key=lambda trace: trace.steps)
         found = self.finding(
             "EC601",
-            f"random play wins {rate}, more than {100 * consistently:g}%, in at least {shortest.steps} steps"
+            f"random play wins {rate}, more than {100 * consistently:g}%, in at least {plural(shortest.steps, 'step')}"
             f"{BY_SIGN if by_sign else ''}",
             line=subject.line_of("step"),
             repro=repro(shortest.rollout.cut(shortest.steps)),

@@ -64,6 +64,7 @@ from envcraft.model.rollout import Conditions, Rollout
 from envcraft.model.target import Kind
 from envcraft.model.verdict import Finding, Line, Severity
 from envcraft.plugins import hookimpl
+from envcraft.text import plural
 
 from .rewards.blame import blamed_line, reward_line
 from .rewards.zeros import pays_nothing
@@ -268,8 +269,8 @@ class Reward(Check):
             finding = self.finding(
                 "EC307",
                 f"repeating {_in_words(actions[-size:])} pays at least {least:g} each time, without success: "
-                f"{trace.total:g} in {trace.steps} steps, while success on the same seed pays {success.total:g} in "
-                f"{success.steps} steps",
+                f"{trace.total:g} in {plural(trace.steps, 'step')}, while success on the same seed pays "
+                f"{success.total:g} in {plural(success.steps, 'step')}",
                 line=subject.line_of("step"),
                 repro=repro(trace.rollout),
                 loop=actions[-size:],
@@ -329,9 +330,9 @@ class Reward(Check):
         failure, success = max(shown, key=lambda pair: pair[0].total - pair[1].total)
         finding = self.finding(
             "EC308",
-            f"{failure.rollout.player} earns {failure.total:g} in {failure.steps} steps without success, while success "
-            f"on the same seed earns {success.total:g} in {success.steps} steps; {len(shown)} of {len(won)} successes "
-            "earn clearly less than a failure on their seed, and none earns clearly more",
+            f"{failure.rollout.player} earns {failure.total:g} in {plural(failure.steps, 'step')} without success, "
+            f"while success on the same seed earns {success.total:g} in {plural(success.steps, 'step')}; {len(shown)} "
+            f"of {len(won)} successes earn clearly less than a failure on their seed, and none earns clearly more",
             line=subject.line_of("step"),
             repro=repro(failure.rollout.cut(failure.steps)),
             earned=failure.total,
@@ -359,8 +360,9 @@ class Reward(Check):
         shown = min(won, key=lambda trace: trace.steps)
         return self.finding(
             "EC305",
-            f"winning pays {shown.total:g} in {shown.steps} steps (under {shown.rollout.player}), and doing nothing "
-            f"pays {idled[shown.rollout.seed].total:g} on the same seed; none of the {len(won)} won episodes pays more",
+            f"winning pays {shown.total:g} in {plural(shown.steps, 'step')} (under {shown.rollout.player}), and doing "
+            f"nothing pays {idled[shown.rollout.seed].total:g} on the same seed; none of the {len(won)} won episodes "
+            "pays more",
             line=subject.line_of("step"),
             repro=repro(shown.rollout.cut(shown.steps)),
             won=len(won),

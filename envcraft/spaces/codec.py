@@ -14,6 +14,7 @@ from envcraft_protocol.wire import array_identity
 from numpy.typing import NDArray
 
 from envcraft.errors import MalformedValue
+from envcraft.text import with_article
 
 MAX_BYTES = 8 * 1024 * 1024
 _MAX_DEPTH = 9
@@ -121,7 +122,7 @@ class ValueCodec:
 
     def __str__(self) -> str:
         if self.kind == "array":
-            return f"a {self.dtype} array of shape {self.shape}"
+            return f"{with_article(self.dtype)} array of shape {self.shape}"
         if self.kind == "numbers":
             return f"nested Python lists of shape {self.shape}"
         if self.kind == "scalar":

@@ -9,6 +9,7 @@ import numpy as np
 
 from envcraft.spaces import spec
 from envcraft.spaces.spec import Box, SpaceSpec
+from envcraft.text import with_article
 
 #: Rounding by which a value may exceed a bound that an environment set itself, as a share of the bound.
 _ROUNDING = 1e-5
@@ -309,5 +310,5 @@ def _place(path: _Path) -> str:
 
 def _named(value: Any) -> str:
     if isinstance(value, np.ndarray):
-        return f"a {value.dtype} array of shape {value.shape}"
-    return "None" if value is None else f"a {type(value).__name__}"
+        return f"{with_article(value.dtype)} array of shape {value.shape}"
+    return "None" if value is None else with_article(type(value).__name__)

@@ -267,7 +267,8 @@ def test_newlines_in_file_names_are_escaped(invoke: Invoke, tmp_path: Path) -> N
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["audit", "nowhere"], "neither a corpus nor a folder"),
+        (["audit", "nowhere"], "nowhere does not exist; name a corpus or a folder"),
+        (["audit", "games/a.py"], "neither a corpus nor a folder"),
         (["audit", "games/more", "--baseline", "none.json"], "does not exist"),
         (["audit", "games/more", "--baseline", "games/a.py"], "is not a report"),
         (["audit", "empty"], "holds no environment"),

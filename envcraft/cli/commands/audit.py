@@ -244,6 +244,8 @@ def _open(place: str, store: str | None, with_projects: bool) -> tuple[Store, st
         return opened, "", None
     if not place.strip():
         raise UsageError("CORPUS|FOLDER is empty; name a corpus or a folder, such as . for the working directory")
+    if not os.path.lexists(place):
+        raise UsageError(f"{place} does not exist; name a corpus or a folder")
     if not os.path.isdir(place):
         raise UsageError(f"{place} is neither a corpus nor a folder; `envcraft validate` judges single files")
     root = Path(store) if store is not None else Path(place, FOLDER_CORPUS)
