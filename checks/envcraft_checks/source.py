@@ -44,7 +44,10 @@ from __future__ import annotations
 import ast
 import contextlib
 import io
+import itertools
+import os
 import re
+import sys
 import tokenize
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -54,9 +57,9 @@ from envcraft.errors import UsageError, WorkerLost
 from envcraft.judging.check import Check, Rule
 from envcraft.judging.driver import Isolation
 from envcraft.model.job import ExitReason
-from envcraft.model.project import Place, with_project
+from envcraft.model.project import Place, defined_classes, with_project
 from envcraft.model.target import nodes, parse
-from envcraft.model.verdict import Finding, Severity, Verdict
+from envcraft.model.verdict import Finding, Line, Severity, Verdict
 from envcraft.plugins import hookimpl
 
 from .imports import imported_modules, required_imports
@@ -89,7 +92,7 @@ class Source(Check):
             "EC002",
             "unknown-import",
             "The file imports an unknown library.",
-            "Use the standard library and the contract's libraries, or correct the name.",
+            "Use the standard library, the contract's libraries and files of the project, or correct the name.",
         ),
         Rule(
             "EC003",
@@ -278,6 +281,8 @@ class Source(Check):
         near = _nearest(name, [each for each in (*(contract.libraries or ()), *known) if each != name])
         if installed and name not in _OLD_NAMES:
             return f"which the contract {contract.name} does not allow; it allows {', '.join(contract.libraries or ())}"
+        if not installed and (place := _elsewhere(name, subject)):
+            return place
         return f"which is not a known library{f'; did you mean {near}?' if near else ''}"
 
     def _judge_loaded(self, subject: Subject, loaded: Loaded) -> Iterator[Finding]:
@@ -297,7 +302,7 @@ class Source(Check):
             yield self.finding("EC005", f"the file defines no class {subject.target.env_class}", classes=classes)
             return
         if description.get("required"):
-            yield self._needs(subject.env_class, description)
+            yield self._needs(subject.env_class, subject)
         elif fault is not None:
             _refuse_options(subject, fault)
             given = _given(subject)
@@ -305,7 +310,7 @@ class Source(Check):
             if fault.phase == "spaces":
                 new = f"{subject.env_class}({given})" if given else subject.env_class
                 words = f"reading the spaces of a new {new} raises {fault}"
-            yield self.finding("EC008", words, line=fault.line or description.get("line"), traceback=fault.traceback)
+            yield self.finding("EC008", words, line=fault.line or subject.line_of(), traceback=fault.traceback)
 
     def _judge_installed(self, subject: Subject, loaded: Loaded) -> Iterator[Finding]:
         """Judge only what prevents the construction of an installed environment, not how its code is written."""
@@ -324,24 +329,24 @@ class Source(Check):
         elif fault is not None and fault.phase == "import":
             yield self.finding("EC003", f"importing raises {fault}", line=fault.line, traceback=fault.traceback)
         elif description.get("required"):
-            yield self._needs(name, description)
+            yield self._needs(name, subject)
         elif description.get("environment") is False:
             words = f"{name} constructs a {description.get('made')}, which does not derive from gymnasium.Env"
-            yield self.finding("EC005", words, line=description.get("line"))
+            yield self.finding("EC005", words, line=subject.line_of())
         elif fault is not None:
-            line, given = fault.line or description.get("line"), _given(subject)
+            line, given = fault.line or subject.line_of(), _given(subject)
             words = f"constructing {name}{f' with {given}' if given else ''} raises {fault}"
             yield self.finding("EC008", words, line=line, traceback=fault.traceback)
 
-    def _needs(self, name: str | None, description: Description) -> Finding:
-        required = description["required"]
+    def _needs(self, name: str | None, subject: Subject) -> Finding:
+        required = subject.load().description["required"]
         words = f"{name}() needs {', '.join(required)}"
-        return self.finding("EC007", words, line=description.get("line"), required=required)
+        return self.finding("EC007", words, line=subject.line_of(), required=required)
 
     def _broken(self, subject: Subject, loaded: Loaded) -> Finding:
         end = loaded.end
         where = "the constructor" if end.phase == "construct" else "importing the file"
-        line = loaded.description.get("line") if end.phase == "construct" else None
+        line: int | Line | None = subject.line_of() if end.phase == "construct" else None
         if end.reason is ExitReason.TIMEOUT:
             code = "EC008" if end.phase == "construct" else "EC004"
             if (program := program_of(subject)) is not None:
@@ -511,6 +516,46 @@ def _near_file(name: str, file: Path) -> str:
         return ""
     close = difflib.get_close_matches(module, names, n=1)
     return f"; did you mean {'.' * level}{close[0]}?" if close else ""
+
+
+def _elsewhere(name: str, subject: Subject) -> str:
+    """Say in which folder of the project a module lies that a file's imports do not find, and what helps.
+
+    Args:
+        name: the module or package.
+        subject: the environment, whose file imports it.
+
+    Returns:
+        The words after the module's name; "" if no folder has it.
+    """
+    from envcraft.judging.installed import is_installed
+
+    file, here = Path(subject.target.path).absolute(), Path.cwd()
+    above = [folder for folder in file.parents if folder.is_relative_to(here)]
+    # Tests import what is in `src`, or in another folder that their settings put on the path.
+    folders = dict.fromkeys([*above, here, here / "src", *(Path(each).absolute() for each in sys.path)])
+    for folder in (each for each in folders if each not in (file.parent, Place.of(file).root)):
+        modules = (folder / f"{name}.py", *itertools.islice(folder.glob(f"{name}/*.py"), 1))
+        if any(map(os.path.isfile, modules)) and not is_installed(folder):
+            where = "the working directory" if folder == here else os.path.relpath(folder)
+            return f"which is not beside the file but in {where}; {_way_to(folder, where, file, subject)}"
+    return ""
+
+
+def _way_to(folder: Path, where: str, file: Path, subject: Subject) -> str:
+    """Say how a file's imports can find what lies in a folder, of which a message says where it is."""
+    inner = [each for each in reversed(file.parents) if each.is_relative_to(folder) and each != folder]
+    parts = [*(each.name for each in inner), *([] if file.stem == "__init__" else [file.stem])]
+    if not inner or not all(map(str.isidentifier, parts)):
+        install = ", or install it beside EnvCraft" if subject.contract.libraries is None else ""
+        return f"move the class to a file in {where}{install}"
+    target = subject.target
+    classes = [target.env_class] if target.env_class else defined_classes(target.source)
+    command = f"`envcraft validate {'.'.join(parts)}:{classes[0] if len(classes) == 1 else 'CLASS'}`"
+    start = "" if folder == Path.cwd() else f"in {where}, "
+    plain = [os.path.relpath(each) for each in inner if not (each / "__init__.py").is_file()]
+    every = f"{' and '.join(plain)} {'has' if len(plain) == 1 else 'have'} an __init__.py"
+    return f"{start}{command} finds it, and every command does if {every}"
 
 
 def ask_for_dependency(subject: Subject, fault: Fault) -> None:

@@ -6,6 +6,7 @@ import importlib
 import json
 import os
 import re
+import sys
 import textwrap
 from collections.abc import Iterator
 from pathlib import Path
@@ -470,6 +471,65 @@ def test_an_import_that_is_not_allowed_has_a_next_step(name: str, words: str, in
     good.write_text(f"import {name}\n{ENVIRONMENT}")
     result = invoke("validate", good, "--sandbox", "process", "--format", "concise")
     assert words in result.stdout
+
+
+@pytest.mark.parametrize(
+    ("file", "folder", "words"),
+    [
+        (
+            "games/a.py",
+            ".",
+            "in the working directory; `envcraft validate games.a:A` finds it, and every command does if games has an "
+            "__init__.py",
+        ),
+        (
+            "src/games/old/a.py",
+            "src",
+            "in src; in src, `envcraft validate games.old.a:A` finds it, and every command does if src/games and "
+            "src/games/old have an __init__.py",
+        ),
+    ],
+)
+def test_an_import_of_a_folder_above_names_what_finds_it(
+    file: str, folder: str, words: str, invoke: Invoke, good: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    place = good.parent / file
+    place.parent.mkdir(parents=True)
+    Path(good.parent, folder, "common").mkdir()
+    good.rename(Path(good.parent, folder, "common", "base.py"))
+    place.write_text("from common.base import Walk\n\n\nclass A(Walk):\n    pass\n")
+    options = ("--sandbox", "process", "--checks", "source", "--contract", "gymnasium", "--format", "concise")
+    refused = invoke("validate", file, *options)
+    assert f"line 1 imports common, which is not beside the file but {words}\n" in refused.stdout
+    named = re.search(r"validate (\S+)`", words)
+    assert named is not None
+    with monkeypatch.context() as inside:
+        inside.chdir(good.parent / folder)
+        assert invoke("validate", named[1], *options).exit_code == 0
+    for each in re.findall(r"[\w/]*games[\w/]*(?= and| has| have)", words):
+        Path(each, "__init__.py").touch()
+    assert invoke("validate", file, *options).exit_code == 0
+
+
+@pytest.mark.parametrize(
+    ("folder", "contract", "words"),
+    [
+        ("src", "gymnasium", "in src; move the class to a file in src, or install it beside EnvCraft"),
+        ("lib", "gymnasium", "in lib; move the class to a file in lib, or install it beside EnvCraft"),
+        ("src", "arcade", "in src; move the class to a file in src"),
+    ],
+)
+def test_a_class_of_a_test_whose_base_is_in_a_folder_on_the_path(
+    folder: str, contract: str, words: str, invoke: Invoke, good: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (good.parent / folder / "mazes").mkdir(parents=True)
+    (good.parent / "tests").mkdir()
+    good.rename(good.parent / folder / "mazes" / "base.py")
+    monkeypatch.setattr("sys.path", [str(good.parent / folder), *sys.path])
+    file = good.parent / "tests" / "test_local.py"
+    file.write_text("from mazes.base import Walk\n\n\nclass Local(Walk):\n    pass\n")
+    result = invoke("validate", file, "--sandbox", "process", "--contract", contract, "--format", "concise")
+    assert f"line 1 imports mazes, which is not beside the file but {words}\n" in result.stdout
 
 
 @pytest.mark.parametrize(
