@@ -132,3 +132,5 @@ def test_the_line_of_a_class_is_one_of_the_file(source: str, name: str, line: in
     report = _judged(_in_package(tmp_path, base, source, name), [Source()])
     (found,) = report.reports[0].checks[0].findings
     assert (found.code, found.line) == ("EC007", line)
+    note = "" if "class " in source else f"; {name} is mazes.base.Grid (base.py:{_CLASS + 1})"
+    assert found.message == f"{name}() needs size{note}"
