@@ -6,7 +6,7 @@ import os
 
 _MODE = 0o700
 #: No game nests folders this deeply. Each level makes all paths below it slower to look up.
-_DEPTH = 100
+_DEPTH = 512
 
 
 class JobFolder:
@@ -36,7 +36,7 @@ class JobFolder:
     def bytes(self, most: int) -> int:
         """The disk space of its files in bytes. Counting stops beyond `most`.
 
-        Each entry counts for something. A folder that cannot be read, or that lies 100 folders deep, counts for more
+        Each entry counts for something. A folder that cannot be read, or that lies 512 folders deep, counts for more
         than `most`.
         """
         total, folders = 0, [(self.path, 0)]
