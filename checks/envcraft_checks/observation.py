@@ -28,9 +28,9 @@ State is hidden (a warning) if three quarters of all rewards and terminations fo
 had another result, and the picture does not make the event more likely. The game must not draw random numbers during
 play. Memory games hide state on purpose.
 
-Two opposite moves of a pad should differ. They are alike (a warning) if they show and pay the same while they are held,
-unlike doing nothing, and if varied episodes stay the same with one move replaced by the other. All four moves may be
-alike, and a move that undoes itself may equal its opposite.
+Left and right should differ. They are alike (a warning) if they show and pay the same while they are held, unlike doing
+nothing, and if varied episodes stay the same with one move replaced by the other. All four moves may be alike, and a
+move that undoes itself may equal its opposite.
 
 Noise is measured on the pixels that vary: each one minus its mean over time, correlated with itself one to four steps
 later while one action is held. The picture is noise if more than half of it changes at each step, no lag correlates,
@@ -110,7 +110,7 @@ class Observation(Check):
         Rule(
             "EC408",
             "moves-alike",
-            "Two opposite moves always do the same.",
+            "Left and right always do the same.",
             "Give each direction of the pad its own effect, or none.",
             Severity.WARNING,
         ),

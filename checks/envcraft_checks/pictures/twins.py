@@ -1,4 +1,4 @@
-"""Opposite moves that always do the same."""
+"""Left and right that always do the same."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ if TYPE_CHECKING:
     from envcraft.judging.subject import Subject
     from envcraft.model.trace import Trace
 
-#: The moves of a pad, and those that are opposite: up and down, left and right.
-_MOVES, _OPPOSITES = 5, ((1, 2), (3, 4))
+#: The moves of a pad, and those to the left and right. Up and down may do the same on purpose, such as a jump.
+_MOVES, _LEFT, _RIGHT = 5, 3, 4
 #: The most steps of an episode in which two moves are exchanged, and the episodes: the fewest and the most.
 _STEPS, _EPISODES = 150, (2, 6)
 #: The steps after which a move that undoes itself must have done so.
@@ -21,7 +21,7 @@ _BACK = 8
 
 
 def find_twins(subject: Subject) -> Defect | None:
-    """Find two opposite moves that do the same in all play, and something else than doing nothing."""
+    """Find out whether left and right do the same in all play, and something else than doing nothing."""
     noop = subject.contract.noop
     if not (isinstance(noop, list) and len(noop) > 1 and shows_pictures(subject.observation_space)):
         return None
@@ -31,19 +31,17 @@ def find_twins(subject: Subject) -> Defect | None:
     # Where each of the four does the same, the game takes any key.
     if len(known) < _MOVES or all(_alike(known[1], trace) for trace in known[2:]):
         return None
-    for one, two in _OPPOSITES:
-        if _alike(known[one], known[two]) and not _alike(known[one], known[0]):
-            undone = _undoes_itself(subject, known[one], known[0])
-            if not undone and (compared := _exchanged(subject, one, two)):
-                steps = sum(trace.steps for trace in compared)
-                return Defect(
-                    f"the moves {one} and {two} do the same: {len(compared)} episodes of {steps} steps on "
-                    f"{len({trace.rollout.seed for trace in compared})} seeds show and pay the same with each of these "
-                    "moves replaced by the other, and doing nothing shows something else",
-                    known[one].rollout.cut(known[one].steps),
-                    {"moves": [one, two], "episodes": len(compared), "steps": steps},
-                )
-    return None
+    if not _alike(known[_LEFT], known[_RIGHT]) or _alike(known[_LEFT], known[0]):
+        return None
+    if _undoes_itself(subject, known[_LEFT], known[0]) or not (compared := _exchanged(subject)):
+        return None
+    steps = sum(trace.steps for trace in compared)
+    return Defect(
+        f"the moves {_LEFT} and {_RIGHT}, left and right, do the same: {len(compared)} episodes of {steps} steps show "
+        "and pay the same with each of these moves replaced by the other, and doing nothing shows something else",
+        known[_LEFT].rollout.cut(known[_LEFT].steps),
+        {"moves": [_LEFT, _RIGHT], "episodes": len(compared), "steps": steps},
+    )
 
 
 def _alike(one: Trace, two: Trace) -> bool:
@@ -60,21 +58,21 @@ def _alike(one: Trace, two: Trace) -> bool:
     )
 
 
-def _exchanged(subject: Subject, one: int, two: int) -> list[Trace]:
-    """Episodes of varied play with two moves exchanged, each like the original; none if one differs, or few are known.
+def _exchanged(subject: Subject) -> list[Trace]:
+    """Episodes of varied play with left and right exchanged, each like the original.
 
-    Both moves must occur often in each episode.
+    There are none if one differs, or if few are known. Both moves must occur often in each episode.
     """
-    swap = {one: two, two: one}
+    swap = {_LEFT: _RIGHT, _RIGHT: _LEFT}
     compared: list[Trace] = []
     for trace in [subject.episodes.whole[0], *subject.episodes.varied]:
         actions = trace.actions[: min(trace.steps, _STEPS)]
-        if not trace.usable or not {one, two} <= {action[0] for action in actions}:
+        if not trace.usable or not swap.keys() <= {action[0] for action in actions}:
             continue
         if len(compared) == _EPISODES[1] or not subject.affords(len(actions)):
             break
         exchanged: list[Any] = [[swap.get(move, move), *buttons] for move, *buttons in actions]
-        other = subject.rollout(Rollout(trace.rollout.seed, exchanged, player=f"{one} and {two} exchanged"))
+        other = subject.rollout(Rollout(trace.rollout.seed, exchanged, player="left and right exchanged"))
         if not other.usable or other.opaque or other.steps < len(actions) or not _alike(trace, other):
             return []
         compared.append(other)

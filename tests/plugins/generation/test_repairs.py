@@ -42,7 +42,7 @@ def test_the_repair_prompt_is_complete() -> None:
         BAD.strip(),
         "EC107 (step-raises)",
         "step() raises IndexError",
-        "Fix the line that the finding names",
+        "Fix the line that raises",
         "  40>",
         "reset(seed=3)",
         "[[1, 0, 0], [4, 1, 0]]",
