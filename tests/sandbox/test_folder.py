@@ -1,4 +1,4 @@
-"""The job's folder is measured and emptied, whatever a job leaves in it."""
+"""The job's folder is measured and emptied, links and deep folders included."""
 
 from __future__ import annotations
 

@@ -104,7 +104,7 @@ def _is_true(node: ast.expr | None) -> bool:
 
 
 class _Sums:
-    """The values of an attribute, of whatever object, as far as they are numbers in the code.
+    """The values of an attribute, of any object, as far as they are numbers in the code.
 
     Attributes:
         first: what it is set to before an episode.
