@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import threading
 from pathlib import Path
 
@@ -122,15 +123,25 @@ def test_a_setting_is_blamed_on_its_file(setting: str, words: str, invoke: Invok
         ('exclude = "*"', ".", "exclude: leaves none of 1 environment"),
         ("kwargs = {sise = 3}", "walk.py", "kwargs: Walk.__init__() got an unexpected keyword argument 'sise'"),
         ('wrap = ["nomod:func"]', "walk.py", "wrap: the module nomod of the wrapper nomod:func is not installed"),
+        ('wrap = ["own:Wrap"]', "walk.py", "wrap: own:Wrap is in a file of the project, and the contract arcade"),
     ],
 )
 def test_a_setting_that_does_not_fit_the_target_is_blamed_on_its_file(
     setting: str, target: str, words: str, invoke: Invoke, good: Path, tmp_path: Path
 ) -> None:
     (tmp_path / "pyproject.toml").write_text(f"[tool.envcraft]\n{setting}\n")
+    (tmp_path / "own.py").write_text("import gymnasium\n\nclass Wrap(gymnasium.Wrapper): ...\n")
     result = invoke("validate", target, "--sandbox", "process", "--checks", "source")
     assert result.exit_code == 2, result.output
     assert f"{tmp_path / 'pyproject.toml'}: [tool.envcraft] {words}" in result.stderr
+
+
+@pytest.mark.parametrize("form", ["console", "concise", "github", "html", "json", "junit", "markdown", "sarif"])
+def test_a_report_blames_a_setting_on_its_file(form: str, invoke: Invoke, good: Path, tmp_path: Path) -> None:
+    (tmp_path / "pyproject.toml").write_text("[tool.envcraft]\nkwargs = {sise = 3}\n")
+    result = invoke("validate", good.name, *_CHEAP, "--checks", "source", "--format", form)
+    assert "[tool.envcraft] kwargs: Walk" in re.sub(r"&#(\d+);", lambda found: chr(int(found[1])), result.stdout)
+    assert "--kwargs:" not in result.stdout
 
 
 def test_a_file_of_settings_that_is_no_toml_is_an_error(invoke: Invoke, good: Path, tmp_path: Path) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+import re
 from collections.abc import Iterable, Iterator
 from fnmatch import fnmatchcase
 from pathlib import Path
@@ -29,13 +30,15 @@ from envcraft.judging.worker_pool import WorkerPool
 from envcraft.model.events import Finished, SubjectFinished
 from envcraft.model.project import configured
 from envcraft.model.target import Kind, Target, kind_of
-from envcraft.model.verdict import Report, Verdict
+from envcraft.model.verdict import Report, SubjectReport, Verdict
 from envcraft.registry import offered
 from envcraft.reports.reporter import Reporter, reporter_named
 from envcraft.text import plural
 
 #: The format that the name of a file suggests.
 _FORMATS = {".html": "html", ".json": "json", ".md": "markdown", ".sarif": "sarif", ".xml": "junit"}
+#: The option that an error about its value begins with.
+_OPTION = re.compile(r"--([\w-]+)")
 #: How the constructor's arguments are written.
 _LIKE = "write it like '{\"size\": 8}'"
 
@@ -182,6 +185,7 @@ def validate(
             fail_fast=fail_fast,
             severity=severity,
         )
+        misused: dict[str, None] = {}
         # Outside the view, which would erase the words.
         stack.enter_context(_counting(finished := [], len(files)))
         progress = stack.enter_context(Progress(streams[0]))
@@ -197,21 +201,34 @@ def validate(
             for reporter in filmed:
                 reporter.frames = frames
         for event in stack.enter_context(contextlib.closing(judge(plan, workers, pool, exitfirst))):
+            if isinstance(event, SubjectFinished):
+                finished.append(event)
+                misused |= dict.fromkeys(_blame_the_file(ctx, event.report))
             if not quiet:
                 progress.handle(event)
             for reporter in reporters:
                 reporter.handle(event)
-            if isinstance(event, SubjectFinished):
-                finished.append(event)
             if isinstance(event, Finished):
                 report = event.report
         assert report is not None
         record(plan, report)
-    for reason in {check.reason for subject in report.reports for check in subject.checks if check.wrong_use}:
-        setting = reason.removeprefix("--").partition(":")[0]
-        if (other := blamed(ctx, wrong := UsageError(reason, setting=setting))) is not wrong:
-            click.echo(f"Error: {other}", err=True)
+    for words in misused:
+        click.echo(f"Error: {words}", err=True)
     ctx.exit(ExitCode.USAGE if unusable else exit_code(report, exit_zero))
+
+
+def _blame_the_file(ctx: click.Context, report: SubjectReport) -> Iterator[str]:
+    """Let a report's errors about values of ``[tool.envcraft]`` name the file and the setting, and yield them."""
+    for check in report.checks:
+        option = _OPTION.match(check.reason) if check.wrong_use else None
+        if option is None:
+            continue
+        wrong = UsageError(check.reason, setting=option[1])
+        if (other := blamed(ctx, wrong)) is not wrong:
+            # The subject has the reason of its first check that could not judge.
+            report.reason = str(other) if report.reason == check.reason else report.reason
+            check.reason = str(other)
+            yield check.reason
 
 
 @contextlib.contextmanager
