@@ -87,7 +87,7 @@ class Audit:
         complete: bool = False,
         projects: Projects | None = None,
     ) -> None:
-        self.store, self.settings, self.folder = store, settings, folder
+        self.store, self.settings, self.selection, self.folder = store, settings, selection, folder
         self.kept: list[SubjectReport] = []
         self._projects = projects
         outdated = self._outdated()

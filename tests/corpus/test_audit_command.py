@@ -187,6 +187,19 @@ def test_a_finding_whose_check_did_not_run_is_not_fixed(games: Path, invoke: Inv
     assert (difference["fixed"], difference["unknown"]) == ([], 1)
 
 
+def test_an_audit_of_what_changed_says_that_nothing_did(games: Path, invoke: Invoke) -> None:
+    none = invoke("audit", "games", *QUICK, "--only-failed")
+    assert "4 environments: none with the verdict fail or error\nno verdict yet; leave out --only-failed" in none.stdout
+    assert invoke("audit", "games", *QUICK).exit_code == 1
+    result = invoke("audit", "games", *QUICK, "--changed")
+    assert (result.exit_code, result.stdout) == (
+        0,
+        "nothing changed: 4 environments are up to date\nlast verdicts: 3 passed, 1 failed, 0 undecided\n",
+    )
+    both = invoke("audit", "games", *QUICK, "--changed", "--only-failed")
+    assert both.stdout.startswith("4 environments: none with the verdict fail or error has changed\n")
+
+
 def test_a_file_replaces_its_own_name_also_where_another_has_its_text(games: Path, invoke: Invoke) -> None:
     invoke("corpus", "init", "corpus")
     invoke("corpus", "add", "corpus", "games")

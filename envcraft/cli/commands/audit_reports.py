@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from functools import partial
 from typing import TYPE_CHECKING, Any, TextIO
 
@@ -117,12 +117,31 @@ def _write_json(
     stream.write("]}\n")
 
 
+def _counts(outcomes: dict[Outcome, int]) -> str:
+    return ", ".join(words for _, words in counted(outcomes))
+
+
+def _say_nothing_selected(say: Callable[[str], None], run: Audit) -> None:
+    """Say why an audit selects nothing, and which verdicts stand."""
+    from envcraft.corpus.store import environments
+
+    every, last = environments.count(run.store), _counts(environments.outcomes(run.store))
+    if not run.selection.only_failed:
+        say(f"nothing changed: {plural(every, 'environment')} {'is' if every == 1 else 'are'} up to date")
+    else:
+        changed = " has changed" if run.selection.changed else ""
+        say(f"{plural(every, 'environment')}: none with the verdict fail or error{changed}")
+    say(f"last verdicts: {last}" if last else "no verdict yet; leave out --only-failed to judge them")
+
+
 def _write_summary(stream: TextIO, run: Audit, outcomes: dict[Outcome, int], difference: Difference | None) -> None:
     say = partial(click.echo, file=stream)
-    counts = ", ".join(words for _, words in counted(outcomes))
-    steps, seconds = run.totals()
-    say(f"{plural(run.selected, 'environment')}: {counts or 'no verdict'}")
-    say(f"{run.judged:,} judged now, {run.known:,} known; {plural(steps, 'step')} in {seconds:,.0f} s of judging")
+    if run.selected:
+        steps, seconds = run.totals()
+        say(f"{plural(run.selected, 'environment')}: {_counts(outcomes) or 'no verdict'}")
+        say(f"{run.judged:,} judged now, {run.known:,} known; {plural(steps, 'step')} in {seconds:,.0f} s of judging")
+    else:
+        _say_nothing_selected(say, run)
     if outcomes.get(Outcome.FAIL):
         place = run.folder or run.store.root
         say(f"`envcraft corpus list {place} --verdict fail` lists what failed; `envcraft corpus show` has the findings")

@@ -152,6 +152,15 @@ def listed(
     return map(_listed, store.db.execute(f"{_LISTED} WHERE {' AND '.join(conditions)} ORDER BY name", values))
 
 
+def outcomes(store: Store) -> dict[Outcome, int]:
+    """The number of environments with each outcome of the last verdict that occurs."""
+    cursor = store.db.execute(
+        f"SELECT iif(undecided, '{Outcome.UNDECIDED}', judged) AS outcome, count(*) FROM ({_LISTED}) "
+        "WHERE judged IS NOT NULL GROUP BY outcome"
+    )
+    return {Outcome(outcome): number for outcome, number in cursor}
+
+
 def listing(store: Store, name: str) -> Listed | None:
     """The environment with this name and the last verdict on it; None if there is none."""
     row = store.db.execute(f"{_LISTED} WHERE name = ?", (name,)).fetchone()
