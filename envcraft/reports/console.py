@@ -162,8 +162,10 @@ class ConsoleReporter(Reporter):
         room = max(_LINES - len(before) - len(after), 0)
         if self.verbosity <= 0 and len(shown) > room:
             kept = shown[: max(room - 1, 0)]
-            words = f"{plural(len(shown) - len(kept), 'more line')} of evidence: --verbose shows them"
-            shown = kept + (self._lines(_text(words, "bright_black"), 6, cut=True) if room else [])
+            hidden = plural(len(shown) - len(kept), "more line")
+            # As short as a narrow terminal needs it. A message may fill the room, and the reader must still know.
+            words = f"--verbose shows {hidden}" if self.again else f"{hidden} of evidence"
+            shown = kept + self._lines(_text(words, "bright_black"), 6, hang=2)
         picture = self._picture(subject, finding, room - len(shown))
         for line in [*before, *shown, *picture, *after]:
             self._console.print(line, soft_wrap=True)

@@ -88,13 +88,22 @@ def test_a_finding_takes_at_most_twelve_lines(file: Path, width: int | None) -> 
     report = judged(file, Finding("EC203", Severity.ERROR, "it differs", 5, evidence))
     short, everything = said(report, width=width), said(report, 1, width)
     assert len(short) == 12
-    assert any("of evidence: --verbose shows them" in line for line in short)
+    assert any(line.startswith("--verbose shows ") and line.endswith(" more lines") for line in short)
     assert short[-1] == "#1: seed 0, no action"
     assert any(line.startswith("fix: ") for line in short)
     assert len(everything) > 45
     assert "call_0()" in everything
     assert "KeyError: 7" in everything
     assert "printed: one" in everything
+
+
+@pytest.mark.parametrize("words", ["it differs", "it differs " * 60], ids=["short", "long"])
+def test_a_narrow_terminal_says_that_lines_are_hidden(words: str, file: Path) -> None:
+    finding = Finding("EC203", Severity.ERROR, words, 5, {"traceback": TRACEBACK, "output": "one\ntwo\nthree\nfour\n"})
+    lines = said(judged(file, finding), width=40)
+    [hint] = [line for line in lines if line.startswith("--verbose shows ")]
+    assert hint.endswith(" more lines")
+    assert lines[-1].startswith("#1: ")
 
 
 def test_the_end_of_the_traceback_is_shown(file: Path) -> None:
