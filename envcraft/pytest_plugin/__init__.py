@@ -23,9 +23,9 @@ on the command line and holds neither an environment nor tests is judged and not
 ## Outcomes
 A finding fails its check. pytest prints it with the usual fix, the reproduction, and the commands that show it again. A
 check that does not apply is skipped with its reason. A check that leaves its question open is also skipped, and its
-reason begins with "undecided". The last line counts the environments that passed, failed or are undecided. A check that
-could not judge, or a missing sandbox, is an error with the next step, never a failure of the environment. Findings of
-severity warning are pytest warnings of the category `EnvCraftWarning`, so that
+reason begins with "undecided". A line above pytest's own summary counts the environments that passed, failed or are
+undecided, also under `-q`. A check that could not judge, or a missing sandbox, is an error with the next step, never a
+failure of the environment. Findings of severity warning are pytest warnings of the category `EnvCraftWarning`, so that
 `-W error::envcraft.pytest_plugin.EnvCraftWarning` turns them into failures. The severities of `pyproject.toml` and
 comments such as `# envcraft: ignore[EC203] reason` apply as in [`envcraft validate`](severity.md). The checks `source`
 and `sandbox` always run, because every verdict depends on them. If they are not selected, another test of the
@@ -206,7 +206,8 @@ def pytest_terminal_summary(terminalreporter: Any, exitstatus: int, config: pyte
             properties = dict(getattr(report, "user_properties", ()))
             if path := properties.get("envcraft_subject"):
                 subjects[path] = properties
-    if subjects and terminalreporter.verbosity >= 0:
+    # Under -qq pytest leaves its own counts out.
+    if subjects and terminalreporter.verbosity >= -1:
         from envcraft.pytest_plugin.words import summary
 
         terminalreporter.write_line(summary(list(subjects.values())))

@@ -109,6 +109,15 @@ def test_an_open_question_is_counted_and_named(walk: Path, run: Run, canned: Can
     )
 
 
+@pytest.mark.parametrize(("option", "shown"), [("-q", True), ("-qq", False)])
+def test_environments_are_counted_where_pytest_counts_tests(
+    option: str, shown: bool, walk: Path, run: Run, canned: Canned
+) -> None:
+    result = run("games", option)
+    assert any(line.startswith("envcraft: 1 environment: 1 passed") for line in result.outlines) is shown
+    assert any(f"{CHECKS} passed" in line for line in result.outlines) is shown
+
+
 def test_what_could_not_judge_is_an_error(walk: Path, run: Run, canned: Canned) -> None:
     canned.set("reward", Verdict.ERROR, reason="the worker stopped answering; try again")
     result = run("games", "--junit-xml=junit.xml")
