@@ -31,7 +31,7 @@ from envcraft.model.events import (
     SubjectStarted,
 )
 from envcraft.model.identity import fingerprint
-from envcraft.model.target import Kind, PolicyFile, Target
+from envcraft.model.target import Kind, PolicyFile, Project, Target
 from envcraft.model.trace import Trace, digest_all
 from envcraft.model.verdict import (
     CheckReport,
@@ -308,12 +308,16 @@ def report_on(plan: Plan, subject: Subject, checks: list[CheckReport], started: 
         source_file=subject.source_file,
         kwargs=target.kwargs,
         wrappers=list(target.wrappers),
-        project=ProjectFiles(relative(target.project.root), target.project.digests) if target.project else None,
+        project=_files_of(target.project) if target.project else None,
         traces=digest_all(subject.traces),
         fingerprint=subject.fingerprint,
         out_of_time=subject.time_limit.decided,
         fail_fast=plan.fail_fast and overall(checks) is Verdict.FAIL,
     )
+
+
+def _files_of(project: Project) -> ProjectFiles:
+    return ProjectFiles(relative(project.root), project.digests, list(project.imports))
 
 
 def not_judged(plan: Plan, path: str, env_class: str | None, sha256: str, reason: str) -> SubjectReport:

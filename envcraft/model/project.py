@@ -1,6 +1,7 @@
 """The files of a project as imports find them: which a file needs, and which define environments. No code runs here.
 
-A file is imported from two folders: its own, as a script is, and the folder above the outermost package around it.
+A file is imported from two folders: its own, as a script is, and the folder above the outermost package around it. What
+neither has may be in the folders that the tests of its project import from.
 """
 
 from __future__ import annotations
@@ -8,6 +9,7 @@ from __future__ import annotations
 import ast
 import contextlib
 import itertools
+import os
 import symtable
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -15,6 +17,7 @@ from typing import Any
 
 import msgspec
 
+from envcraft.model.import_folders import import_folders
 from envcraft.model.target import MAX_SOURCE, Kind, Project, Target, nodes, parse
 
 #: Maximum number of modules that a class is followed through, and of the parts of a name.
@@ -39,10 +42,12 @@ class Place(msgspec.Struct, frozen=True):
     Attributes:
         root: the folder that its imports start from.
         module: the file's dotted name below `root`.
+        others: more folders that imports start from, for what the file's own and `root` do not have.
     """
 
     root: Path
     module: str
+    others: tuple[Path, ...] = ()
 
     @classmethod
     def of(cls, file: Path) -> Place:
@@ -51,8 +56,13 @@ class Place(msgspec.Struct, frozen=True):
         root = file.parent
         while (root / "__init__.py").is_file() and root.name.isidentifier() and root.parent != root:
             root = root.parent
-        parts = file.relative_to(root).with_suffix("").parts
-        return cls(root, ".".join(parts[:-1] if parts[-1] == "__init__" else parts))
+        others = tuple(each for each in import_folders(file.parent) if each != root)
+        return cls(root, _dotted(file, root), others)
+
+    @property
+    def roots(self) -> tuple[Path, ...]:
+        """All folders that imports start from, besides the file's own."""
+        return (self.root, *self.others)
 
     def find(self, file: Path, module: str, level: int = 0) -> Path | None:
         """Return the project's file that an import in `file` names.
@@ -69,9 +79,9 @@ class Place(msgspec.Struct, frozen=True):
         if level:
             for _ in range(level - 1):
                 folder = folder.parent
-            starts = [folder] if folder.is_relative_to(self.root) else []
+            starts = [folder] if any(map(folder.is_relative_to, self.roots)) else []
         else:
-            starts = list(dict.fromkeys([folder, self.root]))
+            starts = list(dict.fromkeys([folder, *self.roots]))
         parts = module.split(".") if module else []
         for start in starts:
             path = start.joinpath(*parts)
@@ -112,10 +122,12 @@ def with_project(target: Target, root: Path | None = None) -> Target:
         closure.add_data(found, source)
     if not closure.files:
         return target
-    own = file.relative_to(place.root).as_posix()
-    project = Project(
-        str(place.root), place.module, own, closure.files, frozenset(closure.modules), named=root is not None
-    )
+    used = [place.root, *(each for each in place.others if any(path.is_relative_to(each) for path in closure.files))]
+    top = Path(os.path.commonpath(used))
+    files = {path.relative_to(top).as_posix(): data for path, data in closure.files.items()}
+    imports = tuple(each.relative_to(top).as_posix() for each in used) if len(used) > 1 else ()
+    own, modules = file.relative_to(top).as_posix(), frozenset(closure.modules)
+    project = Project(str(top), place.module, own, files, modules, root is not None, imports)
     return msgspec.structs.replace(target, project=project)
 
 
@@ -150,7 +162,7 @@ def _place(file: Path, source: bytes) -> Place:
         if not root.name.isidentifier():
             return place
         root = root.parent
-    return Place(root, _dotted(file, root))
+    return Place(root, _dotted(file, root), place.others)
 
 
 class _Closure:
@@ -162,13 +174,13 @@ class _Closure:
         folders: where strings name files, besides the folder of their module.
 
     Attributes:
-        files: their bytes by path below the root, without the file itself.
+        files: their bytes, without the file itself.
         sources: the Python files among them, and the file itself.
         modules: the names of the project's modules, as import statements write their first part.
     """
 
     def __init__(self, file: Path, place: Place, folders: list[Path]) -> None:
-        self.files: dict[str, bytes] = {}
+        self.files: dict[Path, bytes] = {}
         self.sources: dict[Path, bytes] = {}
         self.modules: set[str] = set()
         self._file = file
@@ -231,23 +243,24 @@ class _Closure:
                             self._add(each)
 
     def _packages(self, file: Path) -> list[Path]:
-        folders = [folder for folder in file.parents if folder.is_relative_to(self._place.root)]
-        inits = [folder / "__init__.py" for folder in folders if folder != self._place.root]
+        roots = self._place.roots
+        folders = [folder for folder in file.parents if any(root in folder.parents for root in roots)]
+        inits = [folder / "__init__.py" for folder in folders if folder not in roots]
         return [init for init in inits if init != file and init.is_file()]
 
     def _add(self, file: Path) -> bytes | None:
         """Read a file of the project; None if it is the target, cannot be read, or is too large."""
-        path = file.relative_to(self._place.root).as_posix()
-        if file == self._file or path in self.files or not file.is_file():
+        if file == self._file or file in self.files or not file.is_file():
             return None
-        if not file.resolve().is_relative_to(self._place.root.resolve()) or file.stat().st_size > self._left:
+        roots = [root.resolve() for root in self._place.roots if file.is_relative_to(root)]
+        if not any(map(file.resolve().is_relative_to, roots)) or file.stat().st_size > self._left:
             return None
         try:
             data = file.read_bytes()
         except OSError:
             return None
         self._left -= len(data)
-        self.files[path] = data
+        self.files[file] = data
         return data
 
 

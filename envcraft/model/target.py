@@ -52,12 +52,13 @@ class Project(msgspec.Struct, frozen=True):
     """The files that a file imports or reads below the folder of its project, as they were when they were read.
 
     Attributes:
-        root: the folder that imports start from.
-        module: the dotted name of the file below `root`.
+        root: the folder of the files.
+        module: the dotted name of the file, below the folder that its imports start from.
         path: the file's path below `root`, with slashes.
         files: the bytes of the other files by path.
         modules: the top-level modules of the project that these files import; relative imports with their dots.
         named: the user named the module, so that a contract for single files does not leave the project out.
+        imports: the folders below `root` that imports start from; () for `root` alone.
     """
 
     root: str
@@ -66,6 +67,7 @@ class Project(msgspec.Struct, frozen=True):
     files: dict[str, bytes]
     modules: frozenset[str] = frozenset()
     named: bool = False
+    imports: tuple[str, ...] = ()
 
     @property
     def digests(self) -> dict[str, str]:
@@ -77,7 +79,7 @@ class Project(msgspec.Struct, frozen=True):
     def for_worker(self) -> jobs.Project:
         """The part that the worker needs."""
         files = {path: base64.b64encode(data).decode("ascii") for path, data in self.files.items()}
-        return {"module": self.module, "path": self.path, "files": files}
+        return {"module": self.module, "path": self.path, "files": files, "imports": list(self.imports or (".",))}
 
 
 class Target(msgspec.Struct, frozen=True):

@@ -151,10 +151,13 @@ class SandboxReport(msgspec.Struct, frozen=True):
 
 
 class ProjectFiles(msgspec.Struct):
-    """What was judged with a file of a project: the project's folder, and the SHA-256 of each file by path below it."""
+    """What was judged with a file of a project: the project's folder, the SHA-256 of each file by path below it, and
+    the folders below it that imports start from, if there are several.
+    """
 
     root: str
     files: dict[str, str]
+    imports: list[str] = []
 
 
 class SubjectReport(msgspec.Struct):

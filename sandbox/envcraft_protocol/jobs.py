@@ -16,11 +16,13 @@ class Project(TypedDict):
         module: the dotted name of the file.
         path: the path of the file.
         files: the other files by path, as Base64. Paths have slashes and start at the project's root.
+        imports: the folders that imports start from; by default the root.
     """
 
     module: str
     path: str
     files: dict[str, str]
+    imports: NotRequired[list[str]]
 
 
 #: The text of a file.

@@ -19,6 +19,7 @@ from envcraft_checks.source import Source
 from envcraft.contracts.builtin import GYMNASIUM
 from envcraft.environments.targets import environments_below, resolve
 from envcraft.errors import UsageError
+from envcraft.model.import_folders import import_folders
 from envcraft.model.project import defining_file, environment_line, with_project
 from envcraft.model.target import Kind, Target
 from tests.envcraft.conftest import ENVIRONMENT, Invoke
@@ -530,6 +531,55 @@ def test_a_class_of_a_test_whose_base_is_in_a_folder_on_the_path(
     file.write_text("from mazes.base import Walk\n\n\nclass Local(Walk):\n    pass\n")
     result = invoke("validate", file, "--sandbox", "process", "--contract", contract, "--format", "concise")
     assert f"line 1 imports mazes, which is not beside the file but {words}\n" in result.stdout
+
+
+@pytest.mark.parametrize(
+    ("settings", "text", "folder"),
+    [
+        ("pyproject.toml", "[project]\n", "src"),
+        ("setup.py", "", "src"),
+        ("pyproject.toml", "[tool.pytest.ini_options]\npythonpath = ['lib']\n", "lib"),
+        ("pyproject.toml", "[tool.pytest]\npythonpath = 'lib'\n", "lib"),
+        ("pytest.ini", "[pytest]\npythonpath = src lib\n", "lib"),
+        ("setup.cfg", "[tool:pytest]\npythonpath = lib\n", "lib"),
+    ],
+)
+def test_a_base_is_found_where_the_settings_or_the_layout_say(
+    settings: str, text: str, folder: str, invoke: Invoke, good: Path, tmp_path: Path
+) -> None:
+    (tmp_path / folder / "mazes").mkdir(parents=True)
+    (tmp_path / "tests").mkdir()
+    (tmp_path / settings).write_text(text)
+    (tmp_path / folder / "mazes" / "__init__.py").write_text("from .base import Walk\n")
+    (tmp_path / "tests" / "helper.py").write_text("")
+    broken = ENVIRONMENT.replace("self.steps += 1", "self.steps += 1 // (self.steps < 3)")
+    (tmp_path / folder / "mazes" / "base.py").write_text(broken)
+    file = tmp_path / "tests" / "local.py"
+    file.write_text("import helper\nfrom mazes import Walk\n\n\nclass Local(Walk):\n    pass\n")
+    options = ("--sandbox", "process", "--contract", "gymnasium", "--checks", "api", "--budget", "quick")
+    result = invoke("validate", "tests", *options, "--format", "json", "--output", "report.json")
+    assert result.exit_code == 1, result.output
+    [report] = json.loads(Path("report.json").read_text())["reports"]
+    files = {"tests/helper.py", f"{folder}/mazes/__init__.py", f"{folder}/mazes/base.py"}
+    assert (report["project"]["root"], set(report["project"]["files"])) == (".", files)
+    assert report["project"]["imports"] == ["tests", folder]
+    [finding] = report["checks"][1]["findings"]
+    assert (finding["code"], finding["line"]) == ("EC107", 5)
+    assert "step() is inherited from mazes.base.Walk (base.py:" in finding["message"]
+    assert "#1 EC107 tests/local.py:5: reproduced" in invoke("replay", "report.json", "--sandbox", "process").output
+
+
+def test_only_folders_of_the_project_are_imported_from(tmp_path: Path) -> None:
+    project = tmp_path / "project"
+    for folder in (tmp_path / "beside", project / "src", project / "deep" / "tests"):
+        folder.mkdir(parents=True)
+    settings = project / "pyproject.toml"
+    settings.write_text("[tool.pytest.ini_options]\npythonpath = ['../beside', '/', '.', 'none']\n")
+    (project / "src" / "__init__.py").touch()
+    assert import_folders(project / "deep" / "tests") == (project,)
+    settings.write_text("pythonpath")
+    assert import_folders(project / "deep") == ()
+    assert import_folders(tmp_path) == ()
 
 
 @pytest.mark.parametrize(

@@ -271,7 +271,9 @@ def _with_project(target: Target, recorded: SubjectReport) -> Target:
     if recorded.project is None:
         return target
     root = Path(recorded.project.root).absolute()
-    return with_project(target, root if Path(target.path).absolute().is_relative_to(root) else None)
+    # A module that the user named has one folder that imports start from.
+    named = not recorded.project.imports and Path(target.path).absolute().is_relative_to(root)
+    return with_project(target, root if named else None)
 
 
 def _find(path: str, report: str) -> str:

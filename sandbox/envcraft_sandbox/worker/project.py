@@ -32,9 +32,9 @@ def lay_out(project: Project, source: str) -> None:
         # A job cannot change the mode of a file afterwards.
         with open(os.open(place, os.O_WRONLY | os.O_CREAT | os.O_EXCL, _READ_ONLY), "wb") as stream:
             stream.write(data)
-    sys.path.insert(0, root)
+    sys.path[:0] = starts = [os.path.normpath(os.path.join(root, each)) for each in project.get("imports", ["."])]
     folder = os.path.dirname(os.path.join(root, project["path"]))
-    if folder != root:
+    if folder not in starts:
         # Last: a module of a package may have the name of a library.
         sys.path.append(folder)
     importlib.invalidate_caches()

@@ -88,6 +88,24 @@ def test_a_marker_that_marks_its_target_is_a_sentence(pytester: pytest.Pytester,
     )
 
 
+def test_a_class_whose_base_is_in_another_folder_is_judged(pytester: pytest.Pytester, walk: Path) -> None:
+    pytester.makepyprojecttoml("[tool.pytest.ini_options]\npythonpath = ['src']")
+    pytester.mkdir("src")
+    walk.rename("src/walk_base.py")
+    (pytester.mkdir("tests") / "test_it.py").write_text(
+        "import pytest\nfrom walk_base import Walk\n\n"
+        "class Local(Walk):\n    pass\n\n"
+        "@pytest.mark.envcraft(target=Local, contract='gymnasium', checks='source', sandbox='process')\n"
+        "def test_marked(): pass\n\n"
+        "def test_called():\n"
+        "    import envcraft as ec\n"
+        "    options = {'contract': 'gymnasium', 'checks': 'source', 'sandbox': 'process'}\n"
+        "    [report] = ec.validate(Local, **options).reports\n"
+        "    assert report.verdict == 'pass', report.reason\n"
+    )
+    pytester.runpytest_inprocess("tests").assert_outcomes(passed=3)
+
+
 def test_classes_are_judged_from_their_file(pytester: pytest.Pytester, walk: Path, canned: Canned) -> None:
     pytester.makepyfile(
         test_it="""

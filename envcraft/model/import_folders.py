@@ -1,0 +1,64 @@
+"""The folders that a project's tests import from, as its settings or its layout say. No code runs here."""
+
+from __future__ import annotations
+
+import configparser
+import functools
+import os
+import shlex
+from pathlib import Path
+
+#: The files that make a folder a project, and the section that has the settings of pytest.
+_SETTINGS = {
+    "pytest.ini": "pytest",
+    ".pytest.ini": "pytest",
+    "pyproject.toml": "",
+    "tox.ini": "pytest",
+    "setup.cfg": "tool:pytest",
+    "setup.py": "",
+}
+#: The folder of the packages in the layout that Python's packaging guide calls by this name.
+_LAYOUT = "src"
+
+
+@functools.lru_cache(1024)
+def import_folders(folder: Path) -> tuple[Path, ...]:
+    """Find the folders that the files of a folder are imported with.
+
+    These are the folders of pytest's setting ``pythonpath``, and ``src`` unless it is a package.
+
+    Args:
+        folder: an absolute path. The nearest folder above that has settings is its project.
+
+    Returns:
+        Folders of the project.
+    """
+    for project in (folder, *folder.parents):
+        present = [project / name for name in _SETTINGS if (project / name).is_file()]
+        if present:
+            named = [path for file in present for path in _python_path(file)]
+            named += [] if (project / _LAYOUT / "__init__.py").is_file() else [_LAYOUT]
+            found = dict.fromkeys(Path(os.path.normpath(project / path)) for path in named)
+            return tuple(each for each in found if each.is_relative_to(project) and each.is_dir())
+    return ()
+
+
+def _python_path(file: Path) -> list[str]:
+    """pytest's setting ``pythonpath`` in a file; [] if it is not there."""
+    try:
+        text = file.read_text("utf-8")
+        if "pythonpath" not in text:
+            return []
+        if file.suffix == ".toml":
+            # The parser is slow to import.
+            import tomllib
+
+            table = tomllib.loads(text)["tool"]["pytest"]
+            value = table.get("ini_options", table)["pythonpath"]
+        else:
+            parser = configparser.ConfigParser(interpolation=None)
+            parser.read_string(text)
+            value = parser[_SETTINGS[file.name]]["pythonpath"]
+        return shlex.split(value) if isinstance(value, str) else [str(each) for each in value]
+    except (OSError, ValueError, LookupError, TypeError, AttributeError, configparser.Error):
+        return []
