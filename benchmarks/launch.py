@@ -7,8 +7,8 @@ its zygote, as for many. A zygote that forks a single worker gives the cost of t
 with forked ones, beside the same episodes in a plain loop in one process. Search steps, whose actions are not known
 here, count as mean steps of that loop.
 
-CPU time covers this process and its child processes. The exit status is 1 if a forked worker takes more than a quarter
-of the CPU time of a launched one.
+CPU time covers this process and its child processes; that of containers belongs to the engine. The exit status is 1 if a
+forked worker takes more than a quarter of the CPU time of a launched one, in a sandbox without an engine.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from rich.table import Table
 from benchmarks.overhead import Bare, working
 from envcraft.contracts.builtin import ARCADE
 from envcraft.judging.budget import BUDGETS
-from envcraft.judging.driver import Availability, Driver, Limits, Worker
+from envcraft.judging.driver import Availability, Driver, Isolation, Limits, Worker
 from envcraft.judging.engine import Plan, open_subject, run_check
 from envcraft.judging.selection import default_checks
 from envcraft.judging.worker_pool import WorkerPool
@@ -100,7 +100,8 @@ def compare_workers(driver: Driver, count: int) -> tuple[dict[str, Cost], bool]:
         "forked": forked,
         "the zygote": Cost(one.seconds - forked.seconds, one.cpu - forked.cpu),
     }
-    return costs, forked.cpu <= _SHARE * costs["launched"].cpu
+    unknown = driver.isolation is Isolation.CONTAINER
+    return costs, unknown or forked.cpu <= _SHARE * costs["launched"].cpu
 
 
 def audited(driver: Driver, targets: Sequence[Target]) -> tuple[Cost, list[tuple[int, list[Rollout]]]]:

@@ -15,8 +15,8 @@ from envcraft.demonstrations.planning import Action, Macro, Model, Outcome, Plan
 
 #: Simulated steps for a plan; pushing crates needs a search to the end of the game.
 _BUDGET, _CRATES = 3_000, 60_000
-#: Simulated steps in an episode after which plans get the least budget.
-_ALLOWANCE, _LEAST = 80_000, 300
+#: Simulated steps in an episode after which plans get the least budget, with crates and without.
+_CRATES_ALLOWANCE, _ALLOWANCE, _LEAST = 150_000, 80_000, 300
 #: Simulated steps of a second search where the first finds nothing.
 _MORE = 8_000
 #: Steps that are played of a plan that reaches nothing.
@@ -69,7 +69,8 @@ class Composed(Planner):
         self._lives, self._fuel = getattr(env, "lives", 0), getattr(env, "energy", 0.0) + env.clock
         self._before = before = env._remaining()
         if hasattr(env, "crates"):
-            found = self._search(game, lambda ghost, _: False, self._to_marks, _CRATES, 2.0)
+            budget = max(min(_CRATES, _CRATES_ALLOWANCE - self.model.spent), _LEAST)
+            found = self._search(game, lambda ghost, _: False, self._to_marks, budget, 2.0)
             return found.actions if found.reached else found.actions[:_GROPE]
 
         estimate = self._to_merge if hasattr(env, "drops") else self._to_target
