@@ -74,6 +74,8 @@ if TYPE_CHECKING:
     from envcraft.model.verdict import CheckReport
 
 _OLD_NAMES = {"gym": "gymnasium", "pygame_ce": "pygame", "np": "numpy"}
+#: Libraries that a file of tests imports, and an environment does without.
+_TESTING = ("hypothesis", "pytest")
 _SLOW_IMPORT = 3.0
 #: The most characters of the constructor's arguments in a message.
 _LONGEST = 200
@@ -278,6 +280,8 @@ class Source(Check):
                 "which is not available where environments run; leave it out, or move it and the code that needs "
                 'it to another file or below `if __name__ == "__main__":`'
             )
+        if name in _TESTING:
+            return "which is not available where environments run; move the class to a file that does without it"
         near = _nearest(name, [each for each in (*(contract.libraries or ()), *known) if each != name])
         if installed and name not in _OLD_NAMES:
             return f"which the contract {contract.name} does not allow; it allows {', '.join(contract.libraries or ())}"

@@ -338,8 +338,9 @@ def environment_line(source: bytes, path: Path) -> int | None:
 
     Bases are followed through the file and its project: through names that are assigned or imported, also with ``*``,
     and through functions that return a class. A base of an installed package counts if its name ends with ``Env``. A
-    base that only a call can tell counts if the file imports Gymnasium and the class has ``reset`` and ``step``. A file
-    that does not parse counts from its first line if it mentions a class and Gymnasium.
+    base that only a call can tell counts if the file imports Gymnasium and the class has ``reset`` and ``step``. So does
+    a class that ``type()`` or a function of the file makes and that is assigned to its name. A file that does not parse
+    counts from its first line if it mentions a class and Gymnasium.
 
     Args:
         source: the file.
@@ -348,14 +349,16 @@ def environment_line(source: bytes, path: Path) -> int | None:
     Returns:
         The line; None if the file defines no environment.
     """
-    if len(source) > MAX_SOURCE or b"class " not in source:
+    if len(source) > MAX_SOURCE or not any(words in source for words in (b"class ", b"type(")):
         return None
     bases = _Bases()
     try:
         module = _Module.read(source, path)
-        found = [node.lineno for name, node in module.classes.items() if _concrete(node) and bases.lead(module, name)]
+        found = [node.lineno for name in module.classes if (node := bases.environment(module, name)) is not None]
+        assigned = ((name, value) for name, values in module.assigned.items() for value in values)
+        found += [value.lineno for name, value in assigned if bases.make(module, name, value)]
     except _UNREADABLE:
-        return 1 if b"gym" in source else None
+        return 1 if b"class " in source and b"gym" in source else None
     return min(found, default=None)
 
 
@@ -444,10 +447,37 @@ class _Bases:
         self._modules: dict[Path, _Module | None] = {}
         self._scopes: dict[ast.FunctionDef, _Module] = {}
 
-    def lead(self, module: _Module, name: str) -> bool:
-        """Whether a class of a module derives from ``gymnasium.Env``, as far as its source shows, or may do so."""
+    def environment(self, module: _Module, name: str) -> ast.ClassDef | None:
+        """The definition of a class that may be an environment; None if it is none, as far as its source shows."""
+        node = module.classes.get(name)
+        if node is None or not _concrete(node) or not (self._lead(module, [name]) or _may_derive(module, node)):
+            return None
+        return node
+
+    def make(self, module: _Module, name: str, value: ast.expr) -> bool:
+        """Whether an expression makes an environment of this name, by ``type()`` or in a function of the module."""
+        function = module.functions.get(ast.unparse(value.func)) if isinstance(value, ast.Call) else None
+        if function is None:
+            return self._typed(module, name, value)
+        inner, returned = self._returned(module, function)
+        names = [each.id for each in returned if isinstance(each, ast.Name)]
+        values = [*returned, *(each for local in names for each in inner.assigned.get(local, ()))]
+        made = name in names and self.environment(inner, name) is not None
+        return made or any(self._typed(inner, name, each) for each in values)
+
+    def _typed(self, module: _Module, name: str, value: ast.expr) -> bool:
+        """Whether a call of ``type()`` makes an environment; its name may be known only when it runs."""
+        match value:
+            case ast.Call(func=ast.Name("type"), args=[named, bases, _]):
+                other = isinstance(named, ast.Constant) and named.value != name
+                parts = bases.elts if isinstance(bases, ast.Tuple) else [bases]
+                return not other and self._lead(module, [each for part in parts for each in _names(part)])
+        return False
+
+    def _lead(self, module: _Module, names: list[str]) -> bool:
+        """Whether one of some names of a module means ``gymnasium.Env``, or what derives from it."""
         # Names that end with () mean what a call returns.
-        pending = [(module, name)]
+        pending = [(module, name) for name in names]
         seen: set[tuple[_Module, str]] = set()
         while pending and len(seen) < _MOST_NAMES:
             here = pending.pop()
@@ -458,7 +488,14 @@ class _Bases:
                 if found is None:
                     return True
                 pending.append(found)
-        return _may_derive(module, module.classes[name])
+        return False
+
+    def _returned(self, module: _Module, function: ast.FunctionDef) -> tuple[_Module, list[ast.expr]]:
+        """What a function of a module sees, and what it returns."""
+        if function not in self._scopes:
+            self._scopes[function] = module.within(function)
+        returned = [node.value for node in _statements(function) if isinstance(node, ast.Return)]
+        return self._scopes[function], [value for value in returned if value is not None]
 
     def _next(self, module: _Module, words: str) -> Iterator[tuple[_Module, str] | None]:
         """What a dotted name means, or derives from; None for a class of environments of an installed package."""
@@ -469,12 +506,8 @@ class _Bases:
                 yield from ((module, each) for each in _names(base))
         function = module.functions.get(first.removesuffix("()")) if first.endswith("()") else None
         if function is not None:
-            if function not in self._scopes:
-                self._scopes[function] = module.within(function)
-            inner = self._scopes[function]
-            for node in _statements(function):
-                if isinstance(node, ast.Return) and node.value is not None:
-                    yield from ((inner, each + rest) for each in _names(node.value))
+            inner, returned = self._returned(module, function)
+            yield from ((inner, each + rest) for value in returned for each in _names(value))
         for value in module.assigned.get(first, ()):
             yield from ((module, each + rest) for each in _names(value))
         yield from self._imported(module, words)

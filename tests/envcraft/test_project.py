@@ -82,6 +82,20 @@ _MADE = f"import gymnasium as gym\ndef build(size):\n{textwrap.indent(_ROOM, '  
         (f"import lib\n{_ROOM}".replace("gym.Env", "lib.make()"), False),
         ("import gymnasium\nfrom collections import namedtuple\nclass A(namedtuple('A', 'env, step')): pass\n", False),
         ("import gymnasium\nimport lib\nclass A(lib.make()):\n    def step(self): ...\n", False),
+        ("import gymnasium\nRoom = type('Room', (gymnasium.Env,), {})\n", True),
+        ("from games.base import Game\nRoom = type('Room', (Game,), {'step': step})\n", True),
+        ("import gymnasium\nRoom = type('Other', (gymnasium.Env,), {})\n", False),
+        ("import gymnasium\nRoom = type('Room', (gymnasium.Wrapper,), {})\n", False),
+        ("import gymnasium\nkind = type(gymnasium.make('CartPole-v1'))\n", False),
+        ("import gymnasium\nprint type(3)\n", False),
+        (f"{_MADE}Room = build(3)\n", True),
+        (f"{_MADE}Other = build(3)\n", False),
+        (
+            "import gymnasium\ndef build(name):\n    kind = type(name, (gymnasium.Env,), {})\n    return kind\n"
+            "Room = build('Room')\n",
+            True,
+        ),
+        ("def build(): return build()\nRoom = build()\nclass A: pass\n", False),
         ("", False),
     ],
 )
@@ -418,6 +432,39 @@ def test_a_class_that_is_no_environment_is_named_with_its_line(
     assert words in result.stdout
 
 
+#: A file without a class statement.
+_ASSIGNED = """import gymnasium as gym
+from gymnasium import spaces
+
+
+def start(self, size):
+    self.observation_space = self.action_space = spaces.Discrete(3)
+
+
+def reset(self, *, seed=None, options=None):
+    return 0, {}
+
+
+def step(self, action):
+    return 0, 0.0, True, False, {}
+
+
+Env = type("Env", (gym.Env,), {"__init__": start, "reset": reset, "step": step})
+"""
+
+
+@pytest.mark.parametrize(
+    ("text", "code"), [(_ASSIGNED, "EC007"), (f"{_ASSIGNED}Two = type('Two', (Env,), {{}})\n", "EC006")]
+)
+def test_a_class_that_is_only_assigned_is_judged_in_its_folder(
+    text: str, code: str, invoke: Invoke, good: Path
+) -> None:
+    good.write_text(text)
+    options = ("--sandbox", "process", "--budget", "quick", "--checks", "source", "--contract", "gymnasium")
+    result = invoke("validate", ".", *options, "--format", "concise")
+    assert f"./walk.py:{text.count(chr(10))}: {code}" in result.stdout, result.output
+
+
 def test_a_class_that_lacks_a_method_is_named_with_its_line(invoke: Invoke, good: Path) -> None:
     good.write_text(
         "import gymnasium as gym\n\nclass Game(gym.Env):\n    def reset(self, *, seed=None, options=None): ...\n"
@@ -464,6 +511,10 @@ def test_an_audit_says_that_it_takes_single_files(maze: Path) -> None:
     ("name", "words"),
     [
         ("envcraft", "line 1 imports envcraft, which is not available where environments run; leave it out, or move"),
+        (
+            "pytest",
+            "line 1 imports pytest, which is not available where environments run; move the class to a file that",
+        ),
         ("msgspec", "line 1 imports msgspec, which the contract arcade does not allow; it allows numpy, gymnasium, "),
         ("gym", "line 1 imports gym, which is not a known library; did you mean gymnasium?"),
     ],

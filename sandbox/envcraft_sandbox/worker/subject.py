@@ -158,7 +158,10 @@ class Subject:
         names = concrete_classes(module)
         chosen = target.wanted or (names[0] if len(names) == 1 else None)
         described: dict[str, Any] = {
-            "classes": [{"name": name, "line": _line(getattr(module, name))} for name in names],
+            "classes": [
+                {"name": name, "line": _line(getattr(module, name)) or _bound_at(target.filename, name)}
+                for name in names
+            ],
             "lookalikes": targets.lookalikes(module),
             "wrappers": targets.wrappers(module),
         }
@@ -196,9 +199,11 @@ class Subject:
     def _describe_class(self, loaded: dict[str, Any], kind: Any) -> None:
         if not inspect.isclass(kind):
             return
-        loaded["line"] = _line(kind)
-        if isinstance(self.target, targets.Source) and not self._is_own(_file_of(kind)):
+        loaded["line"], own = _line(kind), self._is_own(_file_of(kind))
+        if isinstance(self.target, targets.Source) and (loaded["line"] is None or not own):
+            # No statement defines a class that a call of `type` makes.
             loaded["line"] = _bound_at(self.target.filename, loaded["class"])
+        if isinstance(self.target, targets.Source) and not own:
             loaded["elsewhere"] = _named(kind, _file_of(kind), _line(kind))
         loaded["lines"] = {
             name: _line(getattr(kind, name)) for name in _METHODS if name in dir(kind) and self._defines(kind, name)
