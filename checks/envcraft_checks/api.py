@@ -422,7 +422,7 @@ def _line_of_result(subject: Subject, method: str) -> int | Line:
     file.
     """
     source = subject.target.kind is Kind.SOURCE and not subject.target.wrappers
-    line = _only_return(subject.text, subject.env_class, method) if source else None
+    line = _only_return(subject.text, subject.class_statement, method) if source else None
     return line or subject.line_of(method)
 
 

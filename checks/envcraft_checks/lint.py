@@ -156,7 +156,7 @@ class Lint(Check):
         if subject.target.kind is not Kind.SOURCE:
             raise Skip("only files are read, not installed packages")
         try:
-            program = Program(parse(subject.text), subject.env_class)
+            program = Program(parse(subject.text), subject.class_statement)
             if len(program.nodes) > _NODES:
                 raise Skip(f"the syntax tree has more than {_NODES:,} nodes")
             found: dict[str, dict[Suspect, None]] = {}

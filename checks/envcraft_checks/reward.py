@@ -372,7 +372,7 @@ class Reward(Check):
 def _line(subject: Subject) -> int | Line:
     """The line that writes the reward if there is one such line, else that of step()."""
     own = subject.target.kind is Kind.SOURCE
-    return (reward_line(subject.text, subject.env_class) if own else None) or subject.line_of("step")
+    return (reward_line(subject.text, subject.class_statement) if own else None) or subject.line_of("step")
 
 
 def _placed(subject: Subject, finding: Finding, episode: Rollout | None = None, bounded: bool = True) -> Finding:

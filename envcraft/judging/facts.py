@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import ast
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal
 
 import msgspec
@@ -16,7 +18,7 @@ from envcraft.judging.trace_builder import TraceBuilder
 from envcraft.model.contract import OPTIONAL, Contract
 from envcraft.model.job import JobResult
 from envcraft.model.rollout import Rollout
-from envcraft.model.target import Kind, Target, imported
+from envcraft.model.target import Kind, Target, imported, nodes, parse
 from envcraft.model.trace import Trace
 from envcraft.model.verdict import Line
 from envcraft.spaces.spec import SpaceSpec, read_space
@@ -109,6 +111,24 @@ class Facts:
             "target": msgspec.structs.replace(self._target, env_class=self.env_class).for_worker(),
             "contract": self._contract.for_worker(),
         }
+
+    @cached_property
+    def class_statement(self) -> str | None:
+        """The name that the file's class statement gives the class: `env_class` may be another name of it.
+
+        "" if no statement of the file defines the class; None if the file cannot be loaded.
+        """
+        description = self.load().description
+        if "line" not in description:
+            return None
+        if "elsewhere" in description:
+            return ""
+        for node in nodes(parse(self._target.text)):
+            if isinstance(node, ast.ClassDef):
+                first = min([node.lineno, *(decorator.lineno for decorator in node.decorator_list)])
+                if first == description["line"]:
+                    return node.name
+        return ""
 
     @property
     def source_sha256(self) -> str:

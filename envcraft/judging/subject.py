@@ -147,6 +147,13 @@ class Subject:
         return self._facts.env_class
 
     @property
+    def class_statement(self) -> str | None:
+        """The name that the file's class statement gives the class; "" if the file has no such statement, None if the
+        class is not known.
+        """
+        return self._facts.class_statement
+
+    @property
     def source_sha256(self) -> str:
         """The digest of the file that defines the class. For an installed class the worker reports it."""
         return self._facts.source_sha256

@@ -338,8 +338,8 @@ def environment_line(source: bytes, path: Path) -> int | None:
 
     Bases are followed through the file and its project: through names that are assigned or imported, also with ``*``,
     and through functions that return a class. A base of an installed package counts if its name ends with ``Env``. A
-    base that only a call can tell counts if the file imports Gymnasium and the class has ``reset`` and ``step``. So does
-    a class that ``type()`` or a function of the file makes and that is assigned to its name. A file that does not parse
+    base that only a call can tell counts if the file imports Gymnasium and the class has ``reset`` and ``step``. What
+    ``type()`` or a function of the file makes counts if it is assigned to its own name. A file that does not parse
     counts from its first line if it mentions a class and Gymnasium.
 
     Args:

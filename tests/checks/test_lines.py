@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
 from envcraft.contracts.builtin import ARCADE, GYMNASIUM
@@ -9,6 +11,7 @@ from envcraft.judging.budget import BUDGETS
 from envcraft.judging.engine import Plan
 from envcraft.judging.selection import driver_named, select_checks
 from envcraft.model.contract import Contract
+from envcraft.model.project import with_project
 from envcraft.model.target import Target
 from evaluation.judge import judge_plans
 
@@ -59,10 +62,47 @@ def test_the_line_of_a_finding(old: str, new: str, code: str, named: str) -> Non
     assert named in text.splitlines()[(lines(text)[code] or 0) - 1]
 
 
-def lines(text: str, contract: Contract = GYMNASIUM) -> dict[str, int | None]:
+_SWALLOWED = "        try:\n            self.at += int(action)\n        except Exception:\n            pass\n"
+_BROKEN = GAME.replace("        self.at += int(action)\n", _SWALLOWED).replace("self.at, 1.0", "self.at + 9, 1.0")
+#: Two environments with the same defects.
+_TWO = _BROKEN + _BROKEN.partition("gym\n")[2].replace("class Game", "class Other")
+
+
+@pytest.mark.parametrize(
+    ("alias", "judged"),
+    [
+        ("Env = Game", "Game"),
+        ("Env = Other", "Other"),
+        ("Env = [Game, Other][0]", "Game"),
+        ("class Env(Game):\n    pass", "Game"),
+        ("def choose():\n    return Game\n\n\nEnv = choose()", "Game"),
+    ],
+)
+def test_a_line_is_one_of_the_class_that_an_alias_names(alias: str, judged: str) -> None:
+    text = f"{_TWO}\n\n{alias}\n"
+    found = lines(text, checks="source,api,lint", env_class="Env")
+    first = text.splitlines().index(f"class {judged}(gym.Env):") + 1
+    inside = range(first, first + _BROKEN.count("\n"))
+    assert (found["EC058"] in inside, found["EC109"] in inside) == (True, True), found
+
+
+def test_no_line_is_one_of_another_class_than_the_imported_one(tmp_path: Path) -> None:
+    (tmp_path / "beside.py").write_text(_BROKEN)
+    text = _BROKEN.replace("class Game", "class Other") + "\n\nfrom beside import Game as Env\n"
+    found = lines(text, checks="source,api,lint", env_class="Env", path=str(tmp_path / "game.py"))
+    assert found == {"EC109": text.count("\n")}
+
+
+def lines(
+    text: str,
+    contract: Contract = GYMNASIUM,
+    checks: str = "source,api",
+    env_class: str | None = None,
+    path: str = "game.py",
+) -> dict[str, int | None]:
     """The line of each finding by its code."""
-    checks = select_checks("source,api", None)
-    plan = Plan([Target("game.py", text.encode())], contract, driver_named("process"), checks, BUDGETS["quick"])
+    target = with_project(Target(path, text.encode(), env_class))
+    plan = Plan([target], contract, driver_named("process"), select_checks(checks, None), BUDGETS["quick"])
     [[_, report]] = judge_plans([plan])
     return {finding.code: finding.line for check in report.checks for finding in check.findings}
 

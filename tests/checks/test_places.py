@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from envcraft_checks.comparing.places import located, part, writing_line
+from envcraft_checks.linting.program import program_of
 
 import envcraft
 from envcraft.model.rollout import Conditions, Rollout
@@ -137,7 +138,30 @@ def test_both_episodes_run_again_for_their_frames(found: Divergence, subject: An
     ],
 )
 def test_the_only_line_that_writes_a_key_of_info(source: str, line: int | None) -> None:
-    subject: Any = SimpleNamespace(target=Target("game.py"), text=source)
+    subject: Any = SimpleNamespace(target=Target("game.py"), text=source, class_statement=None)
     assert writing_line(subject, Divergence(1, "info", {"at.now": 1}, {"at.now": 2})) == line
     assert writing_line(subject, Divergence(1, "reward", 1.0, 2.0)) is None
     assert writing_line(subject, Divergence(1, "info")) is None
+
+
+_GAME = "class {0}:\n    def reset(self): {1}\n    def step(self, action):\n        return {{'at': 1}}\n"
+
+
+@pytest.mark.parametrize(
+    ("more", "own"),
+    [
+        ("self.x = 1", ["Game"]),
+        ("self.x = Other()", ["Game", "Other"]),
+        ("self.x = WORLD", ["Game", "Other"]),
+        ("self.x = make()", ["Game", "Other"]),
+    ],
+)
+def test_a_line_of_another_environment_writes_no_key_of_info(more: str, own: list[str]) -> None:
+    made = "WORLD = Other()\ndef make(): return Other()\n"
+    source = f"{_GAME.format('Game', more)}{_GAME.format('Other', 'pass')}{made}"
+    subject: Any = SimpleNamespace(target=Target("game.py"), text=source, class_statement="Game")
+    program = program_of(subject)
+    assert program is not None
+    assert program.own_classes == own
+    line = writing_line(subject, Divergence(1, "info", {"at": 1}, {"at": 2}))
+    assert line == (4 if own == ["Game"] else None)

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 
 from envcraft.model.rollout import Conditions, Rollout
-from envcraft.model.target import Kind, parse
 from envcraft_checks.comparing.traces import diverge
+from envcraft_checks.linting.program import program_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -143,11 +143,15 @@ def region(found: Divergence, first: NDArray[Any], second: NDArray[Any]) -> Dive
 
 
 def writing_line(subject: Subject, found: Divergence) -> int | None:
-    """Return the only line of the file that writes the differing key of info; None if none or several do."""
-    if found.field != "info" or not isinstance(found.first, dict) or subject.target.kind is not Kind.SOURCE:
+    """Return the only line that writes the differing key of info, outside environments that the judged one does not
+    use; None if none or several do.
+    """
+    if found.field != "info" or not isinstance(found.first, dict) or (program := program_of(subject)) is None:
         return None
     key = next(iter(found.first), "").split(".")[0]
-    lines = {node.lineno for each in ast.walk(parse(subject.text)) for node in _written(each, key)}
+    others = program.classes.keys() - program.own_classes
+    left_out = {node for name in others for node in ast.walk(program.classes[name])}
+    lines = {node.lineno for each in program.nodes if each not in left_out for node in _written(each, key)}
     return lines.pop() if len(lines) == 1 else None
 
 

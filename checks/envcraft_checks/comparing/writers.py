@@ -53,7 +53,7 @@ class Writers:
         if subject.target.kind is not Kind.SOURCE:
             return
         try:
-            self._program = program = Program(parse(subject.text), subject.env_class)
+            self._program = program = Program(parse(subject.text), subject.class_statement)
             self.suspects = list(dict.fromkeys(one for find in FINDERS.get(code, ()) for one in find(program)))
         except (RecursionError, SyntaxError):
             self._program = None
@@ -161,11 +161,11 @@ class Writers:
 
     @cached_property
     def _outside(self) -> list[ast.AST]:
-        """The nodes of the module and of the bodies of its classes, outside functions."""
+        """The nodes of the module and of the bodies of its own classes, outside functions."""
         program = self._program
         if program is None:
             return []
-        return [*program.module_nodes, *(node for owner in program.classes.values() for node in owner.body)]
+        return [*program.module_nodes, *(node for owner in program.own_classes for node in program.classes[owner].body)]
 
     def _default_writes(self, function: str, parameter: str) -> list[tuple[ast.AST, bool]]:
         return [
@@ -178,10 +178,10 @@ class Writers:
 
     @cached_property
     def _functions(self) -> list[Function]:
-        """All functions and methods of the file."""
+        """The functions of the file, and the methods of the classes that the environment may use."""
         if (program := self._program) is None:
             return []
-        methods = (method for owner in program.classes for method in program.methods(owner))
+        methods = (method for owner in program.own_classes for method in program.methods(owner))
         return list(dict.fromkeys([*program.functions.values(), *methods]))
 
     def _made_from(self, base: str) -> frozenset[str]:

@@ -103,7 +103,8 @@ class Program:
 
     Args:
         tree: the syntax tree.
-        env_class: the environment's class. Without it, it is the last class that defines ``step`` and is not private.
+        env_class: the environment's class, by the name of its statement; "" if the file has none. Without it, it is
+            the last class that defines ``step`` and is not private.
 
     Attributes:
         nodes: all of the tree.
@@ -146,7 +147,9 @@ class Program:
             for name, node in self.classes.items()
         }
         stepping = [name for name in self.classes if not name.startswith("_") and "step" in self._methods[name]]
-        self.env = env_class if env_class in self.classes else stepping[-1] if stepping else ""
+        if env_class is None:
+            env_class = stepping[-1] if stepping else ""
+        self.env = env_class if env_class in self.classes else ""
 
     def lineage(self, name: str) -> list[str]:
         """A class and its bases in this file, in the order in which attributes are looked up."""
@@ -158,6 +161,20 @@ class Program:
                 found.append(one)
                 waiting += [name_of(base) for base in self.classes[one].bases]
         return found
+
+    @cached_property
+    def own_classes(self) -> list[str]:
+        """The classes of the file, without environments that the judged one does not use."""
+        bodies = [node for one in self.lineage(self.env) for node in outside(self.classes[one].body)]
+        named = _names(bodies, *(one.nodes for one in self.all))
+        # An instance of a helper may be a name of the module.
+        named |= _names(*(ast.walk(value) for name in named if (value := self.module_values.get(name)) is not None))
+        used = {one for name in (self.env, *named) for one in self.lineage(name)}
+        return [
+            name
+            for name in self.classes
+            if name in used or not (self.method(name, "reset") and self.method(name, "step"))
+        ]
 
     def method(self, owner: str, name: str, after: str = "") -> Function | None:
         """The method that a class has under this name; `after` skips the lineage up to that class, as super() does."""
@@ -315,7 +332,7 @@ def program_of(subject: Subject) -> Program | None:
     if subject.target.kind is not Kind.SOURCE:
         return None
     try:
-        return Program(parse(subject.text), subject.env_class)
+        return Program(parse(subject.text), subject.class_statement)
     except RecursionError:
         return None
 
@@ -327,6 +344,10 @@ def name_of(node: ast.AST) -> str:
     if isinstance(node, ast.Subscript):
         return name_of(node.value)
     return node.attr if isinstance(node, ast.Attribute) else node.id if isinstance(node, ast.Name) else ""
+
+
+def _names(*nodes: Iterable[ast.AST]) -> set[str]:
+    return {node.id for each in nodes for node in each if isinstance(node, ast.Name)}
 
 
 def root(node: ast.expr) -> ast.expr:

@@ -57,7 +57,7 @@ def blamed_line(subject: Subject, finding: Finding, episode: Rollout | None = No
     Returns:
         The line; None if several lines may cause the finding, or if the tree does not tell.
     """
-    lines = _read(subject.text, subject.env_class) if subject.target.kind is Kind.SOURCE else None
+    lines = _read(subject.text, subject.class_statement) if subject.target.kind is Kind.SOURCE else None
     if lines is None:
         return None
     if finding.code == "EC306":

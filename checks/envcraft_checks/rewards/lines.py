@@ -492,7 +492,7 @@ class Walk:
         if isinstance(target.value, ast.Call) and name_of(target.value.func) == "super":
             return program.method(owner, target.attr, after=function.owner)
         if isinstance(target.value, ast.Attribute | ast.Name) and target.attr not in ("step", "reset"):
-            others = [name for name in program.classes if name not in program.lineage(program.env)]
+            others = [name for name in program.own_classes if name not in program.lineage(program.env)]
             named = [one for name in others for one in program.methods(name) if one.name == target.attr]
             return named[0] if len(set(named)) == 1 else None
         return None
