@@ -282,7 +282,8 @@ class Source(Check):
             )
         if name in _TESTING:
             return "which is not available where environments run; move the class to a file that does without it"
-        near = _nearest(name, [each for each in (*(contract.libraries or ()), *known) if each != name])
+        # A library that the contract names is likelier than another of a name as near.
+        near = next(filter(None, (_nearest(name, [*group]) for group in (contract.libraries or (), known))), None)
         if installed and name not in _OLD_NAMES:
             return f"which the contract {contract.name} does not allow; it allows {', '.join(contract.libraries or ())}"
         if not installed and (place := _elsewhere(name, subject)):
@@ -589,7 +590,7 @@ def _nearest(name: str, known: list[str]) -> str | None:
     # Imported late: it is slow, and most files import known modules only.
     import difflib
 
-    close = difflib.get_close_matches(name, known, n=1, cutoff=0.75)
+    close = difflib.get_close_matches(name, [each for each in known if each != name], n=1, cutoff=0.75)
     return close[0] if close else None
 
 

@@ -7,11 +7,11 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from itertools import chain
 
-from envcraft.judging.selection import all_checks, default_checks, rules_of
+from envcraft.judging.selection import all_checks, rules_of
 from envcraft.model.verdict import CheckReport, Finding, Outcome, Severity, Verdict
 from envcraft.pytest_plugin.judging import Judged
 from envcraft.reports.evidence import evidence_lines, source_line
-from envcraft.reports.summary import counted, repro_words
+from envcraft.reports.summary import checks_option, counted, reason_words, repro_words
 from envcraft.text import one_line, plural, printable
 
 
@@ -41,8 +41,7 @@ def error(judged: Judged, reports: Iterable[CheckReport]) -> str:
 
 def skipped(report: CheckReport) -> str:
     """Return why a check gave no verdict."""
-    undecided = "undecided: " if report.outcome is Outcome.UNDECIDED else ""
-    return undecided + one_line(report.reason)
+    return reason_words(report)
 
 
 def unjudged(reason: Exception) -> str:
@@ -62,9 +61,7 @@ def command(judged: Judged) -> str:
     settings, path = judged.settings, judged.report.path
     words = ["envcraft", "validate", f"./{path}" if path.startswith("-") else path]
     words += ["--class", judged.spec.env_class] if judged.spec.env_class else []
-    ran = [report.check for report in judged.report.checks]
-    if set(ran) != {check.name for check in default_checks()}:
-        words += ["--checks", ",".join(ran)]
+    words += checks_option(judged.report)
     words += ["--contract", settings.contract, "--budget", settings.budget, "--seed", str(settings.seed)]
     words += ["--sandbox", settings.sandbox] if settings.sandbox != "auto" else []
     return printable(shlex.join(words))

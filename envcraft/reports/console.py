@@ -14,7 +14,7 @@ from envcraft.plugins import hookimpl
 from envcraft.reports.evidence import evidence_lines, source_line
 from envcraft.reports.pictures import picture_lines, shows_pictures
 from envcraft.reports.reporter import Reporter
-from envcraft.reports.summary import counted, repro_words, uncounted
+from envcraft.reports.summary import counted, reason_words, repro_words, uncounted
 from envcraft.text import one_line, plural
 
 if TYPE_CHECKING:
@@ -117,7 +117,7 @@ class ConsoleReporter(Reporter):
         names = ", ".join(check.check for check in checks)
         outcome = checks[0].outcome
         sign = SIGNS[outcome] if self._signs else f"{outcome:<5}"
-        self._say(_text(f"{sign} {names}: {_reason(checks[0])}", STYLES[outcome]), 2, hang=2)
+        self._say(_text(f"{sign} {names}: {reason_words(checks[0])}", STYLES[outcome]), 2, hang=2)
 
     def _check(self, check: CheckReport, subject: SubjectReport) -> None:
         style = STYLES[check.outcome]
@@ -125,7 +125,7 @@ class ConsoleReporter(Reporter):
         line.append(SIGNS[check.outcome] if self._signs else f"{check.outcome:<5}", style).append(" ")
         line.append(f"{check.check:<12}", style if check.outcome is Outcome.SKIP else "")
         line.append(f"{check.seconds:6.2f} s", "bright_black")
-        reason = _reason(check)
+        reason = reason_words(check)
         if reason:
             line.append("  ").append(reason, style)
         self._say(line, 2, hang=len(line.plain) - len(reason) if reason else 0)
@@ -238,12 +238,6 @@ class ConsoleReporter(Reporter):
         for line in lines:
             line.rstrip()
         return [_text(" " * (indent + hang * bool(number))) + line for number, line in enumerate(lines)]
-
-
-def _reason(check: CheckReport) -> str:
-    """Why a check gave no verdict; of an undecided one it says so, also where ``--strict`` fails it."""
-    words = one_line(check.reason)
-    return f"undecided: {words}" if check.undecided and words else words
 
 
 def _text(words: str = "", style: str = "") -> Text:

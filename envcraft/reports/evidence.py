@@ -35,13 +35,14 @@ def source_line(report: SubjectReport, finding: Finding) -> str:
     """
     if finding.line is None or finding.line < 1 or report.kind is not Kind.SOURCE or report.module is not None:
         return ""
-    data = _kept.get(report.source_sha256) or _read(report)
-    lines = data.decode("utf-8", "replace").splitlines()
+    lines = source_of(report).decode("utf-8", "replace").splitlines()
     return _cut(lines[finding.line - 1]).rstrip() if finding.line <= len(lines) else ""
 
 
-def _read(report: SubjectReport) -> bytes:
-    """The file of a report; b"" if it cannot be read or has changed since."""
+def source_of(report: SubjectReport) -> bytes:
+    """Return the source that a report is about; b"" if it cannot be read or has changed since."""
+    if kept := _kept.get(report.source_sha256):
+        return kept
     try:
         with Path(report.path).open("rb") as stream:
             data = stream.read(MAX_SOURCE + 1)

@@ -15,7 +15,7 @@ from envcraft.model.frame import Frame
 from envcraft.model.verdict import CheckReport, Outcome, Report, Severity, SubjectReport, Verdict, plain
 from envcraft.plugins import hookimpl
 from envcraft.reports.reporter import Reporter
-from envcraft.reports.summary import Numbered, numbered, repro_words, summary_words
+from envcraft.reports.summary import Numbered, numbered, reason_words, repro_words, summary_words
 from envcraft.text import one_line, plural, printable
 
 #: Worst first.
@@ -244,7 +244,7 @@ def _filter(counts: Counter[Outcome]) -> str:
 
 
 def _check(check: CheckReport) -> str:
-    reason = f'<span class="reason">{_text(check.reason)}</span>' if check.reason else ""
+    reason = f'<span class="reason">{_text(reason_words(check))}</span>' if check.reason else ""
     return (
         f'<li><span class="verdict {check.outcome}">{check.outcome}</span> <span>{_text(check.check)}</span> '
         f'<span class="time">{check.seconds:.2f} s</span> {reason}</li>'

@@ -9,10 +9,10 @@ from itertools import islice
 from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
 from envcraft.model.events import Event, Finished
-from envcraft.model.verdict import CheckReport, Outcome, Report, Severity, SubjectReport, Verdict, plain
+from envcraft.model.verdict import CheckReport, Report, Severity, SubjectReport, Verdict, plain
 from envcraft.plugins import hookimpl
 from envcraft.reports.reporter import Reporter
-from envcraft.reports.summary import Numbered, numbered, replay_command, repro_words
+from envcraft.reports.summary import Numbered, numbered, reason_words, replay_command, repro_words
 from envcraft.text import one_line, plural, printable
 
 _COUNTED = {"failure": "failures", "error": "errors", "skipped": "skipped"}
@@ -62,7 +62,7 @@ class JUnitReporter(Reporter):
             name=one_line(check.check),
             time=f"{check.seconds:.3f}",
         )
-        reason = one_line(check.reason)
+        reason = reason_words(check)
         if check.verdict is Verdict.FAIL:
             errors = [item.finding for item in items if item.finding.severity is Severity.ERROR]
             lines = [f"{one_line(error.code)}: {one_line(error.message)}" for error in errors]
@@ -73,8 +73,7 @@ class JUnitReporter(Reporter):
         elif check.verdict is Verdict.ERROR:
             SubElement(case, "error", message=reason, type="error").text = reason
         elif check.verdict is Verdict.SKIP:
-            undecided = "undecided: " if check.outcome is Outcome.UNDECIDED else ""
-            SubElement(case, "skipped", message=undecided + reason)
+            SubElement(case, "skipped", message=reason)
         if items:
             SubElement(case, "system-out").text = "\n\n".join(self._details(report, item) for item in items)
 

@@ -9,7 +9,10 @@ from typing import Any, NamedTuple
 
 import msgspec
 
+from envcraft.model.project import defined_classes
+from envcraft.model.target import Kind
 from envcraft.model.verdict import CheckReport, Finding, Outcome, Report, Repro, Severity, SubjectReport, Verdict, plain
+from envcraft.reports.evidence import source_of
 from envcraft.text import one_line, plural, printable
 
 #: The words of summaries. The first three are always counted, the others if they occur.
@@ -124,15 +127,38 @@ def _condition(name: str, value: Any) -> str:
 
 def replay_command(report: Report, item: Numbered) -> str:
     """Return two commands that show one finding again: validate the subject alone, then replay its report."""
-    options = [] if report.contract == "arcade" else ["--contract", report.contract]
+    options = _class_option(item.subject)
+    options += [] if report.contract == "arcade" else ["--contract", report.contract]
     options += [] if report.budget == "standard" else ["--budget", report.budget]
     options += ["--seed", str(report.seed)] if report.seed else []
+    options += checks_option(item.subject)
     options += ["--policy", item.subject.policy] if item.subject.policy else []
     options += ["--kwargs", _json(item.subject.kwargs)] if item.subject.kwargs else []
     options += [word for name in item.subject.wrappers for word in ("--wrap", name)]
     path = f"./{item.subject.path}" if item.subject.path.startswith("-") else item.subject.path
     words = ["envcraft", "validate", path, *options, "--format", "json", "--output", "report.json"]
     return f"{shlex.join(map(printable, words))}\nenvcraft replay report.json --finding {item.own}"
+
+
+def checks_option(subject: SubjectReport) -> list[str]:
+    """The option that runs the checks of a report, if these are not the usual ones: findings are numbered in order."""
+    from envcraft.judging.selection import default_checks
+
+    ran = [check.check for check in subject.checks]
+    return [] if set(ran) == {check.name for check in default_checks()} else ["--checks", ",".join(ran)]
+
+
+def _class_option(subject: SubjectReport) -> list[str]:
+    """The option that picks the class of a report, if its file may define another."""
+    if subject.kind is not Kind.SOURCE or subject.env_class is None or not (source := source_of(subject)):
+        return []
+    return [] if defined_classes(source) == [subject.env_class] else ["--class", subject.env_class]
+
+
+def reason_words(check: CheckReport) -> str:
+    """Why a check gave no verdict; of an undecided one it says so, also where ``--strict`` fails it."""
+    words = one_line(check.reason)
+    return f"undecided: {words}" if check.undecided and words else words
 
 
 def _json(value: Any) -> str:

@@ -516,6 +516,7 @@ def test_an_audit_says_that_it_takes_single_files(maze: Path) -> None:
             "line 1 imports pytest, which is not available where environments run; move the class to a file that",
         ),
         ("msgspec", "line 1 imports msgspec, which the contract arcade does not allow; it allows numpy, gymnasium, "),
+        ("nunpy", "line 1 imports nunpy, which is not a known library; did you mean numpy?"),
         ("gym", "line 1 imports gym, which is not a known library; did you mean gymnasium?"),
     ],
 )

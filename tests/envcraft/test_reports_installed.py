@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import shlex
+from pathlib import Path
 
 import msgspec
 import pytest
@@ -63,8 +65,21 @@ def test_sarif_names_the_class_and_no_line() -> None:
     assert "region" not in location["physicalLocation"]
 
 
+@pytest.mark.parametrize(("more", "option"), [("", False), ("class Tile: ...\n", True), ("Env = Game\n", True)])
+def test_the_command_names_the_class_of_a_file_with_others(more: str, option: bool, tmp_path: Path) -> None:
+    file = tmp_path / "game.py"
+    file.write_text(f"class Game: ...\n{more}")
+    sha256 = hashlib.sha256(file.read_bytes()).hexdigest()
+    name = "Env" if "Env" in more else "Game"
+    judged = subject(str(file), REPORT.reports[0].checks, env_class=name)
+    judged = msgspec.structs.replace(judged, source_sha256=sha256)
+    [item] = numbered(Report("arcade", 0, [judged]))
+    assert (f" --class {name} " in replay_command(Report("arcade", 0, [judged]), item)) is option
+
+
 def test_the_command_gives_the_same_arguments() -> None:
     [item] = numbered(REPORT)
     words = shlex.split(replay_command(REPORT, item).splitlines()[0])
     assert json.loads(words[words.index("--kwargs") + 1]) == {"size": 8}
     assert words[words.index("--wrap") + 1] == "mazes.wrap:Flat"
+    assert words[words.index("--checks") + 1] == "api"

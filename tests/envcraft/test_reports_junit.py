@@ -75,7 +75,7 @@ def test_the_output_tells_how_to_see_it_again() -> None:
         "step: 12",
         "reproduction: seed 3, 12 actions, hash_seed 1, fresh worker",
         '"actions": [[0, 1, 0]',
-        "envcraft validate 'games/bad game.py' --seed 3 --format json --output report.json",
+        "envcraft validate 'games/bad game.py' --seed 3 --checks source,api,determinism,difficulty --format json ",
         "envcraft replay report.json --finding 3",
         "#5 EC209 same-seeds (warning)",
     ):
