@@ -8,6 +8,7 @@ the distance. Where nothing is found, it plays the beginning of the best plan an
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Hashable, Iterable, Sequence
 from typing import Any
 
@@ -33,6 +34,8 @@ _STRIDE = 4
 _ACCIDENT = 40.0
 #: What each part of the goal counts as, in steps, that the search itself undoes.
 _UNDONE = 5.0
+#: The pushes that a crate in a dead end counts as.
+_STUCK = 1000
 #: Where on the paddle the ball is to bounce, in pixels from the middle.
 _BOUNCES = (-10, -7, -4, -2, 0, 2, 4, 7, 10)
 #: Attributes that tell states apart, besides the place and what is left.
@@ -54,6 +57,7 @@ class Composed(Planner):
         super().__init__()
         self.model = Model(shared=_SHARED, silent=("render", "_stain"))
         self._floods: dict[Any, dict[Any, int]] = {}
+        self._pushes: dict[Any, float] = {}
 
     def plan(self, env: Any) -> Sequence[Action]:
         game = self.model.fork(env)
@@ -169,14 +173,32 @@ class Composed(Planner):
         return lost + float(flood.get(ghost.at, 50))
 
     def _to_marks(self, ghost: Any) -> float:
-        """The pushes of each crate to the nearest mark, and the way to the nearest crate that is not on one."""
-        total, walk = 0.0, 99
-        flood = self._flood(ghost, tuple(ghost.marks))
-        for crate in ghost.crates:
-            total += flood.get(crate, 99)
-            if crate not in ghost.marks:
-                walk = min(walk, abs(crate[0] - ghost.at[0]) + abs(crate[1] - ghost.at[1]))
-        return 2 * total + walk
+        """The pushes that bring each crate to a mark of its own, and the way to the nearest crate that is not on one."""
+        crates = tuple(sorted(ghost.crates))
+        if crates not in self._pushes:
+            away = [self._pulls(ghost, mark) for mark in ghost.marks]
+            orders = itertools.permutations(crates)
+            self._pushes[crates] = min(
+                sum(pulls.get(crate, _STUCK) for pulls, crate in zip(away, order, strict=True)) for order in orders
+            )
+        rest = [crate for crate in crates if crate not in ghost.marks]
+        walk = min((abs(y - ghost.at[0]) + abs(x - ghost.at[1]) for y, x in rest), default=0)
+        return 2.0 * self._pushes[crates] + walk
+
+    def _pulls(self, ghost: Any, mark: Any) -> dict[Any, int]:
+        """The pushes from each cell to a mark for a crate alone; a cell that is missing is a dead end."""
+        if (mark,) not in self._floods:
+            pulls = {mark: 0}
+            cells = [mark]
+            for cell in cells:
+                for push, pull in ((1, 2), (2, 1), (3, 4), (4, 3)):
+                    before = ghost._shift(cell, pull)
+                    if before in pulls or ghost._shift(before, push) != cell or ghost._shift(before, pull) == before:
+                        continue
+                    pulls[before] = pulls[cell] + 1
+                    cells.append(before)
+            self._floods[mark,] = pulls
+        return self._floods[mark,]
 
     def _to_merge(self, ghost: Any) -> float:
         """The pushes between the two nearest drops, the way to a drop, and what accidents count."""
