@@ -147,28 +147,45 @@ class ConsoleReporter(Reporter):
         if finding.severity is Severity.WARNING:
             head.append("(warning) ", style)
         head.append(one_line(subject.file) + (f":{finding.line}" if finding.line else ""), "cyan")
-        before = [*self._lines(head, 4), *self._lines(_text(one_line(finding.message)), 6)]
-        if source := source_line(subject, finding):
-            before += self._lines(_text(f"{finding.line} | ", "bright_black").append(source), 6, cut=True)
-        after = []
-        if rule is not None:
-            after += self._lines(_text().append("fix: ", "green").append(rule.fix), 6, hang=5)
-        after += self._lines(_text(f"#{self._findings}: {repro_words(finding.repro)}", "bright_black"), 6, hang=4)
+        place = self._lines(head, 4)
+        message = self._lines(_text(one_line(finding.message)), 6)
+        # Without its indentation, which would push the fault out of a narrow terminal.
+        code = source_line(subject, finding).lstrip()
+        source = self._lines(_text(f"{finding.line} | ", "bright_black").append(code), 6, cut=True) if code else []
+        fix = self._lines(_text().append("fix: ", "green").append(rule.fix), 6, hang=5) if rule is not None else []
+        again = self._lines(_text(f"#{self._findings}: {repro_words(finding.repro)}", "bright_black"), 6, hang=4)
+        evidence = evidence_lines(finding, self.verbosity > 0)
         shown = [
             line
-            for label, words in evidence_lines(finding, self.verbosity > 0)
+            for label, words in evidence
             for line in self._lines(_text(f"{label}: " if label else "", "bright_black").append(words), 6, cut=True)
         ]
+        if self.verbosity <= 0:
+            # Long sentences give way to the values that differ and to the line that counts the rest.
+            values = sum(label in ("expected", "found") for label, _ in evidence)
+            room = _LINES - len(place) - len(source) - min(len(shown), values + 1)
+            self._shorten([again, fix, message], room)
+        before, after = [*place, *message, *source], [*fix, *again]
         room = max(_LINES - len(before) - len(after), 0)
         if self.verbosity <= 0 and len(shown) > room:
             kept = shown[: max(room - 1, 0)]
             hidden = plural(len(shown) - len(kept), "more line")
             # As short as a narrow terminal needs it. A message may fill the room, and the reader must still know.
             words = f"--verbose shows {hidden}" if self.again else f"{hidden} of evidence"
-            shown = kept + self._lines(_text(words, "bright_black"), 6, hang=2)
+            shown = kept + self._lines(_text(words, "bright_black"), 6, cut=True)
         picture = self._picture(subject, finding, room - len(shown))
         for line in [*before, *shown, *picture, *after]:
             self._console.print(line, soft_wrap=True)
+
+    def _shorten(self, paragraphs: list[list[Text]], room: int) -> None:
+        """Cut paragraphs to `room` lines in all, the first ones first; each keeps a line, and shows where it is cut."""
+        ellipsis = "…" if self._signs else "..."
+        for lines in paragraphs:
+            excess = sum(map(len, paragraphs)) - room
+            if excess > 0 and len(lines) > 1:
+                del lines[max(len(lines) - excess, 1) :]
+                lines[-1].truncate(self._console.width - len(ellipsis))
+                lines[-1].append(ellipsis)
 
     def _picture(self, subject: SubjectReport, finding: Finding, room: int) -> list[Text]:
         """Draw the observation that differs and the expected one, in at most `room` lines."""

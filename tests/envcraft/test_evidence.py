@@ -62,7 +62,7 @@ def test_the_source_line_and_the_differing_values(file: Path) -> None:
     assert said(judged(file, finding)) == [
         f"EC203 hash-seed {file}:{number}",
         "it differs",
-        f"{number} |         self.steps += 1",
+        f"{number} | self.steps += 1",
         "expected: 0.5",
         "found: [1, 2]",
         "fix: Sort sets before iterating over them.",
@@ -95,6 +95,22 @@ def test_a_finding_takes_at_most_twelve_lines(file: Path, width: int | None) -> 
     assert "call_0()" in everything
     assert "KeyError: 7" in everything
     assert "printed: one" in everything
+
+
+@pytest.mark.parametrize("width", [30, 40, 50, 60])
+def test_a_narrow_terminal_shows_the_values_and_the_line_from_its_code_on(
+    width: int, file: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(file.parent)
+    number = 1 + ENVIRONMENT.splitlines().index("        self.steps += 1")
+    evidence = {"first": [1, 2], "second": [1, 3], "output": "one\ntwo\nthree\n"}
+    finding = Finding("EC203", Severity.ERROR, "the observation differs " * 16, number, evidence)
+    lines = said(judged(Path(file.name), finding), width=width)
+    assert len(lines) == 12
+    assert max(map(len, lines)) <= width - 4
+    assert lines[0].startswith("EC203")
+    assert {f"{number} | self.steps += 1", "expected: [1, 2]", "found: [1, 3]"} <= set(lines)
+    assert any(line.endswith(("the…", "observation…", "differs…")) for line in lines)
 
 
 @pytest.mark.parametrize("words", ["it differs", "it differs " * 60], ids=["short", "long"])

@@ -31,7 +31,7 @@ def test_the_tutorial_shows_what_it_writes(invoke: Any, tmp_path: Path) -> None:
     removed = next(line[1:] for line in tutorial.splitlines() if line.startswith("-        self.you"))
     number = 1 + lines.index(removed)
     assert set(re.findall(r"lantern\.py:(\d+)", tutorial)) == {str(number)}
-    assert f"      {number} | {removed.replace('self.np_random.integers', 'np.random.randint')}\n" in tutorial
+    assert f"      {number} | {removed.strip().replace('self.np_random.integers', 'np.random.randint')}\n" in tutorial
     about = re.search(r"a game of (\d+) lines", tutorial)
     assert about is not None
     assert abs(len(lines) - int(about[1])) < 10
