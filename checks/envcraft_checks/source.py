@@ -241,11 +241,12 @@ class Source(Check):
             name for name in names if name in missing or not (allowed is None or name in allowed or is_standard(name))
         }
         python = tuple(int(part) for part in re.findall(r"\d+", str(subject.about.get("python", "")))[:3])
+        installable = (_well_known() if allowed is None else {*allowed}) - own
         for file, tree in trees.items():
             wanted = required_imports(tree, unknown, python)
             for name, line in sorted(wanted.items(), key=lambda item: item[1]):
-                if name in missing and allowed is not None and name in allowed:
-                    raise WorkerLost(f"{name} is not installed where the worker runs; install it, then validate again")
+                if name in missing and name in installable:
+                    raise WorkerLost(f"{name} is not installed where the worker runs{_installation_hint(subject)}")
                 if name in unknown:
                     shown = _in_package(tree, name, line)
                     why = self._why_unknown(name, subject, known, shown, name not in missing)
@@ -284,11 +285,13 @@ class Source(Check):
             return "which is not available where environments run; move the class to a file that does without it"
         # A library that the contract names is likelier than another of a name as near.
         near = next(filter(None, (_nearest(name, [*group]) for group in (contract.libraries or (), known))), None)
-        if installed and name not in _OLD_NAMES:
-            return f"which the contract {contract.name} does not allow; it allows {', '.join(contract.libraries or ())}"
         if not installed and (place := _elsewhere(name, subject)):
             return place
-        return f"which is not a known library{f'; did you mean {near}?' if near else ''}"
+        if (installed or name in _well_known()) and name not in _OLD_NAMES:
+            return f"which the contract {contract.name} does not allow; it allows {', '.join(contract.libraries or ())}"
+        if near or contract.libraries is not None:
+            return f"which is not a known library{f'; did you mean {near}?' if near else ''}"
+        return "which is not installed and no library that EnvCraft knows; correct the name, or install it if it exists"
 
     def _judge_loaded(self, subject: Subject, loaded: Loaded) -> Iterator[Finding]:
         fault, end, description = loaded.trace.fault, loaded.end, loaded.description
@@ -576,6 +579,13 @@ def _installation_hint(subject: Subject) -> str:
     if subject.isolation is Isolation.CONTAINER:
         return "; add the package to the image with `envcraft sandbox build --packages FILE`, or use another --sandbox"
     return "; install the package beside EnvCraft, then validate again"
+
+
+def _well_known() -> frozenset[str]:
+    """The libraries that exist for certain, so that a machine that lacks one is no defect of the environment."""
+    from envcraft.judging.facts import WELL_KNOWN
+
+    return WELL_KNOWN
 
 
 def is_standard(name: str) -> bool:

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 
 #: Libraries that do nothing at import except to take time.
-_WELL_KNOWN = frozenset({
+WELL_KNOWN = frozenset({
     "PIL", "cv2", "imageio", "jax", "matplotlib", "networkx", "numba", "pandas", "pygame", "pymunk", "scipy", "shapely",
     "skimage", "sklearn", "sympy", "torch", "torchvision",
 })  # fmt: skip
@@ -95,7 +95,7 @@ class Facts:
             # Only jobs have the files of the project.
             named -= self._target.project.modules
         used = [name for name in loaded if name.partition(".")[0] in named]
-        return used if isolated else [name for name in used if name in _WELL_KNOWN]
+        return used if isolated else [name for name in used if name in WELL_KNOWN]
 
     def _load(self) -> Loaded:
         builder = TraceBuilder(Rollout(0, []), None, None)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import importlib
+import importlib.util
 import json
 import os
 import re
@@ -19,6 +19,7 @@ from envcraft_checks.source import Source
 from envcraft.contracts.builtin import GYMNASIUM
 from envcraft.environments.targets import environments_below, resolve
 from envcraft.errors import UsageError
+from envcraft.judging.facts import WELL_KNOWN
 from envcraft.model.import_folders import import_folders
 from envcraft.model.project import defining_file, environment_line, with_project
 from envcraft.model.target import Kind, Target
@@ -524,6 +525,27 @@ def test_an_import_that_is_not_allowed_has_a_next_step(name: str, words: str, in
     good.write_text(f"import {name}\n{ENVIRONMENT}")
     result = invoke("validate", good, "--sandbox", "process", "--format", "concise")
     assert words in result.stdout
+
+
+def test_a_library_that_is_not_installed_is_no_defect(invoke: Invoke, good: Path) -> None:
+    lacking = next(name for name in sorted(WELL_KNOWN) if importlib.util.find_spec(name) is None)
+    good.write_text(f"import {lacking}\n{ENVIRONMENT}")
+    options = ("--sandbox", "process", "--format", "concise", "--checks", "source")
+    result = invoke("validate", good, *options, "--contract", "gymnasium")
+    assert result.exit_code == 3, result.output
+    assert f"{lacking} is not installed where the worker runs; install " in result.output
+    assert "EC002" not in result.output
+    refused = invoke("validate", good, *options)
+    assert refused.exit_code == 1
+    assert f"imports {lacking}, which the contract arcade does not allow" in refused.stdout
+
+
+def test_a_library_that_nobody_knows_may_exist(invoke: Invoke, good: Path) -> None:
+    good.write_text(f"import zz_helpers\n{ENVIRONMENT}")
+    options = ("--sandbox", "process", "--format", "concise", "--checks", "source", "--contract", "gymnasium")
+    result = invoke("validate", good, *options)
+    assert "EC002" in result.stdout
+    assert "which is not installed and no library that EnvCraft knows; correct the name, or install" in result.stdout
 
 
 @pytest.mark.parametrize(
