@@ -73,7 +73,7 @@ class TestSelection:
             (("--ignore", "EC901"), "EC901 cannot be ignored, because other verdicts depend on it"),
             (("--ignore", "lint"), "lint is a check, and --ignore takes codes; name --skip lint"),
             (("--select", "EC05,API"), "API is a check, and --select takes codes; name --checks api"),
-            (("-q", "-v"), "quiet and verbose contradict each other"),
+            (("-q", "-v"), "-q and -v contradict each other; leave one out"),
             (("--exclude", "*"), "--exclude leaves none of 3 environments"),
             (("--baseline", "nothing.json"), "the baseline nothing.json does not exist"),
         ],
@@ -81,6 +81,14 @@ class TestSelection:
     def test_usage_errors(self, games: Path, invoke: Invoke, options: tuple[str, ...], words: str) -> None:
         result = invoke("validate", "games", *SOURCE, *options)
         assert (result.exit_code, words in result.stderr) == (2, True)
+
+    @pytest.mark.parametrize(("setting", "option", "passes"), [("quiet", "-v", True), ("verbose", "-q", False)])
+    def test_an_option_replaces_the_opposite_setting(
+        self, games: Path, invoke: Invoke, setting: str, option: str, passes: bool
+    ) -> None:
+        Path("pyproject.toml").write_text(f"[tool.envcraft]\n{setting} = true\n")
+        result = invoke("validate", "games/walk.py", *SOURCE, option)
+        assert (result.exit_code, "PASS" in result.stdout) == (0, passes), result.output
 
     @pytest.mark.parametrize("pattern", ["drafts", "drafts/", "old.py", "dr*/*.py", "drafts/old.py"])
     def test_excluded_files_are_not_judged(self, games: Path, invoke: Invoke, pattern: str) -> None:

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any, TextIO
 
 import click
+from click.core import ParameterSource
 
 from envcraft.cli import completion
 from envcraft.cli.commands.outputs import report_stream
@@ -150,8 +151,7 @@ def validate(
     codes, ignored = _codes(select, "select", "checks"), _codes(ignore, "ignore", "skip")
     known = read_baseline(baseline) if baseline else ()
     severity = SeverityPolicy(severity_table(Path.cwd()), strict, True, codes, ignored, frozenset(known))
-    if quiet and verbose:
-        raise UsageError("quiet and verbose contradict each other; leave one out", setting="quiet")
+    verbosity = _verbosity(ctx, quiet, verbose)
     changes = read_kwargs(kwargs), read_wrappers(wrap)
     files, unusable = _files(ctx, targets, env_class, environments_only, exclude, changes)
     if not files and (unusable or not environments_only):
@@ -192,7 +192,7 @@ def validate(
         rules = rules_of(all_checks())
         reporters = [kind(stream, rules) for (kind, _), stream in zip(wanted, streams, strict=True)]
         for reporter in reporters:
-            reporter.verbosity = verbose - quiet
+            reporter.verbosity = verbosity
         filmed = [reporter for reporter in reporters if reporter.wants_frames]
         if filmed:
             from envcraft.judging.frame_renderer import FrameRenderer
@@ -204,7 +204,7 @@ def validate(
             if isinstance(event, SubjectFinished):
                 finished.append(event)
                 misused |= dict.fromkeys(_blame_the_file(ctx, event.report))
-            if not quiet:
+            if verbosity >= 0:
                 progress.handle(event)
             for reporter in reporters:
                 reporter.handle(event)
@@ -274,6 +274,22 @@ def read_reports(form: str | None, output: str | None, also: Iterable[str]) -> l
         if files.count(path) > 1:
             raise UsageError(f"two reports have the same file, {path}; name another file for one of them")
     return found
+
+
+def _verbosity(ctx: click.Context, quiet: bool, verbose: bool) -> int:
+    """Read ``--quiet`` and ``--verbose``: -1, 0 or 1. An option takes precedence over the setting of the other.
+
+    Raises:
+        UsageError: both are options, or both are settings.
+    """
+    if quiet and verbose:
+        given = [name for name in ("quiet", "verbose") if ctx.get_parameter_source(name) is ParameterSource.COMMANDLINE]
+        if len(given) == 2:
+            raise UsageError("-q and -v contradict each other; leave one out")
+        if not given:
+            raise UsageError("quiet and verbose contradict each other; leave one out", setting="quiet")
+        return -1 if given == ["quiet"] else 1
+    return verbose - quiet
 
 
 def _keep_files(wanted: list[tuple[type[Reporter], str | None]], read: list[str]) -> None:
