@@ -66,7 +66,7 @@ def doctor(form: str, runtime: str | None) -> None:
         }
         click.echo(json.dumps(report, indent=2))
     else:
-        _show(results, auto, broken)
+        _show(results, auto, broken, runtime)
     if auto is None:
         raise SystemExit(3)
 
@@ -146,7 +146,7 @@ def _platform() -> dict[str, str]:
     return {"system": platform.system(), "release": platform.release(), "python": platform.python_version()}
 
 
-def _show(results: list[Examined], auto: str | None, broken: list[dict[str, str]]) -> None:
+def _show(results: list[Examined], auto: str | None, broken: list[dict[str, str]], runtime: str | None) -> None:
     from rich.console import Console
     from rich.markup import escape
     from rich.padding import Padding
@@ -176,7 +176,9 @@ def _show(results: list[Examined], auto: str | None, broken: list[dict[str, str]
             "Landlock, seccomp and namespaces exist only on Linux. Here a sandbox protects against accidents, not "
             "against malice: run generated code in a Linux container or virtual machine."
         )
-    if auto is None:
+    if auto is None and runtime is not None:
+        console.print(f"No sandbox works with --runtime {escape(runtime)}; `envcraft doctor` checks all sandboxes.")
+    elif auto is None:
         console.print("No sandbox works on this machine, so EnvCraft cannot validate anything.")
     else:
         console.print(f"`--sandbox auto` takes {auto}.")

@@ -134,6 +134,16 @@ class TestDoctor:
         report = json.loads(CliRunner().invoke(doctor, ["--format", "json", "--runtime", "runsc"]).stdout)
         assert [each["name"] for each in report["sandboxes"]] == ["weak under runsc"]
 
+    def test_a_runtime_that_fails_says_nothing_of_other_sandboxes(
+        self, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        monkeypatch.setattr(Fake, "with_runtime", lambda self, runtime: self)
+        _offer(monkeypatch, Fake("strong", 2, FAILS))
+        result = CliRunner().invoke(doctor, ["--runtime", "runsc"], env={"COLUMNS": "200"})
+        assert result.exit_code == 3
+        assert "No sandbox works with --runtime runsc; `envcraft doctor` checks all sandboxes." in result.stdout
+        assert "cannot validate anything" not in result.stdout
+
     def test_a_runtime_that_no_driver_takes_is_a_usage_error(self, monkeypatch: pytest.MonkeyPatch) -> None:
         _offer(monkeypatch, Fake("weak", 1, WORKS))
         result = CliRunner().invoke(doctor, ["--runtime", "runsc"])
