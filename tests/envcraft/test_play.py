@@ -239,6 +239,18 @@ def test_what_cannot_be_loaded_is_no_pass(invoke: Any, tmp_path: Path, monkeypat
     assert [(check["check"], check["verdict"]) for check in report["checks"]] == [("play", "skip"), ("source", "error")]
 
 
+def test_a_wrong_contract_is_a_usage_error(invoke: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "blind.py").write_text(BLIND)
+    monkeypatch.setattr("envcraft.cli.play.terminal.Terminal", Quitting)
+    result = invoke("play", "blind.py", "--terminal", "--sandbox", "process")
+    assert result.exit_code == 2, result.stderr
+    assert "name the contract that fits: --contract gymnasium" in result.stderr
+    (tmp_path / "pyproject.toml").write_text('[tool.envcraft]\ncontract = "arcade-native"\n')
+    result = invoke("play", "blind.py", "--terminal", "--sandbox", "process")
+    assert result.exit_code == 2, result.stderr
+    assert f"{tmp_path / 'pyproject.toml'}: [tool.envcraft] contract: the action space is Discrete(2)" in result.stderr
+
+
 def test_where_render_fails_the_observations_are_shown(
     invoke: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -17,7 +17,7 @@ from envcraft.cli.play.recorded import Played
 from envcraft.cli.signals import uninterrupted
 from envcraft.contracts.lookup import contract_named
 from envcraft.environments.targets import resolve
-from envcraft.errors import ExitCode, Skip, UsageError
+from envcraft.errors import EnvCraftError, ExitCode, Skip, UsageError
 from envcraft.judging.budget import BUDGETS
 from envcraft.judging.check import Check
 from envcraft.judging.driver import driver_for
@@ -154,6 +154,7 @@ class _Session:
         from envcraft.cli.play.game import Game, play_all
         from envcraft.cli.play.keys import keys_for
         from envcraft.judging.engine import run_check
+        from envcraft.judging.fit import fitting_contract
         from envcraft.judging.frame_renderer import with_frames
         from envcraft.model.rollout import Conditions, Rollout
 
@@ -169,6 +170,10 @@ class _Session:
             conditions = with_frames(subject, Conditions())
         except Skip as skip:
             raise UsageError(f"{subject.target.path} cannot be played: {skip}") from None
+        except EnvCraftError as error:
+            if subject.acts_as_promised or fitting_contract(subject.load().description, subject.contract) is None:
+                raise
+            raise UsageError(str(error), setting="contract") from None
         if conditions.render:
             fault = subject.rollout(Rollout(self._plan.seed, [], conditions)).fault
             if fault is not None and fault.phase == "render":
