@@ -1,7 +1,7 @@
 """# In a test suite, with pytest
 
 The plugin makes one pytest test of each check; all checks of an environment share one sandbox run. `pip install
-envcraft-rl` installs the plugin. Without its options, marker or fixture it does nothing.
+pytest envcraft-rl` installs pytest and the plugin. Without its options, marker or fixture it does nothing.
 
 ## Files
 `pytest --envcraft games/` collects every environment in the folder, with one test for each check:
