@@ -54,7 +54,7 @@ def resolve(
 
     Args:
         path: a file, a folder, ``package.module:Class`` or a registered id.
-        env_class: the class to judge if a file defines several.
+        env_class: the class to judge; files of a folder that do not define it are skipped.
         environments_only: skip a file that defines no environment; nothing may be left then.
         unreadable: receives each file and folder below a folder that cannot be read, with the error.
 
@@ -94,7 +94,8 @@ def resolve(
     for place in errors:
         unreadable(place, errors[place])
     if not found and not errors and not environments_only:
-        raise UsageError(f"{path} holds no environment: no .py file in it defines a subclass of gymnasium.Env")
+        wanted = "subclass of gymnasium.Env" if env_class is None else f"subclass {env_class} of gymnasium.Env"
+        raise UsageError(f"{path} holds no environment: no .py file in it defines a {wanted}")
     return found
 
 
@@ -116,17 +117,17 @@ def _absent(path: str) -> str:
 
 
 def environments_below(folder: str, env_class: str | None = None, unreadable: Unreadable = refuse) -> Iterator[Target]:
-    """Yield the environments in a folder by path; report on stderr at the end how many files define none, or are tests.
+    """Yield the environments in a folder by path; report on stderr at the end how many files are skipped.
 
     Args:
         folder: the folder.
-        env_class: the class to judge if a file defines several.
+        env_class: the class to judge; files that do not define it are skipped.
         unreadable: receives each file and folder that cannot be read and may hold an environment, with the error.
 
     Raises:
         UsageError: a file cannot be read, and `unreadable` raises its error.
     """
-    passed, tests = [], []
+    passed, tests, others = [], [], []
     for file in _python_files(folder, unreadable):
         try:
             target = read_target(file, env_class)
@@ -137,9 +138,15 @@ def environments_below(folder: str, env_class: str | None = None, unreadable: Un
             passed.append(file)
         elif _is_test(target):
             tests.append(file)
+        elif _lacks_class(target):
+            others.append(file)
         else:
             yield with_project(target)
-    for files, kind, without in ((passed, "file", " without an environment"), (tests, "test file", "")):
+    for files, kind, without in (
+        (passed, "file", " without an environment"),
+        (tests, "test file", ""),
+        (others, "file", f" without the class {env_class}"),
+    ):
         say_skipped([os.path.relpath(file, folder) for file in files], kind, f"{without} in {one_line(folder)}")
 
 
@@ -241,12 +248,16 @@ def _is_test(target: Target) -> bool:
 
 def _require_class(target: Target) -> None:
     """Raise UsageError if a file cannot define the class that ``--class`` names."""
-    wanted, names = target.env_class, None if target.env_class is None else defined_names(target.source)
-    if names is None or wanted in names:
-        return
-    classes = defined_classes(target.source)
-    there = f"; its classes are {', '.join(classes)}" if classes else "; it defines no class"
-    raise UsageError(f"{target.path} defines no class {wanted}{there}", setting="class")
+    if _lacks_class(target):
+        classes = defined_classes(target.source)
+        there = f"; its classes are {', '.join(classes)}" if classes else "; it defines no class"
+        raise UsageError(f"{target.path} defines no class {target.env_class}{there}", setting="class")
+
+
+def _lacks_class(target: Target) -> bool:
+    """Whether a file cannot define the class that ``--class`` names."""
+    names = None if target.env_class is None else defined_names(target.source)
+    return names is not None and target.env_class not in names
 
 
 def _python_files(folder: str, unreadable: Unreadable) -> Iterator[str]:

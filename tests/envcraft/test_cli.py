@@ -116,6 +116,20 @@ def test_other_files_of_a_folder_are_counted(invoke: Any, good: Path, tmp_path: 
     assert len(json.loads(invoke("validate", folder, *QUICK, "--format", "json").stdout)["reports"]) == 1
 
 
+def test_a_class_selects_the_files_of_a_folder_that_define_it(invoke: Any, good: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "games"
+    folder.mkdir()
+    shutil.copy(good, folder)
+    (folder / "run.py").write_text(good.read_text().replace("Walk", "Run"))
+    result = invoke("validate", folder, *QUICK, "--class", "Run", "--format", "json")
+    assert result.exit_code == 0, result.output
+    assert [Path(report["path"]).stem for report in json.loads(result.stdout)["reports"]] == ["run"]
+    assert f"skipped 1 file without the class Run in {folder}: {good.name}" in result.stderr
+    nothing = invoke("validate", folder, *QUICK, "--class", "Jump")
+    assert nothing.exit_code == 2
+    assert "no .py file in it defines a subclass Jump of gymnasium.Env" in nothing.stderr
+
+
 def test_tests_in_a_folder_are_not_judged(invoke: Any, good: Path, tmp_path: Path) -> None:
     folder = tmp_path / "games"
     folder.mkdir()
