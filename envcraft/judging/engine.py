@@ -7,7 +7,7 @@ import os
 import queue
 import threading
 import time
-from collections.abc import Callable, Collection, Generator, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Generator, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING
 
@@ -240,6 +240,7 @@ def judge(
     """
     started = time.monotonic()
     done: list[CheckReport] = []
+    shown: set[str] = set()
     with open_subject(plan, target, pool) as subject:
         if emit is not None:
             subject.cache.on_steps = _throttled(target.path, emit)
@@ -249,8 +250,7 @@ def judge(
                 report = CheckReport(check.name, Verdict.SKIP, reason=blocked)
             else:
                 yield CheckStarted(target.path, check.name)
-                confirmed = _confirmed(check, done, plan.severity.table)
-                report = run_check(check, subject, fail_fast=plan.fail_fast, severity=plan.severity, without=confirmed)
+                report = run_check(check, subject, None, plan.fail_fast, plan.severity, shown)
             if plan.fail_fast and report.verdict is Verdict.FAIL:
                 blocked = blocked or f"--fail-fast ends at the first error, and {check.name} has one"
             if (check.gate and report.verdict is Verdict.ERROR) or _stops(check, report):
@@ -265,19 +265,6 @@ def judge(
         if look is not None:
             look(subject)
         yield SubjectFinished(report_on(plan, subject, done, started))
-
-
-def _confirmed(check: Check, done: list[CheckReport], severities: Mapping[str, str]) -> set[str]:
-    """The codes of a check whose defect an error of an earlier check has shown, counted or not, or a warning that is
-    one by the author's choice in `severities`, by code or check.
-    """
-    errors = {
-        finding.code
-        for report in done
-        for finding in [*report.findings, *report.known, *(one.finding for one in report.ignored)]
-        if finding.severity is Severity.ERROR or not severities.keys().isdisjoint((finding.code, report.check))
-    }
-    return {rule.code for rule in check.rules if errors.intersection(rule.confirmed_by)}
 
 
 def report_on(plan: Plan, subject: Subject, checks: list[CheckReport], started: float) -> SubjectReport:
@@ -372,7 +359,7 @@ def run_check(
     trace: Trace | None = None,
     fail_fast: bool = False,
     severity: SeverityPolicy = SeverityPolicy(),
-    without: Collection[str] = (),
+    shown: set[str] | None = None,
 ) -> CheckReport:
     """Run one check and return its report.
 
@@ -384,14 +371,19 @@ def run_check(
         trace: judge only this trace, instead of the rollouts that the check requests.
         fail_fast: stop at the first finding that is an error.
         severity: which findings count, and how.
-        without: codes whose findings are left out.
+        shown: the codes of the defects that earlier checks have shown, to which those of this check are added. The
+            rules that they confirm report nothing.
     """
     started = time.monotonic()
     report = CheckReport(check.name, Verdict.PASS)
+    shown = set() if shown is None else shown
+    confirmed = {rule.code for rule in check.rules if not shown.isdisjoint(rule.confirmed_by)}
     try:
         judged = check.judge(subject) if trace is None else check.find(subject, trace)
         for finding in judged:
-            _take(report, check, subject, finding, severity, without)
+            _take(report, check, subject, finding, severity, confirmed)
+            if severity.shows(check, finding):
+                shown.add(finding.code)
             if fail_fast and _failed(report):
                 break
     except Skip as skip:

@@ -44,22 +44,36 @@ class SeverityPolicy(msgspec.Struct, frozen=True):
     ignore: tuple[str, ...] = ()
     baseline: frozenset[str] = frozenset()
 
+    def reports(self, check: Check, code: str) -> bool:
+        """Whether a rule is selected; without ``--select``, whether it reports by default or has a severity."""
+        if self.select and not (check.gate or check.always or check.stops(code)):
+            return code.startswith(self.select)
+        return code in self.table or all(rule.default for rule in check.rules if rule.code == code)
+
     def apply(self, check: Check, finding: Finding) -> Finding | None:
         """Return a finding with the severity that it has under this policy; None if it is left out."""
+        if not self.reports(check, finding.code):
+            return None
         if self.ignore and finding.code.startswith(self.ignore) and check.waivable(finding.code):
             return None
         value = self.table.get(finding.code, self.table.get(check.name))
-        if self.select and not (check.gate or check.always or check.stops(finding.code)):
-            if not finding.code.startswith(self.select):
-                return None
-        elif finding.code not in self.table and any(r.code == finding.code and not r.default for r in check.rules):
-            return None
         if value is None or (value != Severity.ERROR and not check.waivable(finding.code)):
             value = finding.severity.value
         if value == OFF:
             return None
         severity = Severity.ERROR if self.strict else Severity(value)
         return finding if severity is finding.severity else msgspec.structs.replace(finding, severity=severity)
+
+    def shows(self, check: Check, finding: Finding) -> bool:
+        """Whether a finding shows a defect that other rules need not report: an error, or what the table makes one.
+
+        An error that is ignored or off shows it, too; one of a rule that is not selected does not.
+        """
+        if not self.reports(check, finding.code):
+            return False
+        counted = self.apply(check, finding)
+        chosen = not self.table.keys().isdisjoint((finding.code, check.name))
+        return (counted or finding).severity is Severity.ERROR or (counted is not None and chosen)
 
 
 def severity_table(folder: Path) -> dict[str, str]:

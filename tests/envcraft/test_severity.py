@@ -62,6 +62,42 @@ def judged(check: Check, policy: SeverityPolicy, source: str = "", kind: Kind = 
     return last.report
 
 
+class Suspecting(Check):
+    """Suspects from the code what EC701 and EC702 show in play."""
+
+    name = "suspecting"
+    rules = (
+        Rule("EC751", "c", "C.", "Mend.", confirmed_by=("EC701",)),
+        Rule("EC752", "d", "D.", "Mend.", confirmed_by=("EC702",)),
+    )
+
+    def judge(self, subject: Subject) -> Iterator[Finding]:
+        for rule in self.rules:
+            yield self.finding(rule.code, "suspicious")
+
+
+@pytest.mark.parametrize(
+    ("policy", "suspected"),
+    [
+        (SeverityPolicy(), ["EC752"]),
+        (SeverityPolicy(ignore=("EC701",)), ["EC752"]),
+        (SeverityPolicy({"EC701": "off"}), ["EC752"]),
+        (SeverityPolicy({"pieces": "off"}), ["EC752"]),
+        (SeverityPolicy({"EC702": "warning"}), []),
+        (SeverityPolicy({"EC702": "off"}), ["EC752"]),
+        (SeverityPolicy(ignore=("EC702",)), ["EC752"]),
+        (SeverityPolicy(select=("EC702", "EC75")), ["EC751", "EC752"]),
+    ],
+    ids=str,
+)
+def test_what_play_confirmed_stays_hidden_if_its_code_is_ignored(policy: SeverityPolicy, suspected: list[str]) -> None:
+    target = Target("a.py", b"")
+    checks = [Pieces(("EC701", 1), ("EC702", 1)), Suspecting()]
+    *_, last = validate(Plan([target], ARCADE, StubDriver(), checks, BUDGETS["quick"], severity=policy), 1)
+    assert isinstance(last, Finished)
+    assert [finding.code for finding in last.report.reports[0].checks[1].findings] == suspected
+
+
 @pytest.mark.parametrize(
     ("table", "strict", "severities", "verdict"),
     [
