@@ -179,6 +179,14 @@ def test_arguments_of_the_constructor_are_a_table(invoke: Invoke, good: Path, tm
     assert "--kwargs" in invoke("explain", "EC007").stdout
 
 
+def test_a_misspelt_argument_is_wrong_use_though_another_is_required(invoke: Invoke, good: Path) -> None:
+    good.write_text(good.read_text().replace("def __init__(self", "def __init__(self, size", 1))
+    assert "def __init__(self, size" in good.read_text()
+    result = invoke("validate", good, *_CHEAP, "--checks", "source", "--kwargs", '{"sise": 3}')
+    assert result.exit_code == 2, result.output
+    assert "--kwargs: Walk.__init__() got an unexpected keyword argument 'sise'" in " ".join(result.output.split())
+
+
 def test_an_argument_that_the_constructor_passes_on_is_the_environment_s_fault(invoke: Invoke, good: Path) -> None:
     good.write_text(
         ENVIRONMENT.replace("render_mode=None):", "**more):\n        render_mode = dict(key=more)[more['size']]")

@@ -373,10 +373,13 @@ def wrappers(module: ModuleType) -> list[str]:
 
 
 def required_arguments(kind: Any, given: dict[str, Any]) -> list[str]:
-    """The parameters of a constructor that have no default and are not given."""
+    """The parameters of a constructor that have no default and are not given; [] if it refuses what is given."""
     try:
         parameters = inspect.signature(kind).parameters.values()
     except (ValueError, TypeError):
+        return []
+    kinds = {parameter.kind for parameter in parameters}
+    if inspect.Parameter.VAR_KEYWORD not in kinds and not given.keys() <= {parameter.name for parameter in parameters}:
         return []
     return [
         parameter.name
