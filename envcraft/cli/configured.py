@@ -47,21 +47,44 @@ class Configured(click.Command):
     def make_context(
         self, info_name: str | None, args: list[str], parent: click.Context | None = None, **extra: Any
     ) -> click.Context:
-        options = {name: param for name, param in self._options().items() if name not in self.apart}
-        repeated = {str(param.name) for param in self.params if isinstance(param, click.Option) and param.multiple}
-        found = configuration(Path.cwd(), options, repeated, settings_of_all_commands)
-        # Click takes 1.5 for a whole number, True for 1, and no 1 for a flag, but not their texts.
-        flags = {param.name for param in self.params if isinstance(param, click.Option) and param.is_flag}
-        extra["default_map"] = {
-            name: value if isinstance(value, list) or (name in flags and isinstance(value, bool)) else _text(value)
-            for name, value in found.items()
-        }
+        extra["default_map"] = self._defaults(Path.cwd())
         with _blaming_the_file():
             return super().make_context(info_name, args, parent, **extra)
 
     def invoke(self, ctx: click.Context) -> Any:
         with _blaming_the_file(ctx):
             return super().invoke(ctx)
+
+    def read(self, folder: Path) -> dict[str, Any]:
+        """Read the settings as this command does; pytest and Python have no command line to read.
+
+        Args:
+            folder: where the search for the file starts.
+
+        Returns:
+            The values of the settings that the file holds, by parameter.
+
+        Raises:
+            UsageError: the file is malformed, or a setting or its value does not exist.
+        """
+        found = self._defaults(folder)
+        with _blaming_the_file(folder=folder), click.Context(self, default_map=found) as ctx:
+            return {
+                str(param.name): param.handle_parse_result(ctx, {}, [])[0]
+                for param in self.params
+                if param.name in found
+            }
+
+    def _defaults(self, folder: Path) -> dict[str, Any]:
+        options = {name: param for name, param in self._options().items() if name not in self.apart}
+        repeated = {str(param.name) for param in self.params if isinstance(param, click.Option) and param.multiple}
+        found = configuration(folder, options, repeated, settings_of_all_commands)
+        # Click takes 1.5 for a whole number, True for 1, and no 1 for a flag, but not their texts.
+        flags = {param.name for param in self.params if isinstance(param, click.Option) and param.is_flag}
+        return {
+            name: value if isinstance(value, list) or (name in flags and isinstance(value, bool)) else _text(value)
+            for name, value in found.items()
+        }
 
 
 def _text(value: Any) -> str:
@@ -99,11 +122,12 @@ class PartlyConfigured(click.Command):
 
 
 @contextlib.contextmanager
-def _blaming_the_file(ctx: click.Context | None = None) -> Iterator[None]:
+def _blaming_the_file(ctx: click.Context | None = None, folder: Path | None = None) -> Iterator[None]:
     """Let an error about a value of ``[tool.envcraft]`` name the file and the setting, not an option.
 
     Args:
         ctx: the command's context, None while it is made: Click's error has it then.
+        folder: the folder whose settings are read, by default the working directory.
 
     Raises:
         UsageError: such a value is wrong.
@@ -114,7 +138,7 @@ def _blaming_the_file(ctx: click.Context | None = None) -> Iterator[None]:
         if error.param is None or not _configured(ctx or error.ctx, error.param):
             raise
         option = max(error.param.opts, key=len)
-        raise UsageError(f"{place(option.removeprefix('--'))}: {explained(error)}") from None
+        raise UsageError(f"{place(option.removeprefix('--'), folder)}: {explained(error)}") from None
     except UsageError as error:
         if ctx is None or (other := blamed(ctx, error)) is error:
             raise
@@ -127,8 +151,14 @@ def blamed(ctx: click.Context, error: UsageError) -> UsageError:
     option = f"--{error.setting}"
     if option not in options or not _configured(ctx, options[option]):
         return error
+    return of_the_file(error, Path.cwd())
+
+
+def of_the_file(error: UsageError, folder: Path) -> UsageError:
+    """Return an error that names the file and the setting, where `error` may name the option."""
+    option = f"--{error.setting}"
     words = str(error).removeprefix(f"{option} ").removeprefix(f"{option}: ")
-    return UsageError(f"{place(error.setting)}: {words}")
+    return UsageError(f"{place(error.setting, folder)}: {words}")
 
 
 def _configured(ctx: click.Context | None, param: click.Parameter) -> bool:
@@ -175,8 +205,10 @@ def configuration(
         if name not in options:
             known = dict.fromkeys([*options, *sorted(others())])
             raise UsageError(f"{path}: [tool.envcraft] has no setting {did_you_mean(key, known)}")
-        if name == "baseline" and isinstance(value, str) and path.parent != folder:
-            values[options[name]] = str(path.parent / value)
+        beside = path.parent / str(value)
+        # A policy may be the name of a player.
+        if path.parent != Path.cwd() and (name == "baseline" or (name == "policy" and beside.is_file())):
+            values[options[name]] = str(beside)
         elif isinstance(value, dict):
             values[options[name]] = json.dumps(value, default=str)
         elif options[name] in repeated:

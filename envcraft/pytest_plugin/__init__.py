@@ -73,6 +73,11 @@ envcraft_checks = ["api", "determinism"]
 envcraft_skip = []
 ```
 
+All other settings of [`envcraft validate`](options.md#settings) in `[tool.envcraft]` apply, too, such as `select`,
+`ignore`, `exclude`, `baseline`, `strict`, `kwargs` and `policy`. Only `class`, `workers`, `exitfirst`,
+`environments-only` and those of the report (`format`, `output`, `report`, `quiet`, `verbose`, `exit-zero`) do not,
+because pytest itself selects tests, runs them and reports on them.
+
 ## Reports
 The test of a check has properties, which JUnit XML contains. Their names begin with `envcraft_`: `subject`, `class`,
 `source_sha256`, `contract`, `budget`, `seed`, `isolation`, `driver`, `steps` and `outcome` (of the whole environment),
@@ -130,7 +135,7 @@ def pytest_configure(config: pytest.Config) -> None:
         from envcraft.pytest_plugin.judging import settings
 
         try:
-            config.pluginmanager.register(Collection(settings(config)), "envcraft-collection")
+            config.pluginmanager.register(Collection(settings(config), config.rootpath), "envcraft-collection")
         except EnvCraftError as error:
             raise pytest.UsageError(str(error)) from None
 
@@ -215,6 +220,9 @@ def pytest_terminal_summary(terminalreporter: Any, exitstatus: int, config: pyte
         given = [f"--envcraft-{name.replace('_', '-')}" for name in SETTINGS if config.getoption(f"envcraft_{name}")]
         if config.getoption("envcraft"):
             words = "there is no environment here: no .py file defines a subclass of gymnasium.Env"
+            collection: Any = config.pluginmanager.get_plugin("envcraft-collection")
+            if excluded := collection.excluded:
+                words = f"exclude in [tool.envcraft] leaves none of {excluded} environment{'s' * (excluded > 1)}"
             terminalreporter.write_line(f"envcraft: {words}")
         elif given:
             terminalreporter.write_line(f"envcraft: {given[0]} collects nothing; add --envcraft")

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from envcraft.judging.selection import select_checks
+from envcraft.cli.commands.validate import is_excluded
 from envcraft.model import project
 from envcraft.model.target import MAX_SOURCE, parse
 from envcraft.pytest_plugin.items import CheckItem
@@ -27,10 +27,18 @@ _EVERYTHING = ("*", "*.py")
 
 
 class Collection:
-    """The plugin that ``--envcraft`` registers to collect environment files."""
+    """The plugin that ``--envcraft`` registers to collect environment files.
 
-    def __init__(self, settings: Settings) -> None:
+    Attributes:
+        settings: how they are judged.
+        checks: the names of the checks that run.
+        excluded: the number of environment files that the settings exclude.
+    """
+
+    def __init__(self, settings: Settings, folder: Path) -> None:
         self.settings = settings
+        self.checks = [check.name for check in settings.selected(settings.severity(folder))]
+        self.excluded = 0
 
     def pytest_report_header(self) -> str:
         given = self.settings
@@ -48,9 +56,12 @@ class Collection:
             line = 1
         if line is None:
             return collectors
+        if is_left_out(file_path, parent.session, self.settings.exclude):
+            self.excluded += 1
+            return []
         # Other collectors would import the file, and a package as the parent would import its __init__.py.
         file: EnvironmentFile = EnvironmentFile.from_parent(parent.session, path=file_path)
-        file.line, file.settings = line, self.settings
+        file.line, file.settings, file.checks = line, self.settings, self.checks
         return [file]
 
 
@@ -59,12 +70,13 @@ class EnvironmentFile(pytest.File):
 
     line: int
     settings: Settings
+    checks: list[str]
 
     def collect(self) -> Iterator[CheckItem]:
         spec = Spec(str(self.path))
-        for check in select_checks(self.settings.checks, self.settings.skip):
-            item: CheckItem = CheckItem.from_parent(self, name=check.name)
-            item.line, item.stash[CASE] = self.line, Case(spec, self.settings.for_one(), check.name)
+        for check in self.checks:
+            item: CheckItem = CheckItem.from_parent(self, name=check)
+            item.line, item.stash[CASE] = self.line, Case(spec, self.settings.for_one(), check)
             item.add_marker("envcraft")
             if self.config.pluginmanager.hasplugin("xdist"):
                 item.add_marker(pytest.mark.xdist_group(self.nodeid))
@@ -75,6 +87,14 @@ def is_test_module(path: Path, config: pytest.Config) -> bool:
     """Return whether a file's name makes it a test module."""
     added = [pattern for pattern in config.getini("python_files") if pattern not in _EVERYTHING]
     return any(fnmatch(str(path) if "/" in pattern else path.name, pattern) for pattern in (*_TESTS, *added))
+
+
+def is_left_out(path: Path, session: pytest.Session, exclude: tuple[str, ...]) -> bool:
+    """Return whether a glob pattern matches a file below the folder that the command line names."""
+    if not exclude or session.isinitpath(path):
+        return False
+    folder = next(filter(session.isinitpath, path.parents), session.path)
+    return is_excluded(str(path), str(folder), exclude)
 
 
 def environment_line(path: Path) -> int | None:

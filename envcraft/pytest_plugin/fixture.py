@@ -11,7 +11,6 @@ from typing import Any, NoReturn, TypedDict, Unpack
 import pytest
 
 from envcraft.errors import EnvCraftError, UsageError
-from envcraft.judging.selection import select_checks
 from envcraft.model.verdict import CheckReport, SubjectReport, Verdict
 from envcraft.pytest_plugin import words
 from envcraft.pytest_plugin.items import could_not_judge, settle
@@ -93,7 +92,8 @@ def cases(test: pytest.Item) -> list[Case]:
         spec = spec_of(target, test.config.rootpath)
         # Else the test of each check would be the same error.
         judge_of(test.config).target(spec)
-        return [Case(spec, chosen.for_one(), check.name) for check in select_checks(chosen.checks, chosen.skip)]
+        selected = chosen.selected(chosen.severity(test.config.rootpath))
+        return [Case(spec, chosen.for_one(), check.name) for check in selected]
     except EnvCraftError as error:
         _wrong_marker(test, f"is invalid: {error}")
 

@@ -16,13 +16,17 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import msgspec
 import pytest
 
-from envcraft.cli.configured import configuration, place, settings_of_all_commands
+from envcraft.cli.commands.validate import blame_settings, read_kwargs, read_wrappers, severity_of
+from envcraft.cli.commands.validate import validate as validate_command
+from envcraft.cli.configured import of_the_file
+from envcraft.cli.options import policy_of
 from envcraft.contracts.lookup import contract_named
 from envcraft.environments.targets import resolve
 from envcraft.errors import EnvCraftError, UsageError
 from envcraft.judging.budget import BUDGETS
 from envcraft.judging.selection import driver_named, select_checks, split
-from envcraft.judging.severity import SeverityPolicy, severity_table
+from envcraft.judging.severity import SeverityPolicy
+from envcraft.model.project import configured
 from envcraft.model.target import kind_of
 from envcraft.model.verdict import CheckReport, SubjectReport, Verdict, overall, plain
 from envcraft.pytest_plugin.settings import SETTINGS
@@ -30,6 +34,7 @@ from envcraft.registry import did_you_mean, offered
 from envcraft.text import relative
 
 if TYPE_CHECKING:
+    from envcraft.judging.check import Check
     from envcraft.judging.driver import Driver
     from envcraft.model.target import Target
 
@@ -37,7 +42,7 @@ _MAX_SEED = 2**31 - 1
 
 
 class Settings(NamedTuple):
-    """How to judge. `checks` and `skip` are names separated by commas; None means all checks and no check."""
+    """How to judge. Lists are names separated by commas, as on the command line; None means that nothing is said."""
 
     contract: str = "arcade"
     budget: str = "standard"
@@ -46,12 +51,29 @@ class Settings(NamedTuple):
     checks: str | None = None
     skip: str | None = None
     runtime: str | None = None
-    least: str | None = None
+    require_isolation: str | None = None
     time_limit: float | None = None
+    select: str | None = None
+    ignore: str | None = None
+    exclude: tuple[str, ...] = ()
+    baseline: str | None = None
+    strict: bool = False
+    fail_fast: bool = False
+    policy: str | None = None
+    kwargs: str | None = None
+    wrap: tuple[str, ...] = ()
 
     def for_one(self) -> Settings:
         """Return the same settings without a selection of checks."""
         return self._replace(checks=None, skip=None)
+
+    def selected(self, severity: SeverityPolicy) -> list[Check]:
+        """The checks that run. Raises UsageError if a name does not exist."""
+        return select_checks(self.checks, self.skip, severity.select, severity.ignore)
+
+    def severity(self, folder: Path) -> SeverityPolicy:
+        """Which findings count in the project of a folder. Raises UsageError."""
+        return severity_of(folder, self.strict, self.select, self.ignore, self.baseline)
 
 
 class Spec(NamedTuple):
@@ -125,12 +147,13 @@ class Judge:
     def subject(self, spec: Spec, settings: Settings) -> Judged:
         """Judge a whole subject. Raises EnvCraftError if nothing could be judged."""
         target = self.target(spec)
-        names = [check.name for check in select_checks(settings.checks, settings.skip)]
+        severity = settings.severity(self._config.rootpath)
+        names = [check.name for check in settings.selected(severity)]
         asked = (target, settings.for_one(), names)
         key = hashlib.sha256(msgspec.json.encode(asked)).hexdigest()
         if key not in self._reports:
             try:
-                self._reports[key] = self._share(key, lambda: self._judge(target, settings))
+                self._reports[key] = self._share(key, lambda: self._judge(target, settings, severity))
             except EnvCraftError as error:
                 self._reports[key] = error
         found = self._reports[key]
@@ -158,30 +181,35 @@ class Judge:
             return msgspec.structs.replace(target, path=relative(target.path, str(self._config.invocation_params.dir)))
         return target
 
-    def _judge(self, target: Target, settings: Settings) -> SubjectReport:
+    def _judge(self, target: Target, settings: Settings, severity: SeverityPolicy) -> SubjectReport:
         from envcraft.judging.engine import Plan, cores, validate
         from envcraft.model.events import Finished
 
         plan = Plan(
-            [target],
+            [configured(target, read_kwargs(settings.kwargs), settings.wrap)],
             contract_named(settings.contract),
             self._driver(settings),
-            select_checks(settings.checks, settings.skip),
+            settings.selected(severity),
             BUDGETS[settings.budget],
             settings.seed,
+            policy_of(settings.policy),
             parallel_jobs=max(cores() // self._lanes_of, 1),
             time_limit=settings.time_limit,
-            severity=SeverityPolicy(severity_table(self._config.rootpath), comments=True),
+            fail_fast=settings.fail_fast,
+            severity=severity,
         )
         with warnings.catch_warnings():
             # pytest's filters are for the tests' own code and must not change a verdict.
             warnings.simplefilter("ignore")
             with contextlib.closing(validate(plan, 1)) as events:
                 [report] = [event.report for event in events if isinstance(event, Finished)]
-        return report.reports[0]
+        [subject] = report.reports
+        for _ in blame_settings(subject, lambda error: of_the_file(error, self._config.rootpath)):
+            pass
+        return subject
 
     def _driver(self, settings: Settings) -> Driver:
-        key = settings.sandbox, settings.least, settings.runtime
+        key = settings.sandbox, settings.require_isolation, settings.runtime
         if key not in self._drivers:
             try:
                 self._drivers[key] = driver_named(*key)
@@ -285,41 +313,54 @@ def _class_spec(target: type) -> Spec:
 
 def settings(config: pytest.Config, given: dict[str, Any] | None = None) -> Settings:
     """Resolve the settings; `given` ones win. Raises UsageError if a value does not exist."""
-    found = _of_project(config.rootpath)
-    # Where values that are not from the project's file are from.
+    folder = config.rootpath
+    read = validate_command.read(folder)
+    found = {name: value for name, value in read.items() if name in Settings._fields}
+    # Where values that are not from the project's file are from; a call or a marker names itself.
     origins: dict[str, str] = {}
     for name in SETTINGS:
         option = name.replace("_", "-")
         # In pytest's configuration an empty value is none.
         for value, origin in (
-            ((given or {}).get(name), option),
+            ((given or {}).get(name), ""),
             (config.getoption(f"envcraft_{name}"), f"--envcraft-{option}"),
-            (config.getini(f"envcraft_{name}") or None, f"envcraft_{name}"),
+            (config.getini(f"envcraft_{name}") or None, _place_of_ini(config, f"envcraft_{name}")),
         ):
             if value is not None:
                 found[name], origins[option] = value, origin
                 break
     try:
-        chosen = Settings(**{name: _plain(name, value) for name, value in found.items()})
-        _require(chosen)
+        chosen = Settings(**{name: _plain(name, value) if name in SETTINGS else value for name, value in found.items()})
+        _require(chosen, folder)
     except UsageError as error:
         setting = error.setting
-        if setting.replace("-", "_") not in found:
-            raise
-        origin = origins.get(setting) or place(setting, config.rootpath)
-        if f"--{setting}" in str(error):
-            raise UsageError(str(error).replace(f"--{setting}", origin)) from None
         if setting in origins:
-            raise
-        raise UsageError(f"{origin}: {error}") from None
-    severity_table(config.rootpath)
+            raise UsageError(_from(origins[setting], setting, str(error))) from None
+        raise of_the_file(error, folder) if setting.replace("-", "_") in found else error from None
     return chosen
 
 
-def _require(chosen: Settings) -> None:
+def _place_of_ini(config: pytest.Config, name: str) -> str:
+    """Where a value of pytest's configuration is, for messages."""
+    overridden = any(words.partition("=")[0] == name for words in config.getoption("override_ini") or ())
+    return f"-o {name}" if overridden else f"{config.inipath}: {name}"
+
+
+def _from(origin: str, setting: str, words: str) -> str:
+    """An error about a setting that names the option or the key that its value is from."""
+    option = f"--{setting}"
+    if not origin:
+        return words.replace(option, setting)
+    return words.replace(option, origin) if words.startswith(option) else f"{origin}: {words}"
+
+
+def _require(chosen: Settings, folder: Path) -> None:
     """Raise UsageError if a name does not exist."""
     contract_named(chosen.contract)
-    select_checks(chosen.checks, chosen.skip)
+    chosen.selected(chosen.severity(folder))
+    policy_of(chosen.policy)
+    read_kwargs(chosen.kwargs)
+    read_wrappers(chosen.wrap)
     if chosen.budget not in BUDGETS:
         raise UsageError(f"there is no budget {did_you_mean(chosen.budget, BUDGETS)}", setting="budget")
     if chosen.sandbox != "auto":
@@ -327,12 +368,6 @@ def _require(chosen: Settings) -> None:
         drivers = ["auto", *(driver.name for driver in offered("envcraft_sandbox_drivers"))]
         if chosen.sandbox not in drivers:
             raise UsageError(f"there is no sandbox {did_you_mean(chosen.sandbox, drivers)}", setting="sandbox")
-
-
-def _of_project(folder: Path) -> dict[str, Any]:
-    """Read the settings in ``[tool.envcraft]`` that apply to tests; those of the commands alone are ignored."""
-    options = {name.replace("_", "-"): name for name in Settings._fields if name != "least"}
-    return configuration(folder, options | {"require-isolation": "least"}, others=settings_of_all_commands)
 
 
 def _plain(name: str, value: Any) -> Any:

@@ -6,7 +6,7 @@ import contextlib
 import json
 import os
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any, TextIO
@@ -148,9 +148,7 @@ def validate(
                  2 usage error                 3 an environment could not be judged
     """
     wanted, promised = read_reports(form, output, also), contract_named(contract)
-    codes, ignored = _codes(select, "select", "checks"), _codes(ignore, "ignore", "skip")
-    known = read_baseline(baseline) if baseline else ()
-    severity = SeverityPolicy(severity_table(Path.cwd()), strict, True, codes, ignored, frozenset(known))
+    severity = severity_of(Path.cwd(), strict, select, ignore, baseline)
     verbosity = _verbosity(ctx, quiet, verbose)
     changes = read_kwargs(kwargs), read_wrappers(wrap)
     files, unusable = _files(ctx, targets, env_class, environments_only, exclude, changes)
@@ -165,7 +163,7 @@ def validate(
         stack.callback(driver.close)
         pool = stack.enter_context(WorkerPool(driver, Limits(), len(files)))
         # Slow work comes here, while the first worker starts.
-        selected = select_checks(checks, skip, codes, ignored)
+        selected = select_checks(checks, skip, severity.select, severity.ignore)
         streams = [stack.enter_context(report_stream(path, not number)) for number, (_, path) in enumerate(wanted)]
         with uninterrupted():
             from envcraft.cli.progress import Progress
@@ -203,7 +201,7 @@ def validate(
         for event in stack.enter_context(contextlib.closing(judge(plan, workers, pool, exitfirst))):
             if isinstance(event, SubjectFinished):
                 finished.append(event)
-                misused |= dict.fromkeys(_blame_the_file(ctx, event.report))
+                misused |= dict.fromkeys(blame_settings(event.report, lambda error: blamed(ctx, error)))
             if verbosity >= 0:
                 progress.handle(event)
             for reporter in reporters:
@@ -217,14 +215,19 @@ def validate(
     ctx.exit(ExitCode.USAGE if unusable else exit_code(report, exit_zero))
 
 
-def _blame_the_file(ctx: click.Context, report: SubjectReport) -> Iterator[str]:
-    """Let a report's errors about values of ``[tool.envcraft]`` name the file and the setting, and yield them."""
+def blame_settings(report: SubjectReport, blame: Callable[[UsageError], UsageError]) -> Iterator[str]:
+    """Let a report's errors about values of ``[tool.envcraft]`` name the file and the setting, and yield them.
+
+    Args:
+        report: the report, whose reasons change.
+        blame: returns an error that names the file, or the same error if the value is not from there.
+    """
     for check in report.checks:
         option = _OPTION.match(check.reason) if check.wrong_use else None
         if option is None:
             continue
         wrong = UsageError(check.reason, setting=option[1])
-        if (other := blamed(ctx, wrong)) is not wrong:
+        if (other := blame(wrong)) is not wrong:
             # The subject has the reason of its first check that could not judge.
             report.reason = str(other) if report.reason == check.reason else report.reason
             check.reason = str(other)
@@ -299,6 +302,32 @@ def _keep_files(wanted: list[tuple[type[Reporter], str | None]], read: list[str]
         if path and os.path.realpath(path) in kept:
             words = f"the report {path} would replace the file that is judged; name another file"
             raise UsageError(words, setting="report" if number else "output")
+
+
+def severity_of(
+    folder: Path,
+    strict: bool = False,
+    select: str | None = None,
+    ignore: str | None = None,
+    baseline: str | None = None,
+    table: Mapping[str, str] | None = None,
+) -> SeverityPolicy:
+    """Decide which findings of an author's run count.
+
+    Args:
+        folder: The folder whose ``pyproject.toml`` holds severities.
+        strict: The value of ``--strict``.
+        select: The value of ``--select``.
+        ignore: The value of ``--ignore``.
+        baseline: The value of ``--baseline``.
+        table: Severities that win over those of the file.
+
+    Raises:
+        UsageError: A name does not exist, or the baseline cannot be read.
+    """
+    codes, ignored = _codes(select, "select", "checks"), _codes(ignore, "ignore", "skip")
+    known = read_baseline(baseline) if baseline else ()
+    return SeverityPolicy(severity_table(folder) | dict(table or {}), strict, True, codes, ignored, frozenset(known))
 
 
 def _codes(names: str | None, setting: str, instead: str) -> tuple[str, ...]:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.envcraft.pytest_plugin.stand_in import Canned, Run
+from tests.envcraft.pytest_plugin.stand_in import QUICK, Canned, Run, outcomes
 
 pytest_plugins = ["pytester"]
 
@@ -70,13 +70,19 @@ def test_wrong_settings_are_a_sentence(walk: Path, run: Run, option: str, senten
     ("setting", "words"),
     [
         ('contract = "arcad"', "contract: there is no contract 'arcad'; did you mean arcade?"),
-        ('budget = "quik"', "budget: there is no budget 'quik'; did you mean quick?"),
+        ('budget = "quik"', "budget: 'quik' is not one of 'quick', 'standard', 'thorough'."),
         ('sandbox = "doker"', "sandbox: there is no sandbox 'doker'; did you mean docker?"),
-        ("seed = -1", "seed: the seed -1 is not a whole number"),
-        ("checks = []", "checks '' leaves no check to run"),
-        ("time-limit = true", "time-limit: the time limit True is not a number of seconds above 0"),
-        ("time-limit = 0", "time-limit: the time limit 0 is not a number of seconds above 0"),
+        ("seed = -1", "seed: -1 is not a whole number from 0 to 2147483647"),
+        ("checks = []", "checks: '' leaves no check to run"),
+        ("time-limit = true", "time-limit: 'true' is not a number above 0"),
+        ("time-limit = 0", "time-limit: 0.0 is not a number above 0"),
         ('skip = ["reword"]', "skip: there is no check 'reword'; did you mean reward?"),
+        ("select = []", "select: '' names no code"),
+        ('ignore = "EC901"', "ignore: EC901 cannot be ignored"),
+        ('baseline = "none.json"', "baseline: the baseline none.json does not exist"),
+        ('policy = "none.py"', "policy: the policy none.py cannot be read: No such file or directory"),
+        ('kwargs = "[1]"', "kwargs: [1] is not a JSON object"),
+        ("strict = 3", "strict: '3' is not a valid boolean"),
     ],
 )
 def test_a_setting_is_blamed_on_its_file(pytester: pytest.Pytester, walk: Path, setting: str, words: str) -> None:
@@ -91,6 +97,70 @@ def test_an_option_is_not_blamed_on_the_file(pytester: pytest.Pytester, walk: Pa
     result = run("games", "--envcraft-contract=arcad")
     assert result.ret == pytest.ExitCode.USAGE_ERROR
     assert "pyproject" not in result.stderr.str()
+
+
+@pytest.mark.parametrize(
+    ("setting", "checks"),
+    [
+        ('select = "EC2"\nskip = "reward"', ["source", "determinism", "sandbox"]),
+        ('checks = ["reward", "observation"]\nignore = ["EC3"]', ["source", "observation", "sandbox"]),
+    ],
+)
+def test_selected_and_ignored_rules_are_those_of_the_command(
+    pytester: pytest.Pytester, walk: Path, run: Run, canned: Canned, setting: str, checks: list[str]
+) -> None:
+    pytester.makepyprojecttoml(f"[tool.envcraft]\n{setting}\n")
+    tests = outcomes(run("games", "-v"))
+    assert [test.partition("::")[2] for test in tests] == checks
+    assert [check.name for check in canned.plans[-1].checks] == checks
+
+
+def test_excluded_files_are_not_collected(pytester: pytest.Pytester, walk: Path, run: Run) -> None:
+    walk.with_name("old_walk.py").write_text(walk.read_text())
+    pytester.makepyprojecttoml('[tool.envcraft]\nexclude = ["old_*"]\nchecks = ["source"]\n')
+    assert {test.partition("::")[0] for test in outcomes(run(".", "-v"))} == {"games/walk.py"}
+    assert {test.partition("::")[0] for test in outcomes(run("games/old_walk.py", "-v"))} == {"games/old_walk.py"}
+    walk.unlink()
+    run(".").stdout.fnmatch_lines(["envcraft: exclude in [[]tool.envcraft] leaves none of 1 environment"])
+
+
+def test_settings_say_how_to_judge(pytester: pytest.Pytester, walk: Path, run: Run, canned: Canned) -> None:
+    pytester.makepyprojecttoml(
+        """
+        [tool.envcraft]
+        strict = true
+        fail-fast = true
+        policy = "win.py"
+        baseline = "base.json"
+        kwargs = {render_mode = "rgb_array"}
+        wrap = ["gymnasium.wrappers:FlattenObservation"]
+        format = "json"
+        """
+    )
+    pytester.path.joinpath("base.json").write_text('{"reports": []}')
+    pytester.path.joinpath("win.py").write_text("class Policy:\n    def act(self, env, seed):\n        return 0\n")
+    run("games")
+    plan = canned.plans[-1]
+    assert (plan.severity.strict, plan.fail_fast, plan.policy and plan.policy.path) == (True, True, "win.py")
+    assert canned.target.kwargs == {"render_mode": "rgb_array"}
+    assert canned.target.wrappers == ("gymnasium.wrappers:FlattenObservation",)
+
+
+def test_what_the_command_ignores_passes_here_too(pytester: pytest.Pytester, walk: Path) -> None:
+    walk.write_text(walk.read_text().replace("float(won), won", "float('nan'), won"))
+    assert pytester.runpytest_inprocess(*QUICK, "--envcraft-checks=reward", "games").ret == 1
+    pytester.makepyprojecttoml('[tool.envcraft]\nignore = "EC301"\n')
+    result = pytester.runpytest_inprocess(*QUICK, "--envcraft-checks=reward", "games")
+    assert result.ret == 0, result.stdout.str()
+
+
+def test_strict_fails_what_is_undecided(pytester: pytest.Pytester, walk: Path) -> None:
+    walk.write_text(walk.read_text().replace("won = self.x >= self.goal", "won = False"))
+    options = (*QUICK, "--envcraft-checks=difficulty", "games")
+    assert pytester.runpytest_inprocess(*options).parseoutcomes()["skipped"]
+    pytester.makepyprojecttoml("[tool.envcraft]\nstrict = true\n")
+    result = pytester.runpytest_inprocess(*options)
+    assert result.parseoutcomes()["failed"] == 1, result.stdout.str()
 
 
 def test_a_setting_of_a_command_is_ignored(pytester: pytest.Pytester, walk: Path, run: Run, canned: Canned) -> None:
