@@ -13,6 +13,7 @@ from pathlib import Path
 import click
 
 from envcraft.errors import UsageError
+from envcraft.model.import_folders import import_folders
 from envcraft.model.project import (
     Place,
     defined_classes,
@@ -164,9 +165,15 @@ def say_skipped(files: list[str], kind: str, words: str) -> None:
 
 
 def _module(name: str) -> Target:
-    """The class that ``package.module:Class`` names, from the working directory, else from what is installed."""
+    """The class that ``package.module:Class`` names, from the working directory, what is installed, or the folders that
+    the project's tests import from.
+    """
     module, _, env_class = name.partition(":")
-    root = Path.cwd()
+    root = here = Path.cwd()
+    # Python itself finds what is installed from such a folder.
+    others = [] if _is_installed(module.partition(".")[0], here) else import_folders(here)
+    if Place(here, module).find(here / module, module) is None:
+        root = next((each for each in others if Place(each, module).find(each / module, module) is not None), here)
     found = defining_file(root, module, env_class)
     if found is not None:
         file, defined = found
@@ -177,7 +184,8 @@ def _module(name: str) -> Target:
         if not _is_installed(module.partition(".")[0], root):
             return with_project(target, root)
     else:
-        _require_module(root, module)
+        for folder in (here, *others):
+            _require_module(folder, module)
     return Target(name, kind=Kind.MODULE)
 
 

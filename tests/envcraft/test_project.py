@@ -334,6 +334,27 @@ def test_a_class_that_a_file_imports_is_judged_where_its_package_is_installed(
     assert [target.kind for target in resolve("games:Walk")] == [Kind.MODULE]
 
 
+def test_a_named_module_is_found_in_src(invoke: Invoke, good: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(good.parent)
+    Path("pyproject.toml").write_text("[project]\nname = 'zz_games'\n")
+    Path("src/zz_games").mkdir(parents=True)
+    Path("src/zz_games/__init__.py").write_text("from .walk import Walk\n")
+    good.rename("src/zz_games/walk.py")
+    options = ("--sandbox", "process", "--budget", "quick", "--checks", "source", "--format", "json")
+    for target in ("zz_games.walk:Walk", "zz_games:Walk"):
+        result = invoke("validate", target, *options)
+        assert result.exit_code == 0, result.output
+        [report] = json.loads(result.stdout)["reports"]
+        assert report["path"] == "src/zz_games/walk.py"
+    missing = invoke("validate", "zz_games.run:Walk", *options)
+    assert (missing.exit_code, missing.stderr) == (
+        2,
+        "Error: the folder zz_games has no module zz_games.run; zz_games has walk\n",
+    )
+    monkeypatch.syspath_prepend(good.parent / "src")
+    assert [target.kind for target in resolve("zz_games.walk:Walk")] == [Kind.MODULE]
+
+
 @pytest.mark.parametrize("target", ["walk.py", "walk:Walk"])
 def test_a_wrapper_of_the_project_is_found(
     target: str, invoke: Invoke, good: Path, monkeypatch: pytest.MonkeyPatch
