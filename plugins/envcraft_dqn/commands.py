@@ -14,13 +14,15 @@ import click
 
 from envcraft.cli.signals import uninterrupted
 from envcraft.errors import UsageError
-from envcraft.text import plural
+from envcraft.text import one_line, plural
 from envcraft_dqn.config import read_config, write_config
 from envcraft_dqn.files import exclusive
 from envcraft_dqn.settings import AUGMENTATIONS, HEADS, OBJECTIVES, PRECISIONS, RENAMED, REPLAYS, SIZES, Settings
 
 _F = TypeVar("_F", bound=Callable[..., Any])
 _DEFAULT = Settings()
+#: The first file of a run, which every folder of a run holds.
+_CONFIG = "config.toml"
 
 
 def _environment_options(command: _F) -> _F:
@@ -209,6 +211,7 @@ def train(
     settings.check()
     if bool(held_out) != (eval_every is not None):
         raise UsageError("--eval-every and --held-out belong together: name the environments of the tests")
+    _check_output(output)
     from envcraft_dqn.selection import matches, select_environments, source_digests
 
     selection = select_environments(corpus, select, contract, trust, sandbox, workers, fast)
@@ -232,7 +235,7 @@ def train(
     adviser = adviser_named(demos, selection) if demos is not None and settings.objective == "dagger" else None
     first = None if initial is None else agent_file(initial)
     _ensure_writable(output)
-    write_config(output / "config.toml")
+    write_config(output / _CONFIG)
     click.echo(f"{plural(len(names), 'environment')}; output in {output}", err=True)
     every, sources = checkpoint_minutes * 60, source_digests(corpus, names, contract)
     try:
@@ -348,6 +351,15 @@ def evaluate(
             output.write_text(f"{text}\n", "utf-8")
         except OSError as error:
             raise UsageError(f"{output} cannot be written: {error.strerror or error}") from None
+
+
+def _check_output(folder: Path) -> None:
+    """Raise UsageError if a folder is neither new nor empty nor that of a run."""
+    if not folder.is_dir() or (folder / _CONFIG).is_file():
+        return
+    if foreign := min((entry.name for entry in folder.iterdir()), default=""):
+        words = f"{folder} contains {one_line(foreign)} and is no run; name a folder that is new, empty or a run"
+        raise UsageError(words, setting="output")
 
 
 def _ensure_writable(folder: Path) -> None:

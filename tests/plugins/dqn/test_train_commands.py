@@ -103,6 +103,16 @@ def test_refused_run_leaves_no_curves(corpus: Path, tmp_path: Path) -> None:
     assert not (tmp_path / "run" / "tensorboard").exists()
 
 
+def test_a_folder_of_something_else_is_refused(corpus: Path, tmp_path: Path) -> None:
+    report = tmp_path / "report"
+    report.mkdir()
+    (report / "index.html").write_text("<html>")
+    refused = run("train", corpus, "--output", report, *TRAIN)
+    assert refused.exit_code == 2
+    assert f"{report} contains index.html and is no run; name a folder that is new, empty or a run" in refused.output
+    assert [entry.name for entry in report.iterdir()] == ["index.html"]
+
+
 def test_interrupted_run_reports_where_it_resumes(
     corpus: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -221,18 +231,21 @@ def test_names_are_selected_as_make_takes_them(corpus: Path, pattern: str) -> No
 
 
 def test_folder_allows_one_run(corpus: Path, tmp_path: Path) -> None:
+    output = tmp_path / "run"
+    output.mkdir()
+    (output / "config.toml").touch()
     holding = "import sys; from pathlib import Path; from envcraft_dqn.files import exclusive\n"
     holding += "with exclusive(Path(sys.argv[1])): print(flush=True); sys.stdin.read()"
-    command = [sys.executable, "-c", holding, str(tmp_path)]
+    command = [sys.executable, "-c", holding, str(output)]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as holder:
         assert holder.stdout is not None
         holder.stdout.readline()
-        result = run("train", corpus, "--output", tmp_path, *TRAIN)
+        result = run("train", corpus, "--output", output, *TRAIN)
         assert result.exit_code == 2, result.output
-        assert f"process {holder.pid} is running in {tmp_path}: wait until it ends" in result.output
+        assert f"process {holder.pid} is running in {output}: wait until it ends" in result.output
         holder.kill()
-    assert not (tmp_path / "checkpoint").exists()
-    assert run("train", corpus, "--output", tmp_path, *TRAIN).exit_code == 0
+    assert not (output / "checkpoint").exists()
+    assert run("train", corpus, "--output", output, *TRAIN).exit_code == 0
 
 
 def test_unwritable_output_is_reported_first(corpus: Path, tmp_path: Path) -> None:
