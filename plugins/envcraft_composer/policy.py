@@ -173,7 +173,7 @@ class Composed(Planner):
         return lost + float(flood.get(ghost.at, 50))
 
     def _to_marks(self, ghost: Any) -> float:
-        """The pushes that bring each crate to a mark of its own, and the way to the nearest crate that is not on one."""
+        """The pushes of each crate to a mark of its own, and the way to the nearest crate that is not on one."""
         crates = tuple(sorted(ghost.crates))
         if crates not in self._pushes:
             away = [self._pulls(ghost, mark) for mark in ghost.marks]
