@@ -94,7 +94,7 @@ class Source(Check):
             "EC002",
             "unknown-import",
             "The file imports an unknown library.",
-            "Use the standard library, the contract's libraries and files of the project, or correct the name.",
+            "Import only what the contract allows, or correct the name.",
         ),
         Rule(
             "EC003",
