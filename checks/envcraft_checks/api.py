@@ -87,14 +87,14 @@ class Api(Check):
             "EC101",
             "observation-space",
             "The observation space is not the contract's.",
-            "Declare the contract's space, or name the environment's own contract with --contract.",
+            "Declare a space that the contract allows, or name another contract with --contract.",
             gate=True,
         ),
         Rule(
             "EC102",
             "action-space",
             "The action space is not the contract's.",
-            "Declare the contract's space, or name the environment's own contract with --contract.",
+            "Declare a space that the contract allows, or name another contract with --contract.",
             gate=True,
         ),
         Rule(
@@ -211,7 +211,10 @@ class Api(Check):
             if (given := description.get(name)) is None:
                 continue
             space = read_space(given)
-            if promised is None and isinstance(space, Unknown) and not space.custom:
+            if isinstance(space, Unknown) and space.name == "NoneType":
+                words = f"{subject.env_class or subject.target.path} has no {name}; set it in __init__"
+                yield self.finding(code, words, line=subject.line_of("__init__"))
+            elif promised is None and isinstance(space, Unknown) and not space.custom:
                 yield self.finding(
                     code, f"{name} is {space}, which is not a Gymnasium space", line=_line_of_space(subject, name)
                 )

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import msgspec
 import pytest
 
-from envcraft.contracts.builtin import ARCADE, ARCADE_NATIVE
+from envcraft.contracts.builtin import ARCADE, ARCADE_NATIVE, GYMNASIUM
 from envcraft.judging.budget import BUDGETS
 from envcraft.judging.engine import Plan, validate
 from envcraft.judging.selection import driver_named, select_checks
@@ -85,6 +86,15 @@ def test_the_contract_that_fits_is_named(target: Target, contract: Contract, cod
     found = findings(judged(target, contract))
     assert set(found) == codes
     assert all(words.endswith(f"--contract {fits}") for words in found.values())
+
+
+@pytest.mark.parametrize("contract", [ARCADE, GYMNASIUM], ids=lambda contract: contract.name)
+def test_a_space_that_is_missing_is_called_so(contract: Contract) -> None:
+    target = game(_SMALL_FRAMES, _PAD)
+    source = target.source.replace(b"    observation_space =", b"    frames =")
+    found = findings(judged(msgspec.structs.replace(target, source=source), contract, checks="api"))
+    assert found["EC101"] == "Game has no observation_space; set it in __init__"
+    assert "EC102" not in found
 
 
 def test_no_contract_fits_a_space_that_gymnasium_does_not_have() -> None:
