@@ -59,12 +59,16 @@ def test_output_to_a_full_device(arguments: list[str], tmp_path: Path) -> None:
 
 
 @pytest.mark.skipif(not FULL.exists(), reason="there is no /dev/full")
-def test_a_report_to_a_full_device(tmp_path: Path) -> None:
+@pytest.mark.parametrize("options", [["--report", f"json:{FULL}"], ["--format", "json", "--output", str(FULL)]])
+def test_a_report_to_a_full_device(options: list[str], tmp_path: Path) -> None:
     (tmp_path / "walk.py").write_text(ENVIRONMENT)
-    words = [*COMMAND, "validate", "walk.py", *JUDGING, "--report", f"json:{FULL}"]
+    words = [*COMMAND, "validate", "walk.py", *JUDGING, *options]
     done = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True, timeout=240)
     assert done.returncode == 3
-    assert "cannot be written: No space left on device" in sentence(done.stderr)
+    expected = f"Error: {FULL} cannot be written: No space left on device; free some space and try again"
+    assert sentence(done.stderr) == expected
+    # The verdict is not lost with the report.
+    assert "1 passed, 0 failed, 0 undecided\n" in done.stderr
 
 
 #: Fills a small disk that holds a corpus, and runs each command there; prints its status, its errors and what is left.

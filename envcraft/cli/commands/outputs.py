@@ -23,13 +23,49 @@ def output_file(path: str, what: str = "", setting: str = "") -> Iterator[Binary
 
     Raises:
         UsageError: if the file cannot be written.
+        OSError: if the disk is full at the end; it names the file.
     """
-    with contextlib.ExitStack() as stack:
+    inside: BaseException | None = None
+    try:
+        with contextlib.ExitStack() as stack:
+            try:
+                stream = stack.enter_context(atomic_write(path))
+            except OSError as error:
+                raise UsageError(f"{what}{path} cannot be written: {error.strerror}", setting) from None
+            try:
+                yield stream
+            except BaseException as error:
+                inside = error
+                raise
+    except OSError as error:
+        # An error inside the block may be about another file, and its own end writes this one.
+        if error is not inside:
+            error.filename = path
+        raise
+
+
+class _Report(io.TextIOWrapper):
+    """A stream whose errors name its file."""
+
+    def __init__(self, data: BinaryIO, path: str) -> None:
+        super().__init__(data, "utf-8")
+        self._path = path
+
+    def write(self, text: str) -> int:
+        with self._naming():
+            return super().write(text)
+
+    def flush(self) -> None:
+        with self._naming():
+            super().flush()
+
+    @contextlib.contextmanager
+    def _naming(self) -> Iterator[None]:
         try:
-            stream = stack.enter_context(atomic_write(path))
+            yield
         except OSError as error:
-            raise UsageError(f"{what}{path} cannot be written: {error.strerror}", setting) from None
-        yield stream
+            error.filename = self._path
+            raise
 
 
 @contextlib.contextmanager
@@ -42,12 +78,13 @@ def report_stream(path: str | None, first: bool) -> Iterator[TextIO]:
 
     Raises:
         UsageError: if the file cannot be written.
+        OSError: if the disk is full; it names the file.
     """
     if not path or path == "-":
         yield sys.stdout
         return
     with output_file(path, "the report ", "output" if first else "report") as data:
-        stream = io.TextIOWrapper(data, "utf-8")
+        stream = _Report(data, path)
         try:
             yield stream
         finally:

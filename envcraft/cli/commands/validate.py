@@ -6,6 +6,7 @@ import contextlib
 import json
 import os
 import re
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from fnmatch import fnmatchcase
 from pathlib import Path
@@ -18,7 +19,7 @@ from envcraft.cli import completion
 from envcraft.cli.commands.outputs import report_stream
 from envcraft.cli.configured import Configured, blamed
 from envcraft.cli.options import check_options, format_option, output_option, policy_of, policy_option, sandbox_options
-from envcraft.cli.signals import uninterrupted
+from envcraft.cli.signals import is_full, uninterrupted
 from envcraft.contracts.lookup import contract_named
 from envcraft.corpus.baseline import read_baseline
 from envcraft.environments.targets import resolve, say_skipped
@@ -34,6 +35,7 @@ from envcraft.model.target import Kind, Target, kind_of
 from envcraft.model.verdict import Report, SubjectReport, Verdict
 from envcraft.registry import offered
 from envcraft.reports.reporter import Reporter, reporter_named
+from envcraft.reports.summary import counted
 from envcraft.text import plural
 
 #: The format that the name of a file suggests.
@@ -208,6 +210,8 @@ def validate(
                 reporter.handle(event)
             if isinstance(event, Finished):
                 report = event.report
+                for stream in streams:
+                    stream.flush()
         assert report is not None
         record(plan, report)
     for words in misused:
@@ -236,13 +240,23 @@ def blame_settings(report: SubjectReport, blame: Callable[[UsageError], UsageErr
 
 @contextlib.contextmanager
 def _counting(finished: list[SubjectFinished], every: int) -> Iterator[None]:
-    """If the user interrupts a run of several environments, say how many were judged and which command keeps them."""
+    """If a run ends early, say what is lost.
+
+    After an interrupt, that is how many of several environments were judged, and which command keeps them. After a full
+    disk, it is the summary of the report.
+    """
     try:
         yield
     except KeyboardInterrupt:
         if every > 1:
             words = "were judged and not stored; `envcraft audit FOLDER` stores each verdict and resumes"
             click.echo(f"{len(finished):,} of {every:,} {words}", err=True)
+        raise
+    except OSError as error:
+        if is_full(error) and finished:
+            counts = counted(Counter(event.report.outcome for event in finished))
+            with contextlib.suppress(OSError):
+                click.echo(", ".join(words for _, words in counts), err=True)
         raise
 
 
