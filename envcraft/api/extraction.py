@@ -73,7 +73,9 @@ def needed(text: str, name: str, known: frozenset[str] = frozenset()) -> str:
             continue
         seen.add(wanted)
         if wanted not in binding:
-            if wanted == name or (wanted in known and not hasattr(builtins, wanted) and not wanted.startswith("__")):
+            if wanted == name:
+                raise UsageError(f"its module does not name the class {name}; define it at the top level as {name}")
+            if wanted in known and not hasattr(builtins, wanted) and not wanted.startswith("__"):
                 raise UsageError(f"{name} needs {wanted}, and no statement of its module binds it; bind it, or pass it")
             continue
         for node in binding[wanted]:
