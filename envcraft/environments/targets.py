@@ -65,12 +65,12 @@ def resolve(
     try:
         mode = os.stat(path).st_mode
     except FileNotFoundError:
+        file, _, name = path.partition(".py:")
+        if name and os.path.isfile(f"{file}.py"):
+            words = f"name the class of a file so: {file}.py --class {name.lstrip(':')}"
+            raise UsageError(f"{path} does not exist; {words}") from None
         if (kind := kind_of(path)) is None:
             raise UsageError(_absent(path)) from None
-        file, _, name = path.partition(":")
-        name = name.lstrip(":")
-        if file.endswith(".py") and os.path.isfile(file):
-            raise UsageError(f"{path} does not exist; name the class of a file so: {file} --class {name}") from None
         if env_class is not None:
             words = "names its class" if kind is Kind.MODULE else "has one class"
             text = f"--class {env_class} does not apply to {path}, which {words}; leave it out"
@@ -192,6 +192,8 @@ def _module(name: str) -> Target:
 def _registered(name: str) -> Target:
     """The environment of an id. Raises UsageError if its module is only in the working directory."""
     root, module = Path.cwd(), name.rpartition(":")[0]
+    if name.endswith(":"):
+        raise UsageError(f"{name} names no environment; write its id after the colon, such as gymnasium:CartPole-v1")
     if "/" in module:
         raise UsageError(f"{name} does not exist; did you mean {name.replace('/', '.')}?")
     package = module.partition(".")[0]

@@ -362,6 +362,8 @@ def test_a_baseline_may_come_through_a_pipe(invoke: Invoke, good: Path, tmp_path
     ("arguments", "words"),
     [
         (["walk.py:Walk"], "walk.py:Walk does not exist; name the class of a file so: walk.py --class Walk"),
+        (["./walk.py:Walk"], "./walk.py:Walk does not exist; name the class of a file so: ./walk.py --class Walk"),
+        (["gymnasium:"], "gymnasium: names no environment; write its id after the colon"),
         (["walk.py::Walk"], "walk.py::Walk does not exist; name the class of a file so: walk.py --class Walk"),
         (["games.walk.Walk"], "games.walk.Walk does not exist; did you mean games.walk:Walk?"),
         ([""], "the target is empty; give a Python file"),
