@@ -46,6 +46,7 @@ _FREE = 3
 _SHORTEST_PATH = 16
 _PLAIN_SIGNS = {**SIGNS, Outcome.PASS: "+", Outcome.FAIL: "x"}
 _DIM = "bright_black"
+_JUDGED = "judged"
 
 
 @dataclass
@@ -60,9 +61,10 @@ class Row:
 
 
 class Tally:
-    """Counts of events. `clock` returns seconds."""
+    """Counts of events. `clock` returns seconds, and `verb` says what happens to an environment."""
 
-    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(self, clock: Callable[[], float] = time.monotonic, verb: str = _JUDGED) -> None:
+        self.verb = verb
         self.rows: dict[str, Row] = {}
         self.total = 0
         self.outcomes: Counter[Outcome] = Counter()
@@ -116,9 +118,10 @@ class Tally:
 
     def words(self) -> Iterator[tuple[str, str]]:
         """Return all counts as phrases with a style."""
-        yield f"{self.done:,} of {self.total:,} judged", "bold"
+        yield f"{self.done:,} of {self.total:,} {self.verb}", "bold"
         for outcome, words in OUTCOMES.items():
-            if self.outcomes[outcome]:
+            # Where nothing is judged, nothing passes.
+            if self.outcomes[outcome] and (self.verb == _JUDGED or outcome is not Outcome.PASS):
                 yield f"{self.outcomes[outcome]:,} {words}", STYLES[outcome]
         if (speed := self.speed()) is not None:
             yield speed_words(speed), _DIM
@@ -134,6 +137,7 @@ class Progress:
             reporter writes.
         console: the terminal of the view, by default stderr if it is one.
         clock: returns seconds.
+        verb: what happens to an environment, such as ``played``.
     """
 
     def __init__(
@@ -141,8 +145,9 @@ class Progress:
         output: TextIO | None = None,
         console: Console | None = None,
         clock: Callable[[], float] = time.monotonic,
+        verb: str = _JUDGED,
     ) -> None:
-        self._tally = Tally(clock)
+        self._tally = Tally(clock, verb)
         self._clock = clock
         self._console = console or _terminal()
         self._gives_way = (output or sys.stdout).isatty()
@@ -287,7 +292,7 @@ def line(tally: Tally) -> str:
         return ", ".join(words for words, _ in tally.words())
     said = []
     for row in tally.rows.values():
-        said += [f"{row.path}: {row.running or 'judged'}", plural(row.steps, "step")]
+        said += [f"{row.path}: {row.running or tally.verb}", plural(row.steps, "step")]
         said += [speed_words(speed)] if (speed := tally.speed(row)) is not None else []
     return ", ".join(said)
 

@@ -218,5 +218,5 @@ def _progress() -> Iterator[EventHandler]:
     """Show progress on stderr."""
     from envcraft.cli.progress import Progress
 
-    with Progress(io.StringIO()) as progress:
+    with Progress(io.StringIO(), verb="played") as progress:
         yield progress.handle

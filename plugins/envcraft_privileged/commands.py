@@ -269,7 +269,7 @@ def _progress() -> Iterator[recorder.EventHandler]:
 
     from envcraft.cli.progress import Progress
 
-    with Progress(io.StringIO()) as progress:
+    with Progress(io.StringIO(), verb="played") as progress:
         try:
             yield progress.handle
         except KeyboardInterrupt:

@@ -235,6 +235,14 @@ def test_lines_now_and_then_where_there_is_no_terminal(
     assert lines[-1] == "36 of 40 judged, 36 passed, 8,120 steps/s, about 5 s left"
 
 
+def test_what_is_only_played_has_not_passed() -> None:
+    tally = Tally(Clock(), "played")
+    for event in canned(40, 4):
+        tally.take(event)
+    assert line(tally).startswith(f"{tally.done} of 40 played")
+    assert "passed" not in line(tally)
+
+
 def test_a_single_subject_is_spoken_of_only_when_it_takes_long(capsys: pytest.CaptureFixture[str]) -> None:
     clock = Clock()
     with Progress(clock=clock) as progress:
