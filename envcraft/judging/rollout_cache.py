@@ -60,6 +60,7 @@ class RolloutCache:
         self._budget = budget
         self._coverage = coverage
         self._troubles: Counter[ExitReason] = Counter()
+        self._policy_troubles = 0
         self._enough = _ENOUGH
         #: How the first trace reads long frames. All others must do the same, or their digests differ.
         self._columns: bool | None = None
@@ -272,7 +273,7 @@ class RolloutCache:
         for reason, times in self._troubles.items():
             if times >= self._enough:
                 words = f"{times} episodes or searches {_TROUBLES[reason]}"
-                return f"{words}: see sandbox, or difficulty for a policy"
+                return f"{words}: see sandbox{', or difficulty for the policy' if self._policy_troubles else ''}"
         return ""
 
     def _refuse(self) -> None:
@@ -289,6 +290,7 @@ class RolloutCache:
             reason = trace.fault.limit
         wrong = reason in _TROUBLES
         self._troubles[reason] += wrong
+        self._policy_troubles += wrong and trace.rollout.policy
         if self._settled:
             self.cancel_pending()
         return wrong

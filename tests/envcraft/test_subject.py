@@ -305,12 +305,20 @@ def test_the_third_job_that_goes_wrong_in_the_same_way_is_the_last(seeds: tuple[
         for seed in seeds:
             subject.rollout(play(seed))
         served = len(driver.served)
-        with pytest.raises(Skip, match=r"3 episodes or searches (died|hung): see sandbox"):
+        with pytest.raises(Skip, match=r"3 episodes or searches (died|hung): see sandbox$"):
             subject.rollout(play(1))
         with pytest.raises(Skip):
             subject.measured(play(2), 1.0)
         assert len(driver.served) == served
         assert not subject.time_limit.decided
+
+
+def test_troubles_of_a_policy_are_told_from_others() -> None:
+    with subject_of(Arcade(), 1) as subject:
+        for seed in (200, 201, 202):
+            subject.rollout(Rollout(seed, [], policy=True, max_steps=3))
+        with pytest.raises(Skip, match=r"see sandbox, or difficulty for the policy$"):
+            subject.rollout(play(1))
 
 
 def test_different_troubles_are_counted_apart() -> None:
