@@ -334,6 +334,21 @@ def test_a_class_that_a_file_imports_is_judged_where_its_package_is_installed(
     assert [target.kind for target in resolve("games:Walk")] == [Kind.MODULE]
 
 
+def test_the_traceback_of_an_import_has_only_lines_of_files(
+    invoke: Invoke, good: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(good.parent)
+    Path("games").mkdir()
+    Path("games/__init__.py").touch()
+    Path("games/sizes.py").write_text("import math\n\nSIZE = math.size\n")
+    Path("games/walk.py").write_text(f"from .sizes import SIZE\n{ENVIRONMENT}")
+    options = ("--sandbox", "process", "--budget", "quick", "--checks", "source", "--format", "json")
+    result = invoke("validate", "games/walk.py", "--contract", "gymnasium", *options)
+    [finding] = json.loads(result.stdout)["reports"][0]["checks"][0]["findings"]
+    assert finding["code"] == "EC003"
+    assert re.findall(r'File "(.*?)"', finding["evidence"]["traceback"]) == ["games/walk.py", "games/sizes.py"]
+
+
 def test_a_named_module_is_found_in_src(invoke: Invoke, good: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(good.parent)
     Path("pyproject.toml").write_text("[project]\nname = 'zz_games'\n")

@@ -32,8 +32,8 @@ from .channel import Channel, jsonable
 _POLICY = "envcraft_policy"
 #: The highest number of frames per second that is passed on.
 _FASTEST = 1_000
-#: Packages whose frames are not part of the subject.
-_OWN = ("envcraft_sandbox", "envcraft_protocol")
+#: Parts of the file names of frames that are not part of the subject: those of the worker and of Python's imports.
+_OTHER_FRAMES = ("envcraft_sandbox", "envcraft_protocol", "<frozen importlib", "importlib/__init__.py")
 #: Maximum number of module names in a description.
 _MAX_MODULES = 5_000
 #: Maximum length of a name in a description.
@@ -244,7 +244,7 @@ class Subject:
             message = str(error).replace(f"{self._folder}{os.sep}", "")
         except BaseException:
             message = "(its message could not be read)"
-        shown = [frame for frame in frames if not any(name in frame.filename for name in _OWN)][-8:]
+        shown = [frame for frame in frames if not any(name in frame.filename for name in _OTHER_FRAMES)][-8:]
         for frame in shown:
             if frame.filename == self.target.filename:
                 # Marks move the columns that a traceback underlines.
