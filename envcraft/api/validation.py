@@ -7,8 +7,9 @@ import inspect
 import json
 import math
 import os
+import re
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,8 +18,11 @@ import msgspec
 
 from envcraft.api.extraction import target_of
 from envcraft.api.report import ShownReport
+from envcraft.cli.commands.validate import is_excluded, read_kwargs, severity_of
+from envcraft.cli.commands.validate import validate as command
+from envcraft.cli.configured import of_the_file
+from envcraft.cli.options import policy_of
 from envcraft.contracts.lookup import contract_named
-from envcraft.demonstrations.player import policy_named
 from envcraft.environments.targets import resolve
 from envcraft.errors import EnvCraftError, UsageError
 from envcraft.judging.budget import BUDGETS
@@ -26,7 +30,7 @@ from envcraft.judging.engine import Plan
 from envcraft.judging.engine import validate as judge
 from envcraft.judging.installed import is_installed
 from envcraft.judging.selection import driver_named, rules_of, select_checks
-from envcraft.judging.severity import OFF, SeverityPolicy, severity_table
+from envcraft.judging.severity import OFF
 from envcraft.judging.verdict_cache import record
 from envcraft.model.events import Finished
 from envcraft.model.project import configured, with_project
@@ -34,6 +38,11 @@ from envcraft.model.target import Kind, Target, kind_of
 from envcraft.model.verdict import Finding, Severity, Verdict
 from envcraft.registry import lookup
 from envcraft.reports.evidence import keep_source
+from envcraft.text import plural
+
+_Target = str | os.PathLike[str] | type
+#: The parameter of each option of the command.
+_PARAMETERS = {option.removeprefix("--"): str(each.name) for each in command.params for option in each.opts}
 
 #: Wrappers that ``gymnasium.make`` adds, which say nothing about the environment.
 _USUAL = ("OrderEnforcing", "PassiveEnvChecker", "TimeLimit")
@@ -46,6 +55,10 @@ _MAX_SEED = 2**31 - 1
 _UNKNOWN = object()
 #: The types of values that compare as they look.
 _PLAIN = (bool, int, float, str, type(None))
+
+
+#: An option in a message, with the space before its value: that is quoted, in capitals, or the last word.
+_OPTION = re.compile(r"--([a-z][a-z-]*)( (?=['A-Z]|\w+$))?")
 
 
 class CheckFailed(EnvCraftError, AssertionError):
@@ -61,44 +74,59 @@ class CheckFailed(EnvCraftError, AssertionError):
 
 
 def validate(
-    target: str | os.PathLike[str] | type,
+    target: _Target | Sequence[_Target],
     *,
-    contract: str = "arcade",
-    sandbox: str = "auto",
-    budget: str = "standard",
+    contract: str | None = None,
+    sandbox: str | None = None,
+    runtime: str | None = None,
+    require_isolation: str | None = None,
+    budget: str | None = None,
     checks: str | Sequence[str] | None = None,
-    skip: str | Sequence[str] = (),
-    seed: int = 0,
+    skip: str | Sequence[str] | None = None,
+    select: str | Sequence[str] | None = None,
+    ignore: str | Sequence[str] | None = None,
+    exclude: str | Sequence[str] | None = None,
+    baseline: str | None = None,
+    seed: int | None = None,
     env_class: str | None = None,
     kwargs: Mapping[str, Any] | None = None,
-    wrappers: str | Sequence[str] = (),
+    wrappers: str | Sequence[str] | None = None,
     policy: str | None = None,
     time_limit: float | None = None,
-    fail_fast: bool = False,
-    exitfirst: bool = False,
-    strict: bool = False,
+    fail_fast: bool | None = None,
+    exitfirst: bool | None = None,
+    strict: bool | None = None,
     workers: int | None = None,
 ) -> ShownReport:
     """Validate environments in a sandbox, as ``envcraft validate`` does.
 
+    An argument that is None has its value from ``[tool.envcraft]`` of the nearest ``pyproject.toml``, else the default
+    of the command.
+
     Args:
-        target: A file, a folder, ``package.module:Class``, a registered id, a class, or the text of a module. A text
-            has a line break. A class of a script or a notebook is judged from its source.
-        contract: What the environment promises.
-        sandbox: ``auto``, ``docker``, ``bubblewrap`` or ``process``.
-        budget: How much to play: ``quick``, ``standard`` or ``thorough``.
-        checks: The checks to run, as a list or as in ``--checks``; None for all.
+        target: A file, a folder, ``package.module:Class``, a registered id, a class, or the text of a module; or a list
+            of these. A text has a line break. A class of a script or a notebook is judged from its source.
+        contract: What the environment promises; ``arcade`` by default.
+        sandbox: ``auto``, ``docker``, ``bubblewrap`` or ``process``; ``auto`` by default.
+        runtime: The container runtime of the docker sandbox.
+        require_isolation: The isolation level that the sandbox must have.
+        budget: How much to play: ``quick``, ``standard`` or ``thorough``; ``standard`` by default.
+        checks: The checks to run, as a list or as in ``--checks``; all by default.
         skip: Checks not to run.
-        seed: Seed of all episodes.
+        select: The rules that report: codes or their first characters.
+        ignore: The rules that do not report: codes or their first characters.
+        exclude: Patterns of files that are skipped in folders.
+        baseline: A report whose findings do not count.
+        seed: Seed of all episodes; 0 by default.
         env_class: The class, if a file or text defines several.
         kwargs: Arguments of the constructor, which JSON can represent.
         wrappers: ``module:func`` of a wrapper to apply, or of several, the innermost first.
         policy: A file with a privileged policy for the check ``difficulty``, or the name of a player that has one.
-        time_limit: Seconds for each environment; None for the budget's.
+        time_limit: Seconds for each environment; by default the budget's.
         fail_fast: End each environment at its first error.
         exitfirst: End the run after the first environment that fails.
         strict: Treat warnings as errors, and undecided checks as failed.
-        workers: The number of jobs that run in parallel; None for one per core.
+        workers: The number of jobs that run in parallel; one per core by default.
 
     Returns:
         The report. It prints itself, and notebooks show it as HTML.
@@ -107,32 +135,49 @@ def validate(
         UsageError: A name does not exist, a number is out of range, or the source of a class is not known.
         SandboxUnavailable: No sandbox of this kind works here.
     """
-    selected = select_checks(None if checks is None else _joined(checks), _joined(skip) or None)
-    severity = SeverityPolicy(severity_table(Path.cwd()), strict, comments=True)
-    lookup("budget", str(budget), BUDGETS)
-    _require_number("seed", seed, True, 0, _MAX_SEED)
-    if time_limit is not None:
-        _require_number("time_limit", time_limit, False, 0)
-    if workers is not None:
-        _require_number("workers", workers, True, 1)
-    given, named = _json(kwargs or {}), _wrappers(wrappers)
-    targets = [configured(each, given, named) for each in _targets(target, env_class)]
-    with contextlib.closing(driver_named(sandbox)) as driver:
-        plan = Plan(
-            targets,
-            contract_named(contract),
-            driver,
-            selected,
-            BUDGETS[budget],
-            seed,
-            policy_named(policy) if policy else None,
-            time_limit=time_limit,
-            fail_fast=fail_fast,
-            severity=severity,
-        )
-        report = _judged(plan, workers, exitfirst)
+    given = {
+        "contract": contract,
+        "sandbox": sandbox,
+        "runtime": runtime,
+        "require_isolation": require_isolation,
+        "budget": budget,
+        "checks": checks,
+        "skip": skip,
+        "select": select,
+        "ignore": ignore,
+        "exclude": exclude,
+        "baseline": baseline,
+        "seed": seed,
+        "env_class": env_class,
+        "kwargs": kwargs,
+        "wrap": wrappers,
+        "policy": policy,
+        "time_limit": time_limit,
+        "fail_fast": fail_fast,
+        "exitfirst": exitfirst,
+        "strict": strict,
+        "workers": workers,
+    }
+    with _options(given) as options:
+        arguments = _json(kwargs) if kwargs is not None else read_kwargs(options.get("kwargs"))
+        named = _wrappers(options.get("wrap", ()))
+        patterns = _listed(options.get("exclude", ()))
+        targets: dict[tuple[str, str], Target] = {}
+        several: Sequence[Any] = target if isinstance(target, list | tuple) else [target]
+        for one in several:
+            # A project's class is that of its files.
+            wanted = env_class if isinstance(one, type) else options.get("env_class")
+            for each in _targets(one, wanted, patterns):
+                targets.setdefault((each.path, each.sha256), configured(each, arguments, named))
+        plan, report = _judged(list(targets.values()), options)
         record(plan, report)
         return report
+
+
+#: The argument of :func:`validate` for each parameter of the command that has one.
+_KEYWORDS = {
+    {"wrappers": "wrap"}.get(name, name): name for name in inspect.signature(validate).parameters if name != "target"
+}
 
 
 def check_env(
@@ -142,16 +187,17 @@ def check_env(
     skip_close_check: bool = False,
     *,
     contract: str = "gymnasium",
-    sandbox: str = "auto",
+    sandbox: str | None = None,
     budget: str = "quick",
-    seed: int = 0,
+    seed: int | None = None,
     kwargs: Mapping[str, Any] | None = None,
 ) -> None:
     """Check an environment, in place of the functions of this name of Gymnasium and stable-baselines3.
 
     A new instance of the same class, or of the same registered id, is judged in a sandbox. The instance itself is not
     stepped. Wrappers around it are left out, with a warning. So are arguments that an instance was made with and that
-    are not known.
+    are not known. The settings of ``[tool.envcraft]`` apply as in :func:`validate`, except the contract, the budget and
+    those that say what is judged.
 
     Args:
         env: An instance, a class, a registered id, or another target of :func:`validate` with one environment.
@@ -161,7 +207,7 @@ def check_env(
         contract: What the environment promises.
         sandbox: As for :func:`validate`.
         budget: As for :func:`validate`.
-        seed: Seed of all episodes.
+        seed: As for :func:`validate`.
         kwargs: Arguments of the constructor. An instance of a registered id has its own.
 
     Raises:
@@ -173,15 +219,9 @@ def check_env(
     """
     target, given = _checked(env, kwargs)
     left_out = [*(_RENDERING if skip_render_check else ()), *(_CLOSING if skip_close_check else ())]
-    table = severity_table(Path.cwd()) | dict.fromkeys(left_out, OFF)
     target = msgspec.structs.replace(target, kwargs=_json(given))
-    lookup("budget", str(budget), BUDGETS)
-    _require_number("seed", seed, True, 0, _MAX_SEED)
-    with contextlib.closing(driver_named(sandbox)) as driver:
-        promised, selected = contract_named(contract), select_checks(None, None)
-        severity = SeverityPolicy(table, comments=True)
-        plan = Plan([target], promised, driver, selected, BUDGETS[budget], seed, severity=severity)
-        report = _judged(plan)
+    with _options({"contract": contract, "sandbox": sandbox, "budget": budget, "seed": seed}) as options:
+        plan, report = _judged([target], options, dict.fromkeys(left_out, OFF))
     [subject] = report.reports
     rules = rules_of(plan.checks)
     found = [(finding, subject.file) for check in subject.checks for finding in check.findings]
@@ -191,20 +231,99 @@ def check_env(
     if subject.verdict is Verdict.ERROR:
         raise EnvCraftError(f"{subject.path} could not be judged: {subject.reason}")
     errors = [(finding, file) for finding, file in found if finding.severity is Severity.ERROR]
-    if errors:
-        lines = [f"{_words(finding, file)}\n  fix: {rules[finding.code].fix}" for finding, file in errors]
+    lines = [f"{_words(finding, file)}\n  fix: {rules[finding.code].fix}" for finding, file in errors]
+    # A strict run fails checks that are undecided.
+    failed = [check for check in subject.checks if check.verdict is Verdict.FAIL and check.undecided]
+    lines += [f"{subject.file}: {check.check} is undecided: {check.reason}" for check in failed]
+    if lines:
         raise CheckFailed("\n".join(lines), report)
 
 
-def _judged(plan: Plan, workers: int | None = None, exitfirst: bool = False) -> ShownReport:
-    with contextlib.closing(judge(plan, workers, exitfirst=exitfirst)) as events:
-        [report] = [event.report for event in events if isinstance(event, Finished)]
+@contextlib.contextmanager
+def _options(given: dict[str, Any]) -> Iterator[dict[str, Any]]:
+    """Join the arguments of a call and the settings of the project, by parameter of ``envcraft validate``.
+
+    Within the context an error names the argument, or the file and the setting, where it would name an option.
+
+    Args:
+        given: The arguments of the call; those that are None are not given.
+
+    Raises:
+        UsageError: A setting or its value does not exist, or the context raises one.
+    """
+    folder = Path.cwd()
+    given = {name: value for name, value in given.items() if value is not None}
+    settings = command.read(folder)
+    try:
+        yield {**settings, **given}
+    except UsageError as error:
+        name = _PARAMETERS.get(error.setting)
+        if name in settings and name not in given:
+            raise of_the_file(error, folder) from None
+        raise UsageError(_OPTION.sub(_keyword, str(error)), setting=error.setting) from None
+
+
+def _keyword(option: re.Match[str]) -> str:
+    """What Python calls an option of the command."""
+    name = _PARAMETERS.get(option[1], "")
+    if name not in _KEYWORDS:
+        return option[0]
+    return f"{_KEYWORDS[name]}{'=' if option[2] else ''}"
+
+
+def _judged(
+    targets: list[Target], options: dict[str, Any], table: Mapping[str, str] | None = None
+) -> tuple[Plan, ShownReport]:
+    """Judge targets under the options of a call.
+
+    Args:
+        targets: What to judge.
+        options: Values by parameter of ``envcraft validate``.
+        table: Severities that win over those of the project.
+
+    Raises:
+        UsageError: An option is wrong.
+        SandboxUnavailable: No sandbox of this kind works here.
+    """
+    severity = severity_of(
+        Path.cwd(),
+        bool(options.get("strict")),
+        _joined(options.get("select")),
+        _joined(options.get("ignore")),
+        options.get("baseline"),
+        table,
+    )
+    selected = select_checks(
+        _joined(options.get("checks")), _joined(options.get("skip")) or None, severity.select, severity.ignore
+    )
+    promised = contract_named(options.get("contract", "arcade"))
+    budget = lookup("budget", str(options.get("budget", "standard")), BUDGETS)
+    seed, time_limit, workers = options.get("seed", 0), options.get("time_limit"), options.get("workers")
+    _require_number("seed", seed, True, 0, _MAX_SEED)
+    if time_limit is not None:
+        _require_number("time_limit", time_limit, False, 0)
+    if workers is not None:
+        _require_number("workers", workers, True, 1)
+    sandbox = options.get("sandbox", "auto"), options.get("require_isolation"), options.get("runtime")
+    with contextlib.closing(driver_named(*sandbox)) as driver:
+        plan = Plan(
+            targets,
+            promised,
+            driver,
+            selected,
+            budget,
+            seed,
+            policy_of(options.get("policy")),
+            time_limit=time_limit,
+            fail_fast=bool(options.get("fail_fast")),
+            severity=severity,
+        )
+        with contextlib.closing(judge(plan, workers, exitfirst=bool(options.get("exitfirst")))) as events:
+            [report] = [event.report for event in events if isinstance(event, Finished)]
     wrong = [check.reason for subject in report.reports for check in subject.checks if check.wrong_use]
     if wrong:
-        # What a command calls an option is an argument here.
-        option, colon, words = wrong[0].removeprefix("--").partition(":")
-        raise UsageError(f"{'wrappers' if option == 'wrap' else option}{colon}{words}")
-    return ShownReport.of(report)
+        raise UsageError(wrong[0], setting=wrong[0].removeprefix("--").partition(":")[0])
+    return plan, ShownReport.of(report)
 
 
 def _words(finding: Finding, file: str) -> str:
@@ -212,7 +331,7 @@ def _words(finding: Finding, file: str) -> str:
     return f"{place}{finding.code} {finding.message}"
 
 
-def _targets(target: str | os.PathLike[str] | type, env_class: str | None) -> list[Target]:
+def _targets(target: _Target, env_class: str | None, exclude: tuple[str, ...] = ()) -> list[Target]:
     if isinstance(target, type):
         if env_class is not None:
             words = f"{env_class!r} does not apply to the class {target.__name__}; leave it out"
@@ -227,7 +346,15 @@ def _targets(target: str | os.PathLike[str] | type, env_class: str | None) -> li
     if not isinstance(target, str | os.PathLike):
         words = "give a file, a folder, a class, package.module:Class, an id or the text of a module"
         raise UsageError(f"{target!r} is not a target; {words}")
-    return resolve(os.fspath(target), env_class)
+    path = os.fspath(target)
+    found = resolve(path, env_class)
+    if not exclude or not os.path.isdir(path):
+        return found
+    kept = [each for each in found if not is_excluded(each.path, path, exclude)]
+    if not kept:
+        words = f"--exclude leaves none of {plural(len(found), 'environment')}; leave out a pattern"
+        raise UsageError(words, setting="exclude")
+    return kept
 
 
 def _checked(env: Any, kwargs: Mapping[str, Any] | None) -> tuple[Target, Mapping[str, Any]]:
@@ -316,7 +443,7 @@ def _class(kind: type) -> Target:
 
 def _wrappers(names: str | Sequence[str]) -> tuple[str, ...]:
     """The names of wrappers. Raises UsageError if one is not ``module:func``."""
-    found = (names,) if isinstance(names, str) else tuple(names)
+    found = _listed(names)
     for name in found:
         if not isinstance(name, str) or kind_of(name) is not Kind.MODULE:
             words = f"the wrapper {name!r} must be 'module:func', such as 'gymnasium.wrappers:FlattenObservation'"
@@ -332,8 +459,12 @@ def _require_number(name: str, value: Any, whole: bool, least: int, most: float 
         raise UsageError(f"{name} is {value!r}; it must be {'a whole number' if whole else 'a number'} {limits}")
 
 
-def _joined(names: str | Sequence[str]) -> str:
-    return names if isinstance(names, str) else ",".join(names)
+def _listed(names: str | Sequence[str]) -> tuple[str, ...]:
+    return (names,) if isinstance(names, str) else tuple(names)
+
+
+def _joined(names: str | Sequence[str] | None) -> str | None:
+    return None if names is None else ",".join(_listed(names))
 
 
 def _json(kwargs: Mapping[str, Any]) -> dict[str, Any]:

@@ -100,7 +100,7 @@ def test_a_class_of_a_script_is_judged_from_its_source(tmp_path: Path) -> None:
     assert first == "once"
     line = next(number for number, words in enumerate(text.splitlines(), 1) if "float('nan')" in words)
     assert f"EC301 {line} {tmp_path / 'play.py'}" in found
-    assert f"      {line} | {text.splitlines()[line - 1]}" in found
+    assert f"      {line} | {text.splitlines()[line - 1].strip()}" in found
 
 
 def test_a_class_of_a_notebook_is_judged_from_its_cells(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -255,7 +255,7 @@ def test_check_env_raises_with_the_findings(tmp_path: Path, monkeypatch: pytest.
     ("target", "options", "words"),
     [
         (None, {}, r"None is not a target; give a file"),
-        (["walk.py"], {}, r"\['walk.py'\] is not a target"),
+        ([3], {}, "3 is not a target; give a file"),
         ("CartPole-v1", {"seed": -1}, "seed is -1; it must be a whole number from 0 to 2147483647"),
         ("CartPole-v1", {"seed": "x"}, "seed is 'x'; it must be a whole number"),
         ("CartPole-v1", {"workers": 0}, "workers is 0; it must be a whole number of 1 or more"),
@@ -268,7 +268,6 @@ def test_check_env_raises_with_the_findings(tmp_path: Path, monkeypatch: pytest.
         ("CartPole-v1", {"kwargs": {"sise": 8}}, r"^kwargs: .* got an unexpected keyword argument 'sise'"),
         ("CartPole-v1", {"wrappers": ["nomod:func"]}, "^wrappers: the module nomod of the wrapper nomod:func"),
         ("CartPole-v1", {"budget": 3}, "there is no budget '3'; there are quick, standard, thorough"),
-        ("CartPole-v1", {"contract": None}, "there is no contract 'None'"),
         (gymnasium.Env, {"env_class": "Cart"}, "env_class 'Cart' does not apply to the class Env; leave it out"),
         ("CartPole-v1", {"wrappers": ["TimeLimit"]}, "the wrapper 'TimeLimit' must be 'module:func'"),
     ],
