@@ -84,7 +84,8 @@ def read_baseline(path: str) -> dict[str, Known]:
         with open(path, "rb") as stream:
             report = _read(stream)
     except FileNotFoundError:
-        words = f"the baseline {path} does not exist; {hint}, without a baseline or with --baseline ''"
+        options = f"--baseline '' --format json --output {path}"
+        words = f"the baseline {path} does not exist; `envcraft audit` or `envcraft validate` makes it with {options}"
         raise UsageError(words, setting="baseline") from None
     except OSError as error:
         raise UsageError(f"the baseline {path} cannot be read ({error.strerror}); {hint}", setting="baseline") from None

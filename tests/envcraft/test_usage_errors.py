@@ -371,8 +371,11 @@ def test_a_baseline_may_come_through_a_pipe(invoke: Invoke, good: Path, tmp_path
         (["walk.py", "--skip", "EC301"], "EC301 is a code, and --skip takes checks; name --ignore EC301"),
         (["walk.py", "--kwargs", "size=3"], "--kwargs size=3 is not JSON ("),
         (["walk.py", "--kwargs", "size=3"], """); write it like '{"size": 8}'"""),
-        (["walk.py", "--baseline", "none.json"], "the baseline none.json does not exist; a baseline is a report that"),
-        (["walk.py", "--baseline", "none.json"], "with --format json, without a baseline or with --baseline ''"),
+        (
+            ["walk.py", "--baseline", "none.json"],
+            "the baseline none.json does not exist; `envcraft audit` or `envcraft validate` makes it with "
+            "--baseline '' --format json --output none.json",
+        ),
         (["walk.py", "--policy", "play.py"], "the policy play.py is not valid Python: '(' was never closed (line 1)"),
         (["walk.py", "--policy", "no.py"], "no.py is not a policy: it defines no function policy(env) and no class"),
     ],
