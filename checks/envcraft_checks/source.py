@@ -571,14 +571,15 @@ def ask_for_dependency(subject: Subject, fault: Fault) -> None:
     from envcraft.model.target import Kind
 
     if subject.target.kind is not Kind.SOURCE and fault.type == "gymnasium.error.DependencyNotInstalled":
-        raise WorkerLost(f"{fault.message.rstrip('. ')}{_installation_hint(subject)}")
+        raise WorkerLost(f"{(words := fault.message.rstrip('. '))}{_installation_hint(subject, words)}")
 
 
-def _installation_hint(subject: Subject) -> str:
-    """How to give the worker a package that it lacks."""
+def _installation_hint(subject: Subject, message: str = "") -> str:
+    """How to give the worker a package that it lacks, as far as a message does not say it."""
     if subject.isolation is Isolation.CONTAINER:
         return "; add the package to the image with `envcraft sandbox build --packages FILE`, or use another --sandbox"
-    return "; install the package beside EnvCraft, then validate again"
+    step = "" if "pip install" in message else "; install the package beside EnvCraft"
+    return f"{step}, then validate again"
 
 
 def _well_known() -> frozenset[str]:

@@ -176,6 +176,10 @@ def test_a_dependency_that_is_missed_in_play_is_no_defect(tmp_path: Path) -> Non
     report = judged("process", tmp_path, "corridors.corridor:Corridor", "--checks", "api,instawin", status=3)
     assert not findings(report)
     assert "bullets is not installed; install the package beside EnvCraft" in report["reason"]
+    advised = _LACKING.replace("gymnasium", "gym").replace("installed.", "installed, run `pip install bullets`.")
+    package(tmp_path, defect=advised)
+    report = judged("process", tmp_path, "corridors.corridor:Corridor", "--checks", "api,instawin", status=3)
+    assert report["reason"].endswith("bullets is not installed, run `pip install bullets`, then validate again")
 
 
 def test_arguments_and_wrappers(tmp_path: Path) -> None:
