@@ -18,6 +18,8 @@ _WINDOW = 100
 _LOG_SECONDS = 5.0
 #: Seconds between two refreshes of the progress bar.
 _REFRESH_SECONDS = 0.2
+#: The columns beside the progress bar.
+_TEXT = 76
 
 
 class Callback:
@@ -87,15 +89,18 @@ class ProgressLogger(EpisodeStatistics):
         super().__init__(_WINDOW)
         from rich.console import Console
         from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+        from rich.table import Column
 
+        console = Console(stderr=True)
+        # In a narrow terminal the bar is shorter and the statistics wrap, and no number is cut.
         columns = (
             TextColumn("{task.description}"),
-            BarColumn(),
-            MofNCompleteColumn(),
-            TimeRemainingColumn(),
-            TextColumn("{task.fields[statistics]}"),
+            BarColumn(max(min(console.width - _TEXT, 40), 4)),
+            MofNCompleteColumn(table_column=Column(no_wrap=True)),
+            TimeRemainingColumn(table_column=Column(no_wrap=True)),
+            TextColumn("{task.fields[statistics]}", table_column=Column()),
         )
-        self._bar = Progress(*columns, console=Console(stderr=True))
+        self._bar = Progress(*columns, console=console)
         self._folder = folder
         self._writer: Any = None
         self._pending: tuple[int, int, float | None] | None = None

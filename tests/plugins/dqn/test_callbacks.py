@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import io
 import os
 from pathlib import Path
 
 import pytest
 from envcraft_dqn.callbacks import ProgressLogger
 from envcraft_dqn.study.curve import LearningCurve, read
+from rich.console import Console
 
 
 def points(folder: Path, name: str) -> list[tuple[int, float]]:
@@ -28,6 +30,19 @@ def test_curves_resume_from_the_checkpoint(tmp_path: Path) -> None:
                 callback.on_progress(4 * update, update, 4 * update)
     # The last point of the first run is after the checkpoint, and is dropped.
     assert points(tmp_path, "progress/steps") == [(1, 4.0), (21, 84.0), (60, 240.0)]
+
+
+@pytest.mark.parametrize("width", [50, 60, 80, 120])
+def test_a_narrow_terminal_shows_the_total(width: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", str(width))
+    logger = ProgressLogger(tmp_path)
+    logger.on_phase_start("training", 3239, 3239)
+    logger._bar.update(logger._phase, total=1_000_000, statistics="loss 0.0123  return -0.123, length 1000")
+    shown = io.StringIO()
+    Console(file=shown, width=width).print(logger._bar.get_renderable())
+    words = shown.getvalue().split()
+    assert {"training", "3239/1000000", "0.0123", "-0.123,", "1000"} <= set(words)
+    assert (len(shown.getvalue().splitlines()) == 1) is (width >= 80)
 
 
 def test_interrupted_write_keeps_the_curve(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
