@@ -79,6 +79,8 @@ _TESTING = ("hypothesis", "pytest")
 _SLOW_IMPORT = 3.0
 #: The most characters of the constructor's arguments in a message.
 _LONGEST = 200
+#: What gymnasium.make adds to an error, with arguments that the user did not give.
+_MADE = " was raised from the environment creator"
 #: The worker's words for a name that has one like it, or whose package is there.
 _MISSPELT = re.compile(r"did you mean|^the package |^No module named '[\w.]+\.\w+'")
 #: The base class of environments, as a class statement names it.
@@ -500,7 +502,7 @@ def _refuse_options(subject: Subject, fault: Fault) -> None:
     unknown = any(f"{words} {name!r}" in fault.message for words in refusals for name in subject.target.kwargs)
     # An error that a line of the environment raises is its own.
     if unknown and fault.type == "TypeError" and fault.line is None:
-        raise UsageError(f"--kwargs: {fault.message}")
+        raise UsageError(f"--kwargs: {fault.message.partition(_MADE)[0]}")
 
 
 def _in_package(tree: ast.Module, name: str, line: int) -> str:

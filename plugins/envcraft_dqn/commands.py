@@ -216,7 +216,7 @@ def train(
 
     selection = select_environments(corpus, select, contract, trust, sandbox, workers, fast)
     with uninterrupted():
-        _require_libraries()
+        _require_libraries("training")
         from envcraft_dqn.callbacks import ProgressLogger
         from envcraft_dqn.demo_sources import adviser_named, source_named
         from envcraft_dqn.held_out import HeldOut
@@ -319,7 +319,7 @@ def evaluate(
     if output is not None:
         _ensure_writable(output.parent)
     with uninterrupted():
-        _require_libraries()
+        _require_libraries("evaluation")
         from envcraft_dqn.env_spec import EnvSpec
         from envcraft_dqn.evaluation import evaluate as play
         from envcraft_dqn.evaluation import write_episode
@@ -372,8 +372,8 @@ def _ensure_writable(folder: Path) -> None:
         raise UsageError(f"{folder} cannot be written to: {error.strerror or error}") from None
 
 
-def _require_libraries() -> None:
-    """Raises UsageError without the libraries of the extra ``train``."""
+def _require_libraries(use: str) -> None:
+    """Raises UsageError without the libraries of the extra ``train``, which a use needs."""
     for name in ("numba", "safetensors", "tensorboard", "torch", "zstandard"):
         if importlib.util.find_spec(name) is None:
-            raise UsageError(f"training needs {name}; install it with `pip install 'envcraft-rl[train]'`")
+            raise UsageError(f"{use} needs {name}; install it with `pip install 'envcraft-rl[train]'`")

@@ -153,7 +153,8 @@ def _show(results: list[Examined], auto: str | None, broken: list[dict[str, str]
     from rich.table import Column, Table
     from rich.text import Text
 
-    console = Console()
+    # Highlighting would set numbers in the middle of a version in bold, also with NO_COLOR.
+    console = Console(highlight=False)
     table = Table(
         "sandbox", "isolation", "works", Column("active layers, missing layers, and the fix", overflow="fold")
     )

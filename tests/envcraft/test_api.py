@@ -265,7 +265,7 @@ def test_check_env_raises_with_the_findings(tmp_path: Path, monkeypatch: pytest.
             {"kwargs": '{"size": 8}'},
             r"kwargs is '{\"size\": 8}'; it must be a dict, such as {'size': 8}",
         ),
-        ("CartPole-v1", {"kwargs": {"sise": 8}}, r"^kwargs: .* got an unexpected keyword argument 'sise'"),
+        ("CartPole-v1", {"kwargs": {"sise": 8}}, r"^kwargs: .* got an unexpected keyword argument 'sise'$"),
         ("CartPole-v1", {"wrappers": ["nomod:func"]}, "^wrappers: the module nomod of the wrapper nomod:func"),
         ("CartPole-v1", {"budget": 3}, "there is no budget '3'; there are quick, standard, thorough"),
         (gymnasium.Env, {"env_class": "Cart"}, "env_class 'Cart' does not apply to the class Env; leave it out"),

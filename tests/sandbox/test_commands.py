@@ -84,6 +84,11 @@ class TestDoctor:
         assert "a moat [deep]" in result.stdout
         assert "takes weak" in result.stdout
 
+    def test_nothing_is_bold_inside_a_version(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        _offer(monkeypatch, Fake("weak", 1, WORKS))
+        shown = CliRunner().invoke(doctor, env={"COLUMNS": "40", "NO_COLOR": "1", "FORCE_COLOR": "1"}, color=True)
+        assert "\x1b[1m" not in shown.stdout.splitlines()[0]
+
     def test_a_narrow_terminal_shows_all_words(self, monkeypatch: pytest.MonkeyPatch) -> None:
         fails = Availability(
             False, "no engine answers", "install [it] in /usr/local/lib/some-directory-with-a-long-name"
@@ -134,9 +139,7 @@ class TestDoctor:
         report = json.loads(CliRunner().invoke(doctor, ["--format", "json", "--runtime", "runsc"]).stdout)
         assert [each["name"] for each in report["sandboxes"]] == ["weak under runsc"]
 
-    def test_a_runtime_that_fails_says_nothing_of_other_sandboxes(
-        self, monkeypatch: pytest.MonkeyPatch
-    ) -> None:
+    def test_a_runtime_that_fails_says_nothing_of_other_sandboxes(self, monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr(Fake, "with_runtime", lambda self, runtime: self)
         _offer(monkeypatch, Fake("strong", 2, FAILS))
         result = CliRunner().invoke(doctor, ["--runtime", "runsc"], env={"COLUMNS": "200"})

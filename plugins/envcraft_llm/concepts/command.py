@@ -11,6 +11,7 @@ from typing import IO, TYPE_CHECKING
 import click
 
 from envcraft.errors import UsageError
+from envcraft.text import plural
 
 if TYPE_CHECKING:
     from .generation import Coverage
@@ -102,7 +103,7 @@ def _line(concept: Concept, form: str) -> bytes:
 
 def _print(coverage: Coverage) -> None:
     counts = ", ".join(f"{name} {number:,}" for name, number in coverage.strategies.most_common())
-    click.echo(f"{coverage.strategies.total():,} concepts: {counts}", err=True)
+    click.echo(f"{plural(coverage.strategies.total(), 'concept')}: {counts}", err=True)
     for pool, entries in coverage.entries.items():
         used = sum(number > 0 for number in entries.values())
         ranked = entries.most_common()
