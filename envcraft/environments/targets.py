@@ -90,6 +90,7 @@ def resolve(
         return [with_project(target)]
     if not stat.S_ISDIR(mode):
         raise UsageError(f"{path} is neither a file nor a folder; save the environment in a file first")
+    refuse_corpus(path)
     errors: dict[str, UsageError] = {}
     found = list(environments_below(path, env_class, errors.__setitem__))
     for place in errors:
@@ -98,6 +99,14 @@ def resolve(
         wanted = "subclass of gymnasium.Env" if env_class is None else f"subclass {env_class} of gymnasium.Env"
         raise UsageError(f"{path} holds no environment: no .py file in it defines a {wanted}")
     return found
+
+
+def refuse_corpus(path: str) -> None:
+    """Raise UsageError if a path is a corpus, in which the names of files say nothing to people."""
+    from envcraft.corpus.store import is_corpus
+
+    if is_corpus(Path(path)):
+        raise UsageError(f"{path} is a corpus, and no folder of environments; judge it with `envcraft audit {path}`")
 
 
 def _absent(path: str) -> str:

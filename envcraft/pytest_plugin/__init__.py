@@ -18,7 +18,8 @@ subclass of `gymnasium.Env`, also through other files of its project. The plugin
 module (`conftest.py`, `test_*.py`, `*_test.py` and the patterns of `python_files`) belongs to pytest **and runs in this
 process**, as in any run of pytest: for a folder whose test modules nobody has read, use `envcraft validate`. Nothing
 else imports an environment file, neither `--doctest-modules` nor the `__init__.py` of its folder. A file that is named
-on the command line and holds neither an environment nor tests is judged and not imported.
+on the command line and holds neither an environment nor tests is judged and not imported. A corpus is not
+collected: `envcraft audit` judges it.
 
 ## Outcomes
 A finding fails its check. pytest prints it with the usual fix, the reproduction, and the commands that show it again. A
@@ -132,10 +133,9 @@ def pytest_configure(config: pytest.Config) -> None:
     if config.getoption("envcraft"):
         from envcraft.errors import EnvCraftError
         from envcraft.pytest_plugin.collection import Collection
-        from envcraft.pytest_plugin.judging import settings
 
         try:
-            config.pluginmanager.register(Collection(settings(config), config.rootpath), "envcraft-collection")
+            config.pluginmanager.register(Collection(config), "envcraft-collection")
         except EnvCraftError as error:
             raise pytest.UsageError(str(error)) from None
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import os
 import warnings
 from collections.abc import Generator, Iterator
 from contextlib import contextmanager
@@ -13,10 +14,12 @@ from typing import TYPE_CHECKING
 import pytest
 
 from envcraft.cli.commands.validate import is_excluded
+from envcraft.corpus.store import is_corpus
+from envcraft.environments.targets import refuse_corpus
 from envcraft.model import project
 from envcraft.model.target import MAX_SOURCE, parse
 from envcraft.pytest_plugin.items import CheckItem
-from envcraft.pytest_plugin.judging import CASE, Case, Spec
+from envcraft.pytest_plugin.judging import CASE, Case, Spec, settings
 
 if TYPE_CHECKING:
     from envcraft.pytest_plugin.judging import Settings
@@ -27,7 +30,7 @@ _EVERYTHING = ("*", "*.py")
 
 
 class Collection:
-    """The plugin that ``--envcraft`` registers to collect environment files.
+    """The plugin that ``--envcraft`` registers to collect environment files. Raises UsageError if an option is wrong.
 
     Attributes:
         settings: how they are judged.
@@ -35,10 +38,16 @@ class Collection:
         excluded: the number of environment files that the settings exclude.
     """
 
-    def __init__(self, settings: Settings, folder: Path) -> None:
-        self.settings = settings
-        self.checks = [check.name for check in settings.selected(settings.severity(folder))]
+    def __init__(self, config: pytest.Config) -> None:
+        for named in config.args:
+            refuse_corpus(os.path.relpath(config.invocation_params.dir / named.partition("::")[0]))
+        self.settings = chosen = settings(config)
+        self.checks = [check.name for check in chosen.selected(chosen.severity(config.rootpath))]
         self.excluded = 0
+
+    def pytest_ignore_collect(self, collection_path: Path) -> bool | None:
+        """Leave out what a corpus keeps, which are copies of sources."""
+        return True if is_corpus(collection_path) else None
 
     def pytest_report_header(self) -> str:
         given = self.settings

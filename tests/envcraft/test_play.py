@@ -210,7 +210,7 @@ class TestWindow:
     [
         (("nowhere.py",), "nowhere.py does not exist"),
         ((".",), "holds 2 environments; play one, such as ./other.py"),
-        (("games",), "or any in the browser: `envcraft explore games`"),
+        (("games",), "play its environments in the browser: `envcraft explore games`"),
         (("walk.py", "--contract", "arkade"), "did you mean arcade?"),
         (("walk.py",), "standard input and output must be a terminal"),
     ],

@@ -166,6 +166,14 @@ def test_an_empty_name_is_a_usage_error(arguments: tuple[str, ...], words: str, 
     assert words in result.stderr
 
 
+def test_a_corpus_is_judged_by_audit(invoke: Invoke, good: Path) -> None:
+    assert invoke("corpus", "init", "corpus").exit_code == 0
+    assert invoke("corpus", "add", "corpus", good).exit_code == 0
+    result = invoke("validate", "corpus", *_CHEAP)
+    assert (result.exit_code, result.stdout) == (2, "")
+    assert "corpus is a corpus, and no folder of environments; judge it with `envcraft audit corpus`" in result.stderr
+
+
 def test_a_table_of_contracts_is_one(invoke: Invoke, good: Path, tmp_path: Path) -> None:
     (tmp_path / "pyproject.toml").write_text("[tool.envcraft]\ncontracts = 3\n")
     result = invoke("validate", good)

@@ -16,6 +16,7 @@ from envcraft.cli.options import runtime_option
 from envcraft.cli.play.recorded import Played
 from envcraft.cli.signals import uninterrupted
 from envcraft.contracts.lookup import contract_named
+from envcraft.corpus.store import is_corpus
 from envcraft.environments.targets import resolve
 from envcraft.errors import EnvCraftError, ExitCode, Skip, UsageError
 from envcraft.judging.budget import BUDGETS
@@ -93,12 +94,11 @@ def play(
                  2 usage error                   3 the environment could not be played
     """
     promised = contract_named(contract)
+    if is_corpus(Path(target)):
+        raise UsageError(f"{target} is a corpus; play its environments in the browser: `envcraft explore {target}`")
     found = resolve(target, env_class)
     if len(found) > 1:
-        from envcraft.corpus.store import is_corpus
-
-        more = f", or any in the browser: `envcraft explore {target}`" if is_corpus(Path(target)) else ""
-        raise UsageError(f"{target} holds {len(found)} environments; play one, such as {found[0].path}{more}")
+        raise UsageError(f"{target} holds {len(found)} environments; play one, such as {found[0].path}")
     chosen = msgspec.structs.replace(found[0], kwargs=read_kwargs(kwargs), wrappers=read_wrappers(wrap))
     with uninterrupted():
         from envcraft.judging.engine import Plan, open_subject

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from envcraft.corpus.store import Store
 from envcraft.environments.targets import environments_below
 from envcraft.model.verdict import Verdict
 from envcraft.pytest_plugin.collection import defines_tests, environment_line
@@ -58,6 +59,16 @@ def test_a_run_without_tests_says_why(pytester: pytest.Pytester, options: tuple[
     result = pytester.runpytest_inprocess("-p", "no:cacheprovider", *options, "empty")
     assert result.ret == pytest.ExitCode.NO_TESTS_COLLECTED
     result.stdout.fnmatch_lines([words])
+
+
+def test_a_corpus_is_not_collected(walk: Path, run: Run, canned: Canned) -> None:
+    with Store.create(Path("corpus")) as store:
+        store.add("walk", walk.read_bytes())
+    assert list(Path("corpus").rglob("*.py"))
+    assert {test.partition("::")[0] for test in outcomes(run(".", "-v"))} == {"games/walk.py"}
+    result = run("corpus")
+    assert result.ret == pytest.ExitCode.USAGE_ERROR
+    result.stderr.fnmatch_lines(["ERROR: corpus is a corpus, and no folder of environments; judge it with *"])
 
 
 def test_the_plugin_can_be_left_out(pytester: pytest.Pytester, walk: Path) -> None:
