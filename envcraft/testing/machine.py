@@ -17,13 +17,19 @@ from envcraft_protocol.spaces import decode_action, describe
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
 
+from envcraft.judging.differences import part
 from envcraft.model.rollout import Conditions
 from envcraft.model.rollout import Episode as Earlier
+from envcraft.model.trace import Divergence
+from envcraft.spaces.gymnasium import from_gymnasium
+from envcraft.spaces.validation import validate
 from envcraft.testing.reproduction import note_episode
 from envcraft.testing.strategies import Step, action_space, plain_actions, seeds
 
 #: The number of returned observations that are compared with themselves later.
 _KEPT = 16
+#: Characters of an observation that a message shows.
+_SHOWN = 80
 _ACTION = st.runner().flatmap(lambda machine: plain_actions(action_space(machine.make)))
 
 
@@ -144,14 +150,17 @@ class GymnasiumStateMachine(RuleBasedStateMachine):
                 found = Step(None, *result)
                 for name in ("observation", "reward", "terminated", "truncated"):
                     one, two = getattr(expected, name), getattr(found, name)
-                    words = f"step {at}, played alone, gives another {name} (EC201 to EC208)"
-                    assert same(one, two), f"{words}: {two}, not {one}"
+                    # pytest adds the values to the message of an assert statement: two whole frames.
+                    if not same(one, two):
+                        difference = part(Divergence(at, name), one, two)
+                        raise AssertionError(f"the episode, played alone, differs: {difference}")
 
     @invariant()
     def observations_keep_their_values(self) -> None:
         """What was returned stays as it was returned."""
         for value, before in self._kept:
-            assert same(value, before), "an observation changed after it was returned (EC110)"
+            if not same(value, before):
+                raise AssertionError("an observation changed after it was returned (EC110)")
 
     def teardown(self) -> None:
         if hasattr(self, "env"):
@@ -181,7 +190,8 @@ class GymnasiumStateMachine(RuleBasedStateMachine):
     def _take(self, result: Step) -> None:
         """Assert what holds for the result of every reset and step, and keep it."""
         space = self.env.observation_space
-        assert space.contains(result.observation), f"{result.observation!r} is not in {space} (EC108, EC109)"
+        if not space.contains(result.observation):
+            raise AssertionError(f"{_misfit(space, result.observation)} (EC108, EC109)")
         assert isinstance(result.reward, int | float | np.integer | np.floating), f"reward {result.reward!r} (EC302)"
         assert not isinstance(result.reward, bool), "the reward is a bool (EC302)"
         assert math.isfinite(result.reward), f"the reward is {result.reward} (EC301)"
@@ -209,6 +219,12 @@ def same(one: Any, two: Any) -> bool:
     if isinstance(one, np.ndarray) and isinstance(two, np.ndarray):
         return one.dtype == two.dtype and np.array_equal(one, two, equal_nan=one.dtype.kind in "fc")
     return bool(one == two) or bool(one != one and two != two)
+
+
+def _misfit(space: gymnasium.Space[Any], observation: Any) -> str:
+    """Why an observation is not in a space, without printing a whole frame."""
+    problem = validate(from_gymnasium(space), observation, exact=False)
+    return problem[1] if problem is not None else f"the observation {str(observation)[:_SHOWN]} is not in {space}"
 
 
 def _reset_result(result: Any) -> tuple[Any, float, bool, bool, Any]:

@@ -7,10 +7,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from envcraft_checks.comparing.places import located, part, writing_line
+from envcraft_checks.comparing.places import located, writing_line
 from envcraft_checks.linting.program import program_of
 
 import envcraft
+from envcraft.judging.differences import part
 from envcraft.model.rollout import Conditions, Rollout
 from envcraft.model.target import Target
 from envcraft.model.trace import Divergence, Trace

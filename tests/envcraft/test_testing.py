@@ -212,10 +212,10 @@ def test_a_good_environment_passes() -> None:
     ("env", "words", "most"),
     [
         (Crashes, "a hole in the floor", 7),
-        (Shares, "played alone, gives another reward", 2),
+        (Shares, "played alone, differs: reward differs at step", 2),
         (Aliases, "changed after it was returned", 1),
         (Jumps, "EC108, EC109", 6),
-        (Draws, "played alone, gives another observation", 1),
+        (Draws, r"played alone, differs: observation differs at step 1 in 2 of 10 values, first at", 1),
         (Closes, "at", 0),
         (Pays, "EC302", 4),
     ],
@@ -228,6 +228,39 @@ def test_a_planted_defect_is_found_and_shrinks_to_few_steps(env: type[Line], wor
     repro = json.loads(shlex.split(notes[notes.index("envcraft replay") :].splitlines()[0])[-1])
     assert len(repro["actions"]) <= most
     assert set(repro["conditions"]) <= {"before", "companion", "render", "closed"}
+
+
+class Noise(Line):
+    """Frames that another instance does not draw again."""
+
+    observation_space = spaces.Box(0, 255, (84, 84, 3), np.uint8)
+
+    def _see(self) -> Any:
+        frame = np.zeros((84, 84, 3), np.uint8)
+        frame[77:84, 30:40] = np.random.randint(1, 255, 3)
+        return frame
+
+
+class Wide(Line):
+    observation_space = spaces.Box(0, 1, (84, 84, 3), np.float32)
+
+    def _see(self) -> Any:
+        frame = np.zeros((84, 84, 3), np.float32)
+        frame[77, 35] = 2
+        return frame
+
+
+@pytest.mark.parametrize(
+    ("env", "words"),
+    [
+        (Noise, r"the reset in rows 77 to 83 and columns 30 to 39, first at \[77, 30\] \(\[\d"),
+        (Wide, r"^observation\[77, 35, 0\] is 2.0, outside Box"),
+    ],
+)
+def test_a_failure_prints_no_frames(env: type[Line], words: str) -> None:
+    with pytest.raises(AssertionError, match=words) as raised:
+        run_state_machine_as_test(machine_of(env), settings=QUICK)
+    assert str(raised.value).count("\n") < 12
 
 
 SUITE = """
