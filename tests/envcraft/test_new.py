@@ -37,6 +37,18 @@ def test_the_tutorial_shows_what_it_writes(invoke: Any, tmp_path: Path) -> None:
     assert abs(len(lines) - int(about[1])) < 10
 
 
+def test_the_page_on_properties_tests_what_it_writes(invoke: Any, tmp_path: Path) -> None:
+    invoke("new", "Lantern")
+    page = (Path(__file__).parents[2] / "docs" / "testing.md").read_text("utf-8")
+    blocks = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
+    few = "import hypothesis\nhypothesis.settings.register_profile('few', max_examples=20, database=None)\n"
+    (tmp_path / "conftest.py").write_text(few)
+    (tmp_path / "test_properties.py").write_text("\n".join(blocks))
+    options = ("--hypothesis-profile=few", "--hypothesis-seed=0", "-p", "no:cacheprovider", "test_properties.py")
+    done = run(tmp_path, "pytest", "-q", *options)
+    assert "2 passed" in done.stdout, done.stdout
+
+
 @pytest.mark.parametrize("contract", CONTRACTS)
 def test_what_it_writes_passes_and_its_test_is_green(invoke: Any, tmp_path: Path, contract: str) -> None:
     result = invoke("new", "FruitCatch", "--contract", contract, "--folder", "games")
