@@ -7,6 +7,7 @@ import hashlib
 import inspect
 import math
 import os
+import re
 import sys
 import warnings
 from collections.abc import Callable, Iterable
@@ -39,6 +40,8 @@ if TYPE_CHECKING:
     from envcraft.model.target import Target
 
 _MAX_SEED = 2**31 - 1
+#: How a message about checks refers to codes.
+_CODES = re.compile(r"--(select|ignore) (\w+)")
 
 
 class Settings(NamedTuple):
@@ -348,10 +351,12 @@ def _place_of_ini(config: pytest.Config, name: str) -> str:
 
 def _from(origin: str, setting: str, words: str) -> str:
     """An error about a setting that names the option or the key that its value is from."""
-    option = f"--{setting}"
-    if not origin:
-        return words.replace(option, setting)
-    return words.replace(option, origin) if words.startswith(option) else f"{origin}: {words}"
+    option, key = f"--{setting}", origin.rpartition(" ")[2] or setting
+    # pytest has no option for codes.
+    words = _CODES.sub(r'\1 = "\2" in [tool.envcraft]', words)
+    if not origin or words.startswith(option):
+        return words.replace(option, origin or key)
+    return f"{origin}: {words.replace(option, key)}"
 
 
 def _require(chosen: Settings, folder: Path) -> None:

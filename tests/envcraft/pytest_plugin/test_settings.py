@@ -48,22 +48,61 @@ def test_ini_files_take_lists_with_commas(pytester: pytest.Pytester, walk: Path,
 @pytest.mark.parametrize(
     ("option", "sentence"),
     [
-        ("--envcraft-checks=determinsm", "*there is no check 'determinsm'; did you mean determinism[?]"),
-        ("--envcraft-contract=arcad", "*there is no contract 'arcad'; did you mean arcade[?]"),
-        ("--envcraft-budget=quik", "*there is no budget 'quik'; did you mean quick[?]"),
-        ("--envcraft-sandbox=doker", "*there is no sandbox 'doker'; did you mean docker[?]"),
-        ("--envcraft-seed=-1", "*the seed '-1' is not a whole number from 0 to 2147483647"),
-        ("--envcraft-time-limit=0", "*the time limit '0' is not a number of seconds above 0"),
-        ("--envcraft-checks=", "*--envcraft-checks '' leaves no check to run; *"),
-        ("--envcraft-contract=", "*there is no contract ''*"),
-        ("--envcraft-time-limit=soon", "*the time limit 'soon' is not a number of seconds above 0"),
+        (
+            "--envcraft-checks=determinsm",
+            "--envcraft-checks: there is no check 'determinsm'; did you mean determinism[?]",
+        ),
+        ("--envcraft-contract=arcad", "--envcraft-contract: there is no contract 'arcad'; did you mean arcade[?]"),
+        ("--envcraft-budget=quik", "--envcraft-budget: there is no budget 'quik'; did you mean quick[?]"),
+        ("--envcraft-sandbox=doker", "--envcraft-sandbox: there is no sandbox 'doker'; did you mean docker[?]"),
+        ("--envcraft-seed=-1", "--envcraft-seed: the seed '-1' is not a whole number from 0 to 2147483647"),
+        ("--envcraft-time-limit=0", "--envcraft-time-limit: the time limit '0' is not a number of seconds above 0"),
+        ("--envcraft-checks=", "--envcraft-checks '' leaves no check to run; *"),
+        ("--envcraft-contract=", "--envcraft-contract: there is no contract ''*"),
+        (
+            "--envcraft-time-limit=soon",
+            "--envcraft-time-limit: the time limit 'soon' is not a number of seconds above 0",
+        ),
     ],
 )
 def test_wrong_settings_are_a_sentence(walk: Path, run: Run, option: str, sentence: str) -> None:
     result = run("games", option)
     assert result.ret == pytest.ExitCode.USAGE_ERROR
-    result.stderr.fnmatch_lines([sentence])
+    result.stderr.fnmatch_lines([f"ERROR: {sentence}"])
     assert "Traceback" not in result.stderr.str()
+
+
+@pytest.mark.parametrize(
+    ("setting", "words"),
+    [
+        ('envcraft_contract = "gym"', "envcraft_contract: there is no contract 'gym'; did you mean gymnasium?"),
+        ('envcraft_seed = "x"', "envcraft_seed: the seed 'x' is not a whole number from 0 to 2147483647"),
+        (
+            'envcraft_checks = ["EC203"]',
+            'envcraft_checks: EC203 is a code, and envcraft_checks takes checks; name select = "EC203" in [tool',
+        ),
+        ('envcraft_time_limit = "0"', "envcraft_time_limit: the time limit '0' is not a number of seconds above 0"),
+    ],
+)
+def test_a_setting_of_pytest_is_blamed_on_its_file(
+    pytester: pytest.Pytester, walk: Path, run: Run, setting: str, words: str
+) -> None:
+    file = pytester.makepyprojecttoml(f"[tool.pytest.ini_options]\n{setting}\n")
+    result = run("games")
+    assert result.ret == pytest.ExitCode.USAGE_ERROR
+    assert f"ERROR: {file}: {words}" in result.stderr.str()
+    given = run(
+        "games",
+        "-o",
+        "envcraft_contract=arcad",
+        "-o",
+        "envcraft_seed=0",
+        "-o",
+        "envcraft_time_limit=1",
+        "-o",
+        "envcraft_checks=api",
+    )
+    given.stderr.fnmatch_lines(["ERROR: -o envcraft_contract: there is no contract 'arcad'; did you mean arcade[?]"])
 
 
 @pytest.mark.parametrize(
