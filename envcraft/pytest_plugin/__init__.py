@@ -25,9 +25,11 @@ collected: `envcraft audit` judges it.
 A finding fails its check. pytest prints it with the usual fix, the reproduction, and the commands that show it again. A
 check that does not apply is skipped with its reason. A check that leaves its question open is also skipped, and its
 reason begins with "undecided". A line above pytest's own summary counts the environments that passed, failed or are
-undecided, also under `-q`. A check that could not judge, or a missing sandbox, is an error with the next step, never a
-failure of the environment. Findings of severity warning are pytest warnings of the category `EnvCraftWarning`, so that
-`-W error::envcraft.pytest_plugin.EnvCraftWarning` turns them into failures. The severities of `pyproject.toml` and
+undecided, also under `-q`. A check that could not judge is an error with the next step, never a failure of the
+environment. If the sandbox does not work, `pytest --envcraft` ends with one error, and no test runs.
+
+Findings of severity warning are pytest warnings of the category `EnvCraftWarning`, so that `-W
+error::envcraft.pytest_plugin.EnvCraftWarning` turns them into failures. The severities of `pyproject.toml` and
 comments such as `# envcraft: ignore[EC203] reason` apply as in [`envcraft validate`](severity.md). The checks `source`
 and `sandbox` always run, because every verdict depends on them. If they are not selected, another test of the
 environment shows their findings.

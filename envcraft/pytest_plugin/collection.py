@@ -16,10 +16,11 @@ import pytest
 from envcraft.cli.commands.validate import is_excluded
 from envcraft.corpus.store import is_corpus
 from envcraft.environments.targets import refuse_corpus
+from envcraft.errors import EnvCraftError
 from envcraft.model import project
 from envcraft.model.target import MAX_SOURCE, parse
 from envcraft.pytest_plugin.items import CheckItem
-from envcraft.pytest_plugin.judging import CASE, Case, Spec, settings
+from envcraft.pytest_plugin.judging import CASE, Case, Spec, judge_of, settings
 
 if TYPE_CHECKING:
     from envcraft.pytest_plugin.judging import Settings
@@ -52,6 +53,20 @@ class Collection:
     def pytest_report_header(self) -> str:
         given = self.settings
         return f"envcraft: contract {given.contract}, budget {given.budget}, seed {given.seed}, sandbox {given.sandbox}"
+
+    @pytest.hookimpl(tryfirst=True)
+    def pytest_runtestloop(self, session: pytest.Session) -> None:
+        """End the run if the sandbox does not work: else each test would be the same error."""
+        config = session.config
+        # The controller of xdist has no items, and an error in its workers would look like a crash.
+        distributed = config.getoption("dist", "no") != "no"
+        runs = distributed or any(isinstance(item, CheckItem) for item in session.items)
+        if config.option.collectonly or hasattr(config, "workerinput") or not runs:
+            return
+        try:
+            judge_of(config).require_sandbox(self.settings)
+        except EnvCraftError as error:
+            raise pytest.UsageError(str(error)) from None
 
     @pytest.hookimpl(wrapper=True, tryfirst=True)
     def pytest_collect_file(

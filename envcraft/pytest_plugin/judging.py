@@ -164,6 +164,10 @@ class Judge:
             raise found
         return Judged(spec, settings, found)
 
+    def require_sandbox(self, settings: Settings) -> None:
+        """Raise EnvCraftError if the sandbox does not work."""
+        self._driver(settings)
+
     def close(self) -> None:
         """Close the sandbox drivers."""
         for driver in self._drivers.values():

@@ -132,21 +132,46 @@ def test_what_could_not_judge_is_an_error(walk: Path, run: Run, canned: Canned) 
     assert tags.count(True) == 1
 
 
-def test_no_sandbox_is_an_error_with_the_next_step(
-    walk: Path, run: Run, canned: Canned, monkeypatch: pytest.MonkeyPatch
-) -> None:
+@pytest.fixture
+def unavailable(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """No sandbox works; the names of those that were asked for."""
     asked: list[str] = []
 
-    def unavailable(name: str, *_: Any) -> None:
+    def named(name: str, *_: Any) -> None:
         asked.append(name)
         raise SandboxUnavailable("the sandbox docker does not work here; start the Docker engine")
 
-    monkeypatch.setattr("envcraft.pytest_plugin.judging.driver_named", unavailable)
-    result = run("games", "--envcraft-checks=api")
-    result.assert_outcomes(errors=3)
-    assert result.ret == 1
+    monkeypatch.setattr("envcraft.pytest_plugin.judging.driver_named", named)
+    return asked
+
+
+@pytest.mark.parametrize("options", [(), ("-n2",)])
+def test_no_sandbox_is_one_error_with_the_next_step(
+    walk: Path, run: Run, unavailable: list[str], options: tuple[str, ...]
+) -> None:
+    if options:
+        pytest.importorskip("xdist")
+    result = run("games", *options)
+    assert result.ret == pytest.ExitCode.USAGE_ERROR
+    assert result.stderr.lines[0] == "ERROR: the sandbox docker does not work here; start the Docker engine"
+    assert "walk.py::" not in result.stdout.str()
+    assert unavailable == ["process"]
+    assert run("games", "--collect-only").ret == 0
+
+
+def test_no_sandbox_is_an_error_of_each_marked_test(
+    pytester: pytest.Pytester, walk: Path, unavailable: list[str]
+) -> None:
+    pytester.makepyfile(
+        "import pytest\n"
+        "@pytest.mark.envcraft('games/walk.py', checks='api')\n"
+        "def test_walk(): pass\n"
+        "def test_other(): pass\n"
+    )
+    result = pytester.runpytest_inprocess("-p", "no:cacheprovider")
+    result.assert_outcomes(errors=3, passed=1)
     result.stdout.fnmatch_lines(["nothing was judged: the sandbox docker does not work here; start the Docker engine"])
-    assert asked == ["process"]
+    assert unavailable == ["auto"]
 
 
 def test_a_check_that_breaks_is_an_error(walk: Path, run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
