@@ -79,11 +79,13 @@ class Configured(click.Command):
         options = {name: param for name, param in self._options().items() if name not in self.apart}
         repeated = {str(param.name) for param in self.params if isinstance(param, click.Option) and param.multiple}
         found = configuration(folder, options, repeated, settings_of_all_commands)
-        # Click takes 1.5 for a whole number, True for 1, and no 1 for a flag, but not their texts.
         flags = {param.name for param in self.params if isinstance(param, click.Option) and param.is_flag}
+        for option, name in options.items():
+            if name in flags and not isinstance(found.get(name, False), bool):
+                raise UsageError(f"{place(option, folder)}: {found[name]!r} is neither true nor false")
+        # Click takes 1.5 for a whole number and True for 1, but not their texts.
         return {
-            name: value if isinstance(value, list) or (name in flags and isinstance(value, bool)) else _text(value)
-            for name, value in found.items()
+            name: value if isinstance(value, list) or name in flags else _text(value) for name, value in found.items()
         }
 
 
@@ -197,6 +199,8 @@ def configuration(
     for key, value in table.items():
         if key == "contracts" and not isinstance(value, dict):
             raise UsageError(f"{path}: [tool.envcraft.contracts] must hold a table for each contract")
+        if key == "corpus" and not isinstance(value, str):
+            raise UsageError(f"{path}: [tool.envcraft] corpus must be the path of a corpus, not {value!r}")
         if key in ("contracts", "corpus", "llm", "severity"):
             continue
         name = key.replace("_", "-")

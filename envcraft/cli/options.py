@@ -148,7 +148,8 @@ def check_options(stages: bool = False) -> Callable[[_F], _F]:
             "--checks",
             metavar="A,B",
             shell_complete=completion.checks,
-            help="Run only these checks. The check source always runs; an opt-in check runs only if it is named.",
+            help="Run only these checks. The checks source and sandbox always run; an opt-in check runs only if it is "
+            "named.",
         ),
         click.option("--skip", metavar="A,B", shell_complete=completion.checks, help="Do not run these checks."),
         click.option(

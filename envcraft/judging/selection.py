@@ -49,7 +49,9 @@ def select_checks(
     for name in [*wanted, *unwanted]:
         if name not in names:
             setting, instead = ("checks", "select") if name in wanted else ("skip", "ignore")
-            words = f"there is no check {did_you_mean(name, names)}"
+            # A gate cannot be skipped.
+            offers = names if setting == "checks" else [check.name for check in checks if not check.gate]
+            words = f"there is no check {did_you_mean(name, offers)}"
             if name.upper() in codes:
                 words = f"{name} is a code, and --{setting} takes checks; name --{instead} {name.upper()}"
             raise UsageError(words, setting=setting)

@@ -28,8 +28,8 @@ reason begins with "undecided". A line above pytest's own summary counts the env
 undecided, also under `-q`. A check that could not judge is an error with the next step, never a failure of the
 environment. If the sandbox does not work, `pytest --envcraft` ends with one error, and no test runs.
 
-Findings of severity warning are pytest warnings of the category `EnvCraftWarning`, so that `-W
-error::envcraft.pytest_plugin.EnvCraftWarning` turns them into failures. The severities of `pyproject.toml` and
+Findings of severity warning are pytest warnings of the category `EnvCraftWarning`:
+`-W error::envcraft.pytest_plugin.EnvCraftWarning` turns them into failures. The severities of `pyproject.toml` and
 comments such as `# envcraft: ignore[EC203] reason` apply as in [`envcraft validate`](severity.md). The checks `source`
 and `sandbox` always run, because every verdict depends on them. If they are not selected, another test of the
 environment shows their findings.

@@ -9,7 +9,7 @@ SETTINGS = {
     "sandbox": "the sandbox that runs the environments",
     "seed": "the seed of all episodes",
     "time_limit": "the longest time of each environment in seconds",
-    "checks": "run only these checks, separated by commas; source always runs",
+    "checks": "run only these checks, separated by commas; source and sandbox always run",
     "skip": "do not run these checks, separated by commas",
 }
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 import sqlite3
 from collections.abc import Iterator
 from pathlib import Path
@@ -226,6 +227,9 @@ def test_diversity_and_split_commands(corpus: Store, invoke: Invoke) -> None:
         [*(f"game{number}.py" for number in range(len(RULES))), "changed.py", "reformatted.py", "renamed.py"]
     )
     assert len(json.loads(invoke("corpus", "split", corpus.root, "--folds", "3").stdout)["splits"]) == 3
+    many = invoke("corpus", "split", corpus.root, "--folds", "50")
+    assert many.exit_code == 2
+    assert re.search(r"--folds 50 leaves \d+ splits of \d+ environments empty; name fewer", many.stderr)
     for wrong in ((), ("--folds", "3", "--fractions", "1"), ("--fractions", "0.5,x"), ("--fractions", "0.5,0.4")):
         assert invoke("corpus", "split", corpus.root, *wrong).exit_code == 2
 

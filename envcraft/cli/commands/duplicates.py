@@ -148,6 +148,10 @@ def split(
         else:
             shares = _shares(fractions, folds)
             found = corpus_splits(store, shares, seed, chosen, threshold)
+    if folds is not None and (empty := found.count([])):
+        every = plural(sum(map(len, found)), "environment")
+        words = f"--folds {folds} leaves {plural(empty, 'split')} of {every} empty; name fewer"
+        raise UsageError(words, setting="folds")
     splits: list[dict[str, Any]] = []
     for share, names in zip(shares or [1 / len(found)] * len(found), found, strict=True):
         splits.append({"fraction": share, "environments": names})

@@ -121,7 +121,7 @@ def test_a_setting_of_pytest_is_blamed_on_its_file(
         ('baseline = "none.json"', "baseline: the baseline none.json does not exist"),
         ('policy = "none.py"', "policy: the policy none.py cannot be read: No such file or directory"),
         ('kwargs = "[1]"', "kwargs: [1] is not a JSON object"),
-        ("strict = 3", "strict: '3' is not a valid boolean"),
+        ("strict = 3", "strict: 3 is neither true nor false"),
     ],
 )
 def test_a_setting_is_blamed_on_its_file(pytester: pytest.Pytester, walk: Path, setting: str, words: str) -> None:
