@@ -106,9 +106,9 @@ for place in self.body[1:]:
     self._blit(frame, place, BODY, PALETTE[3])
 """
 _AIM = """
-if move:
-    self.facing = move
-    self.at = self._shift(self.at, move)
+# With the button the avatar turns on the spot, so that it can look at a mark beside it.
+self.facing = move or self.facing
+self.at = self._shift(self.at, 0 if first else move)
 self.beam = self._ray() if first and not self.reload else []
 self.reload = RELOAD if self.beam else max(self.reload - 1, 0)
 """
@@ -349,7 +349,7 @@ AVATARS = (
             "over": _pointed("self.facing") + _DRAW_BEAM.lstrip(),
         },
         draw=_shooter,
-        controls="The four moves walk and look that way. The first button shoots ahead and reloads for some steps.",
+        controls="The four moves walk and look that way. The first button turns on the spot and shoots, then reloads.",
         actions=(*_STEPS, *_FIRST),
     ),
     Mechanic(
@@ -373,7 +373,7 @@ AVATARS = (
             "over": _pointed("self.facing") + _DRAW_BEAM.lstrip(),
         },
         draw=_gunner,
-        controls="The four moves fly and aim that way. The first button shoots ahead and reloads for some steps.",
+        controls="The four moves fly and aim that way. The first button turns on the spot and shoots, then reloads.",
         actions=(*_STEPS, *_FIRST),
     ),
     Mechanic(

@@ -9,6 +9,7 @@ the distance. Where nothing is found, it plays the beginning of the best plan an
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Hashable, Iterable, Sequence
 from typing import Any
 
@@ -68,7 +69,8 @@ class Composed(Planner):
         self._moves: list[Macro] = [(tuple(action),) * stride for action in actions]
         self._moves += [((0, 0, 0),) * stride] if (0, 0, 0) not in actions else []
         self._constants = constants = env.step.__func__.__globals__
-        self._beat = constants.get("BEAT", constants.get("PERIOD", 1))
+        self._cycle = constants.get("BEAT", constants.get("PERIOD", 1))
+        self._whole_cycle = _cycle(constants)
         self._reach: float = constants.get("SPEED", 1.0)
         self._lives, self._fuel = getattr(env, "lives", 0), getattr(env, "energy", 0.0) + env.clock
         self._before = before = env._remaining()
@@ -88,7 +90,9 @@ class Composed(Planner):
 
         found = self._search(game, unharmed, estimate, budget, 1.5)
         if not found.reached and budget == _BUDGET:
-            found = self._search(game, progress, estimate, _MORE, 1.5)
+            self._cycle = self._whole_cycle
+            for goal in (unharmed, progress):
+                found = found if found.reached else self._search(game, goal, estimate, _MORE, 1.5)
         if hasattr(env, "flight"):
             return found.actions
         return found.actions if found.reached else found.actions[:_GROPE]
@@ -146,7 +150,7 @@ class Composed(Planner):
         foes = tuple(_frozen(foe[0]) for name in ("foes", "cars") for foe in getattr(ghost, name, ())[:8])
         drift = tuple(round(2 * part) for part in (*getattr(ghost, "drift", ()), *getattr(ghost, "flight", ())))
         crates = tuple(sorted(getattr(ghost, "crates", getattr(ghost, "drops", ()))))
-        return place, ghost._remaining(), parts, foes, drift, crates, ghost.clock % self._beat
+        return place, ghost._remaining(), parts, foes, drift, crates, ghost.clock % self._cycle
 
     def _lost(self, ghost: Any) -> float:
         """What accidents since the start of the search count."""
@@ -170,7 +174,9 @@ class Composed(Planner):
             y, x = ghost.pointer
             return lost + float(min(abs(y - v) + abs(x - u) for v, u in targets)) + 1.0
         flood = self._flood(ghost, tuple(targets))
-        return lost + float(flood.get(ghost.at, 50))
+        away = flood.get(ghost.at, 50)
+        # A shot does not hit the cell that it leaves.
+        return lost + float(away if away or not hasattr(ghost, "beam") else 2)
 
     def _to_marks(self, ghost: Any) -> float:
         """The pushes of each crate to a mark of its own, and the way to the nearest crate that is not on one."""
@@ -223,6 +229,13 @@ class Composed(Planner):
                 self._floods.clear()
             self._floods[targets] = distance
         return self._floods[targets]
+
+
+def _cycle(constants: dict[str, Any]) -> int:
+    """The number of steps after which the rules of a game with these constants repeat."""
+    lengths = [constants.get(name, 1) for name in ("BEAT", "PERIOD", "FLEE")]
+    lengths += [2 * constants.get("CYCLE", 1), 2 * constants.get("EBB", 1) * constants.get("HIGH", 1)]
+    return math.lcm(*lengths, 3 if "MUD" in constants else 1, 2 if "BELTS" in constants else 1)
 
 
 def _frozen(value: Any) -> Hashable:

@@ -67,3 +67,13 @@ def test_avatars_that_push_move_a_crate_but_not_two(avatar: str, actions: list[t
     env.crates = [(4, 6), (4, 7)]
     env.step(actions[-1])
     assert (env.at, env.crates) == ((4, 5), [(4, 6), (4, 7)])
+
+
+def test_a_marksman_turns_on_the_spot_and_hits_a_mark_in_a_corner() -> None:
+    env = on_empty_field("field marksman shoot plain calm hurry")
+    env.at, env.marks, env.friends = (0, 0), [(0, 1), (8, 8)], []
+    env.walls.add((1, 0))
+    env.step((4, 1, 0))
+    assert (env.at, env.marks) == ((0, 0), [(8, 8)])
+    env.step(RIGHT)
+    assert env.at == (0, 1)
