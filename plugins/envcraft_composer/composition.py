@@ -124,7 +124,7 @@ class Composition:
         return builder.render(SKELETON)
 
     def _about(self) -> str:
-        about = {group: mechanic.about.format_map(self.constants) for group, mechanic in self.mechanics.items()}
+        about = {group: _one(mechanic.about.format_map(self.constants)) for group, mechanic in self.mechanics.items()}
         goal = about.pop("goal")
         numbers = self.constants
         rewards = (
@@ -136,6 +136,11 @@ class Composition:
         controls = paragraph("Controls:", self.mechanics["avatar"].controls)
         bar = "The bar at the top left shows the progress."
         return "\n\n".join([rest, paragraph(goal, bar), controls, paragraph(rewards)])
+
+
+def _one(text: str) -> str:
+    """The text in the singular where a number is one."""
+    return text.replace(", one step in every 1.", " in every step.").replace(" 1 cells far", " 1 cell far")
 
 
 def _lines(constants: Constants) -> Iterator[str]:

@@ -73,7 +73,7 @@ _NIGHT = """
 top, left = self._pixel(self.at)
 lit = slice(max(top - LIGHT, 5), min(top + CELL + LIGHT, 80)), slice(max(left - LIGHT, 0), left + CELL + LIGHT)
 seen = frame[lit].copy()
-frame[5:80] //= 5
+frame[5:80] //= 3
 frame[lit] = seen
 """
 _CLOUDS = """

@@ -201,3 +201,9 @@ def test_the_player_is_a_policy_that_runs_in_the_sandbox(tmp_path: Path) -> None
     unknown = judge(file, "--checks", "difficulty", "--policy", "composed")
     assert unknown.exit_code == 2
     assert "the policy composed cannot be read" in unknown.output
+
+
+def test_the_description_of_a_number_that_is_one_is_singular() -> None:
+    about = [" ".join(game.source.split('"""')[1].split()) for game in ComposerFamily().generate(300, 0)]
+    assert any("stray about in every step." in text for text in about)
+    assert not any("in every 1." in text or " 1 cells" in text for text in about)
