@@ -158,8 +158,11 @@ class Searches:
             searched = self._run("reach", settled, left)
             left -= int(searched.get("steps") or 0)
             if not searched.get("win") and searched.get("exhausted") and left > 0:
-                searched = self._run("exhaust", settled, left)
-                left -= int(searched.get("steps") or 0)
+                # A search that ends without a win is a strong sign, so the first proof gets more than its part.
+                proof = left if found else self._exhaust_steps - self._exhaust_steps // _PART
+                searched = self._run("exhaust", settled, proof)
+                if found:
+                    left -= int(searched.get("steps") or 0)
                 if searched.get("exhausted"):
                     # One such seed is worth the search for another.
                     left += 0 if found else self._exhaust_steps // _PART

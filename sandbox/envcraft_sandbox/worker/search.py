@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Callable
-from itertools import pairwise
+from itertools import compress, pairwise
 from typing import Any
 
 from envcraft_protocol.jobs import Job
@@ -27,6 +27,8 @@ _monotonic = time.monotonic
 _READINGS = 6
 #: Number of whole episodes that check the states of an exhausted search.
 _EPISODES = 3
+#: States after which :func:`reach` leaves out actions without an effect of their own.
+_ALIKE = 12
 #: Steps for which :func:`react` holds a move, and those after it, in long branches and in short ones.
 _BRANCHES = ((6, 14), (3, 3))
 
@@ -139,20 +141,40 @@ def greedy(tree: Tree) -> None:
 def reach(tree: Tree) -> None:
     """Search breadth first for a win, by the actions that differ from the first in one component at most. States that
     look alike count as one, so it finds most wins soon and proves nothing; `exhausted` if none is left.
+
+    Actions that never showed a picture of their own in the first states, such as a button without effect, are left out.
+    If that search ends without a win, they are tried as well.
     """
-    root = tree.root()
     chosen = simple(tree.actions)
-    seen, frontier = {frame_hash(tree.frame)}, [root]
+    _reach(tree, chosen, _ALIKE)
+    if tree.out.exhausted and tree.out.win is None:
+        _reach(tree, chosen, 0)
+
+
+def _reach(tree: Tree, chosen: list[Any], alike: int) -> None:
+    """Search with these actions; after `alike` states only with those that had an effect of their own."""
+    root = tree.root()
+    start = frame_hash(tree.frame)
+    seen, frontier = {start}, [(root, start)]
+    tree.out.exhausted, expanded, own = False, 0, [False] * len(chosen)
     while frontier and tree.out.copies:
-        grown: list[Node] = []
-        for node in frontier:
-            for action in chosen:
+        grown: list[tuple[Node, int]] = []
+        for node, picture in frontier:
+            pictures = {picture}
+            for number, action in enumerate(chosen):
                 if tree.spent() or tree.out.win is not None:
                     return
                 child = tree.branch(node)
-                if tree.step(child, action) and (digest := frame_hash(tree.frame)) not in seen:
+                alive = tree.step(child, action)
+                digest = frame_hash(tree.frame) if alive else 0
+                own[number] |= digest not in pictures
+                pictures.add(digest)
+                if alive and digest not in seen:
                     seen.add(digest)
-                    grown.append(child)
+                    grown.append((child, digest))
+            expanded += 1
+            if expanded == alike:
+                chosen, own = list(compress(chosen, own)), [True] * sum(own)
         frontier = grown
     tree.out.states = len(seen)
     tree.out.exhausted = tree.out.copies and tree.out.crash is None
