@@ -22,10 +22,15 @@ class ShooterPolicy(Planner):
         rules = type(env).step.__globals__
         self._less, self._more = int(rules["LESS"]), int(rules["MORE"])
         future = self._future(env, (0, 0, 0), _FLIGHT)
-        shoot = int(env.rest <= 1 and env.ammunition > 0 and self._would_hit(env, future[-1]))
         wanted = self._towards(env, rules, future)
         moves = [wanted, *(move for move in (0, self._less, self._more) if move != wanted)]
-        return [(max(moves, key=lambda move: (self._lives(env, move), -moves.index(move))), shoot, 0)]
+        lives = {move: self._lives(env, move) for move in moves}
+        safest = [move for move in moves if lives[move] == max(lives.values())]
+        loaded = env.rest <= 1 and env.ammunition > 0
+        # The ship moves before it shoots.
+        hits = (move for move in safest if loaded and self._would_hit(env, move, future[-1]))
+        move = next(hits, None)
+        return [(safest[0], 0, 0) if move is None else (move, 1, 0)]
 
     def _future(self, env: Any, first: Action, steps: int) -> list[Any]:
         """Copies of the game after an action, and after each step of rest that follows."""
@@ -36,11 +41,11 @@ class ShooterPolicy(Planner):
             found.append(self.model.fork(ghost))
         return found
 
-    def _would_hit(self, env: Any, without: Any) -> bool:
-        """Whether a shot now hits what no bullet in flight hits."""
+    def _would_hit(self, env: Any, move: int, without: Any) -> bool:
+        """Whether a shot with this move hits what no bullet in flight hits."""
         ghost = self.model.fork(env)
         for number in range(_FLIGHT):
-            ghost.step((0, int(number == 0), 0))
+            ghost.step((move, 1, 0) if number == 0 else (0, 0, 0))
             if ghost.won:
                 return True
         return _damage(ghost) > _damage(without)

@@ -209,6 +209,12 @@ class TestCommand:
         assert "names snake twice" in result.stderr
 
 
+def test_the_player_of_the_shooter_aims_from_where_its_move_leads() -> None:
+    env = load(list(ALL["shooter"].generate(60, 0))[59].source)
+    policies = {seed: policy("shooter") for seed in (2, 6)}
+    assert all(play(env, seed, lambda seed=seed: policies[seed].act(env))[1] for seed in policies)
+
+
 @each_family
 def test_judged_at_quick_without_findings(family: VariantFamily, tmp_path: Path) -> None:
     written: list[Generated] = list(family.generate(1, 0))
