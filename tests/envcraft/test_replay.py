@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import errno
 import json
 from pathlib import Path
 from typing import Any
@@ -63,6 +65,27 @@ def test_gif_shows_the_reproduction(invoke: Any, report: Path, tmp_path: Path) -
         assert picture.size == (336, 336)
         # Pillow joins frames that are alike, which this game has when it stands still.
         assert 2 <= getattr(picture, "n_frames", 1) <= len(actions) + 1
+
+
+def test_a_full_disk_keeps_the_earlier_gif(
+    invoke: Any, report: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from PIL import Image
+
+    def save(self: Image.Image, file: Any, **options: Any) -> None:
+        with open(file, "wb") if isinstance(file, str) else contextlib.nullcontext(file) as stream:
+            stream.write(b"GIF89a")
+            raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(Image.Image, "save", save)
+    assert report.exists()
+    (tmp_path / "finding.gif").write_text("earlier")
+    before = {*tmp_path.iterdir()}
+    result = invoke("replay", "nan.py", "--repro", '{"seed": 0}', "--gif", "finding.gif", "--sandbox", "process")
+    assert result.exit_code == 2
+    assert "--gif finding.gif cannot be written: No space left on device" in result.stderr
+    assert (tmp_path / "finding.gif").read_text() == "earlier"
+    assert {*tmp_path.iterdir()} == before
 
 
 @pytest.mark.parametrize("name", ["finding.png", "nan.py", "finding.mp4"])

@@ -16,6 +16,7 @@ from envcraft.cli.options import runtime_option
 from envcraft.cli.play.recorded import Played
 from envcraft.contracts.lookup import contract_named
 from envcraft.errors import EnvCraftError, ExitCode, Skip, UsageError
+from envcraft.files import atomic_write
 from envcraft.judging.budget import BUDGETS
 from envcraft.judging.check import Check
 from envcraft.judging.driver import Driver, driver_for
@@ -333,7 +334,8 @@ def write_gif(subject: Subject, finding: Finding, path: str) -> None:
         for frame in frames
     ]
     try:
-        pictures[0].save(path, save_all=True, append_images=pictures[1:], duration=40, loop=0, format="GIF")
+        with atomic_write(path) as stream:
+            pictures[0].save(stream, save_all=True, append_images=pictures[1:], duration=40, loop=0, format="GIF")
     except OSError as error:
         raise UsageError(f"--gif {path} cannot be written: {error.strerror or error}") from None
     click.echo(f"wrote {path}: {plural(len(pictures), 'frame')}", err=True)
