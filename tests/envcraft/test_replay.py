@@ -82,7 +82,7 @@ def test_a_full_disk_keeps_the_earlier_gif(
     (tmp_path / "finding.gif").write_text("earlier")
     before = {*tmp_path.iterdir()}
     result = invoke("replay", "nan.py", "--repro", '{"seed": 0}', "--gif", "finding.gif", "--sandbox", "process")
-    assert result.exit_code == 2
+    assert result.exit_code == 3
     assert "--gif finding.gif cannot be written: No space left on device" in result.stderr
     assert (tmp_path / "finding.gif").read_text() == "earlier"
     assert {*tmp_path.iterdir()} == before
