@@ -39,9 +39,10 @@ def settle(item: pytest.Item, case: Case) -> Outcome:
     except EnvCraftError as error:
         raise could_not_judge(words.unjudged(error)) from None
     item.stash[_OUTCOME] = outcome
+    found = dict(words.properties(outcome.judged, outcome.reports))
     # A test that runs again has its properties already.
-    known = [*item.user_properties]
-    item.user_properties += [pair for pair in words.properties(outcome.judged, outcome.reports) if pair not in known]
+    others = [(name, value) for name, value in item.user_properties if name not in found]
+    item.user_properties[:] = [*others, *found.items()]
     if outcome.verdict is Verdict.ERROR:
         raise could_not_judge(words.error(outcome.judged, outcome.reports))
     return outcome
@@ -52,16 +53,21 @@ def conclude(item: pytest.Item) -> None:
     outcome = item.stash.get(_OUTCOME, None)
     if outcome is None:
         return
+    refused = []
     for finding in outcome.own.findings:
         if finding.severity is Severity.WARNING:
             message = EnvCraftWarning(words.warning(outcome.judged, finding))
             try:
                 warnings.warn_explicit(message, EnvCraftWarning, outcome.judged.report.path, finding.line or 1)
-            except EnvCraftWarning as error:
+            except EnvCraftWarning:
                 # A filter turns the warning into an error.
-                pytest.fail(str(error), pytrace=False)
-    if outcome.verdict is Verdict.FAIL:
-        pytest.fail(words.failure(outcome.judged, outcome.reports), pytrace=False)
+                refused.append(finding)
+    if refused:
+        item.user_properties[:] = [
+            (name, Verdict.FAIL.value if name == words.OUTCOME else value) for name, value in item.user_properties
+        ]
+    if outcome.verdict is Verdict.FAIL or refused:
+        pytest.fail(words.failure(outcome.judged, outcome.reports, refused), pytrace=False)
     if outcome.verdict is Verdict.SKIP:
         pytest.skip(words.skipped(outcome.own))
 

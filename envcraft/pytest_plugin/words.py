@@ -14,11 +14,20 @@ from envcraft.reports.evidence import evidence_lines, source_line
 from envcraft.reports.summary import checks_option, counted, reason_words, repro_words
 from envcraft.text import one_line, plural, printable
 
+#: The property with the outcome of the whole environment.
+OUTCOME = "envcraft_outcome"
 
-def failure(judged: Judged, reports: Iterable[CheckReport]) -> str:
-    """Describe the findings that fail `reports`, with fixes, reproductions and the commands that show them again."""
+
+def failure(judged: Judged, reports: Iterable[CheckReport], refused: Sequence[Finding] = ()) -> str:
+    """Describe the findings that fail `reports`, with fixes, reproductions and the commands that show them again.
+
+    Args:
+        judged: the environment.
+        reports: the checks that a test shows.
+        refused: warnings that a filter turns into errors.
+    """
     numbers = {id(finding): number for number, finding in enumerate(_findings(judged.report.checks), 1)}
-    failing = [finding for finding in _findings(reports) if finding.severity is Severity.ERROR]
+    failing = [each for each in _findings(reports) if each.severity is Severity.ERROR or each in refused]
     blocks = [_block(judged, finding) for finding in failing]
     blocks += [one_line(report.reason) for report in reports if report.verdict is Verdict.FAIL and report.reason]
     if failing:
@@ -89,7 +98,7 @@ def properties(judged: Judged, reports: Iterable[CheckReport]) -> Iterator[tuple
 
 def summary(subjects: Sequence[dict[str, str]]) -> str:
     """Summarise the outcomes of the environments and their isolation, from the properties of each."""
-    outcomes = ", ".join(words for _, words in counted(Counter(Outcome(one["envcraft_outcome"]) for one in subjects)))
+    outcomes = ", ".join(words for _, words in counted(Counter(Outcome(one[OUTCOME]) for one in subjects)))
     levels = Counter((subject["envcraft_isolation"], subject["envcraft_driver"]) for subject in subjects)
     isolated = ", ".join(
         f"{isolation} isolation" + (f" by {driver}" if driver != isolation else "") for isolation, driver in levels

@@ -195,6 +195,15 @@ def test_warnings_are_shown_and_fail_nothing_unless_a_filter_wants_it(walk: Path
     result = run("games", "-W", "error::envcraft.pytest_plugin.EnvCraftWarning")
     result.assert_outcomes(passed=CHECKS - 1, failed=1)
     assert "Traceback" not in result.stdout.str()
+    assert result.stdout.str().count("all seeds give one level") == 1
+    result.stdout.fnmatch_lines(
+        [
+            "EC209 * games/walk.py:12",
+            "  all seeds give one level",
+            f"  12 | {walk.read_text().splitlines()[11]}",
+            "envcraft: 1 environment: 0 passed, 1 failed, 0 undecided; process isolation*",
+        ]
+    )
 
 
 def test_severities_of_the_project_and_comments_apply(walk: Path, run: Run, canned: Canned) -> None:
