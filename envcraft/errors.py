@@ -15,23 +15,23 @@ class ExitCode(IntEnum):
 
 
 class EnvCraftError(Exception):
-    """Base class of EnvCraft's own errors."""
-
-    exit_code = ExitCode.ERROR
-
-
-class UsageError(EnvCraftError):
-    """A name or an option does not exist, or options contradict each other.
+    """Base class of EnvCraft's own errors.
 
     Attributes:
         setting: the option whose value is wrong, without dashes, such as ``contract``; "" if it is not known.
     """
 
-    exit_code = ExitCode.USAGE
+    exit_code = ExitCode.ERROR
 
-    def __init__(self, message: str, setting: str = "") -> None:
+    def __init__(self, message: str = "", setting: str = "") -> None:
         super().__init__(message)
         self.setting = setting
+
+
+class UsageError(EnvCraftError):
+    """A name or an option does not exist, or options contradict each other."""
+
+    exit_code = ExitCode.USAGE
 
 
 class SandboxUnavailable(EnvCraftError):

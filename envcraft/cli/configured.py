@@ -4,17 +4,22 @@ from __future__ import annotations
 
 import contextlib
 import json
-from collections.abc import Callable, Collection, Iterator
+import re
+from collections.abc import Callable, Collection, Iterator, Mapping
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, TypeVar
 
 import click
 from click.core import ParameterSource
 
 from envcraft.cli.numbers import explained
 from envcraft.config import settings
-from envcraft.errors import UsageError
+from envcraft.errors import EnvCraftError, UsageError
 from envcraft.registry import did_you_mean, offered
+
+_E = TypeVar("_E", bound=EnvCraftError)
+#: An option with its value in a message.
+_VALUE = re.compile(r"--([\w-]+) (?=')")
 
 
 class Configured(click.Command):
@@ -141,26 +146,39 @@ def _blaming_the_file(ctx: click.Context | None = None, folder: Path | None = No
             raise
         option = max(error.param.opts, key=len)
         raise UsageError(f"{place(option.removeprefix('--'), folder)}: {explained(error)}") from None
-    except UsageError as error:
+    except EnvCraftError as error:
         if ctx is None or (other := blamed(ctx, error)) is error:
             raise
         raise other from None
 
 
-def blamed(ctx: click.Context, error: UsageError) -> UsageError:
-    """Return an error that names the file and the setting if its value is from there; else the error itself."""
-    options = {option: param for param in ctx.command.params for option in param.opts}
-    option = f"--{error.setting}"
-    if option not in options or not _configured(ctx, options[option]):
-        return error
-    return of_the_file(error, Path.cwd())
+def blamed(ctx: click.Context, error: _E) -> _E:
+    """Return an error that names the file and the settings whose values are from there; else the error itself."""
+    names = [
+        option.removeprefix("--") for param in ctx.command.params if _configured(ctx, param) for option in param.opts
+    ]
+    if error.setting in names:
+        error = of_the_file(error, Path.cwd())
+        return renamed(error, {name: name for name in names})
+    return renamed(error, {name: place(name) for name in names})
 
 
-def of_the_file(error: UsageError, folder: Path) -> UsageError:
+def of_the_file(error: _E, folder: Path) -> _E:
     """Return an error that names the file and the setting, where `error` may name the option."""
     option = f"--{error.setting}"
     words = str(error).removeprefix(f"{option} ").removeprefix(f"{option}: ")
-    return UsageError(f"{place(error.setting, folder)}: {words}")
+    return type(error)(f"{place(error.setting, folder)}: {words}")
+
+
+def renamed(error: _E, names: Mapping[str, str]) -> _E:
+    """Return an error that names where values are from, instead of their options; the error itself if it names none.
+
+    Args:
+        error: an error.
+        names: what stands for each option, without dashes.
+    """
+    words = _VALUE.sub(lambda found: f"{names.get(found[1], found[0].rstrip())} ", str(error))
+    return error if words == str(error) else type(error)(words, error.setting)
 
 
 def _configured(ctx: click.Context | None, param: click.Parameter) -> bool:
@@ -192,7 +210,7 @@ def configuration(
         Values by parameter, for Click's ``default_map``.
 
     Raises:
-        UsageError: the file is malformed, or a setting does not exist.
+        UsageError: the file is malformed, a setting does not exist, or a list holds something other than strings.
     """
     path, table = settings(folder)
     values: dict[str, Any] = {}
@@ -216,7 +234,9 @@ def configuration(
         elif isinstance(value, dict):
             values[options[name]] = json.dumps(value, default=str)
         elif options[name] in repeated:
-            values[options[name]] = value if isinstance(value, list) else [value]
+            values[options[name]] = listed = value if isinstance(value, list) else [value]
+            for wrong in (each for each in listed if not isinstance(each, str)):
+                raise UsageError(f"{path}: [tool.envcraft] {key}: {wrong!r} is not a string")
         else:
             values[options[name]] = ",".join(map(str, value)) if isinstance(value, list) else value
     return values

@@ -132,7 +132,8 @@ def driver_named(name: str, least: str | None = None, runtime: str | None = None
             f"the strongest sandbox here is {driver.name}, whose isolation is only {driver.isolation}, and "
             f"{least} isolation is required; `envcraft doctor` lists what is missing"
             if name == "auto"
-            else f"the {name} sandbox isolates by {driver.isolation} only, and {least} isolation is required"
+            else f"the {name} sandbox isolates by {driver.isolation} only, and {least} isolation is required",
+            setting="require-isolation",
         )
     if name == "auto" and driver.isolation is Isolation.PROCESS:
         click.echo(

@@ -19,7 +19,7 @@ import pytest
 
 from envcraft.cli.commands.validate import blame_settings, read_kwargs, read_wrappers, severity_of
 from envcraft.cli.commands.validate import validate as validate_command
-from envcraft.cli.configured import of_the_file
+from envcraft.cli.configured import of_the_file, place, renamed
 from envcraft.cli.options import policy_of
 from envcraft.contracts.lookup import contract_named
 from envcraft.environments.targets import resolve
@@ -222,7 +222,8 @@ class Judge:
                 self._drivers[key] = driver_named(*key)
             except EnvCraftError as error:
                 # Another attempt would take as long and fail again.
-                self._drivers[key] = error
+                configured = error.setting == "require-isolation"
+                self._drivers[key] = of_the_file(error, self._config.rootpath) if configured else error
         found = self._drivers[key]
         if isinstance(found, EnvCraftError):
             raise found
@@ -341,9 +342,13 @@ def settings(config: pytest.Config, given: dict[str, Any] | None = None) -> Sett
         _require(chosen, folder)
     except UsageError as error:
         setting = error.setting
+        names = {name: name for name in ("checks", "skip", "select", "ignore")}
         if setting in origins:
-            raise UsageError(_from(origins[setting], setting, str(error))) from None
-        raise of_the_file(error, folder) if setting.replace("-", "_") in found else error from None
+            wrong = UsageError(_from(origins[setting], setting, str(error)))
+            names = {name: place(name, folder) for name in names}
+        else:
+            wrong = of_the_file(error, folder) if setting.replace("-", "_") in found else error
+        raise renamed(wrong, names | {name: origin or name for name, origin in origins.items()}) from None
     return chosen
 
 

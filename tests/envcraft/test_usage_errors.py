@@ -108,6 +108,10 @@ def test_a_class_that_only_running_the_file_defines_is_judged(invoke: Invoke, go
         ("quiet = true\nverbose = true", "quiet: quiet and verbose contradict each other"),
         ('output = "none/report.json"', "output: the report none/report.json cannot be written"),
         ('report = ["json:none/report.json"]', "report: the report none/report.json cannot be written"),
+        ('report = ["foo:x"]', "report: foo:x: there is no format 'foo'"),
+        ('checks = ["api"]\nskip = ["api"]', "checks: 'api' and skip 'api' leave no check to run"),
+        ("exclude = 3", "exclude: 3 is not a string"),
+        ('exclude = ["a", 3]', "exclude: 3 is not a string"),
     ],
 )
 def test_a_setting_is_blamed_on_its_file(setting: str, words: str, invoke: Invoke, good: Path, tmp_path: Path) -> None:
@@ -144,6 +148,28 @@ def test_a_report_blames_a_setting_on_its_file(form: str, invoke: Invoke, good: 
     result = invoke("validate", good.name, *_CHEAP, "--checks", "source", "--format", form)
     assert "[tool.envcraft] kwargs: Walk" in re.sub(r"&#(\d+);", lambda found: chr(int(found[1])), result.stdout)
     assert "--kwargs:" not in result.stdout
+
+
+def test_of_two_settings_that_contradict_each_other_each_is_named(invoke: Invoke, good: Path, tmp_path: Path) -> None:
+    (tmp_path / "pyproject.toml").write_text('[tool.envcraft]\nskip = ["api"]\n')
+    result = invoke("validate", good.name, *_CHEAP, "--checks", "api")
+    assert result.exit_code == 2
+    place = f"{tmp_path / 'pyproject.toml'}: [tool.envcraft] skip"
+    assert f"Error: --checks 'api' and {place} 'api' leave no check to run" in result.stderr
+
+
+def test_an_isolation_that_the_file_requires_names_it(invoke: Invoke, good: Path, tmp_path: Path) -> None:
+    (tmp_path / "pyproject.toml").write_text('[tool.envcraft]\nrequire-isolation = "container"\n')
+    result = invoke("validate", good.name, *_CHEAP)
+    assert result.exit_code == 3
+    place = f"{tmp_path / 'pyproject.toml'}: [tool.envcraft] require-isolation"
+    assert f"Error: {place}: the process sandbox isolates by process only" in result.stderr
+
+
+def test_a_report_without_a_format_names_its_option(invoke: Invoke, good: Path) -> None:
+    result = invoke("validate", good, *_CHEAP, "--report", "foo:x")
+    assert result.exit_code == 2
+    assert "Error: --report foo:x: there is no format 'foo'" in result.stderr
 
 
 def test_a_file_of_settings_that_is_no_toml_is_an_error(invoke: Invoke, good: Path, tmp_path: Path) -> None:

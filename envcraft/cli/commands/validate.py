@@ -285,7 +285,10 @@ def read_reports(form: str | None, output: str | None, also: Iterable[str]) -> l
         name, _, path = words.partition(":")
         if not path:
             raise UsageError(f"--report {words} must be FORMAT:FILE, such as sarif:report.sarif", setting="report")
-        found.append((reporter_named(name), path))
+        try:
+            found.append((reporter_named(name), path))
+        except UsageError as error:
+            raise UsageError(f"--report {words}: {error}", setting="report") from None
     files = [os.path.realpath(path) if path and path != "-" else "standard output" for _, path in found]
     for path in files:
         if files.count(path) > 1:

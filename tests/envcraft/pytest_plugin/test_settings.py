@@ -122,6 +122,11 @@ def test_a_setting_of_pytest_is_blamed_on_its_file(
         ('policy = "none.py"', "policy: the policy none.py cannot be read: No such file or directory"),
         ('kwargs = "[1]"', "kwargs: [1] is not a JSON object"),
         ("strict = 3", "strict: 3 is neither true nor false"),
+        (
+            'sandbox = "process"\nrequire-isolation = "container"',
+            "require-isolation: the process sandbox isolates by process only",
+        ),
+        ('checks = ["api"]\nskip = ["api"]', "checks: 'api' and skip 'api' leave no check to run"),
     ],
 )
 def test_a_setting_is_blamed_on_its_file(pytester: pytest.Pytester, walk: Path, setting: str, words: str) -> None:
@@ -129,6 +134,14 @@ def test_a_setting_is_blamed_on_its_file(pytester: pytest.Pytester, walk: Path, 
     result = pytester.runpytest_inprocess("--envcraft", "games")
     assert result.ret == pytest.ExitCode.USAGE_ERROR
     assert f"{file}: [tool.envcraft] {words}" in result.stderr.str()
+
+
+def test_an_option_that_contradicts_the_file_names_both(pytester: pytest.Pytester, walk: Path, run: Run) -> None:
+    file = pytester.makepyprojecttoml('[tool.envcraft]\nskip = ["api"]\n')
+    result = run("games", "--envcraft-checks=api")
+    assert result.ret == pytest.ExitCode.USAGE_ERROR
+    words = f"ERROR: --envcraft-checks 'api' and {file}: [tool.envcraft] skip 'api' leave no check to run"
+    assert words in result.stderr.str()
 
 
 def test_an_option_is_not_blamed_on_the_file(pytester: pytest.Pytester, walk: Path, run: Run) -> None:
