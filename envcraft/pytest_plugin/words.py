@@ -29,7 +29,7 @@ def failure(judged: Judged, reports: Iterable[CheckReport], refused: Sequence[Fi
     numbers = {id(finding): number for number, finding in enumerate(_findings(judged.report.checks), 1)}
     failing = [each for each in _findings(reports) if each.severity is Severity.ERROR or each in refused]
     blocks = [_block(judged, finding) for finding in failing]
-    blocks += [one_line(report.reason) for report in reports if report.verdict is Verdict.FAIL and report.reason]
+    blocks += [_unsettled(report) for report in reports if report.verdict is Verdict.FAIL and report.reason]
     if failing:
         replays = (f"envcraft replay report.json --finding {numbers[id(finding)]}" for finding in failing)
         commands = [f"{command(judged)} --format json --output report.json", *replays]
@@ -106,6 +106,13 @@ def summary(subjects: Sequence[dict[str, str]]) -> str:
     weak = "; this protects against accidents, not against malice: `envcraft doctor` lists what is missing"
     process = any(isolation == "process" for isolation, _ in levels)
     return f"envcraft: {plural(len(subjects), 'environment')}: {outcomes}; {isolated}{weak if process else ''}"
+
+
+def _unsettled(report: CheckReport) -> str:
+    words = (
+        f"the check {report.check} is undecided, which strict in [tool.envcraft] fails: " if report.undecided else ""
+    )
+    return words + one_line(report.reason)
 
 
 def _block(judged: Judged, finding: Finding) -> str:

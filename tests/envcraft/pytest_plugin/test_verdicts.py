@@ -109,6 +109,14 @@ def test_an_open_question_is_counted_and_named(walk: Path, run: Run, canned: Can
     )
 
 
+def test_an_open_question_that_fails_says_why(walk: Path, run: Run, canned: Canned) -> None:
+    canned.set("difficulty", Verdict.FAIL, reason="no episode was won", undecided=True)
+    result = run("games")
+    result.assert_outcomes(passed=CHECKS - 1, failed=1)
+    words = "the check difficulty is undecided, which strict in [[]tool.envcraft[]] fails: no episode was won"
+    result.stdout.fnmatch_lines([words])
+
+
 @pytest.mark.parametrize(("option", "shown"), [("-q", True), ("-qq", False)])
 def test_environments_are_counted_where_pytest_counts_tests(
     option: str, shown: bool, walk: Path, run: Run, canned: Canned
