@@ -16,6 +16,7 @@ from envcraft.pytest_plugin import words
 from envcraft.pytest_plugin.items import could_not_judge, settle
 from envcraft.pytest_plugin.judging import Case, Judged, judge_of, settings, spec_of
 from envcraft.pytest_plugin.settings import SETTINGS
+from envcraft.registry import did_you_mean
 
 Judgeable = type | str | PathLike[str]
 
@@ -67,9 +68,9 @@ class EnvCraft:
         given = marked(self._node) | {name: value for name, value in options.items() if value is not None}
         marker_target = given.pop("target", None)
         target = marker_target if target is None else target
-        if unknown := sorted(set(given) - set(SETTINGS)):
-            raise TypeError(f"there is no option {unknown[0]!r}; there are {', '.join(SETTINGS)}")
         try:
+            if unknown := sorted(set(given) - set(SETTINGS)):
+                raise UsageError(f"there is no option {did_you_mean(unknown[0], SETTINGS)}")
             if target is None:
                 raise UsageError("the target is missing: pass one, or name one in the marker envcraft")
             return judge_of(config).subject(spec_of(target, config.rootpath), settings(config, given))

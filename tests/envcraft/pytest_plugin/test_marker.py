@@ -159,8 +159,7 @@ def test_the_fixture_judges_and_asserts(
         def test_many(envcraft):
             envcraft.check("games")
         def test_wrong(envcraft):
-            with pytest.raises(TypeError, match="no option 'cheks'"):
-                envcraft.check("games/walk.py", cheks="api")
+            envcraft.check("games/walk.py", cheks="api")
         @pytest.mark.envcraft(seed=4, **QUICK)
         def test_defaults(envcraft):
             envcraft.judge("games/walk.py", checks="observation")
@@ -177,7 +176,7 @@ def test_the_fixture_judges_and_asserts(
         "test_nowhere": "ERROR",
         "test_nothing": "ERROR",
         "test_many": "ERROR",
-        "test_wrong": "PASSED",
+        "test_wrong": "ERROR",
         "test_defaults": "PASSED",
     }
     result.stdout.fnmatch_lines_random(
@@ -187,6 +186,7 @@ def test_the_fixture_judges_and_asserts(
             "the check reward could not judge games/walk.py, *: lost",
             "nothing was judged: games/nowhere.py does not exist in /*, pytest's root folder; *",
             "nothing was judged: the target is missing: *",
+            "nothing was judged: there is no option 'cheks'; did you mean checks[?]",
             "nothing was judged: */games holds 2 environments, *",
         ]
     )
