@@ -17,6 +17,8 @@ _KEY, _TEXT = 40, 200
 def part(found: Divergence, first: Any, second: Any) -> Divergence:
     """Name the part in which two observations differ, with both values at its first place.
 
+    A part whose values are equal and have other types counts only if no part has other values, with both types.
+
     Args:
         found: the difference.
         first: one observation: an array, a number, a text, or dictionaries, tuples and lists of these.
@@ -27,6 +29,7 @@ def part(found: Divergence, first: Any, second: Any) -> Divergence:
     differing = list(_differing(first, second))
     if not differing:
         return found
+    differing = [each for each in differing if not _equal(*each[1:])] or differing
     path, one, two = differing[0]
     inner = _leaf(found, one, two)
     if path:
@@ -60,12 +63,25 @@ def _same(one: Any, two: Any) -> bool:
     return type(one) is type(two) and bool(one == two or (one != one and two != two))
 
 
+def _equal(one: Any, two: Any) -> bool:
+    """Whether two parts are numbers or arrays with equal values, whatever their types; NaN equals itself."""
+    import numpy as np
+
+    if not all(isinstance(each, np.ndarray | np.generic | int | float) for each in (one, two)):
+        return False
+    one, two = np.asarray(one), np.asarray(two)
+    return one.shape == two.shape and bool(((one == two) | ((one != one) & (two != two))).all())
+
+
 def _leaf(found: Divergence, one: Any, two: Any) -> Divergence:
     """A difference with the values of two parts that have no parts of their own, if they are numbers or texts."""
     import dataclasses
 
     import numpy as np
 
+    if _equal(one, two):
+        types = (str(each.dtype) if isinstance(each, np.ndarray) else type(each).__name__ for each in (one, two))
+        return dataclasses.replace(found, first=next(types), second=next(types), where="in its type")
     if isinstance(one, np.ndarray) and isinstance(two, np.ndarray):
         numbers = one.dtype.kind in "biuf" and two.dtype.kind in "biuf"
         return region(found, one, two) if numbers and one.shape == two.shape else found

@@ -378,8 +378,15 @@ class TraceBuilder:
     def _digest(self, layout: ValueCodec, data: memoryview) -> bytes:
         last = self._digested
         if last is None or last[0] is not data or last[1] is not layout:
-            last = self._digested = data, layout, xxhash.xxh3_128_digest(data, layout.tag)
+            last = self._digested = data, layout, self._digest_of(layout, data)
         return last[2]
+
+    def _digest_of(self, layout: ValueCodec, data: memoryview) -> bytes:
+        # Only the contract's own space promises the dtype, and no comparison reports what nothing promises.
+        plain = None if self._exact_space else layout.plain(data)
+        if plain is None:
+            return xxhash.xxh3_128_digest(data, layout.tag)
+        return xxhash.xxh3_128_digest(plain, layout.plain_tag)
 
     def _keep_frame(self, frames: list[NDArray[Any]], layout: ValueCodec, value: Any) -> None:
         numbers = layout.kind == "array" and value.dtype.kind in "biuf"

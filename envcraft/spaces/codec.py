@@ -23,6 +23,10 @@ _MAX_ITEMS = 4096
 _DTYPE = re.compile(r"[<>|][biufcSU][0-9]{1,9}")
 #: Bytes of an array without its empty axes. NumPy refuses larger arrays even if they are empty.
 _MAX_ARRAY = np.iinfo(np.intp).max
+#: The dtype of each kind that has one without saying it.
+_DTYPES = {"int": np.dtype("<i8"), "float": np.dtype("<f8"), "bool": np.dtype("?")}
+#: The largest integer up to which a float64 holds all.
+_MAX_EXACT = 2**53
 
 
 class ValueCodec:
@@ -32,15 +36,18 @@ class ValueCodec:
         size: bytes of the value.
         parts: layouts in this one, itself included.
         tag: identifies the layout in digests.
+        plain_tag: the same without the types of its numbers.
         opaque: the worker sends only the type of the value, or of a part of it.
     """
 
-    __slots__ = ("dtype", "items", "kind", "name", "opaque", "parts", "shape", "size", "tag")
+    __slots__ = ("_numbers", "dtype", "items", "kind", "name", "opaque", "parts", "plain_tag", "shape", "size", "tag")
 
     size: int
     parts: int
     tag: int
+    plain_tag: int
     opaque: bool
+    _numbers: np.dtype[Any] | None
 
     def __init__(self, spec: Any, depth: int = 0) -> None:
         if not isinstance(spec, dict) or depth > _MAX_DEPTH:
@@ -88,6 +95,37 @@ class ValueCodec:
             parts = (self.kind, str(self.dtype), self.shape, self.name, [(name, item.tag) for name, item in self.items])
             identity = repr(parts).encode()
         self.tag = xxhash.xxh3_64_intdigest(identity)
+        dtype = _DTYPES.get(self.kind, self.dtype)
+        narrow = dtype is not None and dtype.kind in "biuf" and dtype.itemsize <= 8
+        # The type of a picture is a part of it.
+        self._numbers = dtype if narrow and not is_picture(self.shape, dtype) else None
+        self.plain_tag = self.tag
+        if self._numbers is not None or self.items:
+            keys = [(name, item.plain_tag) for name, item in self.items]
+            plain = ("plain", "" if self._numbers is not None else self.kind, self.shape, keys)
+            self.plain_tag = xxhash.xxh3_64_intdigest(repr(plain).encode())
+
+    def plain(self, data: bytes | memoryview) -> bytes | memoryview | None:
+        """Return the bytes of the value with each number as a float64; None if a number is too large for that."""
+        if self.items:
+            parts, offset = [], 0
+            for _, item in self.items:
+                part = item.plain(data[offset : offset + item.size])
+                if part is None:
+                    return None
+                parts.append(part)
+                offset += item.size
+            return b"".join(parts)
+        dtype = self._numbers
+        if dtype is None or dtype == _DTYPES["float"]:
+            return data
+        numbers = np.frombuffer(data, dtype)
+        large = dtype.kind in "iu" and dtype.itemsize == 8 and numbers.size
+        if large and not -_MAX_EXACT <= numbers.min() <= numbers.max() <= _MAX_EXACT:
+            return None
+        # A signalling NaN becomes a quiet one.
+        with np.errstate(invalid="ignore"):
+            return numbers.astype("<f8").tobytes()
 
     def decode(self, data: bytes | memoryview) -> Any:
         """Build the value. Raises MalformedValue if the number of bytes is not :attr:`size`."""

@@ -114,6 +114,12 @@ CHOICES = source(
     action="spaces.OneOf((spaces.Sequence(spaces.Box(-np.inf, 5, (2,)), stack=True),"
     " spaces.Dict(words=spaces.Text(9))))",
 )
+#: Observations of the type that the action has: int64, int32 or an int.
+PASSED_ON = source(
+    "self.last = min(self.last + action, 19)",
+    "spaces.Dict(at=spaces.Discrete(20), two=spaces.Box(0, 99, (2,), np.int64))",
+    "{'at': self.last, 'two': np.array([self.last, self.card])}",
+)
 #: Lists and numbers where arrays are meant, which `contains` reads as such.
 LISTS = source(
     "self.total += action",
@@ -171,6 +177,7 @@ GOOD = {
     "choices": CHOICES,
     "own": OWN,
     "lists": LISTS,
+    "action passed on": PASSED_ON,
     "context": CONTEXT,
     "rounds": ROUNDS,
     "bonus": BONUS,

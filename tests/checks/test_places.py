@@ -50,6 +50,9 @@ def _painted() -> Any:
         ({"at": float("nan")}, {"at": float("nan")}, ""),
         ({"at": 1}, {"to": 1}, ""),
         ({"at": None}, {"at": 1}, " in ['at']"),
+        (np.int64(3), np.int32(3), " in its type (int64, then int32)"),
+        ({"at": np.array([3])}, {"at": np.array([3], np.int32)}, " in ['at'] in its type (int64, then int32)"),
+        ({"at": np.int64(3), "to": 1}, {"at": 3, "to": 2}, " in ['to'] (1, then 2)"),
         ({"on": {"at": FRAME, "a": 1}}, {"on": {"at": FRAME, "b": 1}}, " in ['on']"),
     ],
 )

@@ -111,3 +111,31 @@ def test_layouts_of_other_types_have_other_tags() -> None:
 def test_what_is_no_character_is_refused(dtype: str) -> None:
     with pytest.raises(MalformedValue):
         ValueCodec({"k": "numbers", "dtype": dtype, "shape": []}).decode(b"\xff" * 4)
+
+
+_DTYPES = ("|b1", "|i1", "|u1", "<i4", ">i4", "<i8", "<u8", "<f2", "<f4", "<f8", ">f8")
+
+
+def test_equal_numbers_of_any_type_are_plainly_equal() -> None:
+    def plain(kind: str, dtype: str, shape: list[int], values: Any) -> Any:
+        layout = ValueCodec({"k": "dict", "items": [["at", {"k": kind, "dtype": dtype, "shape": shape}]]})
+        data = layout.plain(np.array(values, dtype).tobytes())
+        assert data is not None
+        return layout.plain_tag, bytes(data)
+
+    assert len({plain("array", dtype, [2], [1, 0]) for dtype in _DTYPES}) == 1
+    assert plain("array", "<i8", [2], [1, 0]) == plain("numbers", "<i8", [2], [1, 0])
+    numbers = [plain("scalar", dtype, [], 1) for dtype in _DTYPES]
+    assert {*numbers, plain("int", "<i8", [], 1), plain("float", "<f8", [], 1)} == {numbers[0]}
+    assert plain("array", "<i8", [2], [1, 0]) != plain("array", "<i8", [2, 1], [1, 0])
+    assert plain("scalar", "<f4", [], 0.1) != plain("scalar", "<f8", [], 0.1)
+
+
+def test_no_numbers_become_equal_by_their_plain_form() -> None:
+    assert (
+        ValueCodec({"k": "scalar", "dtype": ">f8"}).plain(np.array(1e300, ">f8").tobytes()) == np.array(1e300).tobytes()
+    )
+    layout = ValueCodec({"k": "array", "dtype": "<i8", "shape": [1]})
+    assert layout.plain(np.array([2**53]).tobytes()) == np.array([2.0**53]).tobytes()
+    assert layout.plain(np.array([2**53 + 1]).tobytes()) is None
+    assert ValueCodec({"k": "tuple", "items": [{"k": "int"}]}).plain((2**60).to_bytes(8, "little")) is None
