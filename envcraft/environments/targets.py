@@ -199,18 +199,25 @@ def _module(name: str) -> Target:
 
 
 def _registered(name: str) -> Target:
-    """The environment of an id. Raises UsageError if its module is only in the working directory."""
-    root, module = Path.cwd(), name.rpartition(":")[0]
+    """The environment of an id. Raises UsageError if its package is a part of the project and not installed."""
+    here, (module, _, wanted) = Path.cwd(), name.rpartition(":")
     if name.endswith(":"):
         raise UsageError(f"{name} names no environment; write its id after the colon, such as gymnasium:CartPole-v1")
     if "/" in module:
         raise UsageError(f"{name} does not exist; did you mean {name.replace('/', '.')}?")
-    package = module.partition(".")[0]
-    files = [*sorted(root.joinpath(package).rglob("*.py"))[:_READ], root / f"{package}.py"] if package else []
-    if any(file.is_file() for file in files) and not _is_installed(package, root):
-        words = f"{name} is an id of the package {package}, which is not installed but a part of the working directory"
-        entry = next(filter(None, (_entry_point(file, name.rpartition(":")[2]) for file in files)), None)
-        raise UsageError(f"{words}; name its class, {entry or f'such as {package}.module:Class'}")
+    # Without a module, the namespace of the id is usually the name of the package.
+    package = module.partition(".")[0] or wanted.rpartition("/")[0].lower()
+    if package.isidentifier() and not _is_installed(package, here):
+        found = [
+            file
+            for folder in (here, *import_folders(here))
+            for file in (*sorted(folder.joinpath(package).rglob("*.py"))[:_READ], folder / f"{package}.py")
+            if file.is_file()
+        ]
+        entry = next(filter(None, (_entry_point(file, wanted) for file in found)), None)
+        if entry or (module and found):
+            words = f"{name} is an id of the package {package}, which is not installed but a part of the project"
+            raise UsageError(f"{words}; name its class, {entry or f'such as {package}.module:Class'}")
     return Target(name, kind=Kind.ID)
 
 

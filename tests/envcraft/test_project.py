@@ -710,3 +710,20 @@ def test_an_id_of_a_package_that_is_not_installed_names_its_class(
     assert result.exit_code == 2
     assert "an id of the package regpkg, which is not installed" in result.stderr
     assert words in result.stderr
+
+
+@pytest.mark.parametrize("layout", [".", "src"])
+@pytest.mark.parametrize("name", ["regpkg/Walk-v0", "RegPkg/Walk-v0", "regpkg:regpkg/Walk-v0"])
+def test_an_id_of_the_project_names_its_class(
+    name: str, layout: str, invoke: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    package = tmp_path / layout / "regpkg"
+    package.mkdir(parents=True)
+    (tmp_path / "pyproject.toml").touch()
+    wanted = name.rpartition(":")[2]
+    (package / "__init__.py").write_text(f'register(id="{wanted}", entry_point="regpkg.walk:Walk")\n')
+    monkeypatch.chdir(tmp_path)
+    result = invoke("validate", name, "--sandbox", "process", "--budget", "quick")
+    assert result.exit_code == 2
+    assert f"{name} is an id of the package regpkg" in result.stderr
+    assert result.stderr.endswith("name its class, regpkg.walk:Walk\n")
