@@ -160,18 +160,23 @@ class ConsoleReporter(Reporter):
             for label, words in evidence
             for line in self._lines(_text(f"{label}: " if label else "", "bright_black").append(words), 6, cut=True)
         ]
+        values = sum(label in ("expected", "found") for label, _ in evidence)
+        # The end of the traceback is what raised, so its beginning gives way first.
+        traceback = [number for number, (label, _) in enumerate(evidence) if not label]
+        printed = [number for number, (label, _) in enumerate(evidence) if label == "printed"]
         if self.verbosity <= 0:
-            # Long sentences give way to the values that differ and to the line that counts the rest.
-            values = sum(label in ("expected", "found") for label, _ in evidence)
-            room = _LINES - len(place) - len(source) - min(len(shown), values + 1)
+            # Long sentences give way to the values that differ, to that end, and to the line that counts the rest.
+            room = _LINES - len(place) - len(source) - min(len(shown), values + len(traceback[-1:]) + 1)
             self._shorten([again, fix, message], room)
         before, after = [*place, *message, *source], [*fix, *again]
         room = max(_LINES - len(before) - len(after), 0)
         if self.verbosity <= 0 and len(shown) > room:
-            kept = shown[: max(room - 1, 0)]
-            hidden = plural(len(shown) - len(kept), "more line")
+            order = [*traceback[:-1], *printed, *traceback[-1:], *range(values)]
+            hidden = order[: len(shown) - max(room - 1, 0)]
+            kept = [line for number, line in enumerate(shown) if number not in hidden]
+            more = plural(len(hidden), "more line")
             # As short as a narrow terminal needs it. A message may fill the room, and the reader must still know.
-            words = f"--verbose shows {hidden}" if self.again else f"{hidden} of evidence"
+            words = f"--verbose shows {more}" if self.again else f"{more} of evidence"
             shown = kept + self._lines(_text(words, "bright_black"), 6, cut=True)
         picture = self._picture(subject, finding, room - len(shown))
         for line in [*before, *shown, *picture, *after]:

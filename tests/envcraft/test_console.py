@@ -133,6 +133,17 @@ def test_the_end_of_what_was_printed_is_shown_with_the_finding() -> None:
     assert max(map(len, said.splitlines())) < 250
 
 
+@pytest.mark.parametrize("width", [40, 60, 80])
+def test_a_narrow_terminal_shows_the_line_of_a_traceback_that_raised(width: int) -> None:
+    made = report()
+    found = made.reports[1].checks[1].findings
+    evidence = {"traceback": "\n".join([*(f"frame {number}" for number in range(5)), "KeyError: 1"]), "output": "x\ny"}
+    found[0] = Finding("EC203", Severity.ERROR, LONG, 41, evidence)
+    said = [line.strip() for line in rendered(made, width, force_terminal=True, color_system=None).splitlines()]
+    assert "KeyError: 1" in said
+    assert "frame 0" not in said
+
+
 def test_subjects_are_shown_in_the_order_of_the_report() -> None:
     made = report()
     stream = io.StringIO()
