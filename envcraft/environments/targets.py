@@ -15,10 +15,12 @@ import click
 from envcraft.errors import UsageError
 from envcraft.model.import_folders import import_folders
 from envcraft.model.project import (
+    Class,
     Place,
     defined_classes,
     defined_names,
     defining_file,
+    derivation,
     environment_line,
     with_project,
 )
@@ -129,6 +131,8 @@ def _absent(path: str) -> str:
 def environments_below(folder: str, env_class: str | None = None, unreadable: Unreadable = refuse) -> Iterator[Target]:
     """Yield the environments in a folder by path; report on stderr at the end how many files are skipped.
 
+    A class without ``reset`` or ``step`` that another of these environments derives from is no environment.
+
     Args:
         folder: the folder.
         env_class: the class to judge; files that do not define it are skipped.
@@ -138,6 +142,8 @@ def environments_below(folder: str, env_class: str | None = None, unreadable: Un
         UsageError: a file cannot be read, and `unreadable` raises its error.
     """
     passed, tests, others = [], [], []
+    bases: set[Class] = set()
+    held: list[tuple[str, Target, set[Class]]] = []
     for file in _python_files(folder, unreadable):
         try:
             target = read_target(file, env_class)
@@ -150,6 +156,17 @@ def environments_below(folder: str, env_class: str | None = None, unreadable: Un
             tests.append(file)
         elif _lacks_class(target):
             others.append(file)
+        else:
+            above, unfinished = derivation(target.source, Path(file))
+            bases |= above
+            # A possible base waits for the files that may derive from it, and those after it keep their order.
+            if held or (unfinished and env_class is None):
+                held.append((file, target, unfinished))
+            else:
+                yield with_project(target)
+    for file, target, unfinished in held:
+        if unfinished and unfinished <= bases and env_class is None:
+            passed.append(file)
         else:
             yield with_project(target)
     for files, kind, without in (

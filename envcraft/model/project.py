@@ -11,6 +11,7 @@ import contextlib
 import itertools
 import os
 import symtable
+import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -362,6 +363,34 @@ def environment_line(source: bytes, path: Path) -> int | None:
     return min(found, default=None)
 
 
+#: A class by its file and name.
+Class = tuple[Path, str]
+
+
+def derivation(source: bytes, path: Path) -> tuple[set[Class], set[Class]]:
+    """Find how the environments of a file derive from each other and from those of other files.
+
+    Args:
+        source: the file.
+        path: where it is, for the modules of its project.
+
+    Returns:
+        The classes of other files that they derive from; and they themselves if all of them lack ``reset`` or ``step``,
+        as their source and that of all their bases shows, else nothing.
+    """
+    bases = _Bases()
+    try:
+        module = _Module.read(source, path)
+        names = [name for name in module.classes if bases.environment(module, name) is not None]
+        derived = {each for name in names for each in bases.derived_from(module, name)}
+        made = any(bases.make(module, name, value) for name, values in module.assigned.items() for value in values)
+        lacking = not made and all(bases.lacks_methods(module, name) for name in names)
+    except _UNREADABLE:
+        return set(), set()
+    own = {(path.resolve(), name) for name in names} if lacking else set()
+    return {(other.path.resolve(), name) for other, name in derived if other is not module}, own
+
+
 class _Module(msgspec.Struct, eq=False):
     """What a module, or a function of it, binds.
 
@@ -416,6 +445,24 @@ class _Module(msgspec.Struct, eq=False):
                     self.imported.setdefault(alias.asname or alias.name, []).append(f"{base}:{alias.name}")
                 self.starred += [base] if node.names[0].name == "*" else []
 
+    def has_neither(self, words: str) -> bool:
+        """Whether a dotted name means ``gymnasium.Env`` or a class of the standard library."""
+        first, _, rest = words.partition(".")
+        sources = self.imported.get(first, ())
+        tops = {source.partition(":")[0].partition(".")[0] for source in sources}
+        last = rest or "".join(source.partition(":")[2] for source in sources)
+        own = first in self.classes or first in self.assigned
+        return not own and bool(tops) and (tops <= sys.stdlib_module_names or (tops <= _GYMNASIUM and last == "Env"))
+
+
+def _bound(body: list[ast.stmt]) -> Iterator[str]:
+    """The names of the methods of a class, and of what it assigns."""
+    for node in body:
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+            yield node.name
+        elif isinstance(node, ast.Assign):
+            yield from (target.id for target in node.targets if isinstance(target, ast.Name))
+
 
 def _statements(node: ast.AST) -> Iterator[ast.stmt]:
     """The statements that run when a module is imported, without the bodies of classes and functions."""
@@ -465,6 +512,33 @@ class _Bases:
         made = name in names and self.environment(inner, name) is not None
         return made or any(self._typed(inner, name, each) for each in values)
 
+    def derived_from(self, module: _Module, name: str) -> set[tuple[_Module, str]]:
+        """The classes of the project that a class derives from, itself included."""
+        reached = {here for here in self._reached(module, [name]) if here is not None}
+        return {(here, words) for here, words in reached if words in here.classes}
+
+    def lacks_methods(self, module: _Module, name: str) -> bool:
+        """Whether neither a class nor its bases, all of which are known, define both ``reset`` and ``step``."""
+        defined: set[str] = set()
+        pending = [(module, name)]
+        for _ in range(_MOST_NAMES):
+            if not pending:
+                return not defined >= {"reset", "step"}
+            here, words = pending.pop()
+            if here.has_neither(words):
+                continue
+            node = here.classes.get(words)
+            if node is not None:
+                defined |= set(_bound(node.body))
+                if not all(isinstance(base, ast.Name | ast.Attribute | ast.Subscript) for base in node.bases):
+                    return False
+            found = list(self._next(here, words))
+            known = [each for each in found if each is not None]
+            if len(known) < len(found) or (not known and (node is None or node.bases)):
+                return False
+            pending += known
+        return False
+
     def _typed(self, module: _Module, name: str, value: ast.expr) -> bool:
         """Whether a call of ``type()`` makes an environment; its name may be known only when it runs."""
         match value:
@@ -476,6 +550,10 @@ class _Bases:
 
     def _lead(self, module: _Module, names: list[str]) -> bool:
         """Whether one of some names of a module means ``gymnasium.Env``, or what derives from it."""
+        return None in self._reached(module, names)
+
+    def _reached(self, module: _Module, names: list[str]) -> Iterator[tuple[_Module, str] | None]:
+        """Some names of a module and all that they mean or derive from; None for an environment of a package."""
         # Names that end with () mean what a call returns.
         pending = [(module, name) for name in names]
         seen: set[tuple[_Module, str]] = set()
@@ -484,11 +562,12 @@ class _Bases:
             if here in seen or here[1].count(".") > _DEEPEST:
                 continue
             seen.add(here)
+            yield here
             for found in self._next(*here):
                 if found is None:
-                    return True
-                pending.append(found)
-        return False
+                    yield None
+                else:
+                    pending.append(found)
 
     def _returned(self, module: _Module, function: ast.FunctionDef) -> tuple[_Module, list[ast.expr]]:
         """What a function of a module sees, and what it returns."""

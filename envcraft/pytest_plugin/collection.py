@@ -88,6 +88,16 @@ class Collection:
         file.line, file.settings, file.checks = line, self.settings, self.checks
         return [file]
 
+    @pytest.hookimpl(tryfirst=True)
+    def pytest_collection_modifyitems(self, session: pytest.Session, items: list[pytest.Item]) -> None:
+        """Leave out what other environments derive from and cannot be made alone, as `envcraft validate` does."""
+        files = dict.fromkeys(item.path for item in items if isinstance(item, CheckItem))
+        with _without_warnings():
+            derived = {path: project.derivation(_read(path) or b"", path) for path in files}
+        bases = {each for above, _ in derived.values() for each in above}
+        left_out = {path for path, (_, own) in derived.items() if own and own <= bases and not session.isinitpath(path)}
+        items[:] = [item for item in items if not (isinstance(item, CheckItem) and item.path in left_out)]
+
 
 class EnvironmentFile(pytest.File):
     """A file with an environment class at `line`; its items are the checks."""

@@ -130,6 +130,34 @@ def test_files_without_an_environment_are_passed_over_and_counted(command: str, 
     assert "skipped 3 files without an environment" in result.stderr
 
 
+_BASE = "import gymnasium as gym\nfrom typing import Generic, TypeVar\nT = TypeVar('T')\n\n"
+_METHODS = "    def reset(self, **kwargs): ...\n    def step(self, action): ...\n"
+
+
+@pytest.mark.parametrize(
+    ("base", "found"),
+    [
+        ("class Base(gym.Env[int, int]): ...", ["walk"]),
+        ("class Base(gym.Env, Generic[T]):\n    def reset(self, **kwargs): ...", ["walk"]),
+        ("class Root(gym.Env): ...\nclass Base(Root): ...", ["walk"]),
+        ("class Base(gym.Env): ...\nclass Own(Base): ...", ["base", "walk"]),
+        (f"class Base(gym.Env): ...\nclass Whole(Base):\n{_METHODS}", ["base", "walk"]),
+        (f"class Base(gym.Env):\n{_METHODS}", ["base", "walk"]),
+        ("class Base(gym.Env):\n    reset = step = print", ["base", "walk"]),
+        ("from minigrid.envs import EmptyEnv\nclass Base(EmptyEnv): ...", ["base", "walk"]),
+        ("from mixins import Mixin\nclass Base(Mixin, gym.Env): ...", ["base", "walk"]),
+        ("def made(kind): return kind\nclass Base(made(gym.Env)): ...", ["base", "walk"]),
+    ],
+)
+def test_a_base_that_only_others_complete_is_passed_over(base: str, found: list[str], tmp_path: Path) -> None:
+    (tmp_path / "base.py").write_text(f"{_BASE}{base}\n")
+    (tmp_path / "walk.py").write_text(f"from base import Base\nclass Walk(Base):\n{_METHODS}")
+    assert [Path(target.path).stem for target in environments_below(str(tmp_path))] == found
+    (tmp_path / "walk.py").write_text(f"{_BASE}class Walk(gym.Env):\n{_METHODS}")
+    assert [Path(target.path).stem for target in environments_below(str(tmp_path))] == ["base", "walk"]
+    assert resolve(str(tmp_path / "base.py"))
+
+
 def test_a_file_that_cannot_be_read_is_not_passed_over(invoke: Invoke, project: Path) -> None:
     # Reading the first byte of a process's memory fails, for the superuser too.
     (project / "hidden.py").symlink_to("/proc/self/mem")
@@ -183,7 +211,7 @@ def test_an_interrupted_run_of_a_folder_says_what_keeps_verdicts(
     (project / "other.py").write_text(ENVIRONMENT)
     result = invoke("validate", project, "--sandbox", "process")
     assert result.exit_code == 130
-    assert "0 of 2 were judged and not stored; `envcraft audit FOLDER` stores each verdict and resumes" in result.stderr
+    assert "none was judged; `envcraft audit FOLDER` stores each verdict and resumes" in result.stderr
     alone = invoke("validate", project / "walk.py", "--sandbox", "process")
     assert (alone.exit_code, "audit" in alone.stderr) == (130, False)
 

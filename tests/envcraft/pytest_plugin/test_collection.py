@@ -108,6 +108,8 @@ def test_the_same_files_are_collected_as_are_validated(pytester: pytest.Pytester
         "grid": "from walk import Walk\nclass Grid(Walk): pass\n",
         "abstract": "import gymnasium\nclass A(gymnasium.Env):\n    def step(self, a): raise NotImplementedError\n",
         "alike": "import gymnasium\nclass A:\n    def reset(self): ...\n    def step(self): ...\n",
+        "root": "import gymnasium\nclass Root(gymnasium.Env): pass\n",
+        "tree": "from root import Root\nclass Tree(Root):\n    def reset(self): ...\n    def step(self, a): ...\n",
         "wraps": "import gymnasium\nclass A(gymnasium.Wrapper): pass\n",
     }
     for name, source in sources.items():
@@ -115,7 +117,8 @@ def test_the_same_files_are_collected_as_are_validated(pytester: pytest.Pytester
     result = run("--collect-only", "-q", "games", "--envcraft-checks=source")
     collected = {line.partition("::")[0] for line in result.outlines if "::" in line}
     assert collected == {target.path for target in environments_below("games")}
-    assert collected == {"games/alias.py", "games/grid.py", "games/walk.py"}
+    assert collected == {"games/alias.py", "games/grid.py", "games/tree.py", "games/walk.py"}
+    assert run("--collect-only", "-q", "games/root.py", "games/tree.py").outlines[0].startswith("games/root.py::")
 
 
 def test_a_file_that_cannot_be_read_counts_and_is_then_an_error(tmp_path: Path) -> None:
