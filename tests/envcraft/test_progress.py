@@ -374,8 +374,8 @@ def test_ctrl_c_leaves_the_terminal_clean(good: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "note"),
     [
-        ("validate", "0 of 2 were judged and not stored; `envcraft audit FOLDER` stores each verdict and resumes"),
-        ("audit", "0 of 2 were judged and stored; the same command resumes"),
+        ("validate", "none was judged; `envcraft audit FOLDER` stores each verdict and resumes"),
+        ("audit", "none was judged; the same command resumes"),
     ],
 )
 def test_ctrl_c_leaves_what_was_judged_and_no_view(name: str, note: str, good: Path) -> None:

@@ -286,5 +286,6 @@ def _judge(run: Audit, judging: Judging, resume: bool) -> None:
             if resume
             else "the same command judges all again, and without --no-resume only those without a verdict"
         )
-        click.echo(f"{judged:,} of {len(run.pending):,} were judged and stored; {again}", err=True)
+        done = f"{judged:,} of {len(run.pending):,} were judged and stored" if judged else "none was judged"
+        click.echo(f"{done}; {again}", err=True)
         raise

@@ -249,8 +249,8 @@ def _counting(finished: list[SubjectFinished], every: int) -> Iterator[None]:
         yield
     except KeyboardInterrupt:
         if every > 1:
-            words = "were judged and not stored; `envcraft audit FOLDER` stores each verdict and resumes"
-            click.echo(f"{len(finished):,} of {every:,} {words}", err=True)
+            judged = f"{len(finished):,} of {every:,} were judged and not stored" if finished else "none was judged"
+            click.echo(f"{judged}; `envcraft audit FOLDER` stores each verdict and resumes", err=True)
         raise
     except OSError as error:
         if is_full(error) and finished:
