@@ -41,6 +41,8 @@ def corpus_splits(
         UsageError: if `fractions` are invalid, or rensa is needed and not installed.
         CorpusDamaged: if a source is missing or has changed.
     """
+    # Before the search for duplicates, which takes longer.
+    _require(fractions)
     return split(groups_of(store, layers, threshold), fractions, seed)
 
 
@@ -70,6 +72,8 @@ def family_splits(
             installed.
         CorpusDamaged: if a source is missing or has changed.
     """
+    if fractions is not None:
+        _require(fractions)
     groups = _whole(families(store), groups_of(store, layers, threshold))
     shares = [1 / len(groups) for _ in groups] if fractions is None else fractions
     if not groups or len(groups) < len(shares):
@@ -117,10 +121,7 @@ def split(groups: Sequence[Sequence[str]], fractions: Sequence[float], seed: int
     Raises:
         UsageError: if `fractions` are invalid.
     """
-    if not fractions or any(not 0 < fraction <= 1 for fraction in fractions):
-        raise UsageError(f"each of the fractions {_words(fractions)} must be above 0 and at most 1")
-    if not math.isclose(sum(fractions), 1, abs_tol=1e-6):
-        raise UsageError(f"the fractions {_words(fractions)} add up to {sum(fractions):g}, not to 1")
+    _require(fractions)
     total = sum(map(len, groups))
     splits: list[list[str]] = [[] for _ in fractions]
     ordered = sorted(groups, key=lambda group: (-len(group), _shuffled(min(group), seed)))
@@ -138,6 +139,14 @@ def split(groups: Sequence[Sequence[str]], fractions: Sequence[float], seed: int
     for place, names in enumerate(splits):
         names += single[bounds[place] : bounds[place + 1]]
     return [sorted(names) for names in splits]
+
+
+def _require(fractions: Sequence[float]) -> None:
+    """Raise UsageError if fractions are no shares of a whole."""
+    if not fractions or any(not 0 < fraction <= 1 for fraction in fractions):
+        raise UsageError(f"each of the fractions {_words(fractions)} must be above 0 and at most 1")
+    if not math.isclose(sum(fractions), 1, abs_tol=1e-6):
+        raise UsageError(f"the fractions {_words(fractions)} add up to {sum(fractions):g}, not to 1")
 
 
 def _shuffled(name: str, seed: int) -> tuple[bytes, str]:

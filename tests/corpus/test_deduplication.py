@@ -6,6 +6,7 @@ import hashlib
 import json
 import re
 import sqlite3
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -232,6 +233,24 @@ def test_diversity_and_split_commands(corpus: Store, invoke: Invoke) -> None:
     assert re.search(r"--folds 50 leaves \d+ splits of \d+ environments empty; name fewer", many.stderr)
     for wrong in ((), ("--folds", "3", "--fractions", "1"), ("--fractions", "0.5,x"), ("--fractions", "0.5,0.4")):
         assert invoke("corpus", "split", corpus.root, *wrong).exit_code == 2
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("--fractions", "0.5,0.6"), "the fractions 0.5,0.6 add up to 1.1, not to 1"),
+        (("--by", "family", "--fractions", "0.5,0.6"), "the fractions 0.5,0.6 add up to 1.1, not to 1"),
+        (("--folds", "50"), "--folds 50 leaves 39 splits of 11 environments empty; name fewer"),
+    ],
+)
+def test_a_wrong_split_needs_no_library(
+    options: tuple[str, ...], words: str, corpus: Store, invoke: Invoke, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    corpus.close()
+    monkeypatch.setitem(sys.modules, "rensa", None)
+    result = invoke("corpus", "split", corpus.root, *options)
+    assert result.exit_code == 2
+    assert words in result.stderr
 
 
 # Splits

@@ -138,9 +138,13 @@ def split(
     split.
     """
     from envcraft.corpus.splits import corpus_splits, families, family_splits
+    from envcraft.corpus.store.environments import count
 
     chosen = _chosen(layers)
     with open_store(corpus) as store:
+        number = count(store)
+        # Before the search for duplicates, which takes longer and needs an extra.
+        _refuse_empty(folds, (folds or 0) - number, number)
         if by == "family":
             shares = None if fractions is None and folds is None else _shares(fractions, folds)
             found = family_splits(store, shares, seed, chosen, threshold)
@@ -148,10 +152,7 @@ def split(
         else:
             shares = _shares(fractions, folds)
             found = corpus_splits(store, shares, seed, chosen, threshold)
-    if folds is not None and (empty := found.count([])):
-        every = plural(sum(map(len, found)), "environment")
-        words = f"--folds {folds} leaves {plural(empty, 'split')} of {every} empty; name fewer"
-        raise UsageError(words, setting="folds")
+    _refuse_empty(folds, found.count([]), number)
     splits: list[dict[str, Any]] = []
     for share, names in zip(shares or [1 / len(found)] * len(found), found, strict=True):
         splits.append({"fraction": share, "environments": names})
@@ -162,6 +163,14 @@ def split(
 
 def _chosen(layers: tuple[str, ...]) -> tuple[str, ...]:
     return tuple(name for name in _NAMES if not layers or name in layers)
+
+
+def _refuse_empty(folds: int | None, empty: int, environments: int) -> None:
+    """Raise UsageError if some of the splits that ``--folds`` wants are empty."""
+    if folds is not None and empty > 0:
+        every = plural(environments, "environment")
+        words = f"--folds {folds} leaves {plural(empty, 'split')} of {every} empty; name fewer"
+        raise UsageError(words, setting="folds")
 
 
 def _shares(fractions: str | None, folds: int | None) -> list[float]:
