@@ -68,7 +68,7 @@ from .linting.loading import import_code, method_code, printing_line, seeding_li
 from .linting.program import program_of
 
 if TYPE_CHECKING:
-    from envcraft.judging.description import Description, Effects
+    from envcraft.judging.description import Description, Effects, UnfinishedClass
     from envcraft.judging.facts import Loaded
     from envcraft.judging.subject import Subject
     from envcraft.model.trace import Fault
@@ -395,18 +395,13 @@ class Source(Check):
         lines = {node.name: node.lineno for node in tree.body if isinstance(node, ast.ClassDef)}
         alike = description.get("lookalikes", [])
         hint = f"; {', '.join(alike)} has reset and step but does not derive from gymnasium.Env" if alike else ""
-        lacking = next(_lacking(tree), None)
-        line = lines.get(alike[0]) if alike else None if lacking is None else lacking[0].lineno
-        if not hint and lacking is not None:
-            node, methods = lacking
-            hint = f"; {node.name} has no {' and no '.join(methods)}"
+        line = lines.get(alike[0]) if alike else None
+        if not hint and (unfinished := description.get("unfinished")):
+            line, hint = unfinished[0]["line"], f"; {_left_open(unfinished[0])}"
         elif not hint and (wrappers := description.get("wrappers")):
             line = lines.get(wrappers[0])
             options = _wrapping(subject, wrappers[0])
             hint = f"; {wrappers[0]} is a wrapper; to judge it, validate an environment with {options}"
-        elif not hint and (abstract := next(_abstract(tree), None)) is not None:
-            line, (name, methods) = lines[abstract[0]], abstract
-            hint = f"; {name} leaves {' and '.join(methods)} abstract"
         elif not hint and (made := next(_made(tree), None)) is not None:
             line, function, name = made
             step = (
@@ -440,22 +435,15 @@ def _absent(fault: Fault, name: str) -> bool:
     )
 
 
-def _lacking(tree: ast.Module) -> Iterator[tuple[ast.ClassDef, list[str]]]:
-    """The classes that name ``Env`` of Gymnasium as their base, each with the methods that it does not define."""
-    for node in tree.body:
-        if isinstance(node, ast.ClassDef) and any(_ENV.fullmatch(ast.unparse(base)) for base in node.bases):
-            methods = {each.name for each in node.body if isinstance(each, ast.FunctionDef)}
-            if lacks := [name for name in ("reset", "step") if name not in methods]:
-                yield node, lacks
-
-
-def _abstract(tree: ast.Module) -> Iterator[tuple[str, list[str]]]:
-    """The classes that declare abstract methods, with their names."""
-    for node in tree.body:
-        methods = [each for each in getattr(node, "body", []) if isinstance(each, ast.FunctionDef)]
-        names = [f"{each.name}()" for each in methods if any("abstract" in ast.dump(d) for d in each.decorator_list)]
-        if isinstance(node, ast.ClassDef) and names:
-            yield node.name, names
+def _left_open(unfinished: UnfinishedClass) -> str:
+    """What a class leaves to subclasses, in words."""
+    name, parts = unfinished["name"], []
+    if unfinished["lacks"]:
+        parts.append(f"has no {' and no '.join(unfinished['lacks'])}")
+    if unfinished["abstract"]:
+        methods = [f"{each}(){'' if owner == name else f' of {owner}'}" for each, owner in unfinished["abstract"]]
+        parts.append(f"leaves {' and '.join(methods)} abstract")
+    return f"{name} {' and '.join(parts)}"
 
 
 def _made(tree: ast.Module) -> Iterator[tuple[int, str, str]]:

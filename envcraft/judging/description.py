@@ -33,6 +33,13 @@ class DefinedClass(TypedDict):
     line: int | None
 
 
+class UnfinishedClass(DefinedClass):
+    """One that leaves methods to subclasses: `reset` or `step`, and `abstract` ones, each with the class it is from."""
+
+    lacks: list[_Name]
+    abstract: list[tuple[_Name, _Name]]
+
+
 class Effects(TypedDict, total=False):
     """Side effects of the import: its seconds, whether it used the global generators, the number of threads started."""
 
@@ -67,6 +74,7 @@ Description = TypedDict(
         "classes": list[DefinedClass],
         "lookalikes": list[str],
         "wrappers": list[_Name],
+        "unfinished": list[UnfinishedClass],
         "effects": Effects,
         "class": str,
         "line": int | None,

@@ -31,7 +31,7 @@ def concrete_classes(module: ModuleType) -> list[str]:
         and issubclass(value, gymnasium.Env)
         and not issubclass(value, gymnasium.Wrapper)
         and not inspect.isabstract(value)
-        and _all(_implemented(value, method) for method in ("reset", "step"))
+        and _all(implements(value, method) for method in ("reset", "step"))
     ]
     kinds = [getattr(module, name) for name in found]
     bases = {kind.__name__ for kind in kinds if _is_open(kind) and _any(kind in other.__mro__[1:] for other in kinds)}
@@ -63,7 +63,8 @@ def is_environment(value: Any) -> bool:
     return inspect.isclass(value) and issubclass(value, gymnasium.Env) and value is not gymnasium.Env
 
 
-def _implemented(kind: type, method: str) -> bool:
+def implements(kind: type, method: str) -> bool:
+    """Whether a class or a base of it defines a method of environments that does more than raise."""
     function = getattr(kind, method, None)
     if function is None or function is getattr(gymnasium.Env, method):
         return False

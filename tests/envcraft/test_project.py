@@ -539,6 +539,35 @@ def test_a_class_that_lacks_a_method_is_named_with_its_line(invoke: Invoke, good
     assert "Game has no step" in result.stdout
 
 
+_GOAL = "import abc\nimport gymnasium as gym\n\n" + _ROOM.replace("Room(gym.Env)", "Base(gym.Env, abc.ABC)")
+_GOAL += "    @abc.abstractmethod\n    def goal(self): ...\n"
+
+
+@pytest.mark.parametrize(
+    ("base", "source", "words"),
+    [
+        (_GOAL, "from base import Base\n\nclass Grid(Base): ...\n", "3: Grid leaves goal() of Base abstract"),
+        ("", f"{_GOAL}\nclass Grid(Base): ...\n", "10: Grid leaves goal() of Base abstract"),
+        ("", _GOAL, "4: Base leaves goal() abstract"),
+        (
+            f"import gymnasium as gym\n{_ABSTRACT}",
+            "from base import Game\nclass Grid(Game): ...\n",
+            "2: Grid has no reset and leaves step() of Game abstract",
+        ),
+    ],
+)
+def test_a_class_that_inherits_an_abstract_method_is_named_with_its_line(
+    base: str, source: str, words: str, invoke: Invoke, good: Path
+) -> None:
+    good.with_name("base.py").write_text(base)
+    good.write_text(source)
+    options = ("--sandbox", "process", "--contract", "gymnasium", "--format", "concise")
+    result = invoke("validate", good, *options)
+    line, _, hint = words.partition(": ")
+    assert f"{good}:{line}: EC005" in result.stdout
+    assert f"; {hint}" in result.stdout
+
+
 def test_a_file_of_a_wrapper_says_how_to_judge_it(invoke: Invoke, good: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(good.parent)
     Path("wrappers").mkdir()

@@ -164,6 +164,10 @@ class Subject:
             ],
             "lookalikes": targets.lookalikes(module),
             "wrappers": targets.wrappers(module),
+            "unfinished": [
+                {"name": kind.__name__, "line": _line(kind), "lacks": lacks, "abstract": abstract}
+                for kind, (lacks, abstract) in (targets.unfinished(module) if not names else {}).items()
+            ],
         }
         if chosen is not None and inspect.isclass(getattr(module, chosen, None)):
             described["class"] = chosen

@@ -19,7 +19,7 @@ from typing import Any
 
 import gymnasium
 from envcraft_protocol import jobs
-from envcraft_protocol.classes import concrete_classes, is_environment, rendering
+from envcraft_protocol.classes import concrete_classes, implements, is_environment, rendering
 
 from . import project
 from .marks import Marked, Reached
@@ -361,6 +361,28 @@ def lookalikes(module: ModuleType) -> list[str]:
         and callable(getattr(value, "reset", None))
         and callable(getattr(value, "step", None))
     ]
+
+
+def unfinished(module: ModuleType) -> dict[type, tuple[list[str], list[list[str]]]]:
+    """The environments of a module that leave methods to subclasses, without those that others derive from.
+
+    Returns:
+        Of each class, which of ``reset`` and ``step`` it lacks; and its abstract methods, or else those of the two that
+        do nothing or only raise, each with the class that defines it.
+    """
+    found = {}
+    for name, value in list(vars(module).items()):
+        if not is_environment(value) or value.__module__ != module.__name__ or value.__name__ != name:
+            continue
+        lacks = [each for each in ("reset", "step") if getattr(value, each) is getattr(gymnasium.Env, each)]
+        empty = [each for each in ("reset", "step") if each not in lacks and not implements(value, each)]
+        # A class without a metaclass for it may declare methods abstract, too.
+        declared = [each for each in dir(value) if getattr(getattr(value, each, None), "__isabstractmethod__", False)]
+        names = declared or empty
+        owners = [[each, next(part.__name__ for part in value.__mro__ if each in vars(part))] for each in names]
+        if (owners or lacks) and not issubclass(value, gymnasium.Wrapper):
+            found[value] = lacks, owners
+    return {kind: left for kind, left in found.items() if not any(kind in other.__mro__[1:] for other in found)}
 
 
 def wrappers(module: ModuleType) -> list[str]:
