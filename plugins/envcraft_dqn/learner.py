@@ -226,10 +226,16 @@ def device_named(name: str) -> torch.device:
     if name == "auto":
         return torch.device("cuda" if torch.cuda.is_available() else "cpu")
     try:
-        torch.empty(0, device=name)
-        return torch.device(name)
-    except (RuntimeError, AssertionError) as error:
-        raise UsageError(f"--device {name} is not available: {str(error).splitlines()[0]}") from None
+        device = torch.device(name)
+    except RuntimeError:
+        raise UsageError(f"--device {name} is no device of torch; name one such as cpu, cuda or cuda:1") from None
+    try:
+        torch.empty(0, device=device)
+    except (RuntimeError, AssertionError, ImportError) as error:
+        # For a device without a driver torch says in many words that it has no operator.
+        reason = "" if isinstance(error, NotImplementedError | ImportError) else f": {str(error).splitlines()[0]}"
+        raise UsageError(f"--device {name} is not available on this machine{reason}") from None
+    return device
 
 
 def _faster_in_bf16(device: torch.device) -> bool:

@@ -244,8 +244,12 @@ def test_unusable_settings_are_reported(tmp_path: Path) -> None:
         train(Settings(capacity=100), ["right"], open_corridors, tmp_path)
     with pytest.raises(UsageError, match="too small for all demonstrations"):
         train(Settings(capacity=200, num_envs=2, device="cpu"), ["right"], open_corridors, tmp_path, Scripted())
-    with pytest.raises(UsageError, match="--device nonsense is not available"):
-        train(Settings(device="nonsense"), ["right"], open_corridors, tmp_path)
+    for device, words in (
+        ("tpu", "is no device of torch; name one such as cpu"),
+        ("mps", "is not available on this mac"),
+    ):
+        with pytest.raises(UsageError, match=f"^--device {device} {words}"):
+            train(Settings(device=device), ["right"], open_corridors, tmp_path)
 
 
 @pytest.mark.parametrize(
