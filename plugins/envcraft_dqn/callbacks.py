@@ -157,7 +157,8 @@ class ProgressLogger(EpisodeStatistics):
         if now - self._refreshed < _REFRESH_SECONDS and done < self._total:
             return
         self._refreshed = now
-        self._bar.update(self._phase, completed=done, statistics=self._text())
+        # The lanes step together, and the last steps may be more than were asked for.
+        self._bar.update(self._phase, completed=min(done, self._total), statistics=self._text())
         if self._logged is not None and now - self._logged[0] < _LOG_SECONDS:
             return
         if self._logged is not None:

@@ -120,6 +120,8 @@ def test_one_frame_is_a_frame(invoke: Any, report: Path) -> None:
     assert report.exists()
     result = invoke("replay", "nan.py", "--repro", '{"seed": 0}', "--gif", "start.gif", "--sandbox", "process")
     assert "wrote start.gif: 1 frame\n" in result.stderr
+    result = invoke("replay", "nan.py", "--repro", '{"seed": 0, "actions": [[0, 0, 0]]}', "--sandbox", "process")
+    assert result.stdout.endswith("return 0, 1 step\n")
 
 
 def test_numbers_beyond_the_report(invoke: Any, report: Path) -> None:

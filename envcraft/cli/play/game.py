@@ -14,7 +14,7 @@ from envcraft.cli.play.episode import Episode
 from envcraft.cli.play.keys import AGAIN, QUIT, Keys
 from envcraft.cli.play.screen import Screen
 from envcraft.model.trace import Ending, Trace
-from envcraft.text import one_line
+from envcraft.text import one_line, plural
 
 #: Seconds between two polls of the keys, while waiting for the player and for the environment.
 _LOOK, _GLANCE = 0.01, 0.002
@@ -100,7 +100,7 @@ def result(trace: Trace) -> str:
     success = {True: "success", False: "no success", None: ""}[trace.success]
     why = trace.fault or (trace.end and trace.end.detail) or ""
     broke = f"broke ({one_line(why)})" if why else "broke"
-    words = [ends.get(trace.ending, broke), success, f"return {trace.total:g}", f"{trace.steps} steps"]
+    words = [ends.get(trace.ending, broke), success, f"return {trace.total:g}", plural(trace.steps, "step")]
     return ", ".join(word for word in words if word)
 
 

@@ -45,6 +45,15 @@ def test_a_narrow_terminal_shows_the_total(width: int, tmp_path: Path, monkeypat
     assert (len(shown.getvalue().splitlines()) == 1) is (width >= 80)
 
 
+def test_progress_ends_at_its_total(tmp_path: Path) -> None:
+    with ProgressLogger(tmp_path) as logger:
+        logger.on_phase_start("training", 0, 300)
+        logger.on_progress(303, 1, 303)
+    shown = io.StringIO()
+    Console(file=shown, width=120).print(logger._bar.get_renderable())
+    assert "300/300" in shown.getvalue()
+
+
 def test_interrupted_write_keeps_the_curve(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     file = tmp_path / "curve.jsonl"
     curve = LearningCurve(file)
