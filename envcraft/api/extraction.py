@@ -8,17 +8,21 @@ from __future__ import annotations
 
 import ast
 import builtins
+import dis
 import inspect
 import linecache
 import sys
-from collections.abc import Iterator
-from types import FunctionType
+from types import CodeType, FunctionType
 
 from envcraft.errors import UsageError
 from envcraft.model.target import Target, parse
 
 #: The names of the cells of a notebook in Python's cache of lines.
 _CELLS = ("<ipython-input-", "<stdin>-", "<python-input-")
+#: The instructions that read and bind a name that is not a function's own.
+_READS = {"LOAD_NAME", "LOAD_GLOBAL", "LOAD_FROM_DICT_OR_GLOBALS"}
+_BINDS = {"STORE_NAME", "STORE_GLOBAL"}
+_DEFINITIONS = ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef
 
 
 def target_of(kind: type) -> Target:
@@ -56,39 +60,47 @@ def needed(text: str, name: str, known: frozenset[str] = frozenset()) -> str:
         UsageError: nothing binds the name, or one that it needs.
     """
     try:
-        body = parse(text).body
+        body = [_Statement(node) for node in parse(text).body]
     except SyntaxError as error:
         raise UsageError(f"the source of {name} cannot be parsed: {error.msg} (line {error.lineno})") from None
-    binding: dict[str, list[ast.stmt]] = {}
-    for node in body:
-        for bound in _bound(node):
-            # A later definition replaces the earlier one, `x += 1` adds to it.
-            binding[bound] = [*(binding.get(bound, []) if isinstance(node, ast.AugAssign) else []), node]
-    kept: dict[int, ast.stmt] = {}
-    pending = [name]
-    seen: set[str] = set()
+    if not _binders(body, name, len(body)):
+        raise UsageError(f"its module does not name the class {name}; define it at the top level as {name}")
+    kept: set[int] = set()
+    unbound: set[str] = set()
+    # A name as of a statement: a class body reads what is bound above it, its methods read what is bound in the end.
+    pending = [(name, len(body))]
+    seen: set[tuple[str, int]] = set()
     while pending:
-        wanted = pending.pop()
-        if wanted in seen:
+        wanted, place = pending.pop()
+        if (wanted, place) in seen:
             continue
-        seen.add(wanted)
-        if wanted not in binding:
-            if wanted == name:
-                raise UsageError(f"its module does not name the class {name}; define it at the top level as {name}")
-            if wanted in known and not hasattr(builtins, wanted) and not wanted.startswith("__"):
-                raise UsageError(f"{name} needs {wanted}, and no statement of its module binds it; bind it, or pass it")
-            continue
-        for node in binding[wanted]:
-            kept[id(node)] = node
-            pending += [each.id for each in ast.walk(node) if isinstance(each, ast.Name)]
+        seen.add((wanted, place))
+        found = _binders(body, wanted, place)
+        if not found and not hasattr(builtins, wanted):
+            found = _binders(body, wanted, len(body))
+            unbound |= {wanted} if not found else set()
+        for index in found:
+            kept.add(index)
+            pending += [(each, index) for each in body[index].reads]
+            # A function may run already while the module is imported.
+            pending += [(each, when) for each in body[index].reads_later for when in (place, len(body))]
+    unbound = {each for each in unbound & known if not each.startswith("__")}
+    if unbound:
+        stars = {index for index, each in enumerate(body) if each.is_star}
+        unbound -= {each for index in kept for each in body[index].binds_later}
+        if unbound and not stars:
+            words = f"{name} needs {min(unbound)}, and no statement of its module binds it outside functions and"
+            raise UsageError(f"{words} `if __name__`; bind it at the top level, or pass it")
+        kept |= stars
     # Annotations are evaluated lazily only as long as this import is there.
-    futures = [node for node in body if isinstance(node, ast.ImportFrom) and node.module == "__future__"]
+    futures = [each.node for each in body if isinstance(each.node, ast.ImportFrom) and each.node.module == "__future__"]
+    names = {wanted for wanted, _ in seen}
     lines = text.splitlines()
     shown: dict[int, str] = {}
-    for node in [*kept.values(), *futures]:
+    for node in [*(body[index].node for index in sorted(kept)), *futures]:
         decorated = [decorator.lineno for decorator in getattr(node, "decorator_list", ())]
         numbers = range(min([node.lineno, *decorated]), (node.end_lineno or node.lineno) + 1)
-        fewer = None if node in futures else _import_of(node, seen)
+        fewer = None if node in futures else _import_of(node, names)
         if fewer is None:
             shown.update((number, lines[number - 1]) for number in numbers)
         else:
@@ -101,35 +113,82 @@ def _import_of(node: ast.stmt, names: set[str]) -> str | None:
     """An import statement that imports only some of its names; None for another statement, or if it imports no more."""
     if not isinstance(node, ast.Import | ast.ImportFrom):
         return None
-    aliases = [alias for alias in node.names if (alias.asname or alias.name.partition(".")[0]) in names]
+    aliases = [alias for alias in node.names if (alias.asname or alias.name.partition(".")[0]) in {"*", *names}]
     if len(aliases) == len(node.names):
         return None
     fewer = ast.Import(aliases) if isinstance(node, ast.Import) else ast.ImportFrom(node.module, aliases, node.level)
     return ast.unparse(fewer)
 
 
-def _bound(node: ast.stmt) -> Iterator[str]:
-    """The names that a statement at the top level binds."""
-    if isinstance(node, ast.If) and "__name__" in ast.dump(node.test):
-        return
-    if isinstance(node, ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
-        yield node.name
-    elif isinstance(node, ast.Import | ast.ImportFrom):
-        for alias in node.names:
-            yield alias.asname or alias.name.partition(".")[0]
-    else:
-        for child in ast.iter_child_nodes(node):
-            if isinstance(child, ast.stmt | ast.excepthandler):
-                yield from _bound(child) if isinstance(child, ast.stmt) else _handled(child)
-            else:
-                names = (each for each in ast.walk(child) if isinstance(each, ast.Name))
-                yield from (each.id for each in names if isinstance(each.ctx, ast.Store))
+class _Statement:
+    """The global names that a statement at the top level binds and reads; its bytecode has no other names.
+
+    Attributes:
+        node: the statement.
+        binds: the names that it binds when it runs.
+        changes: the names to whose items or attributes it assigns.
+        reads: the names that it reads when it runs.
+        reads_later: the names that its functions read.
+        binds_later: the names that its functions bind.
+    """
+
+    def __init__(self, node: ast.stmt) -> None:
+        """Raises SyntaxError."""
+        self.node = node
+        self.binds: set[str] = set()
+        self.changes: set[str] = set()
+        self.reads: set[str] = set()
+        self.reads_later: set[str] = set()
+        self.binds_later: set[str] = set()
+        # Notebooks await in cells.
+        flags = ast.PyCF_ALLOW_TOP_LEVEL_AWAIT
+        code = compile(ast.Module([node], []), "", "exec", flags, dont_inherit=True, optimize=0)
+        self._read(code, runs=True)
+        if isinstance(node, ast.If) and "__name__" in ast.dump(node.test):
+            # An importer does not run it.
+            return
+        self.binds = {each.argval for each in dis.get_instructions(code) if each.opname in _BINDS}
+        for target in getattr(node, "targets", [getattr(node, "target", None)]):
+            while isinstance(target, ast.Attribute | ast.Subscript):
+                target = target.value
+                if isinstance(target, ast.Name):
+                    self.changes.add(target.id)
+
+    @property
+    def replaces(self) -> bool:
+        """Whether it binds its names in any case, so that earlier statements do not matter."""
+        return isinstance(self.node, _DEFINITIONS) or not hasattr(self.node, "body")
+
+    @property
+    def is_star(self) -> bool:
+        """Whether it imports names that it does not list."""
+        return isinstance(self.node, ast.ImportFrom) and self.node.names[0].name == "*"
+
+    def _read(self, code: CodeType, runs: bool) -> None:
+        own: set[str] = set()
+        for each in dis.get_instructions(code):
+            if each.opname in _READS and each.argval not in own:
+                (self.reads if runs else self.reads_later).add(each.argval)
+            elif each.opname == "STORE_NAME":
+                own.add(each.argval)
+            elif each.opname == "STORE_GLOBAL":
+                self.binds_later.add(each.argval)
+        for inner in code.co_consts:
+            if isinstance(inner, CodeType):
+                # Comprehensions and lists of type parameters run at once, as class bodies do.
+                at_once = inner.co_name.startswith("<") and inner.co_name != "<lambda>"
+                self._read(inner, runs and (at_once or not inner.co_flags & inspect.CO_OPTIMIZED))
 
 
-def _handled(node: ast.excepthandler) -> Iterator[str]:
-    for child in ast.iter_child_nodes(node):
-        if isinstance(child, ast.stmt):
-            yield from _bound(child)
+def _binders(body: list[_Statement], name: str, end: int) -> list[int]:
+    """The places of the statements before a place that give a name its value there."""
+    found = []
+    for index in reversed(range(end)):
+        if name in body[index].binds or name in body[index].changes:
+            found.append(index)
+            if name in body[index].binds and body[index].replaces:
+                break
+    return found
 
 
 def _file(kind: type) -> str:

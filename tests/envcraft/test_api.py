@@ -6,6 +6,7 @@ import importlib
 import io
 import subprocess
 import sys
+import textwrap
 import types
 import warnings
 from pathlib import Path
@@ -138,6 +139,167 @@ def test_only_what_the_class_needs_is_kept_in_its_lines() -> None:
         needed(_SCRIPT.replace("import numpy as np", ""), "Room", frozenset({"np"}))
     with pytest.raises(envcraft.UsageError, match="its module does not name the class Dyn; define it"):
         needed(_SCRIPT, "Dyn", frozenset({"np"}))
+
+
+#: Statements of scripts; those that the class Room needs end in a plus.
+_SCRIPTS = {
+    "locals": """
+        class Room: # +
+            def step(self): reward = 0.0; return reward # +
+        obs, reward = Room().step()
+        def play(): return Room()
+        """,
+    "locals under any other condition": """
+        class Room: # +
+            def step(self): reward = 0.0; return reward # +
+        if True:
+            reward = Room().step()
+        """,
+    "attributes and arguments": """
+        class Room: # +
+            size = 3 # +
+            def step(self, action, *, seed=None): return self.size, action, seed # +
+        size = action = seed = Room().step(1)
+        """,
+    "closures": """
+        class Room: # +
+            def step(self): # +
+                total = 3 # +
+                def more(): return total # +
+                return more() # +
+        total = more = Room().step()
+        """,
+    "comprehensions": """
+        WIDTH = 3 # +
+        ROWS = [cell for cell in range(WIDTH)] # +
+        class Room: # +
+            cells = [cell for cell in ROWS] # +
+            def step(self): return {i: j for i, j in enumerate(self.cells)} # +
+        for cell in i, j in [(1, 2)]:
+            print(cell)
+        """,
+    "class-level names": """
+        low = 3 # +
+        size = 5
+        class Room: # +
+            size = 4 # +
+            width = size # +
+            low = low + 1 # +
+        width = Room.width
+        """,
+    "decorators, bases and defaults": """
+        def marked(kind): return kind # +
+        class Base: # +
+            def reset(self): return helper() # +
+        SIZE = 5 # +
+        @marked # +
+        class Room(Base): # +
+            def step(self, size=SIZE): return size # +
+        def helper(): return LATE # +
+        LATE = 3 # +
+        """,
+    "annotations": """
+        from __future__ import annotations # +
+        from typing import TYPE_CHECKING # +
+        if TYPE_CHECKING: # +
+            from numpy import ndarray # +
+        class Room: # +
+            size: Wide # +
+            def step(self) -> ndarray: return 3 # +
+        Wide = int # +
+        """,
+    "global": """
+        class Room: # +
+            def step(self): # +
+                global count, last # +
+                last = count = count + 1 # +
+                return last # +
+        count = 0 # +
+        """,
+    "a value before the class and a later one": """
+        SIZE = 5 # +
+        class Room: # +
+            size = SIZE # +
+        SIZE = Room().size
+        """,
+    "a value that a method reads, bound anew": """
+        SIZE = 5
+        class Room: # +
+            def step(self): return SIZE # +
+        SIZE = 6 # +
+        """,
+    "a value from itself, from a condition, and changed": """
+        LEVELS = {} # +
+        LEVELS["a"] = 3 # +
+        SIZE = 5 # +
+        SIZE = SIZE + 2 # +
+        if SIZE > 6: # +
+            LEVELS = {"b": 4} # +
+        class Room: # +
+            def step(self): return LEVELS, SIZE # +
+        Room.metadata = {} # +
+        Other = Room().step()
+        Other.metadata = {}
+        """,
+    "a function that the class body calls": """
+        SIZE = 5 # +
+        def frame(): return SIZE # +
+        class Room: # +
+            space = frame() # +
+        SIZE = 6 # +
+        """,
+    "a name that hides a builtin": """
+        class Room: # +
+            size = max(3, 4) # +
+        max = Room.size
+        """,
+    "a cell that ran twice": """
+        class Room:
+            size = wrong()
+        class Room: # +
+            size = 3 # +
+        """,
+    "a cell that awaits": """
+        class Room: # +
+            size = 3 # +
+        await play(Room())
+        """,
+    "an import of all names": """
+        from gymnasium import * # +
+        class Room(Env): # +
+            size = 3 # +
+        """,
+}
+
+
+@pytest.mark.parametrize("script", _SCRIPTS.values(), ids=_SCRIPTS)
+def test_only_the_global_names_of_a_class_are_needed(script: str) -> None:
+    script = textwrap.dedent(script).lstrip()
+    kept = [line if line.endswith("# +") else "" for line in script.splitlines()]
+    assert needed(script, "Room", frozenset({"Env", "Room", "last"})).splitlines() == kept
+
+
+@pytest.mark.parametrize(
+    "binding", ["if __name__ == '__main__':\n    SIZE = 5", "def start():\n    global SIZE\n    SIZE = 5"]
+)
+def test_a_name_that_an_importer_does_not_have_is_named(binding: str) -> None:
+    script = f"class Room:\n    def step(self): return SIZE\n{binding}\n"
+    with pytest.raises(envcraft.UsageError, match=r"Room needs SIZE, and no statement .* bind it at the top level"):
+        needed(script, "Room", frozenset({"SIZE"}))
+
+
+def test_a_script_that_steps_its_environment_is_judged(tmp_path: Path) -> None:
+    """Its variables have the names of the locals of step(), as in most scripts."""
+    text = ENVIRONMENT.replace("won = ", "won = terminated = ") + (
+        "\nimport envcraft\n"
+        "env = Walk()\n"
+        "env.reset(seed=0)\n"
+        "obs, reward, won, terminated, info = env.step(env.action_space.sample())\n"
+        "print(envcraft.validate(Walk, sandbox='process', budget='quick', checks=['source', 'reward']))\n"
+    )
+    (tmp_path / "play.py").write_text(text)
+    done = subprocess.run([sys.executable, "play.py"], capture_output=True, text=True, cwd=tmp_path, check=False)
+    assert "1 passed" in done.stdout, done.stdout + done.stderr
 
 
 @pytest.mark.parametrize(
