@@ -18,7 +18,7 @@ from envcraft.judging.trace_builder import TraceBuilder
 from envcraft.model.contract import OPTIONAL, Contract
 from envcraft.model.job import JobResult
 from envcraft.model.rollout import Rollout
-from envcraft.model.target import Kind, Target, imported, nodes, parse
+from envcraft.model.target import Kind, Target, imported, nodes, parse, read_known
 from envcraft.model.trace import Trace
 from envcraft.model.verdict import Line
 from envcraft.spaces.spec import SpaceSpec, read_space
@@ -147,6 +147,11 @@ class Facts:
         """The file of an installed class where the worker runs, as the worker reports it."""
         reported = self._loaded.description.get("file") if self._loaded is not None else None
         return relative(reported) if reported and self._target.kind is not Kind.SOURCE else None
+
+    @property
+    def installed_source(self) -> bytes:
+        """The content of :attr:`source_file`; b"" if this machine does not have the same file."""
+        return read_known(self.source_file, self.source_sha256) if self.source_file else b""
 
     @property
     def observation_space(self) -> SpaceSpec:

@@ -190,6 +190,11 @@ class Subject:
         """Whether render() must give frames: the contract, the metadata or an optional render() says so."""
         return self._facts.renders
 
+    @property
+    def installed_source(self) -> bytes:
+        """The content of the file of an installed class; b"" if this machine does not have the same file."""
+        return self._facts.installed_source
+
     def line_of(self, method: str | None = None) -> Line:
         """The line at which the class defines a method, or that of the class if it inherits the method; without a
         method that of the class. If another file defines the class, it is the line that imports or assigns it.

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import hashlib
 import json
-from pathlib import Path
 from typing import Any
 
-from envcraft.model.target import MAX_SOURCE, Kind
+from envcraft.model.target import Kind, read_known
 from envcraft.model.verdict import Finding, SubjectReport, plain
 from envcraft.text import one_line, printable
 
@@ -33,7 +32,7 @@ def source_line(report: SubjectReport, finding: Finding) -> str:
 
     The file is read as text and not run.
     """
-    if finding.line is None or finding.line < 1 or report.kind is not Kind.SOURCE or report.module is not None:
+    if finding.line is None or finding.line < 1:
         return ""
     lines = source_of(report).decode("utf-8", "replace").splitlines()
     return _cut(lines[finding.line - 1]).rstrip() if finding.line <= len(lines) else ""
@@ -43,12 +42,8 @@ def source_of(report: SubjectReport) -> bytes:
     """Return the source that a report is about; b"" if it cannot be read or has changed since."""
     if kept := _kept.get(report.source_sha256):
         return kept
-    try:
-        with Path(report.path).open("rb") as stream:
-            data = stream.read(MAX_SOURCE + 1)
-    except (OSError, ValueError):
-        return b""
-    return data if hashlib.sha256(data).hexdigest() == report.source_sha256 else b""
+    path = report.path if report.kind is Kind.SOURCE else report.source_file
+    return read_known(path, report.source_sha256) if path else b""
 
 
 def evidence_lines(finding: Finding, everything: bool = False) -> list[tuple[str, str]]:
@@ -76,6 +71,13 @@ def evidence_lines(finding: Finding, everything: bool = False) -> list[tuple[str
             if name not in _APART and value is not None
         ]
     return lines
+
+
+def lines_below(report: SubjectReport, finding: Finding) -> list[str]:
+    """Return the lines that text shows below the message of a finding: its source line and its evidence."""
+    source = source_line(report, finding)
+    lines = [f"  {finding.line} | {source}"] if source else []
+    return lines + [f"  {f'{label}: ' if label else ''}{words}" for label, words in evidence_lines(finding)]
 
 
 def _lines(text: Any) -> list[str]:

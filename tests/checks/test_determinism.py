@@ -20,6 +20,7 @@ class Played:
     """A subject whose first observation tells the conditions that it depends on."""
 
     target = Target("Walk-v0", kind=Kind.ID)
+    installed_source = b""
     budget = BUDGETS["quick"]
 
     def __init__(self, *causes: str) -> None:

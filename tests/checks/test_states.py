@@ -357,6 +357,7 @@ class Played:
     """A subject whose states are given: those of the first run, of the second, and of the first again."""
 
     target = Target("Walk-v0", kind=Kind.ID)
+    installed_source = b""
     budget = BUDGETS["quick"]
 
     def __init__(self, *runs: list[dict[str, str]], steps: int = 100) -> None:

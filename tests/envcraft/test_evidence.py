@@ -17,7 +17,7 @@ from envcraft.judging.engine import Plan
 from envcraft.judging.frame_renderer import FrameRenderer, png
 from envcraft.judging.selection import default_checks, driver_named
 from envcraft.model.frame import Frame
-from envcraft.model.target import read_target
+from envcraft.model.target import Kind, read_target
 from envcraft.model.verdict import CheckReport, Finding, Report, Repro, Severity, SubjectReport, Verdict
 from envcraft.reports.console import ConsoleReporter
 from envcraft.reports.evidence import source_line
@@ -54,6 +54,18 @@ def said(report: SubjectReport, verbosity: int = 0, width: int | None = None) ->
     lines = [line.rstrip() for line in stream.getvalue().splitlines()]
     start = next(number for number, line in enumerate(lines) if line.lstrip().startswith("EC203"))
     return [line.strip() for line in lines[start : lines.index("", start)]]
+
+
+def test_an_installed_class_has_its_source_line_where_its_file_is_the_same(file: Path) -> None:
+    finding = Finding("EC204", Severity.ERROR, "differs", 1)
+    report = judged(file, finding)
+    report.path, report.kind, report.module, report.source_file = "walk:Walk", Kind.MODULE, "walk", str(file)
+    assert source_line(report, finding) == ENVIRONMENT.splitlines()[0]
+    report.source_file = str(file.rename(file.with_suffix(".txt")))
+    assert not source_line(report, finding)
+    file.write_text(f"{ENVIRONMENT}\n")
+    report.source_file = str(file)
+    assert not source_line(report, finding)
 
 
 def test_the_source_line_and_the_differing_values(file: Path) -> None:

@@ -377,6 +377,23 @@ def test_the_traceback_of_an_import_has_only_lines_of_files(
     assert re.findall(r'File "(.*?)"', finding["evidence"]["traceback"]) == ["games/walk.py", "games/sizes.py"]
 
 
+def test_the_line_that_draws_is_found_in_an_installed_module(
+    invoke: Invoke, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    draws = "random.randrange(1, 9)"
+    assert "self.x, self.steps, self.goal = 5, 0," in ENVIRONMENT
+    text = "import random\n" + ENVIRONMENT.replace("self.goal = 5, 0,", f"self.goal = {draws}, 0,")
+    (tmp_path / "there").mkdir()
+    (tmp_path / "there" / "zz_walk.py").write_text(text)
+    monkeypatch.setattr("sys.path", [*sys.path, str(tmp_path / "there")])
+    options = ("--sandbox", "process", "--contract", "gymnasium", "--budget", "quick", "--checks", "determinism")
+    result = invoke("validate", "zz_walk:Walk", *options)
+    line = 1 + next(number for number, words in enumerate(text.splitlines()) if draws in words)
+    assert f"zz_walk.py:{line}" in result.stdout, result.output
+    assert f"line {line} takes a number" in result.stdout
+    assert f"{line} | self.x, self.steps" in result.stdout
+
+
 def test_a_named_module_is_found_in_src(invoke: Invoke, good: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(good.parent)
     Path("pyproject.toml").write_text("[project]\nname = 'zz_games'\n")

@@ -38,7 +38,7 @@ class Writers:
     """Answers about the fields of one subject.
 
     Args:
-        subject: the environment. Of one that is no file, and of a file that cannot be read, nothing is known.
+        subject: the environment. Of a file that cannot be read, nothing is known.
         code: of the finding.
 
     Attributes:
@@ -50,12 +50,16 @@ class Writers:
         self.code = code
         self._program: Program | None = None
         self.suspects: list[Suspect] = []
-        if subject.target.kind is not Kind.SOURCE:
-            return
         try:
-            self._program = program = Program(parse(subject.text), subject.class_statement)
+            if subject.target.kind is Kind.SOURCE:
+                program = Program(parse(subject.text), subject.class_statement)
+            elif text := subject.installed_source:
+                program = Program(parse(text), subject.env_class)
+            else:
+                return
+            self._program = program
             self.suspects = list(dict.fromkeys(one for find in FINDERS.get(code, ()) for one in find(program)))
-        except (RecursionError, SyntaxError):
+        except (RecursionError, SyntaxError, ValueError):
             self._program = None
 
     def most_causal(self, paths: list[str], part: str) -> str:
