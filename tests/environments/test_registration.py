@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import os
+import re
 import subprocess
 import sys
 import time
@@ -126,7 +127,9 @@ def test_the_module_says_where_no_corpus_is_named(tmp_path: Path) -> None:
     run = [sys.executable, "-c", "import gymnasium\ngymnasium.make('envcraft.envs:EnvCraft/ant-v0')"]
     variables = {name: value for name, value in os.environ.items() if name != "ENVCRAFT_CORPUS"}
     told = subprocess.run(run, env=variables, cwd=tmp_path, capture_output=True, text=True, timeout=240)
-    assert "no corpus is named. Set ENVCRAFT_CORPUS" in told.stderr
+    assert re.search(
+        r"^<string>:2: UserWarning: .* no corpus is named\. Set ENVCRAFT_CORPUS", told.stderr, re.MULTILINE
+    )
 
 
 def test_where_the_corpus_is_named(corpus: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
