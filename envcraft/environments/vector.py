@@ -465,8 +465,10 @@ def make_vec(
         words = "make_vec takes all names as one list first, and their corpus as corpus="
         raise UsageError(f"num_envs is {num_envs!r}, not a whole number; {words}")
     count = len(wanted) if num_envs is None else num_envs
-    if not wanted or count < 1:
-        raise UsageError(f"make_vec needs at least one name and one environment, and has {len(wanted)} and {count}")
+    if not wanted:
+        raise UsageError("make_vec has no names; give at least one")
+    if count < 1:
+        raise UsageError(f"num_envs is {count}; it must be 1 or more")
     if workers is not None and workers < 0:
         raise UsageError(f"workers={workers}: give the number of environments to step at once, or 0")
     mode = autoreset_mode_named(autoreset_mode)

@@ -150,6 +150,10 @@ class TestUse:
             UsageError, match=r"num_envs is \['ant'\], .* as one list first, and their corpus as corpus="
         ):
             envcraft.make_vec(corpus, count)
+        with pytest.raises(UsageError, match="make_vec has no names; give at least one"):
+            envcraft.make_vec([])
+        with pytest.raises(UsageError, match="num_envs is 0; it must be 1 or more"):
+            envcraft.make_vec(["ant"], 0)
 
     def test_where_names_are_looked_up(self, corpus: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.chdir(tmp_path)
