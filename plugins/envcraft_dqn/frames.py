@@ -6,6 +6,7 @@ A store has numbered slots for one frame each. A slot keeps its frame until it i
 from __future__ import annotations
 
 import itertools
+import math
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -130,7 +131,14 @@ class DeviceFrames:
         import torch
 
         self.shape = shape
-        self._frames = torch.zeros((size, *shape), dtype=torch.uint8, device=device)
+        try:
+            self._frames = torch.zeros((size, *shape), dtype=torch.uint8, device=device)
+        except RuntimeError:
+            needed = size * math.prod(shape) / 1e9
+            raise UsageError(
+                f"--replay device needs {needed:,.1f} GB of free memory on {device}: use a smaller --capacity than "
+                f"{size:,}, or --replay packed"
+            ) from None
 
     def write(self, slots: Slots, frames: Frames) -> None:
         import torch
@@ -167,7 +175,7 @@ def make_store(kind: str, size: int, shape: tuple[int, ...], folder: Path, devic
         device: The learning device.
 
     Raises:
-        UsageError: The kind does not exist.
+        UsageError: The kind does not exist, or the device has too little memory.
         OSError: The file cannot be written.
     """
     if kind == "packed":

@@ -239,7 +239,10 @@ def device_named(name: str) -> torch.device:
 
 
 def _faster_in_bf16(device: torch.device) -> bool:
-    """Whether bfloat16 is faster: on GPUs, and on CPUs with instructions for it. On others it is much slower."""
+    """Whether bfloat16 is faster: on devices with instructions for it. Others emulate it, or do not have it."""
+    if device.type == "cuda":
+        # Compute capability 8.0 (Ampere) brought these instructions.
+        return torch.cuda.get_device_capability(device)[0] >= 8
     if device.type != "cpu":
-        return True
+        return False
     return bool(torch.cpu._is_avx512_bf16_supported() or torch.cpu._is_amx_tile_supported())

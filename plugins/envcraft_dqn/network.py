@@ -40,11 +40,12 @@ def keep_memory() -> None:
 
 @contextlib.contextmanager
 def seeded_weights(seed: int) -> Iterator[None]:
-    """Initialise networks within this context from `seed`. The global generator of torch stays unchanged, and
+    """Initialise networks within this context from `seed`. The global generators of torch stay unchanged, and
     threads wait for each other.
     """
     with _SEEDING, torch.random.fork_rng(devices=[]):
-        torch.manual_seed(seed)
+        # torch.manual_seed would also seed the generators of the GPUs, and weights are initialised on the CPU.
+        torch.default_generator.manual_seed(seed)
         yield
 
 

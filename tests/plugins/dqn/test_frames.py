@@ -109,3 +109,8 @@ def test_mapped_store_is_a_file(tmp_path: Path) -> None:
 def test_unknown_kind_is_reported(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="unknown replay 'tape'; choose from packed, ram, mapped, device"):
         make_store("tape", 4, SHAPE, tmp_path, "cpu")
+
+
+def test_frames_that_a_device_cannot_hold_are_reported(tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match=r"--replay device needs 21,168,000,000\.0 GB of free memory on cpu: use a"):
+        make_store("device", 10**15, SHAPE, tmp_path, "cpu")

@@ -131,6 +131,32 @@ def test_errors_have_full_precision_under_bf16() -> None:
     assert learner.precision == "bf16"
 
 
+@pytest.mark.parametrize(("capability", "fast"), [((7, 5), False), ((8, 0), True), ((9, 0), True)])
+def test_gpus_without_instructions_for_bf16_do_not_use_it(
+    capability: tuple[int, int], fast: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import torch
+    from envcraft_dqn.learner import _faster_in_bf16
+
+    monkeypatch.setattr(torch.cuda, "get_device_capability", lambda device=None: capability)
+    assert _faster_in_bf16(torch.device("cuda")) is fast
+
+
+def test_initial_weights_do_not_seed_other_generators(monkeypatch: pytest.MonkeyPatch) -> None:
+    import torch
+    from envcraft_dqn.network import seeded_weights
+
+    seeds: list[int] = []
+    monkeypatch.setattr(torch.cuda, "manual_seed_all", seeds.append)
+    before = torch.get_rng_state()
+    with seeded_weights(3):
+        first = torch.rand(3)
+    assert (torch.get_rng_state() == before).all()
+    with seeded_weights(3):
+        assert (torch.rand(3) == first).all()
+    assert not seeds
+
+
 def test_standardised_network_sees_the_same_under_other_brightness_and_contrast() -> None:
     import torch
     from envcraft_dqn.network import Network
