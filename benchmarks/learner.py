@@ -7,6 +7,10 @@ End to end: environment steps a second of training with one update every four st
 network ``small``. stable-baselines3's DQN, whose network has about as many parameters, trains on the same environment
 with the same number of environments and with one. EnvCraft must be twice as fast as the faster of these.
 
+``--device cuda`` instead compares updates on a GPU with those on the CPU, by wall-clock time: with the defaults of
+``envcraft train``, the reference network, and the settings of ``envcraft study --scale gpu``, whose frames are on the
+device already. They share one process, and there is no limit.
+
 Each measurement has its own process. They take turns; a rate is the median of the rounds, per CPU second, so that other
 work on the machine has little effect. One thread, unless OMP_NUM_THREADS sets another number. The exit status is 1 if a
 limit is broken.
@@ -31,14 +35,17 @@ from typing import Any
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import gymnasium
+import msgspec
 import numpy as np
 import torch
 from envcraft_dqn import learner as own
 from envcraft_dqn.callbacks import Callback
 from envcraft_dqn.env_spec import EnvSpec
 from envcraft_dqn.learner import Learner
+from envcraft_dqn.network import Network
 from envcraft_dqn.replay import Batch
 from envcraft_dqn.settings import Settings
+from envcraft_dqn.study.presets import PRESETS
 from envcraft_dqn.trainer import train
 from envcraft_tetris.family import TetrisFamily
 from rich.console import Console
@@ -62,6 +69,14 @@ class Plain(Learner):
             whole.to(memory_format=torch.contiguous_format)
         self.optimiser = torch.optim.Adam(self.network.parameters(), settings.learning_rate, eps=1.5e-4)
         self.bf16 = False
+
+
+#: The updates that ``--device`` compares.
+COMPARED = {
+    "defaults": Settings(),
+    "reference network": Settings(size="reference"),
+    "study --scale gpu": PRESETS["gpu"].settings,
+}
 
 
 def batch(count: int = 32) -> Batch:
@@ -92,6 +107,51 @@ def updates(plain: bool, seconds: float) -> float:
         made.update(given)
         done += 1
     return done / passed
+
+
+def prepared(settings: Settings) -> Callable[[], Any]:
+    """A function that makes one update, with as many frames in a batch as it reads."""
+    made, given = Learner(settings, PAD), batch(settings.batch)
+    if settings.imitates:
+        given.next_frames = given.next_frames[:0]
+    if settings.replay == "device":
+        given.frames, given.next_frames = (
+            torch.from_numpy(frames).to(made.device) for frames in (given.frames, given.next_frames)
+        )
+    for _ in range(3):
+        made.update(given)
+    return partial(made.update, given)
+
+
+def rate(update: Callable[[], Any], seconds: float) -> float:
+    """Updates a second of wall-clock time."""
+    done, started = 0, time.perf_counter()
+    while (passed := time.perf_counter() - started) < seconds:
+        update()
+        done += 1
+    return done / passed
+
+
+def compare_devices(console: Console, device: str, seconds: float, rounds: int) -> None:
+    """Print the updates a second on a device, there with ``--compiled``, and on the CPU."""
+    named = torch.cuda.get_device_name(device) if device.startswith("cuda") else device
+    cpu = Learner(Settings(device="cpu"), PAD)
+    table = Table(title=f"updates/s, {named} and a CPU ({cpu.precision}, threads: {torch.get_num_threads()})")
+    for column in ("", "parameters", "batch", device, "compiled", "CPU", "ratio"):
+        table.add_column(column, justify="right" if column else "left")
+    for name, settings in COMPARED.items():
+        placed: tuple[dict[str, Any], ...] = (
+            {"device": device},
+            {"device": device, "compiled": True},
+            {"device": "cpu"},
+        )
+        ways = [prepared(msgspec.structs.replace(settings, **where)) for where in placed]
+        found = zip(*([rate(way, seconds) for way in ways] for _ in range(rounds)), strict=True)
+        rates = [statistics.median(column) for column in found]
+        count = Network(PAD.shape, PAD.choices, settings.size).parameter_count
+        cells = (f"{count:,}", str(settings.batch), *(f"{one:,.1f}" for one in rates), f"{rates[0] / rates[2]:,.1f}")
+        table.add_row(name, *cells)
+    console.print(table)
 
 
 class Joint(gymnasium.ActionWrapper[Any, Any, Any]):
@@ -186,8 +246,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--seconds", type=float, default=5.0, help="seconds of updates per round")
     parser.add_argument("--steps", type=int, default=1_000, help="steps of training per round")
     parser.add_argument("--lanes", type=int, default=8)
+    parser.add_argument("--device", help="compare the updates on this device with those on the CPU, and no others")
     options = parser.parse_args(arguments)
     console = Console(width=120, file=sys.stdout)
+    if options.device is not None:
+        compare_devices(console, options.device, options.seconds, options.rounds)
+        return 0
     kinds = {"EnvCraft": False, "plain": True}
     found = medians({name: partial(updates, plain, options.seconds) for name, plain in kinds.items()}, options.rounds)
     show(console, described(), "updates/s", found)
