@@ -37,7 +37,7 @@ from envcraft.model.project import configured, with_project
 from envcraft.model.target import Kind, Target, kind_of
 from envcraft.model.verdict import Finding, Severity, Verdict
 from envcraft.registry import lookup
-from envcraft.reports.evidence import keep_source
+from envcraft.reports.evidence import keep_source, lines_below
 from envcraft.text import plural
 
 _Target = str | os.PathLike[str] | type
@@ -45,7 +45,7 @@ _Target = str | os.PathLike[str] | type
 _PARAMETERS = {option.removeprefix("--"): str(each.name) for each in command.params for option in each.opts}
 
 #: Wrappers that ``gymnasium.make`` adds, which say nothing about the environment.
-_USUAL = ("OrderEnforcing", "PassiveEnvChecker", "TimeLimit")
+_USUAL = ("OrderEnforcing", "PassiveEnvChecker")
 #: The codes that the parameters of Gymnasium's check_env leave out.
 _RENDERING, _CLOSING = ("EC112", "EC116", "EC117"), ("EC113",)
 
@@ -164,6 +164,8 @@ def validate(
         patterns = _listed(options.get("exclude", ()))
         targets: dict[tuple[str, str], Target] = {}
         several: Sequence[Any] = target if isinstance(target, list | tuple) else [target]
+        if not several:
+            raise UsageError("no target is given; give a file, a folder, a class, package.module:Class or an id")
         for one in several:
             # A project's class is that of its files.
             wanted = env_class if isinstance(one, type) else options.get("env_class")
@@ -231,7 +233,9 @@ def check_env(
     if subject.verdict is Verdict.ERROR:
         raise EnvCraftError(f"{subject.path} could not be judged: {subject.reason}")
     errors = [(finding, file) for finding, file in found if finding.severity is Severity.ERROR]
-    lines = [f"{_words(finding, file)}\n  fix: {rules[finding.code].fix}" for finding, file in errors]
+    lines = []
+    for finding, file in errors:
+        lines += [_words(finding, file), *lines_below(subject, finding), f"  fix: {rules[finding.code].fix}"]
     # A strict run fails checks that are undecided.
     failed = [check for check in subject.checks if check.verdict is Verdict.FAIL and check.undecided]
     lines += [f"{subject.file}: {check.check} is undecided: {check.reason}" for check in failed]
@@ -371,23 +375,29 @@ def _checked(env: Any, kwargs: Mapping[str, Any] | None) -> tuple[Target, Mappin
     if isinstance(env, type):
         return _class(env), kwargs or {}
     if not isinstance(env, gymnasium.Env):
-        raise UsageError(f"{type(env).__name__} is not a gymnasium.Env; pass an environment, its class or its id")
+        raise UsageError(
+            f"{type(env).__name__} is not a gymnasium.Env; pass an environment, its class, its id or its file"
+        )
     layers = []
     layer: Any = env
     while isinstance(layer, gymnasium.Wrapper):
         layers.append(type(layer).__name__)
         layer = layer.env
+    inner, spec = env.unwrapped, env.spec
+    target = _class(type(inner))
+    registered = spec is not None and target.kind is Kind.MODULE
+    if registered and "TimeLimit" in layers:
+        # The worker's own gymnasium.make adds it again.
+        layers.remove("TimeLimit")
     if others := [name for name in layers if name not in _USUAL]:
         words = f"the environment is judged without its wrappers: {', '.join(others)}"
         warnings.warn(words, stacklevel=3)
-    inner, spec = env.unwrapped, env.spec
-    target = _class(type(inner))
     if kwargs is None and spec is not None:
         kwargs = {key: value for key, value in spec.kwargs.items() if key != "render_mode"}
     elif kwargs is None:
         _warn_of_arguments(inner)
         kwargs = {}
-    if spec is not None and target.kind is Kind.MODULE:
+    if spec is not None and registered:
         # Its package registers the id, with a limit of steps for example.
         return Target(f"{type(inner).__module__.partition('.')[0]}:{spec.id}", kind=Kind.ID), kwargs
     return target, kwargs
@@ -408,7 +418,7 @@ def _warn_of_arguments(env: gymnasium.Env[Any, Any]) -> None:
     named = [each for each in parameters if each.kind not in variadic and each.name != "render_mode"]
     if needed := [each.name for each in named if each.default is each.empty]:
         example = ", ".join(f"{each!r}: ..." for each in needed)
-        words = f"{name}() needs {', '.join(needed)}, and those of this instance are not known"
+        words = f"{name}() needs {', '.join(needed)}, and an instance does not say what it was made with"
         raise UsageError(f"{words}; give them: kwargs={{{example}}}", setting="kwargs")
     unlike = [each.name for each in named if not _has_default(env, each)]
     if unlike:

@@ -10,7 +10,7 @@ from itertools import chain
 from envcraft.judging.selection import all_checks, rules_of
 from envcraft.model.verdict import CheckReport, Finding, Outcome, Severity, Verdict
 from envcraft.pytest_plugin.judging import Judged
-from envcraft.reports.evidence import evidence_lines, source_line
+from envcraft.reports.evidence import lines_below
 from envcraft.reports.summary import checks_option, counted, reason_words, repro_words
 from envcraft.text import one_line, plural, printable
 
@@ -117,10 +117,7 @@ def _unsettled(report: CheckReport) -> str:
 
 def _block(judged: Judged, finding: Finding) -> str:
     rule = rules_of(all_checks()).get(finding.code)
-    lines = [_head(judged, finding), f"  {one_line(finding.message)}"]
-    if line := source_line(judged.report, finding):
-        lines.append(f"  {finding.line} | {line}")
-    lines += [f"  {f'{label}: ' if label else ''}{words}" for label, words in evidence_lines(finding)]
+    lines = [_head(judged, finding), f"  {one_line(finding.message)}", *lines_below(judged.report, finding)]
     lines += [f"  fix: {rule.fix}"] if rule else []
     return "\n".join([*lines, f"  reproduction: {repro_words(finding.repro)}"])
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import io
+import re
 import subprocess
 import sys
 import textwrap
@@ -395,7 +396,10 @@ def test_check_env_of_an_instance_asks_for_arguments_that_have_no_default(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     kind = _sized(tmp_path, monkeypatch, _SIZED.replace("size=5", "size"))
-    with pytest.raises(envcraft.UsageError, match=r"Walk\(\) needs size.*give them: kwargs=\{'size': \.\.\.\}"):
+    with pytest.raises(
+        envcraft.UsageError,
+        match=r"Walk\(\) needs size, and an instance does not say.*give them: kwargs=\{'size': \.\.\.\}",
+    ):
         envcraft.check_env(kind(7), sandbox="process")
 
 
@@ -409,14 +413,38 @@ def test_check_env_raises_with_the_findings(tmp_path: Path, monkeypatch: pytest.
         envcraft.check_env(kind(), sandbox="process")
     assert isinstance(caught.value, envcraft.CheckFailed)
     assert "EC301" in codes(caught.value.report)
-    with pytest.raises(envcraft.UsageError, match=r"not a gymnasium\.Env"):
+    with pytest.raises(envcraft.UsageError, match=r"not a gymnasium\.Env; .* its class, its id or its file"):
         envcraft.check_env(no_environment)
+
+
+def test_check_env_shows_the_evidence(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    (tmp_path / "walk.py").write_text(ENVIRONMENT.replace("won = ", "won = {}[self.x] or ", 1))
+    _only(monkeypatch, "api")
+    with pytest.raises(envcraft.CheckFailed) as caught:
+        envcraft.check_env("walk.py", sandbox="process")
+    lines = str(caught.value).splitlines()
+    number = next(index for index, line in enumerate(lines) if "raises KeyError" in line)
+    assert re.match(r"  \d+ \|         won = \{\}\[self\.x\]", lines[number + 1])
+    assert re.match(r'    File "walk\.py", line \d+, in step', lines[number + 2])
+    assert any(line.startswith("  fix: ") for line in lines[number + 3 :])
+
+
+def test_check_env_says_that_a_limit_of_steps_is_left_out(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    kind, _ = _sized(tmp_path, monkeypatch, ENVIRONMENT), _only(monkeypatch)
+    limited = gymnasium.wrappers.TimeLimit
+    for env in (limited(kind(), 10), limited(gymnasium.make("CartPole-v1"), 10)):
+        with pytest.warns(UserWarning, match="without its wrappers: TimeLimit$"):
+            envcraft.check_env(env, sandbox="process")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        envcraft.check_env(gymnasium.make("CartPole-v1"), sandbox="process")
 
 
 @pytest.mark.parametrize(
     ("target", "options", "words"),
     [
         (None, {}, r"None is not a target; give a file"),
+        ([], {}, "no target is given; give a file"),
         ([3], {}, "3 is not a target; give a file"),
         ("CartPole-v1", {"seed": -1}, "seed is -1; it must be a whole number from 0 to 2147483647"),
         ("CartPole-v1", {"seed": "x"}, "seed is 'x'; it must be a whole number"),
