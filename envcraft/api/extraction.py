@@ -12,6 +12,7 @@ import dis
 import inspect
 import linecache
 import sys
+import warnings
 from types import CodeType, FunctionType
 
 from envcraft.errors import UsageError
@@ -78,7 +79,8 @@ def needed(text: str, name: str, known: frozenset[str] = frozenset()) -> str:
         found = _binders(body, wanted, place)
         if not found and not hasattr(builtins, wanted):
             found = _binders(body, wanted, len(body))
-            unbound |= {wanted} if not found else set()
+            if not found:
+                unbound.add(wanted)
         for index in found:
             kept.add(index)
             pending += [(each, index) for each in body[index].reads]
@@ -142,7 +144,10 @@ class _Statement:
         self.binds_later: set[str] = set()
         # Notebooks await in cells.
         flags = ast.PyCF_ALLOW_TOP_LEVEL_AWAIT
-        code = compile(ast.Module([node], []), "", "exec", flags, dont_inherit=True, optimize=0)
+        with warnings.catch_warnings():
+            # Python has shown the warnings of the script already.
+            warnings.simplefilter("ignore")
+            code = compile(ast.Module([node], []), "", "exec", flags, dont_inherit=True, optimize=0)
         self._read(code, runs=True)
         if isinstance(node, ast.If) and "__name__" in ast.dump(node.test):
             # An importer does not run it.
@@ -157,7 +162,7 @@ class _Statement:
     @property
     def replaces(self) -> bool:
         """Whether it binds its names in any case, so that earlier statements do not matter."""
-        return isinstance(self.node, _DEFINITIONS) or not hasattr(self.node, "body")
+        return isinstance(self.node, _DEFINITIONS) or not {"body", "cases"} & {*self.node._fields}
 
     @property
     def is_star(self) -> bool:

@@ -236,6 +236,8 @@ _SCRIPTS = {
         SIZE = SIZE + 2 # +
         if SIZE > 6: # +
             LEVELS = {"b": 4} # +
+        match SIZE: # +
+            case 7: SIZE = 8 # +
         class Room: # +
             def step(self): return LEVELS, SIZE # +
         Room.metadata = {} # +
@@ -265,6 +267,10 @@ _SCRIPTS = {
             size = 3 # +
         await play(Room())
         """,
+    "a comparison that Python warns of": """
+        class Room: # +
+            def step(self): return 3 is 3 # +
+        """,
     "an import of all names": """
         from gymnasium import * # +
         class Room(Env): # +
@@ -277,7 +283,9 @@ _SCRIPTS = {
 def test_only_the_global_names_of_a_class_are_needed(script: str) -> None:
     script = textwrap.dedent(script).lstrip()
     kept = [line if line.endswith("# +") else "" for line in script.splitlines()]
-    assert needed(script, "Room", frozenset({"Env", "Room", "last"})).splitlines() == kept
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert needed(script, "Room", frozenset({"Env", "Room", "last"})).splitlines() == kept
 
 
 @pytest.mark.parametrize(
