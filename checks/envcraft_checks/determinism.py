@@ -48,7 +48,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from envcraft.errors import Skip, Undecided
 from envcraft.judging.check import Check, Rule
@@ -363,7 +363,10 @@ class Determinism(Check):
         writers = Writers(subject, code)
         field = first_field(subject, rollout, cause, writers)
         where, line = in_words(writers, field)
-        evidence = {"state": field.evidence} if field is not None else {}
+        evidence: dict[str, Any] = {"state": field.evidence} if field is not None else {}
+        if writers.elsewhere is not None:
+            file, suspects = writers.elsewhere
+            evidence["lines"] = [f"{file}:{suspect.line}" for suspect in suspects]
         line = places.writing_line(subject, divergence) or line
         return self.finding(
             code,

@@ -394,6 +394,20 @@ def test_the_line_that_draws_is_found_in_an_installed_module(
     assert f"{line} | self.x, self.steps" in result.stdout
 
 
+def test_the_line_of_another_file_that_draws_is_named(invoke: Invoke, good: Path) -> None:
+    good.write_text("import helpers\n" + ENVIRONMENT.replace("self.goal = 5, 0,", "self.goal = helpers.start(), 0,"))
+    unused = "def unused():\n    return random.random()\n\n\n"
+    good.with_name("helpers.py").write_text(
+        f"import random\n\n\n{unused}def start():\n    return random.randrange(1, 9)\n"
+    )
+    options = ("--sandbox", "process", "--contract", "gymnasium", "--budget", "quick", "--checks", "determinism")
+    result = invoke("validate", good, *options, "--format", "json")
+    [finding] = [each for check in json.loads(result.stdout)["reports"][0]["checks"] for each in check["findings"]]
+    assert finding["code"] == "EC204"
+    assert "helpers.py line 9 takes a number that no seed of reset() controls: random.randrange()" in finding["message"]
+    assert [line.endswith("helpers.py:9") for line in finding["evidence"]["lines"]] == [True]
+
+
 def test_a_named_module_is_found_in_src(invoke: Invoke, good: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(good.parent)
     Path("pyproject.toml").write_text("[project]\nname = 'zz_games'\n")

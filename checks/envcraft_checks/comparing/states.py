@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import msgspec
 
 from envcraft.model.rollout import ClockShift, Conditions, Rollout
+from envcraft.text import one_line
 from envcraft_checks.comparing.causes import TELEMETRY, Cause
 from envcraft_checks.comparing.conditions import LOGICAL
 from envcraft_checks.comparing.traces import diverge, interrupted
@@ -175,6 +176,9 @@ def in_words(writers: Writers, field: FieldDifference | None) -> tuple[str, int 
     if suspects:
         words += f"; {program.in_words(suspects)[0]}"
         line = line or suspects[0].line
+    elif writers.elsewhere is not None:
+        file, found = writers.elsewhere
+        words += f"; in {one_line(file)} {program.in_words(found)[0]}"
     return words, line
 
 

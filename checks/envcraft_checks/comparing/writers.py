@@ -3,21 +3,35 @@
 from __future__ import annotations
 
 import ast
+import contextlib
+import os
 import re
 from collections.abc import Callable, Iterable, Iterator
 from functools import cached_property
 from typing import TYPE_CHECKING
 
 from envcraft.model.target import Kind, parse
+from envcraft.text import relative
 from envcraft_checks.linting.clock import clocks
 from envcraft_checks.linting.generators import generators
 from envcraft_checks.linting.leftovers import leftovers, used_fields
 from envcraft_checks.linting.order import orders
-from envcraft_checks.linting.program import Function, Program, Suspect, bindings, line, name_of, root
+from envcraft_checks.linting.program import (
+    Function,
+    Helpers,
+    Program,
+    Suspect,
+    bindings,
+    line,
+    mentions,
+    name_of,
+    root,
+)
 from envcraft_checks.linting.sharing import is_bookkeeping, only_remembers, shared
 
 if TYPE_CHECKING:
     from envcraft.judging.subject import Subject
+    from envcraft.model.target import Project
 
 #: What finds the lines that may cause a difference, by its code.
 FINDERS: dict[str, tuple[Callable[[Program], Iterator[Suspect]], ...]] = {
@@ -44,12 +58,14 @@ class Writers:
     Attributes:
         code: of the finding.
         suspects: the places in the file that do what the code reports.
+        elsewhere: the first file of the project that has such places if the file has none, and the places.
     """
 
     def __init__(self, subject: Subject, code: str) -> None:
         self.code = code
         self._program: Program | None = None
         self.suspects: list[Suspect] = []
+        self.elsewhere: tuple[str, list[Suspect]] | None = None
         try:
             if subject.target.kind is Kind.SOURCE:
                 program = Program(parse(subject.text), subject.class_statement)
@@ -61,6 +77,9 @@ class Writers:
             self.suspects = list(dict.fromkeys(one for find in FINDERS.get(code, ()) for one in find(program)))
         except (RecursionError, SyntaxError, ValueError):
             self._program = None
+            return
+        if not self.suspects and code not in ("EC206", "EC207") and subject.target.project is not None:
+            self.elsewhere = _elsewhere(program, subject.target.project, FINDERS.get(code, ()))
 
     def most_causal(self, paths: list[str], part: str) -> str:
         """The field that the others follow from, as far as the file tells; of several one that is returned.
@@ -231,6 +250,23 @@ class Writers:
                 if isinstance(node, ast.Return):
                     found.setdefault(function.name, set()).update(_mentioned(node.value))
         return found
+
+
+def _elsewhere(
+    program: Program, project: Project, finders: Iterable[Callable[[Program], Iterator[Suspect]]]
+) -> tuple[str, list[Suspect]] | None:
+    """The first file of a project in which some finders find places, and these."""
+    trees: dict[str, ast.Module] = {}
+    for path, data in sorted(project.files.items()):
+        if path.endswith(".py"):
+            with contextlib.suppress(SyntaxError, ValueError, RecursionError, MemoryError):
+                trees[path] = parse(data)
+    mentioned = set().union(*map(mentions, (program.tree, *trees.values())))
+    for path, tree in trees.items():
+        helpers = Helpers(tree, mentioned)
+        if found := list(dict.fromkeys(one for find in finders for one in find(helpers))):
+            return relative(os.path.join(project.root, path)), found
+    return None
 
 
 _WRAPPED = re.compile(r"(?:len|list|iter)\(")

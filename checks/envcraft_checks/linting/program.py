@@ -327,6 +327,35 @@ class Program:
         return [call for call in calls if call is not None], classes, attributes
 
 
+class Helpers(Program):
+    """A file of the environment's project, of which play may run what has one of these names.
+
+    Args:
+        tree: the syntax tree.
+        mentioned: names that the files of the project mention.
+    """
+
+    def __init__(self, tree: ast.Module, mentioned: set[str]) -> None:
+        super().__init__(tree, "")
+        self._mentioned = mentioned
+
+    @cached_property
+    def all(self) -> list[Function]:
+        methods = [method for owner in self._methods.values() for method in owner.values()]
+        return [one for one in [*self.functions.values(), *methods] if one.name in self._mentioned]
+
+    @cached_property
+    def play(self) -> list[Function]:
+        return self.all
+
+
+def mentions(tree: ast.Module) -> set[str]:
+    """The names and attributes that a file reads, and the methods that Python or Gymnasium calls."""
+    read = {node.id for node in nodes(tree) if isinstance(node, ast.Name)}
+    read |= {node.attr for node in nodes(tree) if isinstance(node, ast.Attribute)}
+    return read | {"reset", "step", "render", "__init__", "__call__"}
+
+
 def program_of(subject: Subject) -> Program | None:
     """The code of an environment; None for an installed one, or one that is nested too deeply."""
     if subject.target.kind is not Kind.SOURCE:
