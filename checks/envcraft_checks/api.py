@@ -32,6 +32,7 @@ def step(self, action):
 
 from __future__ import annotations
 
+import ast
 import contextlib
 import itertools
 import re
@@ -50,7 +51,8 @@ from envcraft.model.target import Kind, parse
 from envcraft.model.verdict import Finding, Severity
 from envcraft.plugins import hookimpl
 
-from .linting.program import Program, program_of
+from .linting.program import Program, program_of, root
+from .linting.program import line as line_at
 from .rewards.syntax import returns
 from .source import ask_for_dependency
 
@@ -128,7 +130,7 @@ class Api(Check):
             "EC110",
             "observation-aliased",
             "An observation changes after it was returned.",
-            "Return `frame.copy()`, or draw each frame into a new array.",
+            "Return a copy, such as `self.state.copy()`, or write each observation into a new array.",
         ),
         Rule("EC111", "action-modified", "step() writes into the action array.", "Work on a copy of the action."),
         Rule(
@@ -337,7 +339,7 @@ class Api(Check):
             later = "the next reset" if by is None else f"step {by}" if by > at else "it was returned"
             words = f"the observation of {_at(at)} changed after {later}"
             # A change that is noticed later may show at once in an episode that ends here.
-            line = subject.line_of("reset" if by is None else "step")
+            line = _overwriting_line(subject, "reset" if by is None else "step")
             yield self.finding("EC110", words, line=line, step=at + 1, by=trace.steps if by is None else by)
         if trace.acted:
             step, now = trace.acted[0]
@@ -418,6 +420,29 @@ def _line_of_space(subject: Subject, space: str) -> int | Line:
     program = program_of(subject) if not subject.target.wrappers else None
     lines = program.declared_at(space) if program is not None else []
     return lines[0] if len(lines) == 1 else subject.line_of("__init__")
+
+
+def _overwriting_line(subject: Subject, method: str) -> int | Line:
+    """The first line of a method that writes into the attribute that it returns as observation, else the method's."""
+    source = subject.target.kind is Kind.SOURCE
+    number = _first_write(subject.text, subject.class_statement, method) if source else None
+    return number or subject.line_of(method)
+
+
+@lru_cache(8)
+def _first_write(text: str, env_class: str | None, method: str) -> int | None:
+    try:
+        program = Program(parse(text), env_class)
+    except RecursionError:
+        return None
+    function = program.method(program.env, method)
+    if function is None:
+        return None
+    results = [node.value for node in function.nodes if isinstance(node, ast.Return)]
+    returned = {function.field(value.elts[0]) for value in results if isinstance(value, ast.Tuple) and value.elts}
+    writes = [*function.writes, *((node.target, node) for node in function.nodes if isinstance(node, ast.AugAssign))]
+    lines = [line_at(node) for target, node in writes if function.field(root(target)) in returned - {""}]
+    return min(lines, default=None)
 
 
 def _line_of_result(subject: Subject, method: str) -> int | Line:

@@ -37,6 +37,25 @@ class Game(gym.Env):
 """
 
 
+#: Instead of the class above: a vector that step() changes and returns.
+_VECTOR = """
+    observation_space = gym.spaces.Box(0, 99, (2,), float)
+    action_space = gym.spaces.Discrete(2)
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        self.cells = self.np_random.random(2)
+        return self.cells, {}
+
+    def step(self, action):
+        action = int(action)
+        self.cells += 0.5
+        return self.cells, float(action), bool(self.cells[0] > 9), False, {}
+
+
+class _Old(gym.Env):"""
+
+
 @pytest.mark.parametrize(
     ("old", "new", "code", "named"),
     [
@@ -46,6 +65,7 @@ class Game(gym.Env):
         ("return self.at, {}", "return self.at, {3: 4}", "EC114", "return self.at, {3: 4}"),
         ("self.at == 8, False, {}", "self.at == 8, False, 3", "EC114", "self.at == 8, False, 3"),
         ("return self.at, {}", "return self.at", "EC105", "return self.at"),
+        ("Game(gym.Env):", f"Game(gym.Env):{_VECTOR}", "EC110", "self.cells += 0.5"),
         ("self.at == 8, False, {}", "self.at == 8, {}", "EC106", "self.at == 8, {}"),
         (
             "return self.at, 1.0",
