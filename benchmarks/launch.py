@@ -7,8 +7,8 @@ its zygote, as for many. A zygote that forks a single worker gives the cost of t
 with forked ones, beside the same episodes in a plain loop in one process. Search steps, whose actions are not known
 here, count as mean steps of that loop.
 
-CPU time covers this process and its child processes; that of containers belongs to the engine. The exit status is 1 if a
-forked worker takes more than a quarter of the CPU time of a launched one, in a sandbox without an engine.
+CPU time covers this process and its child processes; that of containers belongs to the engine. The exit status is 1 if
+a forked worker takes more than a quarter of the CPU time of a launched one, in a sandbox without an engine.
 """
 
 from __future__ import annotations

@@ -169,12 +169,14 @@ def test_a_search_for_a_win_soon_leaves_out_a_button_without_effect() -> None:
     buttons = corridor.replace("Discrete(3)", "MultiDiscrete([3, 9])").replace("[action]", "[action[0]]")
     pairs = [[move, button] for move in range(3) for button in range(9)]
     out, _, _ = searched("reach", source=buttons, actions=pairs, max_steps=10_000, limit=100)
-    assert out.win is not None and len(out.win) == 59
+    assert out.win is not None
+    assert len(out.win) == 59
     assert out.steps < 20 * 11 + 45 * 3
     # A button that matters in one place only is tried if all else is.
     late = buttons.replace("won = self.at == 60", "self.at = min(self.at, 60); won = self.at == 60 and action[1] == 5")
     win = searched("reach", source=late, actions=pairs, max_steps=10_000, limit=100)[0].win
-    assert win is not None and win[-1] == [0, 5]
+    assert win is not None
+    assert win[-1] == [0, 5]
 
 
 def test_a_search_that_reaches_no_win_is_exhausted_only_if_all_pictures_were_seen() -> None:
