@@ -24,7 +24,7 @@ from envcraft.model.job import ExitReason, JobResult
 from .reader import Forged, Reader
 from .stack import Stack
 
-_CHUNK = 1 << 20
+_CHUNK, _PIECE = 1 << 20, 1 << 16
 _SERVER_SECONDS = 60.0
 _GOODBYE_SECONDS = 1.0
 #: Patience with a job that is to write its stack, and with its next lines.
@@ -424,7 +424,7 @@ class _Watch:
             self._waiting = None
 
     def _take_output(self) -> bool:
-        data = os.read(self._output, 1 << 16)
+        data = os.read(self._output, _PIECE)
         self._printed += len(data)
         room = self._limits.output - len(self._head)
         if room > 0 and self._own:
@@ -437,16 +437,18 @@ class _Watch:
         self._own = False
         self._worker.dump(self._number)
         received, deadline = b"", time.monotonic() + _STACK_SECONDS
+        begun = False
         with contextlib.suppress(BlockingIOError):
             while len(received) < _CHUNK and (left := deadline - time.monotonic()) > 0:
                 # The end of a stack is not marked.
-                patience = min(left, _STACK_PAUSE) if self._stack.begins(received) else left
-                if not select.select([self._output], [], [], patience)[0]:
+                if not select.select([self._output], [], [], min(left, _STACK_PAUSE) if begun else left)[0]:
                     break
-                data = os.read(self._output, 1 << 16)
+                data = os.read(self._output, _PIECE)
                 if not data:
                     break
-                received += data
+                # A job that floods its output goes on until the signal reaches it.
+                received = (received if begun else received[-_PIECE:]) + data
+                begun = self._stack.begins(received)
         self._stack.take(received)
 
     def _drain(self) -> None:

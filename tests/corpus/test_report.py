@@ -447,9 +447,8 @@ def test_an_audit_writes_a_report_with_pictures(folder: Path, invoke: Invoke, tm
     assert [(row[0], row[7]) for row in rows] == [("good.py", 1), ("late.py", 1), ("none.py", 0)]
     assert opened((site / "media" / "0" / "0.webp").read_bytes()).shape[1] == 84
     about = script(site / "data" / "about-0.js")
-    assert (
-        about[0]["command"] == f"envcraft validate {folder}/good.py --budget quick --format json --output report.json"
-    )
+    options = "--budget quick --checks source,api,sandbox --format json --output report.json"
+    assert about[0]["command"] == f"envcraft validate {folder}/good.py {options}"
     # Known pictures are reused; a lost one is played again.
     again = invoke("corpus", "report", folder, "--output", "report", "--sandbox", "process")
     assert again.exit_code == 0, again.output
