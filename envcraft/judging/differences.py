@@ -64,7 +64,7 @@ def _same(one: Any, two: Any) -> bool:
 
 
 def _equal(one: Any, two: Any) -> bool:
-    """Whether two parts are numbers or arrays with equal values, whatever their types; NaN equals itself."""
+    """Whether two parts are numbers or arrays with equal values, of any types. NaN equals itself."""
     import numpy as np
 
     if not all(isinstance(each, np.ndarray | np.generic | int | float) for each in (one, two)):
