@@ -141,7 +141,7 @@ class Session:
             if player is not None and not await self._let(player, subject, first.seed):
                 return
             self._rate = rate_of(subject)
-            known = {} if keys is None else {"turns": not keys.idle, "help": keys.help[:-1], "pad": keys.pad}
+            known = {} if keys is None else {"turns": not keys.idle, "help": keys.help, "pad": keys.pad}
             await self._tell("ready", rate=self._rate, **known)
             await self._loop(plan, subject, keys, conditions, first)
         finally:

@@ -150,6 +150,8 @@ def test_an_episode_in_turns_is_recorded_and_replayed(console: Opened, walk: Any
     walk()
     game = console("walk.py", "--sandbox", sandbox, "--turn-based", "--output", "played.json")
     game.expect("Walk, seed 0: step 0, return 0")
+    game.expect("Seven steps to the right win.")
+    game.expect("press a key to play")
     # Left by three keys, a button with the following move, and right by three keys.
     game.type("a\x1b[Dhxd\x1b[Cl\r" + "d" * 20)
     game.expect("Walk, seed 0: ended, success, return 1, 13 steps")
@@ -183,7 +185,14 @@ def test_it_fits_the_terminal_in_real_time_and_goes_on_by_itself(console: Opened
     game = console("walk.py", "--sandbox", "process", "--fps", "30", "--output", "played.json")
     screen = game.expect("step 0, return 0")
     assert "\x1b[?1049h" in screen
-    screen += game.expect("step 10")
+    # The game waits while its description is read, at the start and after "?".
+    game.expect("press a key to play")
+    game.type(" ")
+    screen = game.expect("step 10")
+    game.type("?")
+    game.expect("Seven steps to the right win.")
+    game.type("x")
+    game.expect("step 1")
     rows: dict[int, str] = {}
     for number, row in re.findall(r"\x1b\[(\d+);1H((?:\x1b\[[0-9;]*m|▀)+)", screen):
         rows.setdefault(int(number), row)
@@ -194,7 +203,7 @@ def test_it_fits_the_terminal_in_real_time_and_goes_on_by_itself(console: Opened
     report = json.loads((tmp_path / "played.json").read_text())
     actions = report["reports"][0]["checks"][0]["findings"][0]["repro"]["actions"]
     assert len(actions) >= 10
-    assert {tuple(action) for action in actions} == {(0, 0, 0)}
+    assert {tuple(action) for action in actions} <= {(0, 0, 0), (0, 1, 0)}
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from envcraft.cli.play.description import describe
 from envcraft.cli.play.keys import Keys, Pad, keys_for
 from envcraft.cli.play.picture import Picture, fit, half_blocks
 from envcraft.cli.play.screen import Screen
@@ -121,6 +122,31 @@ class TestKeys:
     def test_what_no_keyboard_plays_is_a_sentence(self, space: dict[str, Any], words: str) -> None:
         with pytest.raises(UsageError, match=words):
             gymnasium_keys(space)
+
+
+class TestDescription:
+    def test_the_longer_docstring_of_class_and_file(self) -> None:
+        source = (
+            b'"""Two rooms."""\nclass Rooms:\n    """Find the key, then open the door.\n\n    A wall is a wall."""\n'
+        )
+        assert describe(source, "Rooms") == ["Find the key, then open the door.", "", "A wall is a wall."]
+        assert describe(source, None) == ["Two rooms."]
+        assert describe(b"class Rooms: pass\n", "Rooms") == []
+        assert describe(b"class Rooms(\n", "Rooms") == []
+
+    def test_paragraphs_are_wrapped_and_lists_are_kept(self) -> None:
+        text = "word " * 20 + "\n\nActions:\n- 0 waits\n- 1 walks\n"
+        lines = describe(f'"""{text}"""'.encode(), None)
+        assert all(len(line) <= 76 for line in lines)
+        assert lines[2:] == ["", "Actions:", "- 0 waits", "- 1 walks"]
+
+    def test_a_long_one_leaves_room_for_the_picture(self) -> None:
+        lines = describe(('"""' + "a\n\n" * 40 + '"""').encode(), None)
+        assert len(lines) == 18
+        assert lines[-1] == "…"
+
+    def test_no_escape_reaches_the_terminal(self) -> None:
+        assert describe(rb'"red \x1b[31m"', None) == ["red \N{REPLACEMENT CHARACTER}[31m"]
 
 
 class TestPictures:

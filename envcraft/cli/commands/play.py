@@ -150,6 +150,7 @@ class _Session:
 
     def run(self, screen: Screen, fps: int | None) -> ExitCode:
         """Play until the player quits. Raises UsageError if the environment cannot be played by keyboard."""
+        from envcraft.cli.play.description import describe
         from envcraft.cli.play.episode import Episode
         from envcraft.cli.play.game import Game, play_all
         from envcraft.cli.play.keys import keys_for
@@ -181,9 +182,10 @@ class _Session:
                 conditions = Conditions()
         title = one_line(subject.env_class or subject.target.path)
         steps = subject.contract.limit or _STEPS
+        source = subject.target.source or subject.installed_source
         with screen:
             play_all(
-                Game(screen, keys, title, fps if keys.idle else None),
+                Game(screen, keys, title, fps if keys.idle else None, describe(source, subject.env_class)),
                 lambda seed: Episode(subject, seed, conditions, steps),
                 self._plan.seed,
                 self._ended,

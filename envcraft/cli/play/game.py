@@ -6,12 +6,12 @@ import contextlib
 import textwrap
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from enum import Enum
 from typing import Any
 
 from envcraft.cli.play.episode import Episode
-from envcraft.cli.play.keys import AGAIN, QUIT, Keys
+from envcraft.cli.play.keys import ABOUT, AGAIN, QUIT, Keys
 from envcraft.cli.play.screen import Screen
 from envcraft.model.trace import Ending, Trace
 from envcraft.text import one_line, plural
@@ -28,16 +28,24 @@ class Wish(Enum):
 
 
 class Game:
-    """Episodes on a screen. With `fps` None, each step waits for a key."""
+    """Episodes on a screen. With `fps` None, each step waits for a key.
 
-    def __init__(self, screen: Screen, keys: Keys, title: str, fps: float | None) -> None:
+    The description is shown first, and again by the key ``?``; the game waits for the next key.
+    """
+
+    def __init__(
+        self, screen: Screen, keys: Keys, title: str, fps: float | None, description: Sequence[str] = ()
+    ) -> None:
         self._screen = screen
         self._keys = keys
         self._title = title
         self._fps = fps
+        self._description = list(description)
+        self._reading = bool(description)
         self._help = [
             *keys.help,
             *(["each step waits for a key" + ("; enter does nothing" if keys.idle else "")] if fps is None else []),
+            ", ".join(["r next episode", "q quit", *(["? the description"] if description else [])]),
         ]
 
     def play(self, episode: Episode) -> Wish | None:
@@ -48,13 +56,16 @@ class Game:
         chosen: deque[Any] = deque()
         while not episode.over:
             wait = _LOOK if episode.waiting else _GLANCE
-            if self._fps is not None and episode.waiting:
+            if self._fps is not None and episode.waiting and not self._reading:
                 wait = min(wait, max(due - time.monotonic(), 0.0))
             for key in self._screen.pressed(wait):
                 if key in QUIT:
                     return Wish.QUIT
                 if key == AGAIN:
                     return Wish.AGAIN
+                # The key that ends the reading counts in the game, too.
+                self._reading = key == ABOUT and bool(self._description)
+                shown = -1
                 if self._fps is None and (action := self._keys.turn(key)) is not None:
                     chosen.append(action)
             if not episode.waiting:
@@ -64,7 +75,9 @@ class Game:
                 shown = trace.steps
                 self._show(episode, f"step {trace.steps}, return {trace.total:g}")
             now = time.monotonic()
-            if self._fps is not None and now >= due:
+            if self._reading:
+                due = now
+            elif self._fps is not None and now >= due:
                 chosen.append(self._keys.held(self._screen.held()))
                 due = max(due + 1 / self._fps, now)
             if chosen:
@@ -84,10 +97,11 @@ class Game:
     def _show(self, episode: Episode, state: str, notes: list[str] | None = None) -> None:
         watched = episode.shown
         text = textwrap.wrap(watched.text, 76)[:12] if watched.picture is None else []
-        self._screen.show(
-            watched.picture,
-            [*text, f"{self._title}, seed {episode.seed}: {state}", *(notes or self._help)],
-        )
+        state = f"{self._title}, seed {episode.seed}: {state}"
+        if self._reading and notes is None:
+            text = [state, "", *self._description, ""]
+            state = "press a key to play"
+        self._screen.show(watched.picture, [*text, state, *(notes or self._help)])
 
 
 def result(trace: Trace) -> str:

@@ -17,7 +17,7 @@ from envcraft.spaces.sampling import enumerate_actions
 from envcraft.spaces.spec import Box, Discrete, MultiBinary, MultiDiscrete, SpaceSpec, read_space
 
 #: Keys of the game loop; none of them is an action.
-QUIT, AGAIN = ("q", "escape"), "r"
+QUIT, AGAIN, ABOUT = ("q", "escape"), "r", "?"
 
 _MOVES = {
     **dict.fromkeys(("up", "w", "k"), 1),
@@ -56,7 +56,7 @@ class Keys(ABC):
 class Pad(Keys):
     """Five moves and two buttons. In turn-based play, a button combines with the next move."""
 
-    help = ["arrows, wasd or hjkl move; space or x, z or c are the buttons", "r next episode, q quit"]
+    help = ["arrows, wasd or hjkl move; space or x, z or c are the buttons"]
     pad = [("left", "\u2190"), ("up", "\u2191"), ("down", "\u2193"), ("right", "\u2192"), ("x", "1"), ("z", "2")]
     idle = True
 
@@ -88,10 +88,7 @@ class Choices(Keys):
         self.pad = [(key, words) for key, (words, _) in zip(_KEYS, actions, strict=False)]
         self.idle = noop is not None
         listed = [f"{key} {words}" for key, (words, _) in zip(_KEYS, actions, strict=False)]
-        self.help = [
-            *("   ".join(listed[start : start + 6]) for start in range(0, len(listed), 6)),
-            "r next episode, q quit",
-        ]
+        self.help = ["   ".join(listed[start : start + 6]) for start in range(0, len(listed), 6)]
 
     def held(self, keys: Sequence[str]) -> Any:
         chosen = [self._actions[key] for key in keys if key in self._actions]
