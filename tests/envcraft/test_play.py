@@ -140,6 +140,11 @@ class TestDescription:
         assert all(len(line) <= 76 for line in lines)
         assert lines[2:] == ["", "Actions:", "- 0 waits", "- 1 walks"]
 
+    def test_goal_and_controls_come_first(self) -> None:
+        source = b'"""A maze.\n\nDark.\n\nGoal: find the exit.\n\nControls: arrows walk.\n\nRewards: 1."""'
+        lines = ["Goal: find the exit.", "", "Controls: arrows walk.", "", "A maze.", "", "Dark.", "", "Rewards: 1."]
+        assert describe(source, None) == lines
+
     def test_a_long_one_leaves_room_for_the_picture(self) -> None:
         lines = describe(('"""' + "a\n\n" * 40 + '"""').encode(), None)
         assert len(lines) == 18

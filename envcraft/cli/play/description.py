@@ -13,6 +13,8 @@ from envcraft.text import one_line
 _WIDTH, _LINES = 76, 18
 #: A line of a list or a table, which keeps its place.
 _ITEM = re.compile(r"^\s*([-*|]|\d+[.)])\s", re.MULTILINE)
+#: What a person must know to play comes first.
+_FIRST = re.compile(r"\s*(goal|controls)\b", re.IGNORECASE)
 
 
 def describe(source: bytes, env_class: str | None) -> list[str]:
@@ -23,7 +25,8 @@ def describe(source: bytes, env_class: str | None) -> list[str]:
         env_class: the name of the class, if it is known.
 
     Returns:
-        Lines of up to 76 characters, with an empty one between paragraphs; none if there is no docstring.
+        Lines of up to 76 characters, with an empty one between paragraphs, goal and controls first; none if there is
+        no docstring.
     """
     try:
         module = parse(source)
@@ -33,7 +36,7 @@ def describe(source: bytes, env_class: str | None) -> list[str]:
     described += [node for node in module.body if isinstance(node, ast.ClassDef) and node.name == env_class]
     text = max((ast.get_docstring(node) or "" for node in described), key=len)
     lines: list[str] = []
-    for paragraph in text.split("\n\n"):
+    for paragraph in sorted(text.split("\n\n"), key=lambda paragraph: not _FIRST.match(paragraph)):
         for part in paragraph.splitlines() if _ITEM.search(paragraph) else [paragraph]:
             lines += textwrap.wrap(one_line(part), _WIDTH)
         lines.append("")

@@ -15,7 +15,7 @@ from envcraft.cli.play.screen import Screen
 from envcraft.errors import UsageError
 
 _SIZE = (588, 588)
-_LINE = 20
+_LINE = 18
 _BACK, _INK = (24, 24, 28), (220, 220, 220)
 _NAMES = {"return": "enter", "enter": "enter"}
 
