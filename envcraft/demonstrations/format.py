@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from envcraft.model.trace import Ending, Trace, digest
+from envcraft.text import plural
 
 FORMAT = 2
 #: The number of bytes that are stored of a frame's digest.
@@ -178,13 +179,14 @@ def difference(episode: Episode, trace: Trace) -> str:
         at = "the reset" if step == 0 else f"step {step}"
         digests = slice(step * DIGEST_SIZE, (step + 1) * DIGEST_SIZE)
         if before[digests] != after[digests]:
-            ended = step >= len(trace.observations)
-            return f"the episode ends after {trace.steps} steps" if ended else f"the observation differs at {at}"
+            if step >= len(trace.observations):
+                return f"the episode ends after {plural(trace.steps, 'step')}"
+            return f"the observation differs at {at}"
         if step and rewards(episode)[step - 1] != trace.rewards[step - 1]:
             return f"the reward differs at {at} ({rewards(episode)[step - 1]:g}, then {trace.rewards[step - 1]:g})"
     ending = (episode.terminated, episode.truncated)
     if ending != (trace.ending is Ending.TERMINATED, trace.ending is Ending.TRUNCATED):
-        return f"the episode ends differently: {trace.ending} after {trace.steps} steps"
+        return f"the episode ends differently: {trace.ending} after {plural(trace.steps, 'step')}"
     return "the infos differ"
 
 

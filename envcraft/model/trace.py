@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Any
 from envcraft.model.contract import Success
 from envcraft.model.job import ExitReason, JobResult, SearchOutcome
 from envcraft.model.rollout import Rollout
+from envcraft.text import plural
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -439,7 +440,7 @@ def _same_json(one: Any, two: Any) -> bool:
 
 
 def _ending_words(trace: Trace) -> str:
-    return f"{trace.fault or trace.ending} after {trace.steps} steps"
+    return f"{trace.fault or trace.ending} after {plural(trace.steps, 'step')}"
 
 
 def _short(one: Any, two: Any) -> tuple[str, str]:
