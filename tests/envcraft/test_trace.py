@@ -51,7 +51,7 @@ def test_the_same_exception_at_another_step_reads_otherwise() -> None:
     one.fault = two.fault = Fault("step", 1, "ValueError", "no")
     two.observations, two.infos, two.rewards = [b"0", b"1"], [b"{}", b"{}"], [1.0]
     two.terminated, two.truncated = [False], [False]
-    assert str(diverge(one, two)).endswith("(ValueError: no after 0 steps, then ValueError: no after 1 steps)")
+    assert str(diverge(one, two)).endswith("(ValueError: no after 0 steps, then ValueError: no after 1 step)")
 
 
 def test_an_exception_of_any_name_has_a_digest() -> None:
