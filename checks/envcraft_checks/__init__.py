@@ -1,1 +1,1 @@
-"""The built-in checks: one rule family, one file, one plugin. Each module's docstring is the rule's page."""
+"""The built-in checks: one check, one file, one plugin. Each module's docstring is the check's page."""

@@ -30,7 +30,6 @@ _KINDS = {
 #: What a table may leave out of a space: the defaults of Gymnasium's constructors.
 _DEFAULTS: dict[str, dict[str, Any]] = {
     "Box": {"low": -math.inf, "high": math.inf, "dtype": "float32"},
-    "Discrete": {"start": 0},
     "Text": {"min_length": 1, "charset": string.ascii_letters + string.digits},
     "Sequence": {"stack": False},
     "Graph": {"edges": None},
@@ -87,6 +86,24 @@ def custom_contracts(
         except (ValueError, msgspec.ValidationError) as error:
             raise UsageError(f"{place}: {error}") from None
     return found
+
+
+def valid_contract(contract: Contract) -> Contract:
+    """Return a plugin's contract, its spaces with the defaults that a table of pyproject.toml has, too.
+
+    Raises:
+        UsageError: a space is not valid, or settings contradict each other.
+    """
+    try:
+        spaces = {
+            field: described if (described := getattr(contract, field)) is None else space(described, field)
+            for field in ("observation", "action")
+        }
+        contract = msgspec.structs.replace(contract, **spaces)
+        _check(contract)
+    except ValueError as error:
+        raise UsageError(f"the contract {contract.name} of a plugin is not valid: {error}") from None
+    return contract
 
 
 def refuse_taken(folder: Path, names: Iterable[str]) -> None:

@@ -5,15 +5,15 @@ from __future__ import annotations
 from pathlib import Path
 
 from envcraft.contracts.builtin import envcraft_contracts
-from envcraft.contracts.custom import custom_contracts, refuse_taken
+from envcraft.contracts.custom import custom_contracts, refuse_taken, valid_contract
 from envcraft.judging.selection import all_checks
 from envcraft.model.contract import Contract
 from envcraft.registry import lookup, offered
 
 
 def all_contracts() -> list[Contract]:
-    """The plugins' contracts, and those of the nearest pyproject.toml. Raises UsageError if a table is not valid."""
-    found: list[Contract] = list(offered("envcraft_contracts"))
+    """The plugins' contracts, and those of the nearest pyproject.toml. Raises UsageError if one is not valid."""
+    found = [valid_contract(contract) for contract in offered("envcraft_contracts")]
     return found + custom_contracts(
         Path.cwd(), found, lambda: (rule.code for check in all_checks() for rule in check.rules)
     )

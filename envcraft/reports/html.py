@@ -41,6 +41,7 @@ class HtmlReporter(Reporter):
 
     name = "html"
     summary = "one self-contained page, with the findings as animations"
+    suffix = ".html"
     wants_frames = True
 
     def handle(self, event: Event) -> None:

@@ -12,6 +12,7 @@ class JsonReporter(Reporter):
 
     name = "json"
     summary = "one JSON object, which `envcraft replay` reads"
+    suffix = ".json"
 
     def handle(self, event: Event) -> None:
         if isinstance(event, Finished):

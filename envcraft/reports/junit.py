@@ -26,6 +26,7 @@ class JUnitReporter(Reporter):
 
     name = "junit"
     summary = "JUnit XML, for continuous integration"
+    suffix = ".xml"
 
     def handle(self, event: Event) -> None:
         if isinstance(event, Finished):

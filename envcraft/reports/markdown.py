@@ -42,6 +42,7 @@ class MarkdownReporter(Reporter):
 
     name = "markdown"
     summary = "Markdown, for a comment on a pull request"
+    suffix = ".md"
 
     def handle(self, event: Event) -> None:
         if isinstance(event, Finished):

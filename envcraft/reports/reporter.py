@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, TextIO
@@ -20,6 +21,7 @@ class Reporter(ABC):
     Attributes:
         name: how ``--format`` names it.
         summary: one line for the help.
+        suffix: how the name of a file ends that suggests this format, such as ``.json``.
         verbosity: -1 for less than usual (``--quiet``), 1 for everything (``--verbose``). The caller may set it.
         wants_frames: whether the reporter can show frames of findings. The caller may then set `frames`, which runs
             the environment again in the sandbox; the reporter may call it until it has handled
@@ -28,6 +30,7 @@ class Reporter(ABC):
 
     name: str
     summary: str = ""
+    suffix: str = ""
     verbosity: int = 0
     wants_frames: bool = False
     frames: FrameSource | None = None
@@ -45,6 +48,13 @@ class Reporter(ABC):
         """Write text, escaping characters that the stream's encoding lacks."""
         encoding = self.output.encoding or "utf-8"
         self.output.write(text.encode(encoding, "backslashreplace").decode(encoding))
+
+
+def reporter_for(path: str) -> type[Reporter] | None:
+    """Return the reporter that the name of a file suggests, if there is one."""
+    _, suffix = os.path.splitext(path)
+    reporters: list[type[Reporter]] = offered("envcraft_reporters") if suffix else []
+    return next((reporter for reporter in reporters if reporter.suffix == suffix.lower()), None)
 
 
 def reporter_named(name: str) -> type[Reporter]:

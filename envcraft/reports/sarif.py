@@ -39,6 +39,7 @@ class SarifReporter(Reporter):
 
     name = "sarif"
     summary = "SARIF 2.1.0, for code scanning and editors"
+    suffix = ".sarif"
 
     def handle(self, event: Event) -> None:
         if isinstance(event, Finished):

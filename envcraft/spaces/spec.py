@@ -113,7 +113,7 @@ class Discrete(SpaceSpec, frozen=True, tag="Discrete"):
     """The `n` integers from `start` on."""
 
     n: Annotated[int, msgspec.Meta(ge=1, lt=2**62)]
-    start: Annotated[int, msgspec.Meta(gt=-(2**62), lt=2**62)]
+    start: Annotated[int, msgspec.Meta(gt=-(2**62), lt=2**62)] = 0
 
     def __str__(self) -> str:
         return f"Discrete({self.n})" if not self.start else f"Discrete({self.n}, start={self.start})"

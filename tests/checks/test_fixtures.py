@@ -20,13 +20,13 @@ ALL = fixtures()
 
 
 class Reports:
-    """The reports of all fixtures, judged side by side. A second request, by a rerun, judges the fixture again."""
+    """The reports of fixtures, judged side by side. A second request, by a rerun, judges the fixture again."""
 
-    def __init__(self) -> None:
+    def __init__(self, chosen: Sequence[Fixture]) -> None:
         # Faster than a container for each worker.
         bubblewrap = next(driver for driver in offered("envcraft_sandbox_drivers") if driver.name == "bubblewrap")
         self._sandbox = "bubblewrap" if bubblewrap.probe().works else "auto"
-        self._unread = self._judged(ALL)
+        self._unread = self._judged(chosen)
 
     def take(self, fixture: Fixture) -> SubjectReport:
         return self._unread.pop(fixture, None) or self._judged([fixture])[fixture]
@@ -35,9 +35,12 @@ class Reports:
         return dict(judge_fixtures(chosen, self._sandbox, narrow=True))
 
 
-@pytest.fixture(scope="session")
-def reports() -> Reports:
-    return Reports()
+@pytest.fixture(scope="module")
+def reports(request: pytest.FixtureRequest) -> Reports:
+    # Only the fixtures that options such as -k have left.
+    items = [item for item in request.session.items if isinstance(item, pytest.Function)]
+    named = [item.callspec.params.get("fixture") for item in items if hasattr(item, "callspec")]
+    return Reports([fixture for fixture in ALL if fixture in named])
 
 
 # The first of these may wait for all other fixtures, which are judged side by side.

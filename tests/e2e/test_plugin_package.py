@@ -163,7 +163,7 @@ def test_its_contract_holds_games_to_larger_frames(installed: Installed, tmp_pat
 
 def test_its_command_counts_what_its_reporter_wrote(installed: Installed, tmp_path: Path) -> None:
     lines = tmp_path / "games.jsonl"
-    options = ("--checks", "brightness", "--format", "jsonl", "--output", lines)
+    options = ("--checks", "brightness", "--output", lines)
     done = installed.run("validate", GAMES, *options, *SANDBOX)
     assert done.returncode == 1, done.stderr
     assert {Path(json.loads(line)["path"]).name for line in lines.read_text().splitlines()} == {

@@ -11,8 +11,9 @@ from typing import Any
 import pytest
 
 from envcraft.contracts.builtin import ARCADE, GYMNASIUM
-from envcraft.contracts.custom import custom_contracts
+from envcraft.contracts.custom import custom_contracts, valid_contract
 from envcraft.errors import UsageError
+from envcraft.model.contract import Contract
 from envcraft.spaces.spec import read_space
 
 BUILT_IN = [ARCADE, GYMNASIUM]
@@ -137,3 +138,13 @@ def test_toml_reads_infinities(tmp_path: Path) -> None:
     given = {"type": "Box", "low": "-inf", "high": "inf", "shape": [2], "dtype": "float32"}
     assert contract.observation is not None
     assert read_space(contract.observation) == read_space(given)
+
+
+def test_a_plugin_s_contract_has_the_defaults_of_a_table() -> None:
+    contract = valid_contract(Contract(name="six", summary="", action={"type": "Discrete", "n": 6}, noop=0))
+    assert contract.action is not None
+    assert str(read_space(contract.action)) == "Discrete(6)"
+    with pytest.raises(UsageError, match="the contract six of a plugin is not valid: action: n is missing"):
+        valid_contract(Contract(name="six", summary="", action={"type": "Discrete"}))
+    with pytest.raises(UsageError, match="the contract six of a plugin is not valid: noop: "):
+        valid_contract(Contract(name="six", summary="", action={"type": "Discrete", "n": 6}, noop=6))

@@ -34,12 +34,10 @@ from envcraft.model.project import configured
 from envcraft.model.target import Kind, Target, kind_of
 from envcraft.model.verdict import Report, SubjectReport, Verdict
 from envcraft.registry import offered
-from envcraft.reports.reporter import Reporter, reporter_named
+from envcraft.reports.reporter import Reporter, reporter_for, reporter_named
 from envcraft.reports.summary import counted
 from envcraft.text import plural
 
-#: The format that the name of a file suggests.
-_FORMATS = {".html": "html", ".json": "json", ".md": "markdown", ".sarif": "sarif", ".xml": "junit"}
 #: The option that an error about its value begins with.
 _OPTION = re.compile(r"--([\w-]+)")
 #: How the constructor's arguments are written.
@@ -279,8 +277,8 @@ def read_reports(form: str | None, output: str | None, also: Iterable[str]) -> l
     Raises:
         UsageError: a format does not exist, or two reports have one file.
     """
-    form = form or _FORMATS.get(os.path.splitext(output or "")[1].lower(), "console")
-    found = [(reporter_named(form), output)]
+    suggested = reporter_for(output or "") if form is None else None
+    found = [(suggested or reporter_named(form or "console"), output)]
     for words in also:
         name, _, path = words.partition(":")
         if not path:

@@ -14,6 +14,7 @@ class JsonLinesReporter(Reporter):
 
     name = "jsonl"
     summary = "one JSON object a line for each environment, as soon as it is judged"
+    suffix = ".jsonl"
 
     def handle(self, event: Event) -> None:
         if isinstance(event, SubjectFinished):
