@@ -28,6 +28,8 @@ from envcraft.judging.driver import Driver
 from envcraft.judging.engine import cores
 from envcraft.judging.installed import Installed
 
+# Several tests run at a time, and threads that wait for each other actively would take their processors.
+os.environ.setdefault("OMP_NUM_THREADS", "1")
 ROOT = Path(__file__).resolve().parent.parent
 # Other tests may take the processor for seconds while Hypothesis draws one example.
 hypothesis.settings.register_profile("envcraft", deadline=None, suppress_health_check=[hypothesis.HealthCheck.too_slow])
@@ -44,6 +46,7 @@ _FIRST = (
     "sandbox/conformance/test_remains.py",
     "sandbox/test_leftovers.py",
     "checks/test_fixtures.py",
+    "checks/test_speed.py",
     "e2e/test_examples.py",
     "corpus/test_audit_command.py",
     "plugins/generation/test_pipeline.py",
@@ -51,6 +54,7 @@ _FIRST = (
     "plugins/dqn/test_proof.py",
     "plugins/dqn/test_resume.py",
     "plugins/dqn/test_study_run.py",
+    "checks/test_guides.py",
     "e2e/test_plugin_package.py",
     "e2e/test_targets.py",
     "test_site.py",
