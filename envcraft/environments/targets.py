@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import ast
+import contextlib
+import itertools
 import os
 import stat
 import sys
@@ -29,7 +31,7 @@ from envcraft.text import one_line, plural
 
 #: The most modules that a message names.
 _FEW = 5
-#: The most files that are read for the sake of a message.
+#: The most files that are read for a message, or to find what derives from a class.
 _READ = 100
 #: How the names of files end that a project has beside its Python files.
 _OTHER = {".cfg", ".csv", ".ini", ".json", ".md", ".rst", ".toml", ".txt", ".yaml", ".yml"}
@@ -86,7 +88,7 @@ def resolve(
         if os.path.splitext(path)[1].lower() in _OTHER:
             raise UsageError(f"{path} is not a Python file; the name of an environment's file ends in .py")
         target = read_target(path, env_class)
-        if environments_only and not _is_environment(target):
+        if environments_only and (not _is_environment(target) or _is_base(target)):
             return []
         _require_class(target)
         return [with_project(target)]
@@ -175,6 +177,18 @@ def environments_below(folder: str, env_class: str | None = None, unreadable: Un
         (others, "file", f" without the class {env_class}"),
     ):
         say_skipped([os.path.relpath(file, folder) for file in files], kind, f"{without} in {one_line(folder)}")
+
+
+def _is_base(target: Target) -> bool:
+    """Whether each environment of a file lacks ``reset`` or ``step``, and a file beside or below it derives from it."""
+    file = Path(target.path)
+    _, unfinished = derivation(target.source, file)
+    bases: set[Class] = set()
+    if unfinished:
+        for other in itertools.islice(_python_files(os.fspath(file.parent), lambda *_: None), _READ):
+            with contextlib.suppress(OSError):
+                bases |= derivation(Path(other).read_bytes(), Path(other))[0]
+    return bool(unfinished) and unfinished <= bases
 
 
 def say_skipped(files: list[str], kind: str, words: str) -> None:

@@ -225,6 +225,21 @@ def test_the_hook_passes_named_files_over_and_a_named_file_is_judged(invoke: Inv
     assert invoke(*named, *options).exit_code == 1
 
 
+def test_the_hook_passes_over_a_base_class_of_files_that_it_was_not_given(invoke: Invoke, project: Path) -> None:
+    base, unfinished = project / "base.py", "import gymnasium as gym\n\n\nclass {}(gym.Env):\n    size = 8\n"
+    base.write_text(unfinished.format("Base"))
+    (project / "derived.py").write_text(
+        "import gymnasium as gym\nfrom base import Base\n\n\nclass Derived(Base): ...\n"
+    )
+    options = ("--sandbox", "process", "--budget", "quick", "--checks", "source", "--environments-only")
+    result = invoke("validate", base, project / "walk.py", *options)
+    assert result.exit_code == 0, result.output
+    assert f"skipped 1 file without an environment: {base}" in result.stderr
+    # Nothing derives from this one, so its author has forgotten the methods.
+    base.write_text(unfinished.format("Forgotten"))
+    assert invoke("validate", base, project / "walk.py", *options).exit_code == 1
+
+
 def _below(folder: Path, path: str, source: str, root: Path | None = None) -> dict[str, bytes]:
     """The files that a file of a folder needs."""
     project = with_project(Target(str(folder / path), source.encode()), root).project
