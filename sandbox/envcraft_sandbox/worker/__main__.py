@@ -16,6 +16,8 @@ import sys
 def main() -> None:
     words = list(zip(sys.argv[1::2], sys.argv[2::2], strict=True))
     options = dict(words)
+    # As in an interactive interpreter: a module that parses the command line when it is imported finds none.
+    sys.argv[:] = [""]
     if "--connect" in options:
         control = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         control.connect(options["--connect"])

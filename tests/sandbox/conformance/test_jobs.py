@@ -144,6 +144,10 @@ class TestConditions:
             "PYTHONSAFEPATH", "PYTHONUNBUFFERED", "MALLOC_MMAP_THRESHOLD_", "MALLOC_TRIM_THRESHOLD_",
         }  # fmt: skip
 
+    def test_a_module_finds_no_command_line(self, worker: Worker, environment: Environment, play: Any) -> None:
+        source = environment(top="import json, sys; print(json.dumps(sys.argv))")
+        assert play(worker, source).facts == [""]
+
     def test_the_hash_seed_is_honoured(
         self, driver: Driver, limits: Limits, environment: Environment, play: Any
     ) -> None:
