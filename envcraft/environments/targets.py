@@ -210,7 +210,6 @@ def _module(name: str) -> Target:
     """
     module, _, env_class = name.partition(":")
     root = here = Path.cwd()
-    # Python itself finds what is installed from such a folder.
     others = [] if _is_installed(module.partition(".")[0], here) else import_folders(here)
     if Place(here, module).find(here / module, module) is None:
         root = next((each for each in others if Place(each, module).find(each / module, module) is not None), here)
@@ -279,11 +278,20 @@ def _require_module(root: Path, module: str) -> None:
 
 
 def _is_installed(package: str, folder: Path) -> bool:
-    """Whether Python finds a package outside a folder, without importing it."""
+    """Whether Python finds a package outside a project's folder, without importing it.
+
+    A package in the folder is the project's, even if an editable installation or ``PYTHONPATH`` makes it importable.
+    """
     from importlib.machinery import PathFinder
 
-    path = [each for each in sys.path if Path(each or ".").resolve() != folder.resolve()]
+    folder = folder.resolve()
+    path = [each for each in sys.path if not _is_project_s(Path(each or ".").resolve(), folder)]
     return PathFinder.find_spec(package, path) is not None
+
+
+def _is_project_s(path: Path, folder: Path) -> bool:
+    """Whether Python imports a project's own modules from a path, and not what is installed in the project's folder."""
+    return path.is_relative_to(folder) and not _SKIPPED_FOLDERS & set(path.relative_to(folder).parts)
 
 
 def _is_environment(target: Target) -> bool:

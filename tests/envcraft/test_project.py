@@ -440,7 +440,13 @@ def test_a_named_module_is_found_in_src(invoke: Invoke, good: Path, monkeypatch:
         2,
         "Error: the folder zz_games has no module zz_games.run; zz_games has walk\n",
     )
+    # Nor does an editable installation change what is judged; a container would not have it.
     monkeypatch.syspath_prepend(good.parent / "src")
+    assert [target.kind for target in resolve("zz_games.walk:Walk")] == [Kind.SOURCE]
+    # What is installed below the working directory is not the project's.
+    (good.parent / ".venv/lib/site-packages").mkdir(parents=True)
+    Path("src/zz_games").rename(".venv/lib/site-packages/zz_games")
+    monkeypatch.syspath_prepend(good.parent / ".venv/lib/site-packages")
     assert [target.kind for target in resolve("zz_games.walk:Walk")] == [Kind.MODULE]
 
 
