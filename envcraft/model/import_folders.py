@@ -33,14 +33,22 @@ def import_folders(folder: Path) -> tuple[Path, ...]:
     Returns:
         Folders of the project.
     """
-    for project in (folder, *folder.parents):
-        present = [project / name for name in _SETTINGS if (project / name).is_file()]
-        if present:
-            named = [path for file in present for path in _python_path(file)]
-            named += [] if (project / _LAYOUT / "__init__.py").is_file() else [_LAYOUT]
-            found = dict.fromkeys(Path(os.path.normpath(project / path)) for path in named)
-            return tuple(each for each in found if each.is_relative_to(project) and each.is_dir())
-    return ()
+    project = project_folder(folder)
+    if project is None:
+        return ()
+    named = [path for name in _SETTINGS if (project / name).is_file() for path in _python_path(project / name)]
+    named += [] if (project / _LAYOUT / "__init__.py").is_file() else [_LAYOUT]
+    found = dict.fromkeys(Path(os.path.normpath(project / path)) for path in named)
+    return tuple(each for each in found if each.is_relative_to(project) and each.is_dir())
+
+
+@functools.lru_cache(1024)
+def project_folder(folder: Path) -> Path | None:
+    """Find the nearest folder, from this one up, that has settings of a project."""
+    for each in (folder, *folder.parents):
+        if any((each / name).is_file() for name in _SETTINGS):
+            return each
+    return None
 
 
 def _python_path(file: Path) -> list[str]:

@@ -18,7 +18,7 @@ from typing import Any
 
 import msgspec
 
-from envcraft.model.import_folders import import_folders
+from envcraft.model.import_folders import import_folders, project_folder
 from envcraft.model.target import MAX_SOURCE, Kind, Project, Target, nodes, parse
 
 #: Maximum number of modules that a class is followed through, and of the parts of a name.
@@ -124,9 +124,9 @@ def with_project(target: Target, root: Path | None = None) -> Target:
     if not closure.files:
         return target
     used = [place.root, *(each for each in place.others if any(path.is_relative_to(each) for path in closure.files))]
-    top = Path(os.path.commonpath(used))
+    top = Path(os.path.commonpath([*used, *(path.parent for path in closure.files)]))
     files = {path.relative_to(top).as_posix(): data for path, data in closure.files.items()}
-    imports = tuple(each.relative_to(top).as_posix() for each in used) if len(used) > 1 else ()
+    imports = tuple(each.relative_to(top).as_posix() for each in used) if used != [top] else ()
     own, modules = file.relative_to(top).as_posix(), frozenset(closure.modules)
     project = Project(str(top), place.module, own, files, modules, root is not None, imports)
     return msgspec.structs.replace(target, project=project)
@@ -231,17 +231,24 @@ class _Closure:
         except _UNREADABLE:
             return
         texts = {node.value for node in nodes(tree) if isinstance(node, ast.Constant) and type(node.value) is str}
+        starts = dict.fromkeys([file.parent, *self._folders, *(self._above(file) if _climbs(tree, texts) else ())])
         for text in sorted(texts):
-            parts = Path(text).parts
+            # A text such as "/../data" is appended to a folder; its rest names the same from a folder above.
+            parts = list(itertools.dropwhile(("/", "..").__contains__, Path(text).parts))
             if not parts or len(text) > _LONGEST or "\0" in text or any(part[0] in "./" for part in parts):
                 continue
-            for start in dict.fromkeys([file.parent, *self._folders]):
-                path = start / text
+            for start in starts:
+                path = start.joinpath(*parts)
                 with contextlib.suppress(OSError):
                     below = list(itertools.islice(path.rglob("*"), _MOST_FILES + 1)) if path.is_dir() else [path]
                     for each in sorted(below) if len(below) <= _MOST_FILES else ():
                         if each.suffix not in (".py", ".pyc") and not _hidden(each.relative_to(start)):
                             self._add(each)
+
+    def _above(self, file: Path) -> list[Path]:
+        """The folders between that of a file and that of its project."""
+        project = project_folder(file.parent)
+        return [each for each in file.parent.parents if project is not None and each.is_relative_to(project)]
 
     def _packages(self, file: Path) -> list[Path]:
         roots = self._place.roots
@@ -253,7 +260,9 @@ class _Closure:
         """Read a file of the project; None if it is the target, cannot be read, or is too large."""
         if file == self._file or file in self.files or not file.is_file():
             return None
-        roots = [root.resolve() for root in self._place.roots if file.is_relative_to(root)]
+        project = project_folder(self._file.parent)
+        allowed = self._place.roots if project is None else (*self._place.roots, project)
+        roots = [root.resolve() for root in allowed if file.is_relative_to(root)]
         if not any(map(file.resolve().is_relative_to, roots)) or file.stat().st_size > self._left:
             return None
         try:
@@ -263,6 +272,17 @@ class _Closure:
         self._left -= len(data)
         self.files[file] = data
         return data
+
+
+def _climbs(tree: ast.Module, texts: set[str]) -> bool:
+    """Whether a module names a folder above its own: by ``parent`` twice, ``parents``, ``dirname`` twice or ``..``."""
+    names = [node.attr for node in nodes(tree) if isinstance(node, ast.Attribute)]
+    names += [node.id for node in nodes(tree) if isinstance(node, ast.Name)]
+    return (
+        max(names.count("parent"), names.count("dirname")) > 1
+        or not {"parents", "pardir"}.isdisjoint(names)
+        or any(".." in Path(text).parts for text in texts if len(text) <= _LONGEST)
+    )
 
 
 def _hidden(path: Path) -> bool:

@@ -246,6 +246,37 @@ def _below(folder: Path, path: str, source: str, root: Path | None = None) -> di
     return project.files if project is not None else {}
 
 
+@pytest.mark.parametrize(
+    "line",
+    [
+        "LEVEL = (Path(__file__).parent.parent.parent / 'data' / 'level.txt').read_text()",
+        "LEVEL = Path(__file__).parents[2].joinpath('data/level.txt').read_text()",
+        "LEVEL = open(os.path.join(os.path.dirname(__file__), '..', '..', 'data', 'level.txt')).read()",
+        "LEVEL = open(os.path.dirname(__file__) + '/../../data/level.txt').read()",
+    ],
+)
+def test_data_of_the_project_beside_its_packages_is_found(
+    line: str, invoke: Invoke, good: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(good.parent)
+    Path("pyproject.toml").write_text("[project]\nname = 'zz_games'\n")
+    Path("src/zz_games").mkdir(parents=True)
+    Path("src/zz_games/__init__.py").touch()
+    Path("src/zz_games/sizes.py").write_text(f"import os\nfrom pathlib import Path\n\n{line}\n")
+    Path("src/zz_games/walk.py").write_text(
+        f"from zz_games.sizes import LEVEL\n\nassert LEVEL == 'seven'\n{ENVIRONMENT}"
+    )
+    Path("data").mkdir()
+    Path("data/level.txt").write_text("seven")
+    Path("secret.txt").write_text("not named")
+    options = ("--sandbox", "process", "--budget", "quick", "--checks", "source", "--format", "json")
+    result = invoke("validate", "src/zz_games/walk.py", "--contract", "gymnasium", *options)
+    assert result.exit_code == 0, result.output
+    [report] = json.loads(result.stdout)["reports"]
+    assert "data/level.txt" in report["project"]["files"]
+    assert "secret.txt" not in report["project"]["files"]
+
+
 @pytest.fixture
 def maze(tmp_path: Path) -> Path:
     """A package with a module, data and a hidden file, and a module beside it."""
