@@ -57,8 +57,9 @@ from typing import TYPE_CHECKING
 from envcraft.errors import UsageError, WorkerLost
 from envcraft.judging.check import Check, Rule
 from envcraft.judging.driver import Isolation
+from envcraft.model.classes import defined_classes
 from envcraft.model.job import ExitReason
-from envcraft.model.project import Place, defined_classes, with_project
+from envcraft.model.project import Place, with_project
 from envcraft.model.target import nodes, parse
 from envcraft.model.verdict import Finding, Line, Severity, Verdict
 from envcraft.plugins import hookimpl

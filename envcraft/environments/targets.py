@@ -15,17 +15,9 @@ from pathlib import Path
 import click
 
 from envcraft.errors import UsageError
+from envcraft.model.classes import Class, defined_classes, defined_names, defining_file, derivation, environment_line
 from envcraft.model.import_folders import import_folders
-from envcraft.model.project import (
-    Class,
-    Place,
-    defined_classes,
-    defined_names,
-    defining_file,
-    derivation,
-    environment_line,
-    with_project,
-)
+from envcraft.model.project import Place, with_project
 from envcraft.model.target import Kind, Target, kind_of, nodes, parse, read_target
 from envcraft.text import one_line, plural
 

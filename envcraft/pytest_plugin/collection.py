@@ -17,7 +17,7 @@ from envcraft.cli.commands.validate import is_excluded
 from envcraft.corpus.store import is_corpus
 from envcraft.environments.targets import refuse_corpus
 from envcraft.errors import EnvCraftError
-from envcraft.model import project
+from envcraft.model import classes
 from envcraft.model.target import MAX_SOURCE, parse
 from envcraft.pytest_plugin.items import CheckItem
 from envcraft.pytest_plugin.judging import CASE, Case, Spec, judge_of, settings
@@ -93,7 +93,7 @@ class Collection:
         """Leave out what other environments derive from and cannot be made alone, as `envcraft validate` does."""
         files = dict.fromkeys(item.path for item in items if isinstance(item, CheckItem))
         with _without_warnings():
-            derived = {path: project.derivation(_read(path) or b"", path) for path in files}
+            derived = {path: classes.derivation(_read(path) or b"", path) for path in files}
         bases = {each for above, _ in derived.values() for each in above}
         left_out = {path for path, (_, own) in derived.items() if own and own <= bases and not session.isinitpath(path)}
         items[:] = [item for item in items if not (isinstance(item, CheckItem) and item.path in left_out)]
@@ -141,7 +141,7 @@ def environment_line(path: Path) -> int | None:
     if source is None:
         return 1
     with _without_warnings():
-        return project.environment_line(source, path)
+        return classes.environment_line(source, path)
 
 
 def defines_tests(path: Path) -> bool:

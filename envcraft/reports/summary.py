@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import msgspec
 
-from envcraft.model.project import defined_classes
+from envcraft.model.classes import defined_classes
 from envcraft.model.target import Kind
 from envcraft.model.verdict import CheckReport, Finding, Outcome, Report, Repro, Severity, SubjectReport, Verdict, plain
 from envcraft.reports.evidence import source_of

@@ -20,8 +20,9 @@ from envcraft.contracts.builtin import GYMNASIUM
 from envcraft.environments.targets import environments_below, resolve
 from envcraft.errors import UsageError
 from envcraft.judging.facts import WELL_KNOWN
+from envcraft.model.classes import defining_file, environment_line
 from envcraft.model.import_folders import import_folders
-from envcraft.model.project import defining_file, environment_line, with_project
+from envcraft.model.project import with_project
 from envcraft.model.target import Kind, Target
 from tests.envcraft.conftest import ENVIRONMENT, Invoke
 
