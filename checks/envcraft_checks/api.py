@@ -50,6 +50,7 @@ from envcraft.model.rollout import Conditions, Episode, Rollout
 from envcraft.model.target import Kind, parse
 from envcraft.model.verdict import Finding, Severity
 from envcraft.plugins import hookimpl
+from envcraft.text import with_article
 
 from .linting.program import Program, program_of, root
 from .linting.program import line as line_at
@@ -356,7 +357,7 @@ class Api(Check):
                 yield self.finding("EC112", problem.words, line=_line_of_result(subject, "render"), step=problem.step)
                 break
         for step, note in trace.info_notes[:1]:
-            what = f"is a {note['type']}" if "type" in note else f"has a key of type {note.get('key')}"
+            what = f"is {with_article(note['type'])}" if "type" in note else f"has a key of type {note.get('key')}"
             line = _line_of_result(subject, "step" if step else "reset")
             yield self.finding("EC114", f"info {what} ({_at(step)}, under {who})", line=line, step=step)
 

@@ -64,7 +64,7 @@ from envcraft.model.rollout import Conditions, Rollout
 from envcraft.model.target import Kind
 from envcraft.model.verdict import Finding, Line, Severity
 from envcraft.plugins import hookimpl
-from envcraft.text import plural
+from envcraft.text import plural, with_article
 
 from .rewards.blame import blamed_line, reward_line
 from .rewards.zeros import pays_nothing
@@ -175,7 +175,7 @@ class Reward(Check):
         seen: set[str] = set()
         for step, (reward, kind) in enumerate(zip(trace.rewards, trace.reward_types, strict=True), 1):
             if kind not in _NUMBERS:
-                code, words = "EC302", f"the reward of step {step} is a {kind}, not a number"
+                code, words = "EC302", f"the reward of step {step} is {_kind(kind)}, not a number"
             elif not math.isfinite(reward):
                 code, words = "EC301", f"the reward of step {step} is {reward}"
             elif not low <= reward <= high:
@@ -367,6 +367,11 @@ class Reward(Check):
             repro=repro(shown.rollout.cut(shown.steps)),
             won=len(won),
         )
+
+
+def _kind(kind: str) -> str:
+    """A kind of values in a sentence: ``a str``, ``None``."""
+    return {"None": kind, "another type": "of another type"}.get(kind) or with_article(kind)
 
 
 def _line(subject: Subject) -> int | Line:

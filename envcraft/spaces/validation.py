@@ -9,7 +9,7 @@ import numpy as np
 
 from envcraft.spaces import spec
 from envcraft.spaces.spec import Box, SpaceSpec
-from envcraft.text import with_article
+from envcraft.text import plural, with_article
 
 #: Rounding by which a value may exceed a bound that an environment set itself, as a share of the bound.
 _ROUNDING = 1e-5
@@ -203,8 +203,11 @@ def _integers(space: spec.MultiDiscrete | spec.MultiBinary, value: Any, path: _P
 def _text(space: spec.Text, value: Any, path: _Path) -> Problem | None:
     if not isinstance(value, str):
         return _wrong(path, f"is {_named(value)}, not a str")
-    if set(value) - set(space.charset) or not space.min_length <= len(value) <= space.max_length:
-        return _outside(path, f"is a text of {len(value)} characters outside its space")
+    if foreign := next((each for each in value if each not in space.charset), ""):
+        return _outside(path, f"has the character {foreign!r}, which the charset of its space lacks")
+    if not space.min_length <= len(value) <= space.max_length:
+        length = f"{space.min_length} to {space.max_length}"
+        return _outside(path, f"is a text of {plural(len(value), 'character')}, not of {length}")
     return None
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from envcraft_checks.reward import Reward
+from envcraft_checks.reward import Reward, _kind
 from envcraft_checks.rewards.blame import Blame, Call, blamed_line
 from envcraft_checks.rewards.lines import RewardLines
 
@@ -607,3 +607,10 @@ def test_a_reward_of_two_zeros_has_the_line_of_step(tmp_path: Path) -> None:
     report = envcraft.validate(file, sandbox="process", budget="quick", checks="reward", env_class="Lane")
     [found] = [finding for check in report.reports[0].checks for finding in check.findings if finding.code == "EC306"]
     assert file.read_text().splitlines()[(found.line or 0) - 1].strip() == "def step(self, action):"
+
+
+@pytest.mark.parametrize(
+    ("kind", "words"), [("str", "a str"), ("None", "None"), ("another type", "of another type"), ("int", "an int")]
+)
+def test_the_kind_of_a_reward_is_written_with_its_article(kind: str, words: str) -> None:
+    assert _kind(kind) == words
