@@ -11,7 +11,7 @@ import re
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import gymnasium
 import msgspec
@@ -219,11 +219,11 @@ def check_env(
             instance needs.
         EnvCraftError: The environment could not be judged.
     """
-    target, given = _checked(env, kwargs)
+    target, given, limit = _checked(env, kwargs)
     left_out = [*(_RENDERING if skip_render_check else ()), *(_CLOSING if skip_close_check else ())]
     target = msgspec.structs.replace(target, kwargs=_json(given))
     with _options({"contract": contract, "sandbox": sandbox, "budget": budget, "seed": seed}) as options:
-        plan, report = _judged([target], options, dict.fromkeys(left_out, OFF))
+        plan, report = _judged([target], options, dict.fromkeys(left_out, OFF), limit)
     [subject] = report.reports
     rules = rules_of(plan.checks)
     found = [(finding, subject.file) for check in subject.checks for finding in check.findings]
@@ -276,7 +276,7 @@ def _keyword(option: re.Match[str]) -> str:
 
 
 def _judged(
-    targets: list[Target], options: dict[str, Any], table: Mapping[str, str] | None = None
+    targets: list[Target], options: dict[str, Any], table: Mapping[str, str] | None = None, limit: int | None = None
 ) -> tuple[Plan, ShownReport]:
     """Judge targets under the options of a call.
 
@@ -284,6 +284,7 @@ def _judged(
         targets: What to judge.
         options: Values by parameter of ``envcraft validate``.
         table: Severities that win over those of the project.
+        limit: The number of steps after which episodes are truncated, besides what the contract says.
 
     Raises:
         UsageError: An option is wrong.
@@ -301,6 +302,8 @@ def _judged(
         _joined(options.get("checks")), _joined(options.get("skip")) or None, severity.select, severity.ignore
     )
     promised = contract_named(options.get("contract", "arcade"))
+    if limit is not None:
+        promised = msgspec.structs.replace(promised, adapter={**promised.adapter, "limit": limit})
     budget = lookup("budget", str(options.get("budget", "standard")), BUDGETS)
     seed, time_limit, workers = options.get("seed", 0), options.get("time_limit"), options.get("workers")
     _require_number("seed", seed, True, 0, _MAX_SEED)
@@ -361,34 +364,47 @@ def _targets(target: _Target, env_class: str | None, exclude: tuple[str, ...] = 
     return kept
 
 
-def _checked(env: Any, kwargs: Mapping[str, Any] | None) -> tuple[Target, Mapping[str, Any]]:
-    """The target of what a caller checks, with the arguments of its constructor: `kwargs`, else its own if known.
+class _Checked(NamedTuple):
+    """What a caller checks, the arguments of its constructor, and the limit of a ``TimeLimit`` that no worker adds."""
+
+    target: Target
+    kwargs: Mapping[str, Any]
+    limit: int | None = None
+
+
+def _checked(env: Any, kwargs: Mapping[str, Any] | None) -> _Checked:
+    """Find what a caller checks, with the arguments of its constructor: `kwargs`, else its own if known.
 
     Raises:
         UsageError: `env` cannot be judged, or not without arguments that are not known.
     """
+    own = gymnasium.registry.get(env) if isinstance(env, str) else None
+    if own is not None and isinstance(own.entry_point, type) and _class(own.entry_point).kind is Kind.SOURCE:
+        # A script or a notebook has registered the id, and a worker does not run those.
+        return _Checked(_class(own.entry_point), own.kwargs if kwargs is None else kwargs, own.max_episode_steps)
     if isinstance(env, str | os.PathLike):
         targets = _targets(env, None)
         if len(targets) != 1:
             raise UsageError(f"{env} holds {len(targets)} environments; check_env() judges one, and validate() several")
-        return targets[0], kwargs or {}
+        return _Checked(targets[0], kwargs or {})
     if isinstance(env, type):
-        return _class(env), kwargs or {}
+        return _Checked(_class(env), kwargs or {})
     if not isinstance(env, gymnasium.Env):
         raise UsageError(
             f"{type(env).__name__} is not a gymnasium.Env; pass an environment, its class, its id or its file"
         )
     layers = []
+    limit: int | None = None
     layer: Any = env
     while isinstance(layer, gymnasium.Wrapper):
-        layers.append(type(layer).__name__)
+        if type(layer) is gymnasium.wrappers.TimeLimit:
+            limit = min(layer._max_episode_steps, limit or layer._max_episode_steps)
+        else:
+            layers.append(type(layer).__name__)
         layer = layer.env
     inner, spec = env.unwrapped, env.spec
     target = _class(type(inner))
     registered = spec is not None and target.kind is Kind.MODULE
-    if registered and "TimeLimit" in layers:
-        # The worker's own gymnasium.make adds it again.
-        layers.remove("TimeLimit")
     if others := [name for name in layers if name not in _USUAL]:
         words = f"the environment is judged without its wrappers: {', '.join(others)}"
         warnings.warn(words, stacklevel=3)
@@ -398,9 +414,11 @@ def _checked(env: Any, kwargs: Mapping[str, Any] | None) -> tuple[Target, Mappin
         _warn_of_arguments(inner)
         kwargs = {}
     if spec is not None and registered:
-        # Its package registers the id, with a limit of steps for example.
-        return Target(f"{type(inner).__module__.partition('.')[0]}:{spec.id}", kind=Kind.ID), kwargs
-    return target, kwargs
+        # Its package registers the id, and the worker's own gymnasium.make adds the limit of the registry.
+        known = gymnasium.registry.get(spec.id)
+        added = None if known is not None and limit == known.max_episode_steps else limit
+        return _Checked(Target(f"{type(inner).__module__.partition('.')[0]}:{spec.id}", kind=Kind.ID), kwargs, added)
+    return _Checked(target, kwargs, limit)
 
 
 def _warn_of_arguments(env: gymnasium.Env[Any, Any]) -> None:

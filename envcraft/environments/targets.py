@@ -229,7 +229,7 @@ def _registered(name: str) -> Target:
         raise UsageError(f"{name} does not exist; did you mean {name.replace('/', '.')}?")
     # Without a module, the namespace of the id is usually the name of the package.
     package = module.partition(".")[0] or wanted.rpartition("/")[0].lower()
-    if package.isidentifier() and not _is_installed(package, here):
+    if package.isidentifier() and not _is_importable(package, here):
         found = [
             file
             for folder in (here, *import_folders(here))
@@ -269,15 +269,21 @@ def _require_module(root: Path, module: str) -> None:
     raise UsageError(f"the folder {package} has no module {module}{there}")
 
 
-def _is_installed(package: str, folder: Path) -> bool:
-    """Whether Python finds a package outside a project's folder, without importing it.
-
-    A package in the folder is the project's, even if an editable installation or ``PYTHONPATH`` makes it importable.
+def _is_importable(package: str, folder: Path) -> bool:
+    """Whether Python finds a package without looking into a folder, and without importing it: it is installed, also
+    where an editable installation or ``PYTHONPATH`` leads back to a project.
     """
     from importlib.machinery import PathFinder
 
-    folder = folder.resolve()
-    path = [each for each in sys.path if not _is_project_s(Path(each or ".").resolve(), folder)]
+    path = [each for each in sys.path if Path(each or ".").resolve() != folder.resolve()]
+    return PathFinder.find_spec(package, path) is not None
+
+
+def _is_installed(package: str, folder: Path) -> bool:
+    """Whether Python finds a package outside a project's folder, without importing it."""
+    from importlib.machinery import PathFinder
+
+    path = [each for each in sys.path if not _is_project_s(Path(each or ".").resolve(), folder.resolve())]
     return PathFinder.find_spec(package, path) is not None
 
 

@@ -19,6 +19,8 @@ from rich.console import Console
 
 import envcraft
 from envcraft.api.extraction import needed, target_of
+from envcraft.judging.engine import Plan
+from envcraft.judging.engine import validate as judge
 from envcraft.model.target import Kind
 from tests.envcraft.conftest import ENVIRONMENT
 
@@ -437,15 +439,28 @@ def test_check_env_shows_the_evidence(monkeypatch: pytest.MonkeyPatch, tmp_path:
     assert any(line.startswith("  fix: ") for line in lines[number + 3 :])
 
 
-def test_check_env_says_that_a_limit_of_steps_is_left_out(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_check_env_keeps_a_limit_of_steps(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     kind, _ = _sized(tmp_path, monkeypatch, ENVIRONMENT), _only(monkeypatch)
-    limited = gymnasium.wrappers.TimeLimit
-    for env in (limited(kind(), 10), limited(gymnasium.make("CartPole-v1"), 10)):
-        with pytest.warns(UserWarning, match="without its wrappers: TimeLimit$"):
-            envcraft.check_env(env, sandbox="process")
+    limits: list[Any] = []
+
+    def judged(plan: Plan, *args: Any, **kwargs: Any) -> Any:
+        limits.append(plan.contract.adapter.get("limit"))
+        return judge(plan, *args, **kwargs)
+
+    monkeypatch.setattr("envcraft.api.validation.judge", judged)
+    monkeypatch.setattr(gymnasium.envs.registration, "registry", registry := dict(gymnasium.registry))
+    monkeypatch.setattr(gymnasium, "registry", registry)
+    gymnasium.register("zz/Walk-v0", kind, max_episode_steps=7)
+    limited, cartpole = gymnasium.wrappers.TimeLimit, gymnasium.make("CartPole-v1")
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        envcraft.check_env(gymnasium.make("CartPole-v1"), sandbox="process")
+        for env in (limited(kind(), 10), limited(limited(kind(), 9), 10), limited(cartpole, 8), cartpole):
+            envcraft.check_env(env, sandbox="process")
+        # No worker knows an id of a script.
+        for name in ("zz/Walk-v0", gymnasium.make("zz/Walk-v0")):
+            envcraft.check_env(name, sandbox="process")
+    # CartPole's worker adds the limit of its id again.
+    assert limits == [10, 9, 8, None, 7, 7]
 
 
 @pytest.mark.parametrize(
