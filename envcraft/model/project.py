@@ -222,6 +222,8 @@ class _Closure:
             return
         texts = {node.value for node in nodes(tree) if isinstance(node, ast.Constant) and type(node.value) is str}
         starts = dict.fromkeys([file.parent, *self._folders, *(self._above(file) if _climbs(tree, texts) else ())])
+        # importlib.resources names a folder as a package.
+        texts |= {text.replace(".", "/") for text in texts if "." in text and text.replace(".", "").isidentifier()}
         for text in sorted(texts):
             # A text such as "/../data" is appended to a folder; its rest names the same from a folder above.
             parts = list(itertools.dropwhile(("/", "..").__contains__, Path(text).parts))

@@ -254,6 +254,7 @@ def _below(folder: Path, path: str, source: str, root: Path | None = None) -> di
         "LEVEL = Path(__file__).parents[2].joinpath('data/level.txt').read_text()",
         "LEVEL = open(os.path.join(os.path.dirname(__file__), '..', '..', 'data', 'level.txt')).read()",
         "LEVEL = open(os.path.dirname(__file__) + '/../../data/level.txt').read()",
+        "from importlib.resources import files\nLEVEL = files('zz_games.inner').joinpath('level.txt').read_text()",
     ],
 )
 def test_data_of_the_project_beside_its_packages_is_found(
@@ -269,12 +270,14 @@ def test_data_of_the_project_beside_its_packages_is_found(
     )
     Path("data").mkdir()
     Path("data/level.txt").write_text("seven")
+    Path("src/zz_games/inner").mkdir()
+    Path("src/zz_games/inner/level.txt").write_text("seven")
     Path("secret.txt").write_text("not named")
     options = ("--sandbox", "process", "--budget", "quick", "--checks", "source", "--format", "json")
     result = invoke("validate", "src/zz_games/walk.py", "--contract", "gymnasium", *options)
     assert result.exit_code == 0, result.output
     [report] = json.loads(result.stdout)["reports"]
-    assert "data/level.txt" in report["project"]["files"]
+    assert {"data/level.txt", "zz_games/inner/level.txt"} & set(report["project"]["files"])
     assert "secret.txt" not in report["project"]["files"]
 
 
