@@ -53,6 +53,7 @@ from .linting.logic import contradictions, divisions
 from .linting.order import orders
 from .linting.program import Program, Suspect, in_words
 from .linting.sharing import aliases, shared
+from .linting.success import unreachable_successes
 from .linting.sums import floats
 
 if TYPE_CHECKING:
@@ -75,6 +76,7 @@ _FINDERS: tuple[tuple[str, Callable[[Program], Iterator[Suspect]]], ...] = (
     ("EC057", divisions),
     ("EC058", swallowed),
     ("EC059", contradictions),
+    ("EC059", unreachable_successes),
 )
 
 
@@ -147,8 +149,8 @@ class Lint(Check):
         Rule(
             "EC059",
             "contradiction",
-            "A test of the end can never be true.",
-            "Compare with a value that can be reached.",
+            "A test of the end, or of success, can never be true.",
+            "Compare with a value that can be reached, and report success where the game is won.",
         ),
     )
 

@@ -190,6 +190,66 @@ def test_what_only_looks_alike_is_not_reported(parts: dict[str, str]) -> None:
     assert codes(**parts) == set()
 
 
+def ends(terminated: str, truncated: str, success: str, before: str = "") -> set[str]:
+    """The codes that lint reports on a game whose step() returns these flags and this success."""
+    end = f"return self.see(), 0.0, {terminated}, {truncated}, {{'is_success': {success}}}"
+    statements = f"won = self.x > 9; lost = self.x < 0; late = self.x == 5; {before or 'pass'}; {end}"
+    return codes(reset="self.x = self.np_random.integers(9)", step=statements)
+
+
+@pytest.mark.parametrize(
+    ("terminated", "truncated", "success", "before"),
+    [
+        ("won", "late", "False", ""),
+        ("(won or lost) and not won", "late and not (won or lost)", "won", ""),
+        ("done and not won", "late and not done", "won", "done = bool(won) or lost"),
+        ("lost", "late and not won", "won and not lost", ""),
+    ],
+)
+def test_success_that_no_episode_can_end_with(terminated: str, truncated: str, success: str, before: str) -> None:
+    assert ends(terminated, truncated, success, before) == {"EC059"}
+
+
+@pytest.mark.parametrize(
+    ("terminated", "truncated", "success", "before"),
+    [
+        ("won", "late", "won", ""),
+        # The episode goes on, and its end may come while success still holds.
+        ("lost", "late", "won", ""),
+        ("lost", "late", "won and not lost", ""),
+        # Survival to the limit.
+        ("lost", "late and not lost", "late and not lost", ""),
+        # A wrapper truncates.
+        ("lost and not won", "False", "won", ""),
+        ("False", "False", "won", ""),
+        # The text is the same, and the value may not be.
+        ("self.x > 9", "late and not won", "won", "self.x += 1"),
+        ("lost and not self.more()", "late and lost and not self.more()", "self.more()", ""),
+        ("lost", "stop", "won and not lost", "stop = late and not won; won = self.x > 8"),
+    ],
+)
+def test_success_that_an_episode_may_end_with(terminated: str, truncated: str, success: str, before: str) -> None:
+    assert ends(terminated, truncated, success, before) == set()
+
+
+def test_a_game_without_a_notion_of_success_may_deny_it() -> None:
+    end = "return self.see(), 0.0, self.x > 9, self.x == 5, {'is_success': False}"
+    assert codes(reset="self.x = self.np_random.integers(9)", step=end) == set()
+
+
+@pytest.mark.parametrize(
+    "statements",
+    [
+        "info = {'is_success': False}; info['is_success'] = won",
+        "info = {'is_success': False}; info.update(is_success=won)",
+        "info = dict(is_success=False); key = 'is_success'; info[key] = won",
+    ],
+)
+def test_success_that_another_line_reports(statements: str) -> None:
+    end = "return self.see(), 0.0, won, self.x == 5, info"
+    assert codes(reset="self.x = self.np_random.integers(9)", step=f"won = self.x > 9; {statements}; {end}") == set()
+
+
 @pytest.mark.parametrize("fixture", [one for one in fixtures() if not one.codes], ids=lambda one: one.path.stem)
 def test_no_good_fixture_has_an_error(fixture: object) -> None:
     path: Path = fixture.path  # type: ignore[attr-defined]
