@@ -1,7 +1,7 @@
 """The source of a class that was defined in a script, a notebook or an interactive interpreter.
 
 Only the statements that the class needs are kept: its definition, the imports, and the functions and values that it
-names, directly or not. They stay in their lines, so that findings name lines of the script.
+names, directly or not. They stay in their lines, so that findings name lines of the script, or of a cell.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ import ast
 import builtins
 import dis
 import inspect
+import itertools
 import linecache
 import sys
 import warnings
@@ -38,12 +39,17 @@ def target_of(kind: type) -> Target:
     if "<locals>" in kind.__qualname__ or "." in kind.__qualname__:
         raise UsageError(f"{kind.__qualname__} is defined inside a function or a class; define it at the top level")
     file = _file(kind)
-    texts = _cells(file) if file.startswith("<") or "ipykernel" in file else ["".join(linecache.getlines(file))]
-    if not any(texts):
+    in_cells = file.startswith("<") or "ipykernel" in file
+    texts = _cells(file) if in_cells else {file: "".join(linecache.getlines(file))}
+    if not any(texts.values()):
         raise UsageError(f"the source of {kind.__name__} is not known; save it in a file, and validate the file")
     known = vars(sys.modules.get(kind.__module__, builtins))
-    path = f"{kind.__name__} (notebook).py" if file.startswith("<") or "ipykernel" in file else file
-    return Target(path, needed("\n".join(texts), kind.__name__, frozenset(known)).encode(), kind.__name__)
+    source = needed("\n".join(texts.values()), kind.__name__, frozenset(known)).encode()
+    if not in_cells:
+        return Target(file, source, kind.__name__)
+    lengths = [len(text.splitlines()) for text in texts.values()]
+    firsts = itertools.accumulate(lengths, initial=1)
+    return Target(f"{kind.__name__} (notebook).py", source, kind.__name__, cells=dict(zip(texts, firsts, strict=False)))
 
 
 def needed(text: str, name: str, known: frozenset[str] = frozenset()) -> str:
@@ -205,15 +211,16 @@ def _file(kind: type) -> str:
     return str(getattr(sys.modules.get(kind.__module__), "__file__", None) or "")
 
 
-def _cells(file: str) -> list[str]:
-    """The cells of a session in the order in which they ran; magic commands are left out."""
+def _cells(file: str) -> dict[str, str]:
+    """The cells of a session by name, in the order in which they ran; magic commands are left out."""
     history = getattr(sys.modules.get("__main__"), "In", None)
     if isinstance(history, list):
-        texts = [str(cell) for cell in history]
+        texts = {f"In [{number}]": str(cell) for number, cell in enumerate(history)}
     else:
         named = [name for name in list(linecache.cache) if name.startswith(_CELLS)]
-        texts = ["".join(linecache.getlines(name)) for name in named or [file]]
-    return [text for text in map(_without_magic, texts) if text.strip()]
+        texts = {name: "".join(linecache.getlines(name)) for name in named or [file]}
+    cells = {name: _without_magic(text) for name, text in texts.items()}
+    return {name: text for name, text in cells.items() if text.strip()}
 
 
 def _without_magic(text: str) -> str:

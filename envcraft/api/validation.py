@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 import gymnasium
 import msgspec
 
+from envcraft.api.cells import Cells
 from envcraft.api.extraction import target_of
 from envcraft.api.report import ShownReport
 from envcraft.cli.commands.validate import is_excluded, read_kwargs, severity_of
@@ -35,9 +36,9 @@ from envcraft.judging.verdict_cache import record
 from envcraft.model.events import Finished
 from envcraft.model.project import configured, with_project
 from envcraft.model.target import Kind, Target, kind_of
-from envcraft.model.verdict import Finding, Severity, Verdict
+from envcraft.model.verdict import Finding, Severity, SubjectReport, Verdict
 from envcraft.registry import lookup
-from envcraft.reports.evidence import keep_source, lines_below
+from envcraft.reports.evidence import keep_source, lines_below, place_of
 from envcraft.text import plural
 
 _Target = str | os.PathLike[str] | type
@@ -226,16 +227,15 @@ def check_env(
         plan, report = _judged([target], options, dict.fromkeys(left_out, OFF), limit)
     [subject] = report.reports
     rules = rules_of(plan.checks)
-    found = [(finding, subject.file) for check in subject.checks for finding in check.findings]
-    for finding, file in found:
+    found = [finding for check in subject.checks for finding in check.findings]
+    for finding in found:
         if warn and finding.severity is Severity.WARNING:
-            warnings.warn(_words(finding, file), stacklevel=2)
+            warnings.warn(_words(subject, finding), stacklevel=2)
     if subject.verdict is Verdict.ERROR:
         raise EnvCraftError(f"{subject.path} could not be judged: {subject.reason}")
-    errors = [(finding, file) for finding, file in found if finding.severity is Severity.ERROR]
     lines = []
-    for finding, file in errors:
-        lines += [_words(finding, file), *lines_below(subject, finding), f"  fix: {rules[finding.code].fix}"]
+    for finding in (each for each in found if each.severity is Severity.ERROR):
+        lines += [_words(subject, finding), *lines_below(subject, finding), f"  fix: {rules[finding.code].fix}"]
     # A strict run fails checks that are undecided.
     failed = [check for check in subject.checks if check.verdict is Verdict.FAIL and check.undecided]
     lines += [f"{subject.file}: {check.check} is undecided: {check.reason}" for check in failed]
@@ -330,12 +330,16 @@ def _judged(
     wrong = [check.reason for subject in report.reports for check in subject.checks if check.wrong_use]
     if wrong:
         raise UsageError(wrong[0], setting=wrong[0].removeprefix("--").partition(":")[0])
+    in_cells = {target.sha256: Cells(target.path, target.cells) for target in targets if target.cells}
+    for subject in report.reports:
+        if subject.source_sha256 in in_cells:
+            for check in subject.checks:
+                in_cells[subject.source_sha256].within(check)
     return plan, ShownReport.of(report)
 
 
-def _words(finding: Finding, file: str) -> str:
-    place = f"{file}:{finding.line}: " if finding.line else f"{file}: "
-    return f"{place}{finding.code} {finding.message}"
+def _words(subject: SubjectReport, finding: Finding) -> str:
+    return f"{place_of(subject, finding)}: {finding.code} {finding.message}"
 
 
 def _targets(target: _Target, env_class: str | None, exclude: tuple[str, ...] = ()) -> list[Target]:
@@ -465,7 +469,7 @@ def _class(kind: type) -> Target:
     if kind.__module__ != "__main__" and file and is_installed(Path(file)):
         return Target(f"{kind.__module__}:{kind.__qualname__}", kind=Kind.MODULE)
     target = target_of(kind)
-    keep_source(target.source)
+    keep_source(target.source, target.cells)
     return with_project(target)
 
 

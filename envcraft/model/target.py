@@ -94,6 +94,7 @@ class Target(msgspec.Struct, frozen=True):
         kwargs: what the constructor is given.
         wrappers: ``module:callable`` of what is applied to each instance, the innermost first.
         project: the files of its project that a file needs; None for a file that needs none.
+        cells: the first line of each cell of a notebook that the source is joined from, by the cell's name.
     """
 
     path: str
@@ -103,6 +104,7 @@ class Target(msgspec.Struct, frozen=True):
     kwargs: dict[str, Any] = {}
     wrappers: tuple[str, ...] = ()
     project: Project | None = None
+    cells: dict[str, int] = {}
 
     @property
     def sha256(self) -> str:

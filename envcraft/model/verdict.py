@@ -164,11 +164,11 @@ class SubjectReport(msgspec.Struct):
     """All checks' verdicts on one subject; `steps` are environment steps, `seconds` wall time.
 
     `path`, `kind`, `kwargs` and `wrappers` are those of the target. `module` is the module of an installed class and
-    `source_file` its file: `source_sha256` and the lines of findings refer to it. `traces` is a digest of all episodes,
-    empty if none was played. `fingerprint` identifies the behaviour
-    (:func:`envcraft.similarity.behavioural.fingerprint`), empty if it is not known. `project` has the files that the
-    environment imports or reads besides its own. With `out_of_time` the time limit was over before every question was
-    settled, and with `fail_fast` the validation ended at the first error.
+    `source_file` its file: `source_sha256` and the lines of findings refer to it. In a notebook, lines count within the
+    cell that the evidence `cell` names. `traces` is a digest of all episodes, empty if none was played. `fingerprint`
+    identifies the behaviour (:func:`envcraft.similarity.behavioural.fingerprint`), empty if it is not known. `project`
+    has the files that the environment imports or reads besides its own. With `out_of_time` the time limit was over
+    before every question was settled, and with `fail_fast` the validation ended at the first error.
     """
 
     path: str

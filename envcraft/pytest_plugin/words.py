@@ -10,7 +10,7 @@ from itertools import chain
 from envcraft.judging.selection import all_checks, rules_of
 from envcraft.model.verdict import CheckReport, Finding, Outcome, Severity, Verdict
 from envcraft.pytest_plugin.judging import Judged
-from envcraft.reports.evidence import lines_below
+from envcraft.reports.evidence import lines_below, place_of
 from envcraft.reports.summary import checks_option, counted, reason_words, repro_words
 from envcraft.text import one_line, plural, printable
 
@@ -124,8 +124,7 @@ def _block(judged: Judged, finding: Finding) -> str:
 
 def _head(judged: Judged, finding: Finding) -> str:
     rule = rules_of(all_checks()).get(finding.code)
-    line = f":{finding.line}" if finding.line else ""
-    return f"{one_line(finding.code)}{f' {rule.name}' if rule else ''} {one_line(judged.report.file)}{line}"
+    return f"{one_line(finding.code)}{f' {rule.name}' if rule else ''} {one_line(place_of(judged.report, finding))}"
 
 
 def _findings(reports: Iterable[CheckReport]) -> Iterator[Finding]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from envcraft.model.events import Event, Finished, SubjectFinished
 from envcraft.model.verdict import Finding, Severity, SubjectReport, Verdict
 from envcraft.plugins import hookimpl
+from envcraft.reports.evidence import place_of
 from envcraft.reports.reporter import Reporter
 from envcraft.reports.summary import summary_words, unsettled
 from envcraft.text import one_line
@@ -29,7 +30,7 @@ class ConciseReporter(Reporter):
 
 def _lines(report: SubjectReport) -> list[str]:
     file = one_line(report.file)
-    lines = [_line(file, finding) for check in report.checks for finding in check.findings]
+    lines = [_line(report, finding) for check in report.checks for finding in check.findings]
     # Without these lines, a failure would have none.
     lines += [
         f"{file}: error: the check {one_line(check.check)} is undecided, which --strict fails: {one_line(check.reason)}"
@@ -45,10 +46,9 @@ def _lines(report: SubjectReport) -> list[str]:
     return lines + lost
 
 
-def _line(file: str, finding: Finding) -> str:
-    place = f"{file}:{finding.line}" if finding.line else file
+def _line(report: SubjectReport, finding: Finding) -> str:
     warning = " (warning)" if finding.severity is Severity.WARNING else ""
-    return f"{place}: {one_line(finding.code)}{warning} {one_line(finding.message)}"
+    return f"{one_line(place_of(report, finding))}: {one_line(finding.code)}{warning} {one_line(finding.message)}"
 
 
 @hookimpl

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, TextIO
 from envcraft.model.events import Event, Finished, SubjectFinished, SubjectStarted
 from envcraft.model.verdict import CheckReport, Finding, Outcome, Report, Severity, SubjectReport
 from envcraft.plugins import hookimpl
-from envcraft.reports.evidence import evidence_lines, source_line
+from envcraft.reports.evidence import evidence_lines, place_of, source_line
 from envcraft.reports.pictures import picture_lines, shows_pictures
 from envcraft.reports.reporter import Reporter
 from envcraft.reports.summary import counted, reason_words, repro_words, uncounted
@@ -146,7 +146,7 @@ class ConsoleReporter(Reporter):
             head.append(rule.name, style).append(" ")
         if finding.severity is Severity.WARNING:
             head.append("(warning) ", style)
-        head.append(one_line(subject.file) + (f":{finding.line}" if finding.line else ""), "cyan")
+        head.append(one_line(place_of(subject, finding)), "cyan")
         place = self._lines(head, 4)
         message = self._lines(_text(one_line(finding.message)), 6)
         # Without its indentation, which would push the fault out of a narrow terminal.

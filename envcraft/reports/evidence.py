@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import json
+from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Any
 
 from envcraft.model.target import Kind, read_known
@@ -14,17 +16,30 @@ _WIDTH = 200
 #: The end of a traceback is where it was raised, and the last lines are what was printed last.
 _TRACEBACK, _PRINTED = 6, 3
 #: Evidence that is shown in a form of its own, or that the message or the reproduction has already.
-_APART = {"traceback", "output", "first", "second", "field", "step"}
-#: The last sources that are no whole files, by digest, and how many are kept.
-_kept: dict[str, bytes] = {}
+_APART = {"traceback", "output", "first", "second", "field", "step", "cell"}
+#: The last sources that are no whole files, by digest, with the first lines of their cells, and how many are kept.
+_kept: dict[str, tuple[bytes, Mapping[str, int]]] = {}
 _KEPT = 64
 
 
-def keep_source(source: bytes) -> None:
-    """Let findings about a text, or about a part of a script or notebook, show its lines in this process."""
-    _kept[hashlib.sha256(source).hexdigest()] = source
+def keep_source(source: bytes, cells: Mapping[str, int] = MappingProxyType({})) -> None:
+    """Let findings about a text, or about a part of a script or notebook, show its lines in this process.
+
+    Args:
+        source: the text.
+        cells: the first line of each cell of a notebook by name.
+    """
+    _kept[hashlib.sha256(source).hexdigest()] = source, cells
     while len(_kept) > _KEPT:
         del _kept[next(iter(_kept))]
+
+
+def place_of(report: SubjectReport, finding: Finding) -> str:
+    """Return the file that a finding is about, with its line, or the cell of a notebook with its line."""
+    if not finding.line:
+        return report.file
+    cell = finding.evidence.get("cell")
+    return f"{report.file}:{finding.line}" if cell is None else f"{cell}, line {finding.line}"
 
 
 def source_line(report: SubjectReport, finding: Finding) -> str:
@@ -35,13 +50,15 @@ def source_line(report: SubjectReport, finding: Finding) -> str:
     if finding.line is None or finding.line < 1:
         return ""
     lines = source_of(report).decode("utf-8", "replace").splitlines()
-    return _cut(lines[finding.line - 1]).rstrip() if finding.line <= len(lines) else ""
+    _, cells = _kept.get(report.source_sha256, (b"", {}))
+    number = cells.get(str(finding.evidence.get("cell")), 1) + finding.line - 1
+    return _cut(lines[number - 1]).rstrip() if number <= len(lines) else ""
 
 
 def source_of(report: SubjectReport) -> bytes:
     """Return the source that a report is about; b"" if it cannot be read or has changed since."""
     if kept := _kept.get(report.source_sha256):
-        return kept
+        return kept[0]
     path = report.path if report.kind is Kind.SOURCE else report.source_file
     return read_known(path, report.source_sha256) if path else b""
 

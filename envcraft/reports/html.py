@@ -14,6 +14,7 @@ from envcraft.model.events import Event, Finished
 from envcraft.model.frame import Frame
 from envcraft.model.verdict import CheckReport, Outcome, Report, Severity, SubjectReport, Verdict, plain
 from envcraft.plugins import hookimpl
+from envcraft.reports.evidence import place_of
 from envcraft.reports.reporter import Reporter
 from envcraft.reports.summary import Numbered, numbered, reason_words, repro_words, summary_words
 from envcraft.text import one_line, plural, printable
@@ -105,7 +106,7 @@ class HtmlReporter(Reporter):
         errors = [item for item in numbered(report) if item.finding.severity is Severity.ERROR]
         entries = []
         for item in errors[:_FAILURES]:
-            place = item.subject.file + (f":{item.finding.line}" if item.finding.line else "")
+            place = place_of(item.subject, item.finding)
             frame = self._moments.get(item.number)
             moment = _pictures(frame, bool(frame.expected), f"The moment of finding {item.number}") if frame else ""
             moment = f'<div class="moment">{moment}</div>' if moment else ""
@@ -154,7 +155,7 @@ class HtmlReporter(Reporter):
     def _finding(self, item: Numbered) -> str:
         finding, rule = item.finding, self.rules.get(item.finding.code)
         warning = finding.severity is Severity.WARNING
-        place = f"{item.subject.file}:{finding.line}" if finding.line else ""
+        place = place_of(item.subject, finding) if finding.line else ""
         frames = self.frames(item.subject, finding) if self.frames else []
         if frames:
             self._moments[item.number] = frames[-1]

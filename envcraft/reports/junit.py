@@ -11,6 +11,7 @@ from xml.etree.ElementTree import Element, SubElement, indent, tostring
 from envcraft.model.events import Event, Finished
 from envcraft.model.verdict import CheckReport, Report, Severity, SubjectReport, Verdict, plain
 from envcraft.plugins import hookimpl
+from envcraft.reports.evidence import place_of
 from envcraft.reports.reporter import Reporter
 from envcraft.reports.summary import Numbered, numbered, reason_words, replay_command, repro_words
 from envcraft.text import one_line, plural, printable
@@ -80,10 +81,10 @@ class JUnitReporter(Reporter):
 
     def _details(self, report: Report, item: Numbered) -> str:
         finding, rule = item.finding, self.rules.get(item.finding.code)
-        line = f":{finding.line}" if finding.line else ""
         name = f" {rule.name}" if rule else ""
+        place = one_line(place_of(item.subject, finding))
         parts = [
-            f"#{item.number} {one_line(finding.code)}{name} ({finding.severity}) {one_line(item.subject.file)}{line}",
+            f"#{item.number} {one_line(finding.code)}{name} ({finding.severity}) {place}",
             one_line(finding.message),
         ]
         parts += [f"fix: {rule.fix}"] if rule else []

@@ -11,6 +11,7 @@ from typing import Any
 from envcraft.model.events import Event, Finished
 from envcraft.model.verdict import CheckReport, Outcome, Report, Severity, SubjectReport, Verdict, plain
 from envcraft.plugins import hookimpl
+from envcraft.reports.evidence import place_of
 from envcraft.reports.reporter import Reporter
 from envcraft.reports.summary import Numbered, numbered, replay_command, repro_words, summary_words, unsettled
 from envcraft.text import one_line, printable
@@ -85,8 +86,7 @@ class MarkdownReporter(Reporter):
         finding, rule = item.finding, self.rules.get(item.finding.code)
         sign = _SIGNS[Outcome.FAIL] if finding.severity is Severity.ERROR else "🔸"
         name = f" {_text(rule.name)}" if rule else ""
-        line = f":{finding.line}" if finding.line else ""
-        title = f"{sign} <b>{_text(finding.code)}</b>{name} {_code(f'{item.subject.file}{line}')}"
+        title = f"{sign} <b>{_text(finding.code)}</b>{name} {_code(place_of(item.subject, finding))}"
         parts = [f"**Rule:** {_prose(rule.summary)}\n\n**Fix:** {_prose(rule.fix)}\n\n"] if rule else []
         if evidence := {key: value for key, value in finding.evidence.items() if value is not None}:
             parts.append(_block("\n".join(f"{one_line(key)}: {_value(value)}" for key, value in evidence.items())))

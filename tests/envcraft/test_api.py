@@ -18,10 +18,12 @@ import pytest
 from rich.console import Console
 
 import envcraft
+from envcraft.api.cells import Cells
 from envcraft.api.extraction import needed, target_of
 from envcraft.judging.engine import Plan
 from envcraft.judging.engine import validate as judge
 from envcraft.model.target import Kind
+from envcraft.model.verdict import CheckReport, Finding, Ignored, Severity, Verdict
 from tests.envcraft.conftest import ENVIRONMENT
 
 _CHEAP: dict[str, Any] = {"sandbox": "process", "budget": "quick", "checks": ["source", "reward"]}
@@ -124,6 +126,63 @@ def test_a_class_of_a_notebook_is_judged_from_its_cells(monkeypatch: pytest.Monk
     assert (report.reports[0].path, report.reports[0].env_class) == ("Walk (notebook).py", "Walk")
     assert report.reports[0].steps > 0
     assert codes(report) <= {"EC503"}
+
+
+def test_lines_of_a_notebook_count_within_their_cell(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As the notebook numbers them: other cells that ran before do not move them."""
+    imports, _, rest = ENVIRONMENT.partition("\n\n\n")
+    helper = "import random\ndef paid(x):\n    random.random()\n    return 1 / (7 - x)"
+    history = [
+        "",
+        imports,
+        "%matplotlib inline\nSTEPS = 7",
+        helper,
+        rest.replace("float(won), won", "paid(self.x), won"),
+    ]
+    module = types.ModuleType("__main__")
+    vars(module)["In"] = history
+    monkeypatch.setitem(sys.modules, "__main__", module)
+    for number in (1, 3, 4):
+        types.FunctionType(compile(history[number], f"/tmp/ipykernel_1/{number}.py", "exec"), vars(module))()
+    kind = vars(module)["Walk"]
+    report = envcraft.validate(kind, **{**_CHEAP, "checks": ["source", "api", "lint"]})
+    found = {finding.code: finding for check in report.reports[0].checks for finding in check.findings}
+    assert (found["EC107"].line, found["EC107"].evidence["cell"]) == (4, "In [3]")
+    returned = next(number for number, words in enumerate(history[4].splitlines(), 1) if "paid(" in words)
+    assert f"  In [4], line {returned}, in step\n" in found["EC107"].evidence["traceback"]
+    assert found["EC050"].message.startswith("line 3 takes a number")
+    shown = str(report).splitlines()
+    place = next(number for number, line in enumerate(shown) if "EC107" in line)
+    assert shown[place].endswith(" In [3], line 4")
+    assert shown[place + 2] == "      4 | return 1 / (7 - x)"
+    assert "In [3], line 4" in report._repr_html_()
+    with pytest.raises(envcraft.CheckFailed, match=r"In \[3\], line 4: EC107 .*\n  4 \|     return 1 / \(7 - x\)"):
+        envcraft.check_env(kind, contract="arcade", sandbox="process")
+
+
+def test_lines_of_other_cells_have_the_names_of_these() -> None:
+    cells = Cells("Walk (notebook).py", {"In [2]": 1, "In [4]": 11})
+    evidence = {"lines": [12, 3, [14, 15]], "traceback": '  File "/job/Walk (notebook).py", line 3, in step'}
+    words = "line 12 reads BOARD (also line 14, 15), and line 3 writes it; core.py line 20 does not"
+    raised = "reset() (Walk (notebook).py:4) raises ValueError: line 12 column 3"
+    check = CheckReport(
+        "lint",
+        Verdict.FAIL,
+        findings=[Finding("A", Severity.ERROR, words, 12, evidence), Finding("B", Severity.ERROR, raised)],
+        ignored=[Ignored(Finding("C", Severity.ERROR, "lines 12-13", 13), "", 14)],
+        reason="lines 2-3 were never reached",
+    )
+    cells.within(check)
+    first, second = check.findings
+    assert (
+        first.message == "line 2 reads BOARD (also line 4, 5), and In [2], line 3 writes it; core.py line 20 does not"
+    )
+    assert (first.line, first.evidence["cell"]) == (2, "In [4]")
+    assert first.evidence["lines"] == [2, "In [2], line 3", [4, 5]]
+    assert first.evidence["traceback"] == "  In [2], line 3, in step"
+    assert second == Finding("B", Severity.ERROR, "reset() (In [2], line 4) raises ValueError: line 12 column 3")
+    assert check.ignored == [Ignored(Finding("C", Severity.ERROR, "lines 2-3", 3, {"cell": "In [4]"}), "", 4)]
+    assert check.reason == "In [2], lines 2-3 were never reached"
 
 
 def test_only_what_the_class_needs_is_kept_in_its_lines() -> None:
