@@ -8,6 +8,9 @@ import stat
 from collections.abc import Iterator
 from typing import BinaryIO
 
+#: How the name of an unfinished file begins. One stays only if the process is killed.
+UNFINISHED = ".new-"
+
 
 @contextlib.contextmanager
 def atomic_write(
@@ -36,7 +39,7 @@ def atomic_write(
             yield stream
         return
     folder = os.path.dirname(place) or os.curdir
-    unfinished = os.path.join(temporary or folder, f".new-{os.urandom(8).hex()}")
+    unfinished = os.path.join(temporary or folder, f"{UNFINISHED}{os.urandom(8).hex()}")
     descriptor = os.open(unfinished, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666)
     try:
         with open(descriptor, "wb") as stream:

@@ -14,6 +14,7 @@ import click
 
 from envcraft.cli.signals import uninterrupted
 from envcraft.errors import UsageError
+from envcraft.files import UNFINISHED
 from envcraft.text import one_line, plural
 from envcraft_dqn.config import read_config, write_config
 from envcraft_dqn.files import exclusive
@@ -231,11 +232,12 @@ def train(
     test = None
     if eval_every is not None:
         test = HeldOut(tested, selection.open_vector, output, eval_every, eval_episodes, settings.seed)
+    _ensure_writable(output)
+    # From here on the folder is that of a run, so that the same command goes on after an interruption.
+    write_config(output / _CONFIG)
     source = None if demos is None else source_named(demos, selection, settings, output)
     adviser = adviser_named(demos, selection) if demos is not None and settings.objective == "dagger" else None
     first = None if initial is None else agent_file(initial)
-    _ensure_writable(output)
-    write_config(output / _CONFIG)
     click.echo(f"{plural(len(names), 'environment')}; output in {output}", err=True)
     every, sources = checkpoint_minutes * 60, source_digests(corpus, names, contract)
     try:
@@ -357,7 +359,8 @@ def _check_output(folder: Path) -> None:
     """Raise UsageError if a folder is neither new nor empty nor that of a run."""
     if not folder.is_dir() or (folder / _CONFIG).is_file():
         return
-    if foreign := min((entry.name for entry in folder.iterdir()), default=""):
+    names = [entry.name for entry in folder.iterdir() if not entry.name.startswith(UNFINISHED)]
+    if foreign := min(names, default=""):
         words = f"{folder} contains {one_line(foreign)} and is no run; name a folder that is new, empty or a run"
         raise UsageError(words, setting="output")
 

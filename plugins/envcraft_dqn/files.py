@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from envcraft.errors import UsageError
+from envcraft.files import atomic_write
 
 _LOCK = "lock"
 
@@ -25,13 +26,8 @@ def write_atomically(path: Path, data: bytes | str, sync: bool = False) -> None:
         OSError: The file cannot be written.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
-    new = path.with_name(f"{path.name}.new")
-    with open(new, "wb") as file:
+    with atomic_write(path, sync=sync) as file:
         file.write(data.encode() if isinstance(data, str) else data)
-        if sync:
-            file.flush()
-            os.fsync(file.fileno())
-    os.replace(new, path)
 
 
 @contextlib.contextmanager

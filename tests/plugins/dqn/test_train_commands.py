@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import errno
 import json
+import os
 import shutil
 import subprocess
 import sys
@@ -13,6 +15,7 @@ from click.testing import CliRunner, Result
 
 from envcraft.cli.group import cli
 from envcraft.corpus.store import Store
+from envcraft.files import UNFINISHED
 
 from .conftest import GAMES
 
@@ -111,6 +114,33 @@ def test_a_folder_of_something_else_is_refused(corpus: Path, tmp_path: Path) -> 
     assert refused.exit_code == 2
     assert f"{report} contains index.html and is no run; name a folder that is new, empty or a run" in refused.output
     assert [entry.name for entry in report.iterdir()] == ["index.html"]
+
+
+def test_a_run_that_ended_before_its_first_file_does_not_refuse_the_next(
+    corpus: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    full, killed, stopped = (tmp_path / name for name in ("full", "killed", "stopped"))
+
+    def no_space(source: str | Path, target: str | Path) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    with monkeypatch.context() as patched:
+        patched.setattr(os, "replace", no_space)
+        assert run("train", corpus, "--output", full, *TRAIN).exit_code == 3
+    assert list(full.iterdir()) == []
+    killed.mkdir()
+    (killed / f"{UNFINISHED}0123").write_text("[envcraft]")
+    with monkeypatch.context() as patched:
+        patched.setattr("envcraft_dqn.demo_sources.source_named", _interrupted)
+        assert run("train", corpus, "--output", stopped, *TRAIN, "--demos", "noop").exit_code == 130
+    (stopped / "demonstrations").mkdir()
+    for folder in (killed, stopped):
+        refused = run("train", corpus, "--output", folder, *TRAIN, "--pretrain-updates", "20")
+        assert "need demonstrations" in refused.output
+
+
+def _interrupted(*_: object) -> None:
+    raise KeyboardInterrupt
 
 
 def test_interrupted_run_reports_where_it_resumes(
