@@ -58,8 +58,8 @@ _UNKNOWN = object()
 _PLAIN = (bool, int, float, str, type(None))
 
 
-#: An option in a message, with the space before its value: that is quoted, in capitals, or the last word.
-_OPTION = re.compile(r"--([a-z][a-z-]*)( (?=['A-Z]|\w+$))?")
+#: A command in a message, or an option with the space before its value: that is quoted, in capitals, or the last word.
+_OPTION = re.compile(r"`[^`]*`|--([a-z][a-z-]*)( (?=['A-Z]|\w+$))?")
 
 
 class CheckFailed(EnvCraftError, AssertionError):
@@ -268,7 +268,7 @@ def _options(given: dict[str, Any]) -> Iterator[dict[str, Any]]:
 
 
 def _keyword(option: re.Match[str]) -> str:
-    """What Python calls an option of the command."""
+    """What Python calls an option of the command; a command in backticks stays as it is."""
     name = _PARAMETERS.get(option[1], "")
     if name not in _KEYWORDS:
         return option[0]

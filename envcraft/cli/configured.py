@@ -18,8 +18,8 @@ from envcraft.errors import EnvCraftError, UsageError
 from envcraft.registry import did_you_mean, offered
 
 _E = TypeVar("_E", bound=EnvCraftError)
-#: An option with its value in a message.
-_VALUE = re.compile(r"--([\w-]+) (?=')")
+#: A command in a message, or an option with its value.
+_VALUE = re.compile(r"`[^`]*`|--([\w-]+) (?=')")
 
 
 class Configured(click.Command):
@@ -172,12 +172,17 @@ def of_the_file(error: _E, folder: Path) -> _E:
 
 def renamed(error: _E, names: Mapping[str, str]) -> _E:
     """Return an error that names where values are from, instead of their options; the error itself if it names none.
+    Commands in backticks keep their options.
 
     Args:
         error: an error.
         names: what stands for each option, without dashes.
     """
-    words = _VALUE.sub(lambda found: f"{names.get(found[1], found[0].rstrip())} ", str(error))
+
+    def name(found: re.Match[str]) -> str:
+        return f"{names[found[1]]} " if found[1] in names else found[0]
+
+    words = _VALUE.sub(name, str(error))
     return error if words == str(error) else type(error)(words, error.setting)
 
 

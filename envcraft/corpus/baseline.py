@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import mmap
 import os
+import shlex
 from collections import Counter
 from typing import TYPE_CHECKING, BinaryIO
 
@@ -84,9 +85,8 @@ def read_baseline(path: str) -> dict[str, Known]:
         with open(path, "rb") as stream:
             report = _read(stream)
     except FileNotFoundError:
-        options = f"--baseline '' --format json --output {path}"
-        words = f"the baseline {path} does not exist; `envcraft audit` or `envcraft validate` makes it with {options}"
-        raise UsageError(words, setting="baseline") from None
+        command = f"envcraft validate TARGET --baseline '' --format json --output {shlex.quote(path)}"
+        raise UsageError(f"the baseline {path} does not exist; `{command}` makes it", setting="baseline") from None
     except OSError as error:
         raise UsageError(f"the baseline {path} cannot be read ({error.strerror}); {hint}", setting="baseline") from None
     except (ValueError, RecursionError) as error:

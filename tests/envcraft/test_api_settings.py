@@ -79,8 +79,14 @@ def test_files_are_excluded_and_a_baseline_is_known(project: Path) -> None:
     assert [one.path for one in report.reports] == ["./walk.py"]
     with pytest.raises(envcraft.UsageError, match=r"^exclude leaves none of 2 environments"):
         envcraft.validate(".", **_CHEAP, exclude=["*"])
-    with pytest.raises(envcraft.UsageError, match=r"the baseline none.json does not exist"):
+    with pytest.raises(envcraft.UsageError) as caught:
         envcraft.validate("walk.py", **_CHEAP, baseline="none.json")
+    advice = "`envcraft validate TARGET --baseline '' --format json --output none.json` makes it"
+    assert str(caught.value) == f"the baseline none.json does not exist; {advice}"
+    settings(project, 'baseline = "none.json"')
+    with pytest.raises(envcraft.UsageError) as caught:
+        envcraft.validate("walk.py", **_CHEAP)
+    assert str(caught.value).endswith(f"baseline: the baseline none.json does not exist; {advice}")
 
 
 def test_several_targets_are_judged_each_once(project: Path) -> None:

@@ -409,8 +409,8 @@ def test_a_baseline_may_come_through_a_pipe(invoke: Invoke, good: Path, tmp_path
         (["walk.py", "--kwargs", "size=3"], """); write it like '{"size": 8}'"""),
         (
             ["walk.py", "--baseline", "none.json"],
-            "the baseline none.json does not exist; `envcraft audit` or `envcraft validate` makes it with "
-            "--baseline '' --format json --output none.json",
+            "the baseline none.json does not exist; "
+            "`envcraft validate TARGET --baseline '' --format json --output none.json` makes it",
         ),
         (["walk.py", "--policy", "play.py"], "the policy play.py is not valid Python: '(' was never closed (line 1)"),
         (["walk.py", "--policy", "no.py"], "no.py is not a policy: it defines no function policy(env) and no class"),

@@ -118,7 +118,11 @@ def test_a_setting_of_pytest_is_blamed_on_its_file(
         ('skip = ["reword"]', "skip: there is no check 'reword'; did you mean reward?"),
         ("select = []", "select: '' names no code"),
         ('ignore = "EC901"', "ignore: EC901 cannot be ignored"),
-        ('baseline = "none.json"', "baseline: the baseline none.json does not exist"),
+        (
+            'baseline = "none.json"',
+            "baseline: the baseline none.json does not exist; "
+            "`envcraft validate TARGET --baseline '' --format json --output none.json` makes it",
+        ),
         ('policy = "none.py"', "policy: the policy none.py cannot be read: No such file or directory"),
         ('kwargs = "[1]"', "kwargs: [1] is not a JSON object"),
         ("strict = 3", "strict: 3 is neither true nor false"),
