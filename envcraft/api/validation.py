@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import inspect
 import json
-import math
 import os
 import re
 import warnings
@@ -16,6 +15,7 @@ from typing import Any, NamedTuple
 import gymnasium
 import msgspec
 
+from envcraft.api.arguments import require_flags, require_values
 from envcraft.api.cells import Cells
 from envcraft.api.extraction import target_of
 from envcraft.api.report import ShownReport
@@ -37,7 +37,6 @@ from envcraft.model.events import Finished
 from envcraft.model.project import configured, with_project
 from envcraft.model.target import Kind, Target, kind_of
 from envcraft.model.verdict import Finding, Severity, SubjectReport, Verdict
-from envcraft.registry import lookup
 from envcraft.reports.evidence import keep_source, lines_below, place_of
 from envcraft.text import plural
 
@@ -50,8 +49,6 @@ _USUAL = ("OrderEnforcing", "PassiveEnvChecker")
 #: The codes that the parameters of Gymnasium's check_env leave out.
 _RENDERING, _CLOSING = ("EC112", "EC116", "EC117"), ("EC113",)
 
-#: The highest seed, as of ``--seed``.
-_MAX_SEED = 2**31 - 1
 #: What an instance has that does not keep a parameter.
 _UNKNOWN = object()
 #: The types of values that compare as they look.
@@ -133,7 +130,8 @@ def validate(
         The report. It prints itself, and notebooks show it as HTML.
 
     Raises:
-        UsageError: A name does not exist, a number is out of range, or the source of a class is not known.
+        UsageError: A name does not exist, a value has another type or is out of range, or the source of a class is not
+            known.
         SandboxUnavailable: No sandbox of this kind works here.
     """
     given = {
@@ -216,10 +214,12 @@ def check_env(
     Raises:
         CheckFailed: The environment has defects: the message has each finding, and `report` everything. It is an
             AssertionError.
-        UsageError: The source of the class is not known, an argument has no JSON, or `kwargs` lacks one that an
-            instance needs.
+        UsageError: The source of the class is not known, a value has another type, an argument has no JSON, or `kwargs`
+            lacks one that an instance needs.
         EnvCraftError: The environment could not be judged.
     """
+    flags = {"skip_render_check": skip_render_check, "skip_close_check": skip_close_check}
+    require_flags(flags if warn is None else {"warn": warn, **flags})
     target, given, limit = _checked(env, kwargs)
     left_out = [*(_RENDERING if skip_render_check else ()), *(_CLOSING if skip_close_check else ())]
     target = msgspec.structs.replace(target, kwargs=_json(given))
@@ -256,7 +256,12 @@ def _options(given: dict[str, Any]) -> Iterator[dict[str, Any]]:
         UsageError: A setting or its value does not exist, or the context raises one.
     """
     folder = Path.cwd()
-    given = {name: value for name, value in given.items() if value is not None}
+    given = {
+        name: os.fspath(value) if isinstance(value, os.PathLike) else value
+        for name, value in given.items()
+        if value is not None
+    }
+    require_values(given, command.params, _KEYWORDS)
     settings = command.read(folder)
     try:
         yield {**settings, **given}
@@ -304,13 +309,6 @@ def _judged(
     promised = contract_named(options.get("contract", "arcade"))
     if limit is not None:
         promised = msgspec.structs.replace(promised, adapter={**promised.adapter, "limit": limit})
-    budget = lookup("budget", str(options.get("budget", "standard")), BUDGETS)
-    seed, time_limit, workers = options.get("seed", 0), options.get("time_limit"), options.get("workers")
-    _require_number("seed", seed, True, 0, _MAX_SEED)
-    if time_limit is not None:
-        _require_number("time_limit", time_limit, False, 0)
-    if workers is not None:
-        _require_number("workers", workers, True, 1)
     sandbox = options.get("sandbox", "auto"), options.get("require_isolation"), options.get("runtime")
     with contextlib.closing(driver_named(*sandbox)) as driver:
         plan = Plan(
@@ -318,14 +316,16 @@ def _judged(
             promised,
             driver,
             selected,
-            budget,
-            seed,
+            BUDGETS[options.get("budget", "standard")],
+            options.get("seed", 0),
             policy_of(options.get("policy")),
-            time_limit=time_limit,
+            time_limit=options.get("time_limit"),
             fail_fast=bool(options.get("fail_fast")),
             severity=severity,
         )
-        with contextlib.closing(judge(plan, workers, exitfirst=bool(options.get("exitfirst")))) as events:
+        with contextlib.closing(
+            judge(plan, options.get("workers"), exitfirst=bool(options.get("exitfirst")))
+        ) as events:
             [report] = [event.report for event in events if isinstance(event, Finished)]
     wrong = [check.reason for subject in report.reports for check in subject.checks if check.wrong_use]
     if wrong:
@@ -481,14 +481,6 @@ def _wrappers(names: str | Sequence[str]) -> tuple[str, ...]:
             words = f"the wrapper {name!r} must be 'module:func', such as 'gymnasium.wrappers:FlattenObservation'"
             raise UsageError(words, setting="wrap")
     return found
-
-
-def _require_number(name: str, value: Any, whole: bool, least: int, most: float = math.inf) -> None:
-    """Raise UsageError if an argument is not a number in a range; one that need not be whole must be above `least`."""
-    fits = isinstance(value, int if whole else int | float) and not isinstance(value, bool)
-    if not fits or not (least <= value <= most if whole else least < value < most):
-        limits = f"from {least} to {most}" if most < math.inf else f"of {least} or more" if whole else f"above {least}"
-        raise UsageError(f"{name} is {value!r}; it must be {'a whole number' if whole else 'a number'} {limits}")
 
 
 def _listed(names: str | Sequence[str]) -> tuple[str, ...]:

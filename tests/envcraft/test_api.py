@@ -530,7 +530,7 @@ def test_check_env_keeps_a_limit_of_steps(monkeypatch: pytest.MonkeyPatch, tmp_p
         ([3], {}, "3 is not a target; give a file"),
         ("CartPole-v1", {"seed": -1}, "seed is -1; it must be a whole number from 0 to 2147483647"),
         ("CartPole-v1", {"seed": "x"}, "seed is 'x'; it must be a whole number"),
-        ("CartPole-v1", {"workers": 0}, "workers is 0; it must be a whole number of 1 or more"),
+        ("CartPole-v1", {"workers": 0}, "workers is 0; it must be a whole number from 1 to 1024"),
         ("CartPole-v1", {"time_limit": -1}, "time_limit is -1; it must be a number above 0"),
         (
             "CartPole-v1",
@@ -539,7 +539,25 @@ def test_check_env_keeps_a_limit_of_steps(monkeypatch: pytest.MonkeyPatch, tmp_p
         ),
         ("CartPole-v1", {"kwargs": {"sise": 8}}, r"^kwargs: .* got an unexpected keyword argument 'sise'$"),
         ("CartPole-v1", {"wrappers": ["nomod:func"]}, "^wrappers: the module nomod of the wrapper nomod:func"),
-        ("CartPole-v1", {"budget": 3}, "there is no budget '3'; there are quick, standard, thorough"),
+        ("CartPole-v1", {"budget": 3}, "budget is 3; it must be quick, standard or thorough"),
+        (
+            "CartPole-v1",
+            {"require_isolation": "vm"},
+            "require_isolation is 'vm'; it must be container, namespace or proc",
+        ),
+        ("CartPole-v1", {"workers": 2000}, "workers is 2000; it must be a whole number from 1 to 1024"),
+        ("CartPole-v1", {"time_limit": float("inf")}, "time_limit is inf; it must be a number above 0"),
+        ("CartPole-v1", {"time_limit": True}, "time_limit is True; it must be a number above 0"),
+        ("CartPole-v1", {"exclude": 3}, "exclude is 3; it must be a string or a list of strings"),
+        ("CartPole-v1", {"checks": ["api", 3]}, r"checks is \['api', 3\]; it must be a string or a list of strings"),
+        ("CartPole-v1", {"wrappers": {"a:b": 3}}, "wrappers is {'a:b': 3}; it must be a string or a list of strings"),
+        ("CartPole-v1", {"strict": "no"}, "strict is 'no'; it must be True or False"),
+        ("CartPole-v1", {"fail_fast": "no"}, "fail_fast is 'no'; it must be True or False"),
+        ("CartPole-v1", {"exitfirst": 0}, "exitfirst is 0; it must be True or False"),
+        ("CartPole-v1", {"contract": 3}, "contract is 3; it must be a string"),
+        ("CartPole-v1", {"sandbox": ["docker"]}, r"sandbox is \['docker'\]; it must be a string"),
+        ("CartPole-v1", {"env_class": gymnasium.Env}, "env_class is <class .*; it must be a string"),
+        ("CartPole-v1", {"kwargs": 3}, "kwargs is 3; it must be a dict"),
         (gymnasium.Env, {"env_class": "Cart"}, "env_class 'Cart' does not apply to the class Env; leave it out"),
         ("CartPole-v1", {"wrappers": ["TimeLimit"]}, "the wrapper 'TimeLimit' must be 'module:func'"),
     ],
@@ -547,6 +565,21 @@ def test_check_env_keeps_a_limit_of_steps(monkeypatch: pytest.MonkeyPatch, tmp_p
 def test_a_wrong_argument_is_named(target: Any, options: dict[str, Any], words: str) -> None:
     with pytest.raises(envcraft.UsageError, match=words):
         envcraft.validate(target, **{**_CHEAP, **options})
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"warn": "no"}, "warn is 'no'; it must be True or False"),
+        ({"skip_render_check": "no"}, "skip_render_check is 'no'; it must be True or False"),
+        ({"skip_close_check": 1}, "skip_close_check is 1; it must be True or False"),
+        ({"budget": "huge"}, "budget is 'huge'; it must be quick, standard or thorough"),
+        ({"seed": "3"}, "seed is '3'; it must be a whole number"),
+    ],
+)
+def test_a_wrong_argument_of_check_env_is_named(options: dict[str, Any], words: str) -> None:
+    with pytest.raises(envcraft.UsageError, match=words):
+        envcraft.check_env("CartPole-v1", **options)
 
 
 def test_validate_says_what_judges_an_instance() -> None:
