@@ -1,4 +1,4 @@
-"""What a shell offers after Tab: contracts, checks, codes, formats, sandboxes and files.
+"""What a shell offers after Tab: contracts, checks, codes, families, formats, sandboxes and files.
 
 Click writes the shell's part: ``eval "$(_ENVCRAFT_COMPLETE=bash_source envcraft)"``. Each function here is the
 ``shell_complete`` of a parameter and returns what fits the incomplete word.
@@ -6,6 +6,7 @@ Click writes the shell's part: ``eval "$(_ENVCRAFT_COMPLETE=bash_source envcraft
 
 from __future__ import annotations
 
+import glob
 from collections.abc import Iterable
 
 import click
@@ -40,6 +41,30 @@ def codes_and_checks(ctx: click.Context, param: click.Parameter, incomplete: str
 def formats(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
     """Offer the formats of reports."""
     return _starting([(kind.name, kind.summary) for kind in offered("envcraft_reporters")], incomplete)
+
+
+def reports(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
+    """Offer FORMAT:FILE with a usual name of the file, or the files that a name begins."""
+    form, colon, path = incomplete.partition(":")
+    if colon:
+        return [CompletionItem(f"{form}:{found}") for found in sorted(glob.glob(f"{glob.escape(path)}*"))]
+    kinds = offered("envcraft_reporters")
+    return _starting([(f"{kind.name}:report{kind.suffix or '.txt'}", kind.summary) for kind in kinds], incomplete)
+
+
+def folders_and_reports(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
+    """Offer FORMAT:FILE, and leave the names of folders to the shell."""
+    return [*folders(ctx, param, incomplete), *reports(ctx, param, incomplete)]
+
+
+def exports(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
+    """Offer the formats of exports."""
+    return _starting([(exporter.name, exporter.summary) for exporter in offered("envcraft_exporters")], incomplete)
+
+
+def families(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
+    """Offer the families of environments, for a list that commas separate."""
+    return _next_of([(family.name, "") for family in offered("envcraft_families")], incomplete)
 
 
 def sandboxes(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:

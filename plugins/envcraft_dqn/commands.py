@@ -12,6 +12,7 @@ from typing import Any, TypeVar
 
 import click
 
+from envcraft.cli import completion
 from envcraft.cli.signals import uninterrupted
 from envcraft.errors import UsageError
 from envcraft.files import UNFINISHED
@@ -39,10 +40,16 @@ def _environment_options(command: _F) -> _F:
             click.option(
                 "--contract",
                 metavar="NAME",
+                shell_complete=completion.contracts,
                 help="Contract of the environments.  [default: the contract that they passed]",
             ),
             click.option("--trust", is_flag=True, help="Run environments in this process even if they did not pass."),
-            click.option("--sandbox", metavar="NAME", help="Run the environments in this sandbox."),
+            click.option(
+                "--sandbox",
+                metavar="NAME",
+                shell_complete=completion.sandboxes,
+                help="Run the environments in this sandbox.",
+            ),
             click.option("--workers", type=click.IntRange(0, 64), help="Number of processes.  [default: one per core]"),
             click.option(
                 "--fast/--no-fast",
@@ -136,6 +143,7 @@ def _number(name: str, text: str, minimum: float = 1) -> Callable[[_F], _F]:
 @click.option(
     "--demos",
     metavar="PLAYER|CORPUS[:PLAYER]",
+    shell_complete=completion.folders,
     help="Player of the demonstrations: random, noop, checkpoint:PATH, a player of `envcraft demos`, or its recordings "
     "in a corpus.",
 )

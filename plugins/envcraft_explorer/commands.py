@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from envcraft.cli import completion
 from envcraft.cli.options import runtime_option
 from envcraft.cli.signals import uninterrupted
 from envcraft.errors import UsageError
@@ -70,7 +71,12 @@ _HOST = "127.0.0.1"
     help="Show results that `envcraft evaluate --output` wrote. Can be repeated; the first is the baseline.",
 )
 @click.option(
-    "--sandbox", default="auto", show_default=True, metavar="NAME", help="The sandbox that runs the environments."
+    "--sandbox",
+    default="auto",
+    show_default=True,
+    metavar="NAME",
+    shell_complete=completion.sandboxes,
+    help="The sandbox that runs the environments.",
 )
 @runtime_option
 def explore(

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from envcraft.cli import completion
 from envcraft.cli.configured import Configured
 from envcraft.cli.options import sandbox_options
 from envcraft.cli.signals import uninterrupted
@@ -63,7 +64,12 @@ class _Players(Configured):
     show_default=f"the player of the environment's family, else {_DEFAULT_PLAYER}",
     help="Record this player, from the list below.",
 )
-@click.option("--policy", metavar="FILE", help="Record the privileged policy in this file: act(state) or policy(env).")
+@click.option(
+    "--policy",
+    metavar="FILE",
+    shell_complete=completion.files,
+    help="Record the privileged policy in this file: act(state) or policy(env).",
+)
 @click.option("--select", metavar="GLOB", help="Play only environments whose name matches, like 'tetris_0_00*'.")
 @click.option(
     "--seed",
@@ -76,6 +82,7 @@ class _Players(Configured):
     "--contract",
     "promise",
     metavar="NAME",
+    shell_complete=completion.contracts,
     show_default=f"the contract that each has passed, else {_CONTRACT}",
     help="Play the environments under this contract.",
 )

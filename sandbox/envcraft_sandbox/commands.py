@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from envcraft.cli import completion
 from envcraft.cli.options import runtime_option
 
 if TYPE_CHECKING:
@@ -129,6 +130,7 @@ def sandbox() -> None:
 @click.option(
     "--packages",
     metavar="FILE",
+    shell_complete=completion.files,
     help="File of additional libraries, one NAME or NAME==VERSION per line. The image always has NumPy, Gymnasium, "
     "pygame-ce and SciPy.",
 )

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import io
 import json
+import re
+from collections.abc import Iterator
 from pathlib import Path
 
 import click
@@ -222,6 +224,15 @@ class TestBaseline:
         (["validate", "--format"], "con", {"concise", "console"}),
         (["audit", "--output-format"], "jun", {"junit"}),
         (["validate", "--sandbox"], "", {"auto", "docker", "bubblewrap", "process"}),
+        (["validate", "--report"], "h", {"html:report.html"}),
+        (["audit", "--report"], "sar", {"sar", "sarif:report.sarif"}),
+        (["play", "--contract"], "gym", {"gymnasium"}),
+        (["replay", "--contract"], "gym", {"gymnasium"}),
+        (["new", "--contract"], "gym", {"gymnasium"}),
+        (["play", "--sandbox"], "d", {"docker"}),
+        (["generate", "--family"], "te", {"tetris"}),
+        (["generate", "--family"], "tetris,comp", {"tetris,composer"}),
+        (["export", "--to"], "pack", {"package"}),
         (["explain"], "determ", {"determinism"}),
         (["explain"], "EC203", {"EC203"}),
         (["val"], "val", {"validate"}),
@@ -242,11 +253,47 @@ def test_tab_completes_names(words: list[str], incomplete: str, offered: set[str
         (["validate", "--baseline"], "file"),
         (["audit"], "dir"),
         (["audit", "--output"], "file"),
+        (["play"], "file"),
+        (["replay"], "file"),
+        (["new", "--folder"], "dir"),
     ],
 )
 def test_tab_leaves_files_to_the_shell(words: list[str], kind: str) -> None:
     items = ShellComplete(cli, {}, "envcraft", "_ENVCRAFT_COMPLETE").get_completions(words, "ga")
     assert [(item.value, item.type) for item in items] == [("ga", kind)]
+
+
+def test_tab_completes_a_file_after_its_format(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "report.html").touch()
+    (tmp_path / "other.html").touch()
+    given = ["validate", "walk.py", "--report"]
+    items = ShellComplete(cli, {}, "envcraft", "_ENVCRAFT_COMPLETE").get_completions(given, "html:rep")
+    assert [item.value for item in items] == ["html:report.html"]
+
+
+def test_tab_completes_every_name_of_a_file_a_contract_or_a_sandbox() -> None:
+    """A parameter of type text is completed only by a function of its own."""
+    completed = re.compile(r"FILE|FOLDER|DIR|TARGET|RECORDS|\bCORPUS\b|\.json|FORMAT|CODE")
+    names = {"--contract", "--sandbox", "--family", "--checks", "--format", "--policy"}
+    missed = [
+        f"{path} {param.opts[0]}"
+        for path, param in _parameters(cli, "envcraft")
+        if (completed.search(param.metavar or "") or names.intersection(param.opts))
+        and isinstance(param.type, click.types.StringParamType)
+        and not param.shell_complete(click.Context(cli), "")
+    ]
+    assert missed == []
+
+
+def _parameters(command: click.Command, path: str) -> Iterator[tuple[str, click.Parameter]]:
+    yield from ((path, param) for param in command.params)
+    if isinstance(command, click.Group):
+        context = click.Context(command)
+        for name in command.list_commands(context):
+            found = command.get_command(context, name)
+            assert found is not None
+            yield from _parameters(found, f"{path} {name}")
 
 
 @pytest.mark.parametrize(

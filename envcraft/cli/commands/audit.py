@@ -43,7 +43,12 @@ class _Command(Configured):
 
 @click.command(cls=_Command, short_help="Judge a corpus or a folder.")
 @click.argument("place", metavar="CORPUS|FOLDER", shell_complete=completion.folders)
-@click.option("--store", metavar="DIR", help="The corpus of a folder.  [default: FOLDER/.envcraft]")
+@click.option(
+    "--store",
+    metavar="DIR",
+    shell_complete=completion.folders,
+    help="The corpus of a folder.  [default: FOLDER/.envcraft]",
+)
 @check_options(stages=True)
 @sandbox_options()
 @policy_option()
@@ -82,6 +87,7 @@ class _Command(Configured):
     "also",
     multiple=True,
     metavar="DIR|FORMAT:FILE",
+    shell_complete=completion.folders_and_reports,
     help="Write a report on the whole corpus to this folder, or one in a format of `envcraft validate` to this file. "
     "Can be repeated.",
 )

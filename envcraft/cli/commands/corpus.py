@@ -12,6 +12,7 @@ from typing import Any
 import click
 import msgspec
 
+from envcraft.cli import completion
 from envcraft.cli.commands.duplicates import dedup, diversity, split
 from envcraft.cli.commands.outputs import output_file
 from envcraft.cli.commands.report import report
@@ -51,7 +52,7 @@ def init(corpus: Path) -> None:
 
 @click.command(short_help="Add files or folders.")
 @_CORPUS
-@click.argument("paths", metavar="FILE|FOLDER...", nargs=-1, required=True)
+@click.argument("paths", metavar="FILE|FOLDER...", shell_complete=completion.files, nargs=-1, required=True)
 @click.option("--class", "env_class", metavar="NAME", default="", help="The class to judge, if a file has several.")
 @click.option(
     "--metadata", metavar="JSON", help="A JSON object to store with each environment, such as its model or licence."
@@ -118,7 +119,12 @@ def add(
     help="List only environments with this verdict. undecided lists passes with an undecided check, pass the other "
     "passes, and none environments without a verdict.",
 )
-@click.option("--code", metavar="CODE", help="List only environments with a finding of this code, such as EC203.")
+@click.option(
+    "--code",
+    metavar="CODE",
+    shell_complete=completion.codes,
+    help="List only environments with a finding of this code, such as EC203.",
+)
 @click.option("--name", metavar="GLOB", help="List only environments whose names match a pattern, such as 'games/*'.")
 @_FORMAT
 def list_(corpus: Path, verdict: str | None, code: str | None, name: str | None, form: str) -> None:

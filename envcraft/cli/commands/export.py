@@ -6,6 +6,7 @@ from pathlib import Path
 
 import click
 
+from envcraft.cli import completion
 from envcraft.corpus.export.exporter import exporter_named
 from envcraft.registry import offered
 from envcraft.text import plural
@@ -22,7 +23,14 @@ class _ExportCommand(click.Command):
 
 @click.command(cls=_ExportCommand, short_help="Export a corpus for use elsewhere.")
 @click.argument("corpus", metavar="CORPUS", type=click.Path(path_type=Path))
-@click.option("--to", "form", required=True, metavar="FORMAT", help="The format, from the list below.")
+@click.option(
+    "--to",
+    "form",
+    required=True,
+    metavar="FORMAT",
+    shell_complete=completion.exports,
+    help="The format, from the list below.",
+)
 @click.option(
     "--output", required=True, metavar="DIR", type=click.Path(path_type=Path), help="The folder to write, new or empty."
 )

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import click
 from click.core import ParameterSource
 
+from envcraft.cli import completion
 from envcraft.cli.configured import PartlyConfigured
 from envcraft.environments.families import axes_from, families_named
 from envcraft.errors import UsageError
@@ -82,6 +83,7 @@ class _Generate(PartlyConfigured):
 @click.option(
     "--family",
     metavar="NAME,...",
+    shell_complete=completion.families,
     help="The program that writes the environments, such as tetris. Several names write a mixed corpus.",
 )
 @click.option("--list", "listing", is_flag=True, help="List the families and exit.")

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import click
 
+from envcraft.cli import completion
 from envcraft.cli.configured import PartlyConfigured
 from envcraft.contracts.builtin import ARCADE, GYMNASIUM
 from envcraft.contracts.lookup import contract_named
@@ -30,10 +31,19 @@ _WORDS = re.compile(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])")
 @click.command(cls=PartlyConfigured)
 @click.argument("name")
 @click.option(
-    "--contract", default="arcade", show_default=True, metavar="NAME", help="The contract of the environment."
+    "--contract",
+    default="arcade",
+    show_default=True,
+    metavar="NAME",
+    shell_complete=completion.contracts,
+    help="The contract of the environment.",
 )
 @click.option(
-    "--folder", default="", metavar="DIR", help="Write the files into this folder instead of the working directory."
+    "--folder",
+    default="",
+    metavar="DIR",
+    shell_complete=completion.folders,
+    help="Write the files into this folder instead of the working directory.",
 )
 def new(name: str, contract: str, folder: str) -> None:
     """Write a small environment that passes, and its test.

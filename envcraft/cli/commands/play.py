@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import click
 import msgspec
 
+from envcraft.cli import completion
 from envcraft.cli.commands.validate import open_output, read_kwargs, read_wrappers
 from envcraft.cli.configured import PartlyConfigured
 from envcraft.cli.options import runtime_option
@@ -38,12 +39,13 @@ _STEPS = 100_000
 
 
 @click.command(cls=PartlyConfigured)
-@click.argument("target", metavar="TARGET")
+@click.argument("target", metavar="TARGET", shell_complete=completion.files)
 @click.option(
     "--contract",
     default="arcade",
     show_default=True,
     metavar="NAME",
+    shell_complete=completion.contracts,
     help="The interface that the environment promises.",
 )
 @click.option("--class", "env_class", metavar="NAME", help="The environment class, if a file defines several.")
@@ -52,7 +54,12 @@ _STEPS = 100_000
     "--wrap", multiple=True, metavar="MODULE:FUNC", help="Apply this wrapper to the instance. Can be repeated."
 )
 @click.option(
-    "--sandbox", default="auto", show_default=True, metavar="NAME", help="The sandbox that runs the environment."
+    "--sandbox",
+    default="auto",
+    show_default=True,
+    metavar="NAME",
+    shell_complete=completion.sandboxes,
+    help="The sandbox that runs the environment.",
 )
 @runtime_option
 @click.option(
@@ -70,7 +77,12 @@ _STEPS = 100_000
 )
 @click.option("--turn-based", is_flag=True, help="Wait for a key before each step.")
 @click.option("--fps", type=click.IntRange(1, 240), default=15, show_default=True, help="Steps per second.")
-@click.option("--output", metavar="REPORT.json", help="Record the episodes for `envcraft replay`.")
+@click.option(
+    "--output",
+    metavar="REPORT.json",
+    shell_complete=completion.files,
+    help="Record the episodes for `envcraft replay`.",
+)
 @click.pass_context
 def play(
     ctx: click.Context,

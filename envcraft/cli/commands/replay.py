@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 import msgspec
 
+from envcraft.cli import completion
 from envcraft.cli.commands.validate import read_wrappers
 from envcraft.cli.options import runtime_option
 from envcraft.cli.play.recorded import Played
@@ -42,20 +43,32 @@ _GIF_SIDE = 336
 
 
 @click.command()
-@click.argument("report", metavar="REPORT.json|TARGET")
+@click.argument("report", metavar="REPORT.json|TARGET", shell_complete=completion.files)
 @click.option(
     "--finding", "number", type=click.IntRange(1), metavar="K", help="Replay only the K-th finding of the report."
 )
-@click.option("--gif", metavar="FILE", help="Write the finding's episode as an animated GIF.")
+@click.option(
+    "--gif", metavar="FILE", shell_complete=completion.files, help="Write the finding's episode as an animated GIF."
+)
 @click.option(
     "--repro", metavar="JSON", help="Play this reproduction of a TARGET, as envcraft.testing and reports write it."
 )
 @click.option(
-    "--contract", default="arcade", show_default=True, metavar="NAME", help="The contract of the TARGET of --repro."
+    "--contract",
+    default="arcade",
+    show_default=True,
+    metavar="NAME",
+    shell_complete=completion.contracts,
+    help="The contract of the TARGET of --repro.",
 )
 @click.option("--class", "env_class", metavar="NAME", help="The class of the TARGET of --repro, if it has several.")
 @click.option(
-    "--sandbox", default="auto", show_default=True, metavar="NAME", help="The sandbox that runs the environments."
+    "--sandbox",
+    default="auto",
+    show_default=True,
+    metavar="NAME",
+    shell_complete=completion.sandboxes,
+    help="The sandbox that runs the environments.",
 )
 @runtime_option
 @click.option("--anyway", is_flag=True, help="Replay even if the source has changed since the report.")

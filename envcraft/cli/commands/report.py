@@ -8,6 +8,7 @@ from pathlib import Path
 
 import click
 
+from envcraft.cli import completion
 from envcraft.cli.configured import PartlyConfigured
 from envcraft.cli.options import MOST_WORKERS, runtime_option
 from envcraft.corpus.store import open_store
@@ -29,7 +30,14 @@ from envcraft.judging.selection import driver_named
     show_default=True,
     help="Play one short episode of each environment that has no preview yet.",
 )
-@click.option("--sandbox", default="auto", show_default=True, metavar="NAME", help="The sandbox for previews.")
+@click.option(
+    "--sandbox",
+    default="auto",
+    show_default=True,
+    metavar="NAME",
+    shell_complete=completion.sandboxes,
+    help="The sandbox for previews.",
+)
 @runtime_option
 @click.option(
     "--workers",

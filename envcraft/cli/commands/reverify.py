@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from envcraft.cli import completion
 from envcraft.cli.options import policy_of, policy_option, sandbox_options
 from envcraft.cli.signals import uninterrupted
 from envcraft.contracts.lookup import contract_named
@@ -37,9 +38,12 @@ _SAMPLE = re.compile(r"(\d+(?:\.\d+)?)(%?)")
 
 
 @click.command(short_help="Judge recorded environments again.")
-@click.argument("place", metavar="RECORDS|CORPUS")
+@click.argument("place", metavar="RECORDS|CORPUS", shell_complete=completion.files)
 @click.option(
-    "--corpus", metavar="CORPUS", help="The corpus with the sources.  [default: the files that the records name]"
+    "--corpus",
+    metavar="CORPUS",
+    shell_complete=completion.folders,
+    help="The corpus with the sources.  [default: the files that the records name]",
 )
 @click.option("--sample", metavar="N|P%", help="Judge a random sample: N records, or P percent of them.")
 @click.option("--seed", type=click.IntRange(0, 2**31 - 1), default=0, show_default=True, help="The seed of the sample.")

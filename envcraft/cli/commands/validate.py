@@ -73,6 +73,7 @@ class _ValidateCommand(Configured):
     "also",
     multiple=True,
     metavar="FORMAT:FILE",
+    shell_complete=completion.reports,
     help="Write another report in this format to this file. Can be repeated.",
 )
 @click.option(

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
+from envcraft.cli import completion
 from envcraft.cli.signals import uninterrupted
 from envcraft.errors import UsageError
 from envcraft_dqn.settings import AUGMENTATIONS, OBJECTIVES, SIZES
@@ -69,7 +70,12 @@ _EXECUTION = (
         "--device", default="auto", show_default=True, metavar="NAME", help="Torch device, such as cpu or cuda."
     ),
     click.option(
-        "--sandbox", default="auto", show_default=True, metavar="NAME", help="Sandbox of the privileged player."
+        "--sandbox",
+        default="auto",
+        show_default=True,
+        metavar="NAME",
+        shell_complete=completion.sandboxes,
+        help="Sandbox of the privileged player.",
     ),
     click.option(
         "--executor", default=_LOCAL, show_default=True, metavar="NAME", help="Executor of the tasks: local or dask."
@@ -195,6 +201,7 @@ def generalisation(
     "families",
     multiple=True,
     metavar="NAME",
+    shell_complete=completion.families,
     help="A family to study; at least two.  [default: all]",
 )
 @click.option(
