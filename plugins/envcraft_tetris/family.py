@@ -13,8 +13,8 @@ import msgspec
 
 from envcraft.environments.families import Family, Generated
 from envcraft.errors import UsageError
-from envcraft.registry import lookup
 from envcraft_tetris.axes.controls import Controls
+from envcraft_tetris.values import value_of
 from envcraft_tetris.variant import Variant
 
 if TYPE_CHECKING:
@@ -32,13 +32,13 @@ class TetrisFamily(Family):
     """Falling-piece games under the contract ``arcade``.
 
     Args:
-        axes: The values of some axes as text, by dotted names.
+        axes: The values of some axes by dotted names.
     """
 
     name = "tetris"
     summary = "falling pieces: boards, pieces, controls, clearing, goals and looks drawn at random (contract arcade)"
 
-    def __init__(self, axes: Mapping[str, str] | None = None) -> None:
+    def __init__(self, axes: Mapping[str, str | float] | None = None) -> None:
         self._axes = dict(axes or {})
 
     def generate(self, count: int, seed: int, difficulty: float | None = None) -> Iterator[Generated]:
@@ -56,7 +56,8 @@ class TetrisFamily(Family):
                 return
             if number - last > _PATIENCE:
                 wanted = " and ".join(f"{axis}={value}" for axis, value in self._axes.items())
-                raise UsageError(f"--where: none of {_PATIENCE:,} draws has {wanted}; ask for fewer values at once")
+                advice = "ask for fewer values at once" if len(self._axes) > 1 else "it is rare; try another --seed"
+                raise UsageError(f"--where: none of {_PATIENCE:,} draws has {wanted}; {advice}")
             variant = Variant.draw(rng)
             if variant.rules in known or not variant.fair:
                 continue
@@ -68,13 +69,10 @@ class TetrisFamily(Family):
             yield Generated(f"tetris_{seed}_{number:04}", source, {"axes": variant.axes()})
 
     def where(self, axes: Mapping[str, str]) -> TetrisFamily:
-        known = _scalars(Variant.draw(Random(0)).axes())
-        for axis in axes:
-            lookup("axis", axis, known)
-        return TetrisFamily({**self._axes, **axes})
+        return TetrisFamily({**self._axes, **{axis: value_of(axis, text) for axis, text in axes.items()}})
 
     def _matches(self, variant: Variant) -> bool:
-        return all(str(attrgetter(axis)(variant)).lower() == value.lower() for axis, value in self._axes.items())
+        return all(attrgetter(axis)(variant) == value for axis, value in self._axes.items())
 
     def kind(self, metadata: dict[str, Any]) -> str:
         """The control that drops a piece at once. Episodes last longer for players that never use it."""
@@ -89,17 +87,6 @@ class TetrisFamily(Family):
             if one.source not in known:
                 known[one.source] = variant_of(one)
         return Simulator([known[one.source] for one in generated], autoreset_mode, copy)
-
-
-def _scalars(axes: dict[str, Any], group: str = "") -> dict[str, Any]:
-    """The values of all axes that are no sequences, by dotted names."""
-    found: dict[str, Any] = {}
-    for name, value in axes.items():
-        if isinstance(value, dict):
-            found |= _scalars(value, f"{group}{name}.")
-        elif not isinstance(value, list | tuple):
-            found[f"{group}{name}"] = value
-    return found
 
 
 def variant_of(generated: Generated) -> Variant:

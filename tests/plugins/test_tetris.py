@@ -35,6 +35,7 @@ from envcraft_tetris.axes import (
     supply,
 )
 from envcraft_tetris.family import TetrisFamily
+from envcraft_tetris.values import VALUES
 from envcraft_tetris.variant import Variant
 
 from envcraft.cli.commands.generate import generate
@@ -228,10 +229,54 @@ class TestWhere:
             found = one.metadata["axes"]
             assert (found["board"]["wrap"], found["look"]["theme"], found["clearing"]["rule"]) == (True, "mono", "rows")
 
-    def test_a_value_that_never_comes_is_an_error(self, monkeypatch: pytest.MonkeyPatch) -> None:
+    @pytest.mark.parametrize(
+        ("axes", "words"),
+        [
+            ({"board.rows": "99"}, "--where board.rows=99: board.rows is from 11 to 20"),
+            ({"board.rows": "many"}, "--where board.rows=many: board.rows is from 11 to 20"),
+            ({"board.wrap": "maybe"}, "board.wrap is false or true"),
+            ({"controls.up": "up"}, "controls.up is cw, ccw or hold"),
+            ({"rewards.line": "3"}, "rewards.line is 0.5, 1.0 or 2.0"),
+            ({"look.hue": "1.1"}, "look.hue is from 0 to 1, in steps of 0.001"),
+        ],
+    )
+    def test_a_value_that_the_axis_cannot_have_is_an_error_at_once(self, axes: dict[str, str], words: str) -> None:
+        with pytest.raises(UsageError) as caught:
+            TetrisFamily().where(axes)
+        assert str(caught.value).endswith(words)
+
+    def test_a_number_may_be_written_in_any_way(self) -> None:
+        axes = {"rewards.line": "2", "board.columns": "8.0"}
+        [one] = TetrisFamily().where(axes).generate(1, 0)
+        assert (one.metadata["axes"]["rewards"]["line"], one.metadata["axes"]["board"]["columns"]) == (2.0, 8)
+
+    def test_values_that_never_come_together_are_an_error(self, monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr("envcraft_tetris.family._PATIENCE", 50)
-        with pytest.raises(UsageError, match=r"none of 50 draws has board\.columns=40"):
-            next(TetrisFamily().where({"board.columns": "40"}).generate(1, 0))
+        axes = {"board.columns": "6", "clearing.rule": "sand"}
+        with pytest.raises(UsageError, match=r"none of 50 draws has board\.columns=6 and clearing\.rule=sand; ask for"):
+            next(TetrisFamily().where(axes).generate(1, 0))
+        with pytest.raises(UsageError, match=r"none of 50 draws has clearing\.group=5; it is rare; try another --seed"):
+            next(TetrisFamily().where({"clearing.group": "5"}).generate(1, 0))
+
+    def test_the_values_of_an_axis_are_those_that_are_drawn(self) -> None:
+        rng, drawn = Random(0), {axis: set[Any]() for axis in VALUES}
+        for _ in range(1_500):
+            axes = Variant.draw(rng).axes()
+            found = {
+                f"{group}.{name}": value
+                for group, values in axes.items()
+                for name, value in values.items()
+                if not isinstance(value, list | tuple)
+            }
+            assert list(found) == list(VALUES)
+            for axis, value in found.items():
+                drawn[axis].add(value)
+        for axis, seen in drawn.items():
+            assert seen <= set(VALUES[axis]), axis
+            # Some numbers are rare.
+            missing = set(VALUES[axis]) - seen
+            assert not any(isinstance(value, str | bool) for value in missing), axis
+            assert len(VALUES[axis]) > 1000 or len(missing) <= len(VALUES[axis]) // 4, axis
 
 
 class TestMoves:
