@@ -3,11 +3,11 @@
 ## What it does
 Plays random, held, idle and mixed episodes to the contract's limit, and goes on after a success, a large reward or a
 loss. With `--policy FILE` it also plays the actions of the privileged policy. Each episode must end by itself by then.
-The end at the limit must be `truncated`, not `terminated`. Flags must be booleans of Python or NumPy. Some episode must
-last long enough to play. Gymnasium leaves open what `step` does after an episode's end, so flags that become false
-again are only a warning. It is an error if the reward of the end comes a step late, because no agent receives it. The
-first step after the end, and no other one, then pays more than any step of an episode, or it pays the same in five
-episodes whose last steps pay something else.
+The end at the limit must be `truncated`, not `terminated`. Flags must be booleans of Python or NumPy. A game whose
+episodes all last at most five steps is allowed if its actions make a difference. Gymnasium leaves open what `step` does
+after an episode's end, so flags that become false again are only a warning. It is an error if the reward of the end
+comes a step late, because no agent receives it. The first step after the end, and no other one, then pays more than any
+step of an episode, or it pays the same in five episodes whose last steps pay something else.
 
 It also finds the step counter in the code. If nothing else limits an episode, play must not reset the counter, skip it
 for some actions, or increase it past a number that it must equal.
@@ -347,21 +347,21 @@ class Termination(Check):
         ended = [trace for trace in traces if trace.ended]
         if len(ended) < 6 or max(trace.steps for trace in traces) > _PLAYABLE:
             return
-        by_seed: dict[int, set[tuple[float, int]]] = {}
+        # Not the rest of info: it may tell where the player is, who can do nothing there.
+        outcomes: dict[int, set[tuple[float, int, bool | None]]] = {}
         for trace in ended:
-            # Without a limit, a short game is fine if the actions decide how long it lasts.
-            length = trace.steps if subject.contract.limit is None else 0
-            by_seed.setdefault(trace.rollout.seed, set()).add((trace.total, length))
-        # A game of one decision ends at once, and its returns depend on the choice. A truncation this far from the
-        # contract's limit is a defect, and so is an end that is never a success.
+            outcome = trace.total, trace.steps, trace.reported_success
+            outcomes.setdefault(trace.rollout.seed, set()).add(outcome)
+        decided = any(len(different) > 1 for different in outcomes.values())
+        # A truncation this far from the contract's limit is a defect of any game.
         cut = subject.contract.limit is not None and any(trace.truncated[-1] for trace in ended)
-        lost = all(trace.reported_success is not None and not trace.reported_success for trace in ended)
-        if any(len(totals) > 1 for totals in by_seed.values()) and not cut and not lost:
+        if decided and not cut:
             return
         longest = max(ended, key=lambda trace: trace.steps)
+        why = "and a truncation ends some of them" if cut else "and no action changes the return or the end"
         yield self.finding(
             "EC503",
-            f"all {len(ended)} episodes end within {plural(longest.steps, 'step')} under every policy",
+            f"all {len(ended)} episodes end within {plural(longest.steps, 'step')} under every policy, {why}",
             line=subject.line_of("step"),
             repro=repro(longest.rollout.cut(longest.steps)),
             episodes=len(ended),

@@ -135,6 +135,14 @@ ROUNDS = source("""
     reward, truncated = float((action + self.card) % 3 - 1), self.steps == 5
     self.card = int(self.np_random.integers(1, 11))
 """)
+#: A wrong step is a fall, and nobody has come to the end of the rope.
+TIGHTROPE = source("""
+    fell = action != self.card % 3
+    self.total += not fell
+    self.card = int(self.np_random.integers(1, 11))
+    won = self.total == 20
+    reward, terminated, info = float(not fell), fell or won, {"is_success": won}
+""")
 #: A little for each step, and for the one long sequence of actions that wins nobody knows what.
 BONUS = source("""
     self.total = self.total + 1 if action == (self.card + int(self.total)) % 3 else 0.0
@@ -180,6 +188,7 @@ GOOD = {
     "action passed on": PASSED_ON,
     "context": CONTEXT,
     "rounds": ROUNDS,
+    "tightrope": TIGHTROPE,
     "bonus": BONUS,
     "unordered": UNORDERED,
     "objects": OBJECTS,
@@ -189,7 +198,7 @@ GOOD = {
     "mixed": MIXED,
 }
 #: Those that pay nothing, because they are about spaces.
-UNPAID = set(GOOD) - {"short", "bandit", "arms", "goal", "costs", "context", "rounds", "bonus"}
+UNPAID = set(GOOD) - {"short", "bandit", "arms", "goal", "costs", "context", "rounds", "bonus", "tightrope"}
 BAD = {
     "EC109 past the bound": ("EC109", ROUGH.replace("1e-6", "1e-3")),
     "EC104 needs a seed": ("EC104", source("self.total += action", reset="self.total = float(seed % 2)")),
@@ -217,6 +226,8 @@ BAD = {
     "EC403 unresponsive": ("EC403", COSTS.replace(_STATE, "np.array([self.steps, self.card, 0.0])").replace(
         "self.total > 30", "self.steps > 30")),
     "EC503 over at once": ("EC503", COSTS.replace("self.total > 30", "self.steps == 2")),
+    "EC503 over at once, and lost": ("EC503", TIGHTROPE.replace("fell or won", "self.steps == 2").replace(
+        "float(not fell)", "-1.0").replace('"is_success": won', '"is_success": won, "at": self.total')),
     "EC504 flag": ("EC504", COSTS.replace("self.total > 30", "int(self.total > 30)")),
     "EC601 random wins": ("EC601 EC802", COSTS.replace("{}\n", '{"is_success": True}\n')),
     "EC602 paid": ("EC602", COSTS.replace("-1e6, self.total > 30", "1.0, self.steps == 30")),
