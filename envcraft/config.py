@@ -19,7 +19,7 @@ def settings(folder: Path) -> tuple[Path, dict[str, Any]]:
         return folder / "pyproject.toml", {}
     try:
         table = _table(path.read_text("utf-8"))
-    except (OSError, ValueError, AttributeError) as error:
+    except (OSError, ValueError) as error:
         raise UsageError(f"{path} cannot be read as configuration: {error}") from None
     if not isinstance(table, dict):
         raise UsageError(f"{path}: [tool.envcraft] must be a table")
@@ -28,8 +28,15 @@ def settings(folder: Path) -> tuple[Path, dict[str, Any]]:
 
 @functools.lru_cache(maxsize=4)
 def _table(text: str) -> Any:
-    """The table in a text. One that is no TOML is an error, as for pytest and ruff, if it has no such table, too."""
+    """The table in a text. One that is no TOML is an error, as for pytest and ruff, if it has no such table, too.
+
+    Raises:
+        ValueError: the text is no TOML, or `tool` is no table.
+    """
     # The parser is slow to import.
     import tomllib
 
-    return tomllib.loads(text).get("tool", {}).get("envcraft", {})
+    tools = tomllib.loads(text).get("tool", {})
+    if not isinstance(tools, dict):
+        raise ValueError("[tool] must be a table")
+    return tools.get("envcraft", {})

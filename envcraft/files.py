@@ -8,8 +8,20 @@ import stat
 from collections.abc import Iterator
 from typing import BinaryIO
 
+from envcraft.errors import UsageError
+
 #: How the name of an unfinished file begins. One stays only if the process is killed.
 UNFINISHED = ".new-"
+
+
+def refuse_file(path: str | os.PathLike[str]) -> None:
+    """Raise UsageError if the path of a folder to write is a file, or below a file."""
+    place = os.path.abspath(path)
+    while not os.path.lexists(place):
+        place = os.path.dirname(place)
+    if not os.path.isdir(place):
+        shown = os.fspath(path) if place == os.path.abspath(path) else os.path.relpath(place)
+        raise UsageError(f"{shown} is a file; name a folder")
 
 
 @contextlib.contextmanager

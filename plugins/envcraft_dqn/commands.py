@@ -15,7 +15,7 @@ import click
 from envcraft.cli import completion
 from envcraft.cli.signals import uninterrupted
 from envcraft.errors import UsageError
-from envcraft.files import UNFINISHED
+from envcraft.files import UNFINISHED, refuse_file
 from envcraft.text import one_line, plural
 from envcraft_dqn.config import read_config, write_config
 from envcraft_dqn.files import exclusive
@@ -375,6 +375,7 @@ def _check_output(folder: Path) -> None:
 
 def _ensure_writable(folder: Path) -> None:
     """Create a folder, and check before long work that files can be written to it. Raises UsageError."""
+    refuse_file(folder)
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):

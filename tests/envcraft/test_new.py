@@ -96,7 +96,7 @@ def test_nothing_is_overwritten(invoke: Any, tmp_path: Path) -> None:
 def test_a_folder_that_is_none_is_a_sentence(invoke: Any, tmp_path: Path) -> None:
     (tmp_path / "games").write_text("")
     result = invoke("new", "Lantern", "--folder", "games")
-    assert (result.exit_code, result.stderr) == (2, "Error: games cannot be written: File exists\n")
+    assert (result.exit_code, result.stderr) == (2, "Error: games is a file; name a folder\n")
 
 
 @pytest.mark.parametrize(

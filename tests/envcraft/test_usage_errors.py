@@ -436,3 +436,34 @@ def test_a_file_in_place_of_a_command_has_a_next_step(invoke: Invoke, good: Path
 def test_a_file_that_is_named_twice_is_judged_once(invoke: Invoke, good: Path) -> None:
     result = invoke("validate", "walk.py", "./walk.py", good, *_CHEAP, "--checks", "source", "--format", "json")
     assert [subject["path"] for subject in json.loads(result.stdout)["reports"]] == ["walk.py"]
+
+
+@pytest.mark.parametrize(
+    ("words", "arguments"),
+    [
+        ("taken is a file; name a folder", ("generate", "--family", "tetris", "--output", "taken")),
+        ("taken is a file; name a folder", ("generate", "--family", "tetris", "--corpus", "taken/games")),
+        ("taken is a file; name a folder", ("corpus", "init", "taken")),
+        ("taken is a file; name a folder", ("new", "Lamp", "--folder", "taken/games")),
+        ("taken is a file; name a folder", ("export", "games", "--to", "package", "--output", "taken")),
+    ],
+)
+def test_a_file_in_place_of_a_folder_is_named(
+    words: str, arguments: tuple[str, ...], invoke: Invoke, tmp_path: Path
+) -> None:
+    tmp_path.joinpath("taken").touch()
+    assert invoke("corpus", "init", "games").exit_code == 0
+    result = invoke(*arguments)
+    assert (result.exit_code, result.stderr.splitlines()[-1]) == (2, f"Error: {words}")
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [("tool = 3", "cannot be read as configuration: [tool] must be a table"), ("tool.envcraft = 3", "must be a table")],
+)
+def test_a_tool_that_is_no_table_is_named(text: str, words: str, invoke: Invoke, good: Path, tmp_path: Path) -> None:
+    path = tmp_path / "pyproject.toml"
+    path.write_text(text)
+    result = invoke("validate", good, *_CHEAP)
+    assert (result.exit_code, result.stderr.startswith(f"Error: {path}")) == (2, True)
+    assert result.stderr.endswith(f"{words}\n")

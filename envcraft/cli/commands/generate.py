@@ -17,6 +17,7 @@ from envcraft.cli import completion
 from envcraft.cli.configured import PartlyConfigured
 from envcraft.environments.families import axes_from, families_named
 from envcraft.errors import UsageError
+from envcraft.files import refuse_file
 from envcraft.registry import offered
 
 if TYPE_CHECKING:
@@ -147,6 +148,8 @@ def generate(
     writers = families_named(family, difficulty, axes_from(where))
     if (corpus is None) == (output is None):
         raise UsageError("choose where to write: either --corpus DIR or --output DIR")
+    for folder in filter(None, (corpus, output)):
+        refuse_file(folder)
     try:
         found = _generated(writers, count, seed, difficulty)
         if corpus is not None:

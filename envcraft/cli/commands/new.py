@@ -18,6 +18,7 @@ from envcraft.cli.configured import PartlyConfigured
 from envcraft.contracts.builtin import ARCADE, GYMNASIUM
 from envcraft.contracts.lookup import contract_named
 from envcraft.errors import UsageError
+from envcraft.files import refuse_file
 from envcraft.model.contract import Contract
 
 #: What the templates call the class and the module.
@@ -100,6 +101,7 @@ def _write(texts: dict[str, str], folder: str) -> list[str]:
     for path in paths:
         if os.path.lexists(path):
             raise UsageError(f"{path} exists; nothing was written. Choose another name or a --folder")
+    refuse_file(folder)
     written: list[str] = []
     try:
         Path(folder).mkdir(parents=True, exist_ok=True)

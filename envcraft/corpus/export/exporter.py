@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 
 from envcraft.errors import EnvCraftError, UsageError
+from envcraft.files import refuse_file
 from envcraft.registry import lookup, offered
 
 if TYPE_CHECKING:
@@ -177,11 +178,12 @@ def fresh_folder(output: Path) -> Iterator[Path]:
     """Create an empty folder that is renamed to `output` when the block ends without an exception.
 
     Raises:
-        UsageError: if `output` is not empty or cannot be created.
+        UsageError: if `output` is a file, is not empty or cannot be created.
         EnvCraftError: if it cannot be filled.
     """
+    refuse_file(output)
     try:
-        if output.exists() and (not output.is_dir() or any(output.iterdir())):
+        if output.exists() and any(output.iterdir()):
             raise UsageError(f"{output} is not empty; name a new or empty folder")
         output.parent.mkdir(parents=True, exist_ok=True)
         made = Path(tempfile.mkdtemp(prefix=f".{output.name}-", dir=output.parent))

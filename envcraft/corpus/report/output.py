@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from envcraft.errors import UsageError
+from envcraft.files import refuse_file
 from envcraft.text import one_line
 
 #: The file that identifies a report: it lists the entries of the folder, one a line.
@@ -21,8 +22,7 @@ def check_usable(folder: Path) -> None:
     Raises:
         UsageError: if it is not.
     """
-    if folder.exists() and not folder.is_dir():
-        raise UsageError(f"{folder} is a file; name a folder for the report")
+    refuse_file(folder)
     if not folder.is_dir():
         return
     foreign = {entry.name for entry in folder.iterdir()} - {MARK}

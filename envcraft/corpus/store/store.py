@@ -25,7 +25,7 @@ from envcraft.corpus.store import database, schema
 from envcraft.corpus.store.database import DATABASE, LOCK, UNFINISHED, CorpusBusy, CorpusDamaged
 from envcraft.corpus.store.rows import Environment, encode, finding_rows
 from envcraft.errors import UsageError
-from envcraft.files import atomic_write
+from envcraft.files import atomic_write, refuse_file
 from envcraft.judging.settings import Settings
 from envcraft.model.verdict import SubjectReport, plain
 
@@ -105,6 +105,7 @@ class Store:
         Raises:
             UsageError: if `root` is not empty or cannot be written.
         """
+        refuse_file(root)
         fresh = not root.exists()
         try:
             root.mkdir(parents=True, exist_ok=True)
