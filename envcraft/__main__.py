@@ -30,6 +30,7 @@ def main() -> None:
 
 def _run() -> None:
     import io
+    import os
     import signal
 
     from envcraft.cli.group import cli
@@ -38,6 +39,9 @@ def _run() -> None:
         if isinstance(stream, io.TextIOWrapper):
             # Text of an environment may not fit the terminal's encoding.
             stream.reconfigure(errors="backslashreplace")
+    if not os.environ.get("FORCE_COLOR", "unset"):
+        # Rich would take an empty value for a request for no colours.
+        del os.environ["FORCE_COLOR"]
     # SIGTERM acts like Ctrl-C, so that the workers are closed.
     signal.signal(signal.SIGTERM, _interrupt)
     cli(prog_name="envcraft")

@@ -147,7 +147,9 @@ class ProgressLogger(EpisodeStatistics):
 
             # Drops the points that an interrupted run logged after its last checkpoint.
             self._writer = SummaryWriter(str(self._folder), purge_step=updates)
-        self._phase = self._bar.add_task(phase, total=total, completed=done, statistics="", visible=total > 0)
+        # The lanes step together, so that the last steps may be more than were asked for.
+        completed = min(done, total)
+        self._phase = self._bar.add_task(phase, total=total, completed=completed, statistics="", visible=total > 0)
         self._logged: tuple[float, int, int] | None = None
         self._refreshed = 0.0
 
@@ -157,7 +159,6 @@ class ProgressLogger(EpisodeStatistics):
         if now - self._refreshed < _REFRESH_SECONDS and done < self._total:
             return
         self._refreshed = now
-        # The lanes step together, and the last steps may be more than were asked for.
         self._bar.update(self._phase, completed=min(done, self._total), statistics=self._text())
         if self._logged is not None and now - self._logged[0] < _LOG_SECONDS:
             return

@@ -4,7 +4,11 @@ from __future__ import annotations
 
 import io
 import json
+import os
+import pty
 import re
+import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -308,6 +312,18 @@ def test_colours_are_the_readers_choice(
     for name, value in {"TERM": "xterm-256color", **variables}.items():
         monkeypatch.setenv(name, value)
     assert ("\x1b[1;37;41m" in rendered(ConsoleReporter, sample())) is coloured
+
+
+def test_an_empty_request_for_colours_is_none() -> None:
+    """As of a CI file that sets FORCE_COLOR to a variable that is not set."""
+    environment = {**os.environ, "FORCE_COLOR": "", "TERM": "xterm-256color"}
+    environment.pop("NO_COLOR", None)
+    ours, theirs = pty.openpty()
+    with os.fdopen(ours, "rb", buffering=0) as screen:
+        words = [sys.executable, "-m", "envcraft", "explain", "EC203"]
+        subprocess.run(words, stdout=theirs, env=environment, timeout=120, check=True)
+        os.close(theirs)
+        assert b"\x1b[" in screen.read(65536)
 
 
 @pytest.mark.parametrize("columns", ["40", "60", "80"])

@@ -46,12 +46,15 @@ def test_a_narrow_terminal_shows_the_total(width: int, tmp_path: Path, monkeypat
 
 
 def test_progress_ends_at_its_total(tmp_path: Path) -> None:
-    with ProgressLogger(tmp_path) as logger:
-        logger.on_phase_start("training", 0, 300)
-        logger.on_progress(303, 1, 303)
-    shown = io.StringIO()
-    Console(file=shown, width=120).print(logger._bar.get_renderable())
-    assert "300/300" in shown.getvalue()
+    """The same for a run that went beyond it and is started again."""
+    for done in (0, 304):
+        with ProgressLogger(tmp_path) as logger:
+            logger.on_phase_start("training", done, 300)
+            if not done:
+                logger.on_progress(303, 1, 303)
+        shown = io.StringIO()
+        Console(file=shown, width=120).print(logger._bar.get_renderable())
+        assert "300/300" in shown.getvalue()
 
 
 def test_interrupted_write_keeps_the_curve(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
