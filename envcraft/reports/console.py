@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, TextIO
 from envcraft.model.events import Event, Finished, SubjectFinished, SubjectStarted
 from envcraft.model.verdict import CheckReport, Finding, Outcome, Report, Severity, SubjectReport
 from envcraft.plugins import hookimpl
-from envcraft.reports.evidence import evidence_lines, place_of, source_line
+from envcraft.reports.evidence import EvidenceLine, Rank, evidence_lines, most_important, place_of, source_line
 from envcraft.reports.pictures import picture_lines, shows_pictures
 from envcraft.reports.reporter import Reporter
 from envcraft.reports.summary import counted, reason_words, repro_words, uncounted
@@ -155,32 +155,30 @@ class ConsoleReporter(Reporter):
         fix = self._lines(_text().append("fix: ", "green").append(rule.fix), 6, hang=5) if rule is not None else []
         again = self._lines(_text(f"#{self._findings}: {repro_words(finding.repro)}", "bright_black"), 6, hang=4)
         evidence = evidence_lines(finding, self.verbosity > 0)
-        shown = [
-            line
-            for label, words in evidence
-            for line in self._lines(_text(f"{label}: " if label else "", "bright_black").append(words), 6, cut=True)
-        ]
-        values = sum(label in ("expected", "found") for label, _ in evidence)
-        # The end of the traceback is what raised, so its beginning gives way first.
-        traceback = [number for number, (label, _) in enumerate(evidence) if not label]
-        printed = [number for number, (label, _) in enumerate(evidence) if label == "printed"]
+        shown = self._evidence(evidence)
         if self.verbosity <= 0:
-            # Long sentences give way to the values that differ, to that end, and to the line that counts the rest.
-            room = _LINES - len(place) - len(source) - min(len(shown), values + len(traceback[-1:]) + 1)
+            # Long sentences give way to the evidence that matters most, and to the line that counts the rest.
+            vital = sum(line.rank >= Rank.RAISED for line in evidence)
+            room = _LINES - len(place) - len(source) - min(len(shown), vital + 1)
             self._shorten([again, fix, message], room)
         before, after = [*place, *message, *source], [*fix, *again]
         room = max(_LINES - len(before) - len(after), 0)
         if self.verbosity <= 0 and len(shown) > room:
-            order = [*traceback[:-1], *printed, *traceback[-1:], *range(values)]
-            hidden = order[: len(shown) - max(room - 1, 0)]
-            kept = [line for number, line in enumerate(shown) if number not in hidden]
-            more = plural(len(hidden), "more line")
+            kept = most_important(evidence, max(room - 1, 0))
+            more = plural(len(evidence) - len(kept), "more line")
             # As short as a narrow terminal needs it. A message may fill the room, and the reader must still know.
             words = f"--verbose shows {more}" if self.again else f"{more} of evidence"
-            shown = kept + self._lines(_text(words, "bright_black"), 6, cut=True)
+            shown = self._evidence(kept) + self._lines(_text(words, "bright_black"), 6, cut=True)
         picture = self._picture(subject, finding, room - len(shown))
         for line in [*before, *shown, *picture, *after]:
             self._console.print(line, soft_wrap=True)
+
+    def _evidence(self, lines: list[EvidenceLine]) -> list[Text]:
+        return [
+            line
+            for label, words, _ in lines
+            for line in self._lines(_text(f"{label}: " if label else "", "bright_black").append(words), 6, cut=True)
+        ]
 
     def _shorten(self, paragraphs: list[list[Text]], room: int) -> None:
         """Cut paragraphs to `room` lines in all, the first ones first; each keeps a line, and shows where it is cut."""

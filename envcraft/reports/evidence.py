@@ -3,23 +3,51 @@
 from __future__ import annotations
 
 import hashlib
+import itertools
 import json
-from collections.abc import Mapping
+import os
+import re
+from collections.abc import Iterator, Mapping
+from enum import IntEnum
 from types import MappingProxyType
-from typing import Any
+from typing import Any, NamedTuple
 
 from envcraft.model.target import Kind, read_known
 from envcraft.model.verdict import Finding, SubjectReport, plain
 from envcraft.text import one_line, printable
 
 _WIDTH = 200
-#: The end of a traceback is where it was raised, and the last lines are what was printed last.
+#: The most lines of a traceback, and of what was printed: the last ones.
 _TRACEBACK, _PRINTED = 6, 3
+_FRAME = re.compile(r' *File "(.*)", line \d+')
+#: What Python writes below the part of a line that raised.
+_MARKS = re.compile(r" *[~^]+ *")
 #: Evidence that is shown in a form of its own, or that the message or the reproduction has already.
 _APART = {"traceback", "output", "first", "second", "field", "step", "cell"}
 #: The last sources that are no whole files, by digest, with the first lines of their cells, and how many are kept.
 _kept: dict[str, tuple[bytes, Mapping[str, int]]] = {}
 _KEPT = 64
+
+
+class Rank(IntEnum):
+    """How long a line of evidence is kept where not all have room."""
+
+    OTHER = 0
+    MARKS = 1
+    PLACE = 2
+    OWN_PLACE = 3
+    PRINTED = 4
+    RAISED = 5
+    OWN = 6
+    VALUE = 7
+
+
+class EvidenceLine(NamedTuple):
+    """A line of evidence with its label, "" for one of a traceback."""
+
+    label: str
+    words: str
+    rank: Rank = Rank.OTHER
 
 
 def keep_source(source: bytes, cells: Mapping[str, int] = MappingProxyType({})) -> None:
@@ -63,38 +91,65 @@ def source_of(report: SubjectReport) -> bytes:
     return read_known(path, report.source_sha256) if path else b""
 
 
-def evidence_lines(finding: Finding, everything: bool = False) -> list[tuple[str, str]]:
-    """Return lines of evidence, each with its label.
+def evidence_lines(finding: Finding, everything: bool = False) -> list[EvidenceLine]:
+    """Return lines of evidence.
 
     Args:
         finding: the finding.
-        everything: all evidence in full, not only the values that differ, and the end of the traceback and of what was
-            printed.
+        everything: all evidence in full, not only the values that differ, and what matters most of the traceback and
+            of what was printed.
     """
     evidence = finding.evidence
     lines = [
-        (label, _value(evidence[name]))
+        EvidenceLine(label, _value(evidence[name]), Rank.VALUE)
         for label, name in (("expected", "first"), ("found", "second"))
         if evidence.get(name) is not None
     ]
-    traceback = _lines(evidence.get("traceback"))
-    lines += [("", line) for line in (traceback if everything else traceback[-_TRACEBACK:])]
-    output = _lines(evidence.get("output"))
-    lines += [("printed", line) for line in (output if everything else output[-_PRINTED:])]
+    traceback = list(_traceback(_lines(evidence.get("traceback"))))
+    lines += traceback if everything else most_important(traceback, _TRACEBACK)
+    output = [EvidenceLine("printed", line, Rank.PRINTED) for line in _lines(evidence.get("output"))]
+    lines += output if everything else output[-_PRINTED:]
     if everything:
         lines += [
-            (one_line(name), _value(value))
+            EvidenceLine(one_line(name), _value(value))
             for name, value in evidence.items()
             if name not in _APART and value is not None
         ]
     return lines
 
 
+def most_important(lines: list[EvidenceLine], most: int) -> list[EvidenceLine]:
+    """Return at most so many lines, those of the highest ranks and of one rank the last, in their order."""
+    hidden = sorted(range(len(lines)), key=lambda number: lines[number].rank)[: max(len(lines) - most, 0)]
+    return [line for number, line in enumerate(lines) if number not in hidden]
+
+
+def _traceback(lines: list[str]) -> Iterator[EvidenceLine]:
+    """Rank the lines of a traceback: its end is what raised, and the last file of the project led there."""
+    starts = sorted({0, *(number for number, line in enumerate(lines) if _FRAME.match(line))})
+    frames = [lines[start:end] for start, end in itertools.pairwise([*starts, len(lines)])]
+    own = max((number for number, frame in enumerate(frames) if _is_own(frame)), default=None)
+    for number, frame in enumerate(frames):
+        code = next((line for line in reversed(frame) if not _MARKS.fullmatch(line)), None)
+        for line in frame:
+            rank = Rank.OTHER
+            if number in (own, len(frames) - 1):
+                place, raised = (Rank.OWN_PLACE, Rank.OWN) if number == own else (Rank.PLACE, Rank.RAISED)
+                rank = raised if line is code else place if _FRAME.match(line) else Rank.MARKS
+            yield EvidenceLine("", line, rank)
+
+
+def _is_own(frame: list[str]) -> bool:
+    """Whether a frame is one of the project, whose files a worker names without a folder of the machine."""
+    place = _FRAME.match(frame[0]) if frame else None
+    return place is not None and not (os.path.isabs(place[1]) or place[1].startswith("<"))
+
+
 def lines_below(report: SubjectReport, finding: Finding) -> list[str]:
     """Return the lines that text shows below the message of a finding: its source line and its evidence."""
     source = source_line(report, finding)
     lines = [f"  {finding.line} | {source}"] if source else []
-    return lines + [f"  {f'{label}: ' if label else ''}{words}" for label, words in evidence_lines(finding)]
+    return lines + [f"  {f'{line.label}: ' if line.label else ''}{line.words}" for line in evidence_lines(finding)]
 
 
 def _lines(text: Any) -> list[str]:

@@ -20,7 +20,7 @@ from envcraft.model.frame import Frame
 from envcraft.model.target import Kind, read_target
 from envcraft.model.verdict import CheckReport, Finding, Report, Repro, Severity, SubjectReport, Verdict
 from envcraft.reports.console import ConsoleReporter
-from envcraft.reports.evidence import source_line
+from envcraft.reports.evidence import lines_below, source_line
 from envcraft.reports.html import HtmlReporter
 from envcraft.reports.pictures import picture_lines, shows_pictures
 from tests.envcraft.conftest import ENVIRONMENT
@@ -139,6 +139,22 @@ def test_the_end_of_the_traceback_is_shown(file: Path) -> None:
     lines = said(judged(file, finding))
     assert lines[lines.index("KeyError: 7") - 1] == "call_19()"
     assert "call_0()" not in lines
+
+
+@pytest.mark.parametrize("width", [None, 40])
+def test_the_last_line_of_the_project_stays_beside_what_raised(file: Path, width: int | None) -> None:
+    """Calls of libraries between the two give way first, however many there are."""
+    library = "".join(
+        f'  File "/lib/paths.py", line {line}, in read\n    read_{line}()\n    ^^^^\n' for line in range(7)
+    )
+    own = "".join(f'  File "{name}", line 3, in read\n    {name[0]}.load()\n' for name in ("walk.py", "base.py"))
+    finding = Finding("EC203", Severity.ERROR, "it raises " * 20, 5, {"traceback": own + library})
+    lines = said(judged(file, finding), width=width)
+    assert {"b.load()", "read_6()"} <= set(lines)
+    assert "w.load()" not in lines
+    if width is None:
+        assert 'File "base.py", line 3, in read' in lines
+        assert {"b.load()", "read_6()"} <= {line.strip() for line in lines_below(judged(file, finding), finding)}
 
 
 def test_evidence_cannot_steer_the_terminal(file: Path) -> None:
