@@ -58,6 +58,7 @@ from .rewards.syntax import returns
 from .source import ask_for_dependency
 
 if TYPE_CHECKING:
+    from envcraft.judging.description import Rendering
     from envcraft.judging.subject import Subject
     from envcraft.model.job import SearchOutcome
     from envcraft.model.trace import Fault, Trace
@@ -77,6 +78,8 @@ _NAMES = {
     "spaces": "reading the spaces",
 }
 
+#: What Gymnasium calls keys of metadata that Gym had.
+_NEW_KEYS = {"render.modes": "render_modes", "video.frames_per_second": "render_fps"}
 #: Messages of graphics libraries on a machine without a screen. They say nothing about the environment.
 _NO_SCREEN = re.compile(r"OpenGL|\bGL context|gladLoad|\bdisplay\b|\bEGL\b|OSMesa|GLFW", re.IGNORECASE)
 #: The most earlier episodes that are played alone.
@@ -158,7 +161,7 @@ class Api(Check):
             "EC116",
             "render-conventions",
             "The environment lacks metadata or arguments that Gymnasium needs to render it.",
-            'Take render_mode, and declare metadata = {"render_modes": ["rgb_array"], "render_fps": 30}.',
+            'Take render_mode, and declare metadata = {"render_modes": [the modes of render()], "render_fps": 30}.',
             Severity.WARNING,
         ),
         Rule(
@@ -242,7 +245,8 @@ class Api(Check):
             return
         given, kept = rendering["given"], rendering["kept"]
         required = subject.contract.render not in (False, OPTIONAL)
-        wrong = []
+        wrong: list[str] = []
+        lacking: list[str] = []
         if not rendering["takes"] and (required or modes):
             wrong.append("the constructor does not take render_mode")
         elif given is not None and given != kept:
@@ -252,13 +256,16 @@ class Api(Check):
             else:
                 wrong.append(words)
         if not modes:
-            wrong.append('metadata["render_modes"] is empty or absent')
+            lacking.append(_renamed(rendering, "render.modes") or 'metadata["render_modes"] is empty or absent')
         elif required and "rgb_array" not in modes:
-            wrong.append(f'metadata["render_modes"] is {modes}, without rgb_array')
+            lacking.append(f'metadata["render_modes"] is {modes}, without rgb_array')
         if not rendering["rate"]:
-            wrong.append('metadata has no "render_fps"')
-        if wrong:
-            yield self.finding("EC116", "; ".join(wrong), line=line)
+            words = 'metadata has no "render_fps", which Gymnasium expects beside "render_modes"'
+            lacking.append(_renamed(rendering, "video.frames_per_second") or words)
+        if wrong or lacking:
+            declared = _declared(subject, "metadata")[:1] if lacking else [line]
+            place = declared[0] if declared else subject.line_of()
+            yield self.finding("EC116", "; ".join([*wrong, *lacking]), line=place)
 
     def _traces(self, subject: Subject) -> Iterator[Trace]:
         """The traces of every kind of play, the cheapest first, so that a simple defect is reported at once."""
@@ -373,14 +380,14 @@ class Api(Check):
             words = f"{method}() returned {fault.malformed} ({_at(fault.step)})"
             return self.finding(code, words, line=line, step=fault.step)
         if closed and fault.phase == "construct":
-            return self.finding("EC113", f"the constructor fails{closed}: {fault}", line=line)
+            return self.finding("EC113", f"the constructor fails{closed}: {subject.raised(fault)}", line=line)
         if fault.phase not in _CALLS:
             return None
         if fault.phase == "render" and _NO_SCREEN.search(f"{fault.type} {fault.message}"):
             return None
         code = _CALLS[fault.phase]
         where = f"step {fault.step}" if fault.phase == "step" else _NAMES.get(fault.phase, f"{fault.phase}()")
-        words = f"{where} raises {fault} (under {trace.rollout.player}{closed})"
+        words = f"{where} raises {subject.raised(fault)} (under {trace.rollout.player}{closed})"
         raised: dict[str, Any] = {"type": fault.type, "traceback": fault.traceback, **trace.printed}
         return self.finding(code, words, line=line, step=fault.step, **raised)
 
@@ -418,9 +425,19 @@ class Api(Check):
 
 def _line_of_space(subject: Subject, space: str) -> int | Line:
     """The line that assigns a space; that of the constructor where the file does not show one."""
-    program = program_of(subject) if not subject.target.wrappers else None
-    lines = program.declared_at(space) if program is not None else []
+    lines = _declared(subject, space) if not subject.target.wrappers else []
     return lines[0] if len(lines) == 1 else subject.line_of("__init__")
+
+
+def _declared(subject: Subject, attribute: str) -> list[int]:
+    """The lines of the file that assign an attribute of the environment."""
+    program = program_of(subject)
+    return program.declared_at(attribute) if program is not None else []
+
+
+def _renamed(rendering: Rendering, key: str) -> str:
+    """What is wrong with a key of metadata that has another name in Gymnasium; "" if the metadata does not have it."""
+    return f'metadata has "{key}", which Gymnasium calls "{_NEW_KEYS[key]}"' if key in rendering["old"] else ""
 
 
 def _overwriting_line(subject: Subject, method: str) -> int | Line:

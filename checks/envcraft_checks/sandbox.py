@@ -96,16 +96,16 @@ class SandboxEvents(Check):
     def _event(self, subject: Subject, trace: Trace) -> Finding | None:
         end, fault = trace.end, trace.fault
         limit = fault.limit if fault is not None else None
+        raised = subject.raised(fault) if fault is not None else ""
         if fault is not None and limit is ExitReason.MEMORY:
-            return self._found(subject, trace, "EC902", f"{fault.phase} ran out of memory: {fault.message}")
+            return self._found(subject, trace, "EC902", f"{fault.phase} ran out of memory: {raised}")
         if fault is not None and limit is ExitReason.PROCESSES:
-            return self._found(
-                subject, trace, "EC903", f"{fault.phase} started a process, or too many threads: {fault}"
-            )
+            words = f"{fault.phase} started a process, or too many threads: {raised}"
+            return self._found(subject, trace, "EC903", words)
         if fault is not None and limit is ExitReason.DISK:
-            return self._found(subject, trace, "EC904", f"{fault.phase} wrote more than the limit: {fault}")
+            return self._found(subject, trace, "EC904", f"{fault.phase} wrote more than the limit: {raised}")
         if fault is not None and (fault.errno in _NO_NETWORK or fault.type.rpartition(".")[2] in _NETWORK):
-            return self._found(subject, trace, "EC905", f"{fault.phase} used the network: {fault}")
+            return self._found(subject, trace, "EC905", f"{fault.phase} used the network: {raised}")
         if end is None or end.reason in (ExitReason.DONE, ExitReason.STOPPED) or trace.choosing:
             return None
         code = _ENDS[end.reason]

@@ -16,8 +16,7 @@ derives from it.
 
 For a class of an installed package, or a registered id, the check judges only what prevents construction: an import
 that raises, a class that is missing or does not derive from `gymnasium.Env`, a constructor that raises or needs
-arguments. If the package reports that one of its optional dependencies is not installed, the environment cannot be
-judged.
+arguments. If a library that the package needs is not installed, the environment cannot be judged.
 
 ## Why is this bad?
 An agent cannot train on an environment that does not load. A missing library, or code that runs for minutes at import,
@@ -60,9 +59,10 @@ from envcraft.judging.driver import Isolation
 from envcraft.model.classes import defined_classes
 from envcraft.model.job import ExitReason
 from envcraft.model.project import Place, with_project
-from envcraft.model.target import nodes, parse
+from envcraft.model.target import MAX_SOURCE, Kind, nodes, parse
 from envcraft.model.verdict import Finding, Line, Severity, Verdict
 from envcraft.plugins import hookimpl
+from envcraft.text import with_article
 
 from .imports import imported_modules, required_imports
 from .linting.loading import import_code, method_code, printing_line, seeding_line, waiting_line
@@ -85,6 +85,10 @@ _LONGEST = 200
 _MADE = " was raised from the environment creator"
 #: The worker's words for a name that has one like it, or whose package is there.
 _MISSPELT = re.compile(r"did you mean|^the package |^No module named '[\w.]+\.\w+'")
+#: What to do about a name of something else.
+_NAME_A_CLASS = "name a class that derives from gymnasium.Env"
+#: The words of an ImportError about a library that a package does without until this environment needs it.
+_INSTALL = re.compile(r"\binstall", re.IGNORECASE)
 #: The base class of environments, as a class statement names it.
 _ENV = re.compile(r"((gym|gymnasium)(\.core)?\.)?Env(\[.*\])?")
 
@@ -161,8 +165,6 @@ class Source(Check):
     )
 
     def judge(self, subject: Subject) -> Iterator[Finding]:
-        from envcraft.model.target import MAX_SOURCE, Kind
-
         if subject.target.kind is not Kind.SOURCE:
             yield from self._judge_installed(subject, subject.load())
             return
@@ -303,7 +305,8 @@ class Source(Check):
             yield self._broken(subject, loaded)
             return
         if fault is not None and fault.phase == "import":
-            yield self.finding("EC003", f"importing raises {fault}", line=fault.line, traceback=fault.traceback)
+            words = f"importing raises {subject.raised(fault)}"
+            yield self.finding("EC003", words, line=fault.line, traceback=fault.traceback)
             return
         yield from self._judge_effects(subject, description.get("effects", {}), end.output)
         classes = [entry["name"] for entry in description.get("classes", [])]
@@ -318,16 +321,16 @@ class Source(Check):
         elif fault is not None:
             _refuse_options(subject, fault)
             given = _given(subject)
-            words = f"{subject.env_class}({given}) raises {fault}"
+            words = f"{subject.env_class}({given}) raises {subject.raised(fault)}"
             if fault.phase == "spaces":
                 new = f"{subject.env_class}({given})" if given else subject.env_class
-                words = f"reading the spaces of a new {new} raises {fault}"
+                words = f"reading the spaces of a new {new} raises {subject.raised(fault)}"
             yield self.finding("EC008", words, line=fault.line or subject.line_of(), traceback=fault.traceback)
 
     def _judge_installed(self, subject: Subject, loaded: Loaded) -> Iterator[Finding]:
         """Judge only what prevents the construction of an installed environment, not how its code is written."""
         fault, description, name = loaded.trace.fault, loaded.description, subject.target.path
-        if fault is not None:
+        if fault is not None and not _absent(fault, name):
             ask_for_dependency(subject, fault)
             _refuse_options(subject, fault)
         if loaded.end.reason is not ExitReason.DONE:
@@ -339,19 +342,31 @@ class Source(Check):
         elif fault is not None and fault.type.endswith("NoSuchEnvironment"):
             raise UsageError(fault.message)
         elif fault is not None and fault.phase == "import":
-            yield self.finding("EC003", f"importing raises {fault}", line=fault.line, traceback=fault.traceback)
-        elif description.get("required"):
+            words = f"importing raises {subject.raised(fault)}"
+            yield self.finding("EC003", words, line=fault.line, traceback=fault.traceback)
+        elif required := description.get("required"):
+            if "module" not in description:
+                words = f"{name} is a function that needs arguments ({', '.join(required)}); {_NAME_A_CLASS}"
+                raise UsageError(f"{words}, or pass them with --kwargs if it makes an environment")
             yield self._needs(name, subject)
         elif description.get("environment") is False:
-            words = f"{name} constructs a {description.get('made')}, which does not derive from gymnasium.Env"
+            made = str(description.get("made"))
+            if subject.target.kind is Kind.MODULE and not description.get("lookalikes"):
+                raise UsageError(
+                    f"{name} makes {with_article(made)}, which has no reset() and no step(); {_NAME_A_CLASS}"
+                )
+            words = f"{name} constructs {with_article(made)}, which does not derive from gymnasium.Env"
             yield self.finding("EC005", words, line=subject.line_of())
         elif fault is not None:
             line, given = fault.line or subject.line_of(), _given(subject)
-            words = f"constructing {name}{f' with {given}' if given else ''} raises {fault}"
+            words = f"constructing {name}{f' with {given}' if given else ''} raises {subject.raised(fault)}"
             yield self.finding("EC008", words, line=line, traceback=fault.traceback)
 
     def _needs(self, name: str | None, subject: Subject) -> Finding:
-        required = subject.load().description["required"]
+        description = subject.load().description
+        required = description["required"]
+        if (wrapper := description["class"]) in description.get("wrappers", []):
+            return self.finding("EC005", _wrapper(subject, wrapper), line=subject.line_of())
         words = f"{name}() needs {', '.join(required)}"
         return self.finding("EC007", words, line=subject.line_of(), required=required)
 
@@ -401,8 +416,7 @@ class Source(Check):
             line, hint = unfinished[0]["line"], f"; {_left_open(unfinished[0])}"
         elif not hint and (wrappers := description.get("wrappers")):
             line = lines.get(wrappers[0])
-            options = _wrapping(subject, wrappers[0])
-            hint = f"; {wrappers[0]} is a wrapper; to judge it, validate an environment with {options}"
+            hint = f"; {_wrapper(subject, wrappers[0])}"
         elif not hint and (made := next(_made(tree), None)) is not None:
             line, function, name = made
             step = (
@@ -472,10 +486,13 @@ def _given(subject: Subject) -> str:
     return words if len(words) <= _LONGEST else f"{words[:_LONGEST]}..."
 
 
-def _wrapping(subject: Subject, wrapper: str) -> str:
-    """The options that judge an environment in one of this file's wrappers."""
-    contract = "" if subject.contract.project else " --contract gymnasium"
-    return f"--wrap {Place.of(Path(subject.target.path)).module}:{wrapper}{contract}"
+def _wrapper(subject: Subject, name: str) -> str:
+    """How to judge a wrapper of the target's file or package."""
+    options = f"--wrap {subject.target.path}"
+    if subject.target.kind is Kind.SOURCE:
+        contract = "" if subject.contract.project else " --contract gymnasium"
+        options = f"--wrap {Place.of(Path(subject.target.path)).module}:{name}{contract}"
+    return f"{name} is a wrapper; to judge it, validate an environment with {options}"
 
 
 def _refuse_options(subject: Subject, fault: Fault) -> None:
@@ -559,10 +576,14 @@ def _way_to(folder: Path, where: str, file: Path, subject: Subject) -> str:
 
 
 def ask_for_dependency(subject: Subject, fault: Fault) -> None:
-    """Raise WorkerLost if an installed package reports that an optional dependency of its own is missing."""
-    from envcraft.model.target import Kind
-
-    if subject.target.kind is not Kind.SOURCE and fault.type == "gymnasium.error.DependencyNotInstalled":
+    """Raise WorkerLost if an installed package needs a library that is missing."""
+    if subject.target.kind is Kind.SOURCE:
+        return
+    library = fault.module.partition(".")[0]
+    if library and fault.type == "ModuleNotFoundError" and library in subject.find_modules([library])[0]:
+        raise WorkerLost(f"{subject.target.path} needs {library}, which is not installed{_installation_hint(subject)}")
+    advised = fault.type == "ImportError" and not library and _INSTALL.search(fault.message)
+    if advised or fault.type == "gymnasium.error.DependencyNotInstalled":
         raise WorkerLost(f"{(words := fault.message.rstrip('. '))}{_installation_hint(subject, words)}")
 
 

@@ -51,7 +51,8 @@ class Effects(TypedDict, total=False):
 
 class Rendering(TypedDict):
     """What the constructor did with the render mode: whether it takes one, which it was `given` and which the instance
-    has; and whether the metadata has the `rate` of the frames, with the rate as `fps` if it is a number in reason.
+    has; whether the metadata has the `rate` of the frames, with the rate as `fps` if it is a number in reason; and the
+    keys that it has from old versions of Gym.
     """
 
     takes: bool
@@ -59,6 +60,7 @@ class Rendering(TypedDict):
     kept: _Name | None
     rate: bool
     fps: Annotated[float, msgspec.Meta(gt=0)] | None
+    old: list[_Name]
 
 
 #: The functional syntax, because ``class`` is a keyword. ``renders`` says whether the class has a render() of its own.

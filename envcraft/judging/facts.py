@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import os
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -19,10 +20,10 @@ from envcraft.model.contract import OPTIONAL, Contract
 from envcraft.model.job import JobResult
 from envcraft.model.rollout import Rollout
 from envcraft.model.target import Kind, Target, imported, nodes, parse, read_known
-from envcraft.model.trace import Trace
+from envcraft.model.trace import Fault, Trace
 from envcraft.model.verdict import Line
 from envcraft.spaces.spec import SpaceSpec, read_space
-from envcraft.text import relative
+from envcraft.text import one_line, relative
 
 if TYPE_CHECKING:
     from envcraft_protocol.jobs import Job
@@ -214,6 +215,14 @@ class Facts:
         elif elsewhere := description.get("elsewhere"):
             note = f"{self.env_class} is {elsewhere}"
         return Line(description.get("line"), note)
+
+    def raised(self, fault: Fault) -> str:
+        """The exception of a fault in words; with its file and line if another file than the judged one raises it."""
+        if not fault.file:
+            return str(fault)
+        root = self._target.project.root if self._target.project is not None else ""
+        place = f"{one_line(relative(os.path.join(root, fault.file)))} line {fault.file_line}"
+        return f"{fault.type} in {place}{f': {fault.message}' if fault.message else ''}"
 
     def _space(self, name: Literal["observation_space", "action_space"], promised: dict[str, Any] | None) -> SpaceSpec:
         described = promised or self.load().description.get(name)

@@ -26,7 +26,7 @@ from envcraft.judging.worker_pool import Lease
 from envcraft.model.contract import Contract
 from envcraft.model.rollout import Action, Conditions, Rollout, Search
 from envcraft.model.target import PolicyFile, Project, Target
-from envcraft.model.trace import Trace
+from envcraft.model.trace import Fault, Trace
 from envcraft.model.verdict import Line
 from envcraft.similarity.behavioural import fingerprint
 from envcraft.spaces.spec import SpaceSpec
@@ -200,6 +200,10 @@ class Subject:
         method that of the class. If another file defines the class, it is the line that imports or assigns it.
         """
         return self._facts.line_of(method)
+
+    def raised(self, fault: Fault) -> str:
+        """The exception of a fault in words; with its file and line if another file than the judged one raises it."""
+        return self._facts.raised(fault)
 
     # Requests
 

@@ -40,6 +40,8 @@ _MAX_FRAMES = 64 * 1024 * 1024
 _RENDERED_SIDE = 256
 #: Characters of the text of a space.
 _MAX_TEXT = 300
+#: The most characters of the name of a file or a module.
+_MAX_PATH = 1000
 
 
 class TraceBuilder:
@@ -263,7 +265,7 @@ class TraceBuilder:
                 note: dict[str, Any] = {key: str(report[key])[:200] for key in ("type", "key") if key in report}
                 self.trace.info_notes.append((self.trace.steps, note))
             return
-        line, errno = report.get("line"), report.get("errno")
+        line, errno, file_line = (report.get(name) for name in ("line", "errno", "file_line"))
         self.trace.fault = Fault(
             phase=str(report.get("phase")),
             step=self.trace.steps + (report.get("phase") == "step"),
@@ -274,6 +276,9 @@ class TraceBuilder:
             memory=bool(report.get("memory")),
             errno=errno if isinstance(errno, int) else None,
             traceback=str(report.get("traceback", ""))[:8000],
+            file=str(report.get("file") or "")[:_MAX_PATH] if isinstance(file_line, int) else "",
+            file_line=file_line if isinstance(file_line, int) else None,
+            module=str(report.get("module") or "")[:_MAX_PATH],
         )
 
     def resources(self, measured: tuple[int, ...]) -> None:

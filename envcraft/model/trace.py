@@ -45,7 +45,14 @@ class Ending(StrEnum):
 
 @dataclass(frozen=True)
 class Fault:
-    """A call that raised, or returned a `malformed` value. `step` 0 is the reset."""
+    """A call that raised, or returned a `malformed` value. `step` 0 is the reset.
+
+    Attributes:
+        line: of the target's file, which raised or called what did.
+        file: another file of its project, or of its package, that raised or called what did; "" if none did.
+        file_line: the line of that file.
+        module: the module that could not be imported, if that raised.
+    """
 
     phase: str
     step: int
@@ -56,6 +63,9 @@ class Fault:
     memory: bool = False
     errno: int | None = None
     traceback: str = ""
+    file: str = ""
+    file_line: int | None = None
+    module: str = ""
 
     @property
     def limit(self) -> ExitReason | None:

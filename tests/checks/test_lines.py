@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from envcraft_checks.api import Api
 
 from envcraft.contracts.builtin import ARCADE, GYMNASIUM
 from envcraft.judging.budget import BUDGETS
@@ -167,3 +168,41 @@ def test_the_line_of_a_space_of_another_contract(text: str, observation: str, ac
     found = {code: text.splitlines()[(line or 0) - 1].strip() for code, line in lines(text, ARCADE).items()}
     assert found["EC101"].startswith(observation)
     assert found["EC102"].startswith(action)
+
+
+_RENDERED = GAME.replace("    def __init__(self):", "    def render(self):\n        pass\n\n    def __init__(self):")
+
+
+@pytest.mark.parametrize(
+    ("metadata", "named", "words"),
+    [
+        ("", "class Game", 'metadata["render_modes"] is empty or absent; metadata has no "render_fps"'),
+        (
+            'metadata = {"render_modes": ["ansi"]}',
+            "metadata",
+            'the constructor does not take render_mode; metadata has no "render_fps", which Gymnasium expects beside '
+            '"render_modes"',
+        ),
+        ('metadata = {"render_modes": ["ansi"], "render_fps": 4}', "def __init__", "does not take render_mode"),
+        (
+            'metadata = {"render.modes": ["human"], "video.frames_per_second": 30}',
+            "metadata",
+            'metadata has "render.modes", which Gymnasium calls "render_modes"; '
+            'metadata has "video.frames_per_second", which Gymnasium calls "render_fps"',
+        ),
+    ],
+)
+def test_a_finding_about_metadata_has_its_line(metadata: str, named: str, words: str) -> None:
+    text = _RENDERED.replace("    observation_space", f"    {metadata}\n    observation_space", 1)
+    plan = Plan(
+        [Target("game.py", text.encode())],
+        GYMNASIUM,
+        driver_named("process"),
+        select_checks("source,api", None),
+        BUDGETS["quick"],
+    )
+    [[_, report]] = judge_plans([plan])
+    [found] = [finding for check in report.checks for finding in check.findings if finding.code == "EC116"]
+    assert words in found.message
+    assert text.splitlines()[(found.line or 0) - 1].strip().startswith(named)
+    assert "rgb_array" not in Api().rule("EC116").fix

@@ -46,8 +46,21 @@ class NeedsSize(Corridor):
 class NoEnvironment:
     pass
 
+class Old:
+    def reset(self):
+        return 0
+
+    def step(self, action):
+        return 0, 0.0, True, {{}}
+
 def make_corridor(length=6):
     return Corridor(length)
+
+def make_long(length):
+    return Corridor(length)
+
+def make_nothing():
+    return 7
 
 def shorter(env):
     return gym.wrappers.TimeLimit(env, 7)
@@ -60,6 +73,7 @@ class Door:
     def opens(self, at):
         return at >= self.at
 """
+_LIBRARY = "try:\n    import bullets.fast\nexcept ImportError:\n    raise ImportError('Run `pip install bullets`.')\n"
 _LACKING = "raise gymnasium.error.DependencyNotInstalled('bullets is not installed.')"
 _REGISTER = """
 import gymnasium
@@ -95,6 +109,9 @@ def package(folder: Path, defect: str = "pass") -> Path:
     (root / "doors.py").write_text(_DOORS)
     (root / "corridor.py").write_text(_CORRIDOR.format(defect=defect))
     (root / "lacking.py").write_text(f"import gymnasium\n{_LACKING}\n")
+    (root / "misses.py").write_text("import bullets.fast\n")
+    (root / "advises.py").write_text(_LIBRARY)
+    (root / "misspells.py").write_text("import corridors.dors\n")
     (root / "broken.py").write_text("import corridors\nraise RuntimeError('out of order')\n")
     return folder
 
@@ -171,6 +188,25 @@ def test_finding_names_the_line_and_is_replayed_until_the_file_changes(sandbox: 
     assert envcraft(sandbox, tmp_path, "replay", str(path), "--anyway").returncode == 0
 
 
+def test_the_line_of_another_file_of_a_package_that_raises_is_named(tmp_path: Path) -> None:
+    package(tmp_path)
+    doors = tmp_path / "corridors" / "doors.py"
+    doors.write_text(_DOORS.replace("return at >= self.at", "raise ValueError('locked')"))
+    report = judged("process", tmp_path, "corridors.corridor:Corridor", "--checks", "api", status=1)
+    (finding,) = findings(report)
+    assert f"raises ValueError in {doors} line 7: locked" in finding["message"]
+    source = (tmp_path / "corridors" / "corridor.py").read_text().splitlines()
+    assert "self.door.opens" in source[finding["line"] - 1]
+
+
+@pytest.mark.parametrize("missed", ["import bullets.fast", "raise ImportError('Install bullets.')"])
+def test_a_library_that_is_missed_in_play_is_no_defect(missed: str, tmp_path: Path) -> None:
+    package(tmp_path, defect=missed)
+    report = judged("process", tmp_path, "corridors.corridor:Corridor", "--checks", "api", status=3)
+    assert not findings(report)
+    assert "bullets" in report["reason"]
+
+
 def test_a_dependency_that_is_missed_in_play_is_no_defect(tmp_path: Path) -> None:
     package(tmp_path, defect=_LACKING.replace("gymnasium", "gym"))
     report = judged("process", tmp_path, "corridors.corridor:Corridor", "--checks", "api,instawin", status=3)
@@ -206,13 +242,24 @@ def test_no_render_mode_is_as_good_as_none_named(target: str, tmp_path: Path) ->
         ("corridors.corridor:Corridors", 2, "corridors.corridor has no class Corridors; did you mean Corridor?"),
         ("corridors.corridor:Cave", 2, "has no class Cave; its environments are Corridor, NeedsSize"),
         ("corridors.corridor:NeedsSize", 1, "NeedsSize() needs size"),
-        ("corridors.corridor:NoEnvironment", 1, "which does not derive from gymnasium.Env"),
+        ("corridors.corridor:Old", 1, "constructs a corridors.corridor.Old, which does not derive from gymnasium.Env"),
+        ("corridors.corridor:NoEnvironment", 2, "NoEnvironment, which has no reset() and no step(); name a class that"),
+        ("corridors.corridor:make_nothing", 2, "makes an int, which has no reset() and no step(); name a class that"),
+        ("corridors.corridor:make_long", 2, "make_long is a function that needs arguments (length); name a class that"),
+        ("os.path:join", 2, "os.path:join is a function that needs arguments (a); name a class that derives from"),
         ("corridors.broken:Corridor", 1, "importing raises RuntimeError: out of order"),
         (
             "corridors.lacking:Corridor",
             3,
             "bullets is not installed; install the package beside EnvCraft, then validate",
         ),
+        (
+            "corridors.misses:Corridor",
+            3,
+            "corridors.misses:Corridor needs bullets, which is not installed; install the package beside EnvCraft",
+        ),
+        ("corridors.advises:Corridor", 3, "Run `pip install bullets`, then validate again"),
+        ("corridors.misspells:Corridor", 1, "importing raises ModuleNotFoundError: No module named 'corridors.dors'"),
         ("nowhere.to.be:Found", 3, "No module named 'nowhere'; install the package beside EnvCraft"),
         ("Corridors/Longer-v0", 2, "registers Corridors/Longer-v0; did you mean Corridors/Long-v0?"),
         ("Xyzzy-v7", 3, "no installed package registers Xyzzy-v7; write MODULE:ID"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -134,3 +135,56 @@ def test_the_line_of_a_class_is_one_of_the_file(source: str, name: str, line: in
     assert (found.code, found.line) == ("EC007", line)
     note = "" if "class " in source else f"; {name} is mazes.base.Grid (base.py:{_CLASS + 1})"
     assert found.message == f"{name}() needs size{note}"
+
+
+_BASE = """import copy
+import threading
+import gymnasium as gym
+
+
+class Base(gym.Env):
+    observation_space = action_space = gym.spaces.Discrete(2)
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        return 0, {}
+
+    def step(self, action):
+        nested = threading.Lock()
+        for _ in range(9):
+            nested = [nested]
+        copy.deepcopy(nested)
+"""
+_COPIES = _BASE.splitlines().index("        copy.deepcopy(nested)") + 1
+
+
+@pytest.fixture(scope="module")
+def raising(tmp_path_factory: pytest.TempPathFactory) -> Report:
+    """A class of which another file raises, in a library that it calls."""
+    folder = tmp_path_factory.mktemp("mazes")
+    (folder / "base.py").write_text(_BASE)
+    (folder / "room.py").write_text("from base import Base\n\n\nclass Room(Base):\n    pass\n")
+    return _judged(with_project(read_target(str(folder / "room.py"))))
+
+
+@pytest.mark.parametrize("kind", offered("envcraft_reporters"), ids=lambda kind: kind.name)
+def test_every_format_names_the_line_of_another_file_that_raises(kind: type[Reporter], raising: Report) -> None:
+    assert f"base.py line {_COPIES}" in rendered(kind, raising)
+
+
+def test_however_deep_a_library_raises_the_traceback_has_the_line_that_calls_it(raising: Report) -> None:
+    [finding] = [finding for check in raising.reports[0].checks for finding in check.findings]
+    assert (finding.code, finding.line) == ("EC107", 4)
+    files = re.findall(r'File "(.*?)", line (\d+)', finding.evidence["traceback"])
+    assert files[0] == ("base.py", str(_COPIES))
+    assert {name.rpartition("/")[2] for name, _ in files[1:]} == {"copy.py"}
+
+
+def test_the_line_of_another_file_that_the_file_calls_is_named(tmp_path: Path) -> None:
+    (tmp_path / "helper.py").write_text("def check(size):\n    assert size, 'no size'\n")
+    source = _GRID.replace("        super().__init__", "        helper.check(0)\n        super().__init__")
+    (tmp_path / "grid.py").write_text(f"import helper\n{source}")
+    report = _judged(with_project(read_target(str(tmp_path / "grid.py"))))
+    [finding] = [finding for check in report.reports[0].checks for finding in check.findings]
+    assert (tmp_path / "grid.py").read_text().splitlines()[(finding.line or 0) - 1].strip() == "helper.check(0)"
+    assert finding.message == f"Grid() raises AssertionError in {tmp_path}/helper.py line 2: no size"

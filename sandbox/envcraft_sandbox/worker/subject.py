@@ -30,10 +30,14 @@ from . import targets
 from .channel import Channel, jsonable
 
 _POLICY = "envcraft_policy"
+#: Keys of metadata that versions of Gym before 0.22 had.
+_OLD_KEYS = ("render.modes", "video.frames_per_second")
 #: The highest number of frames per second that is passed on.
 _FASTEST = 1_000
 #: Parts of the file names of frames that are not part of the subject: those of the worker and of Python's imports.
 _OTHER_FRAMES = ("envcraft_sandbox", "envcraft_protocol", "<frozen importlib", "importlib/__init__.py")
+#: Number of frames at the end of a traceback that are shown.
+_MOST_FRAMES = 8
 #: Maximum number of module names in a description.
 _MAX_MODULES = 5_000
 #: Maximum length of a name in a description.
@@ -60,6 +64,8 @@ class Subject:
         self.target = targets.open_target(job["target"], job.get("marks", ()))
         self._creator: Any = None
         self._folder = os.getcwd()
+        #: The folder of the top-level package that has an installed class, "" if it is not known.
+        self._package = ""
 
     def call(self, phase: str, function: Callable[..., Any], *args: Any, **kwargs: Any) -> Any:
         """Call untrusted code, or code that examines its values. Any exception, also SystemExit, becomes a Fault of
@@ -106,6 +112,8 @@ class Subject:
         """Let findings about an installed class name lines of the file that defines it."""
         if not isinstance(self.target, targets.Source) and inspect.isclass(kind):
             self.target.filename = _source_file(kind) or self.target.filename
+            package = sys.modules.get(kind.__module__.partition(".")[0])
+            self._package = os.path.dirname(_source_file(package) or "") if hasattr(package, "__path__") else ""
 
     def action(self, value: Any, env: Any, form: Form = "own") -> Any:
         spec = self.action_spec
@@ -178,6 +186,9 @@ class Subject:
         creator = self.creator()
         if not isinstance(self.target, targets.Registered):
             loaded["required"] = targets.required_arguments(creator, self.target.kwargs)
+        if inspect.isclass(creator) and issubclass(creator, gymnasium.Wrapper):
+            # Of a file that imports it, the wrapper that the target names.
+            loaded["wrappers"] = [*loaded.get("wrappers", ()), loaded.get("class", creator.__qualname__)]
         self._describe_class(loaded, creator)
         self.channel.send_json(Kind.LOADED, loaded, flush=True)
         if loaded.get("required"):
@@ -186,6 +197,7 @@ class Subject:
         if not isinstance(self.target, targets.Source):
             loaded["made"], loaded["environment"] = type_name(env), isinstance(env, gymnasium.Env)
             if not loaded["environment"]:
+                loaded["lookalikes"] = [loaded["made"]] if targets.looks_alike(env) else []
                 self.channel.send_json(Kind.LOADED, loaded, flush=True)
                 return
             self._describe_class(loaded, type(env.unwrapped))
@@ -233,6 +245,12 @@ class Subject:
             return code is not None and self._is_own(code.co_filename)
         return _source_file(method) == _source_file(kind)
 
+    def _is_beside(self, frame: traceback.FrameSummary) -> bool:
+        """Whether a frame is in a file of the target's project, or of the package of an installed class."""
+        if isinstance(self.target, targets.Source):
+            return frame.filename.startswith(f"{self._folder}{os.sep}")
+        return bool(self._package) and frame.filename.startswith(f"{self._package}{os.sep}")
+
     def _is_own(self, file: str) -> bool:
         """Whether a file is the target's, of which other files of the project may import a copy."""
         return os.path.join(self._folder, file) == os.path.join(self._folder, self.target.filename)
@@ -243,12 +261,16 @@ class Subject:
         file = f"<{_POLICY}>" if phase == "policy" else self.target.filename
         own = [frame for frame in frames if frame.filename == file]
         line = own[-1].lineno if own else _line_of(error, file)
+        last = next((frame for frame in reversed(frames) if frame.filename == file or self._is_beside(frame)), None)
+        elsewhere = None if last is None or last.filename == file or self._is_own(last.filename) else last
         try:
             # Each worker may have its project in another folder.
             message = str(error).replace(f"{self._folder}{os.sep}", "")
         except BaseException:
             message = "(its message could not be read)"
-        shown = [frame for frame in frames if not any(name in frame.filename for name in _OTHER_FRAMES)][-8:]
+        shown = [frame for frame in frames if not any(name in frame.filename for name in _OTHER_FRAMES)]
+        # However deep a library's calls are, one frame is the project's.
+        shown = [frame for frame in shown[:-_MOST_FRAMES] if frame is last] + shown[-_MOST_FRAMES:]
         for frame in shown:
             if frame.filename == self.target.filename:
                 # Marks move the columns that a traceback underlines.
@@ -263,7 +285,9 @@ class Subject:
             "memory": isinstance(error, MemoryError),
             "errno": error.errno if isinstance(error, OSError) else None,
             "traceback": "".join(traceback.format_list(shown))[-8000:],
-            "name": getattr(error, "name", None) if isinstance(error, ImportError) else None,
+            "module": getattr(error, "name", None) if isinstance(error, ImportError) else None,
+            "file": None if elsewhere is None else elsewhere.filename,
+            "file_line": None if elsewhere is None else elsewhere.lineno,
         }
 
 
@@ -283,14 +307,16 @@ def _rendering(env: Any, creator: Any, given: dict[str, Any]) -> dict[str, Any]:
     except (ValueError, TypeError):
         parameters = []
     metadata = getattr(env, "metadata", None)
+    metadata = metadata if isinstance(metadata, dict) else {}
     kept = getattr(env.unwrapped, "render_mode", None)
-    rate = metadata.get("render_fps") if isinstance(metadata, dict) else None
+    rate = metadata.get("render_fps")
     return {
         "takes": any(each.name == "render_mode" or each.kind is each.VAR_KEYWORD for each in parameters),
         "given": rendering(creator, given).get("render_mode"),
         "kept": kept[:100] if isinstance(kept, str) else None if kept is None else type_name(kept),
         "rate": rate is not None,
         "fps": float(rate) if isinstance(rate, int | float) and 0 < rate <= _FASTEST else None,
+        "old": [key for key in _OLD_KEYS if key in metadata],
     }
 
 

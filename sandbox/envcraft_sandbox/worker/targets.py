@@ -358,9 +358,13 @@ def lookalikes(module: ModuleType) -> list[str]:
         if inspect.isclass(value)
         and value.__module__ == module.__name__
         and not issubclass(value, gymnasium.Env)
-        and callable(getattr(value, "reset", None))
-        and callable(getattr(value, "step", None))
+        and looks_alike(value)
     ]
+
+
+def looks_alike(value: Any) -> bool:
+    """Whether a class or an object has ``reset`` and ``step``."""
+    return callable(getattr(value, "reset", None)) and callable(getattr(value, "step", None))
 
 
 def unfinished(module: ModuleType) -> dict[type, tuple[list[str], list[list[str]]]]:
