@@ -79,6 +79,14 @@ class Facts:
             self.env_class = description.get("class", self.env_class)
         return self._loaded
 
+    @property
+    def constructed(self) -> bool:
+        """Whether the target was loaded, and its constructor was called."""
+        if self._loaded is None:
+            return False
+        fault = self._loaded.trace.fault
+        return (fault.phase if fault is not None else self._loaded.end.phase) != "import"
+
     def _shareable(self, description: Description) -> list[str]:
         """The modules that the fork server may import once for all jobs, instead of each job.
 

@@ -97,6 +97,14 @@ class Subject:
     def close(self) -> None:
         """End the workers."""
         self._runner.close()
+        if "without_wrappers" in vars(self):
+            self.without_wrappers.close()
+
+    @cached_property
+    def without_wrappers(self) -> Subject:
+        """The same environment without its wrappers, for the time that is left."""
+        target, lease = msgspec.structs.replace(self.target, wrappers=()), self.lease.pool.lease(ahead=False)
+        return Subject(target, self.contract, lease, self.budget, self.seed, seconds=self.time_limit.left)
 
     # The sandbox
 
@@ -135,6 +143,11 @@ class Subject:
     def load(self) -> Loaded:
         """Load the file in a worker and construct one instance, once."""
         return self._facts.load()
+
+    @property
+    def constructed(self) -> bool:
+        """Whether the target was loaded, and its constructor was called."""
+        return self._facts.constructed
 
     @property
     def text(self) -> str:

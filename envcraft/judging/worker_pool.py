@@ -74,9 +74,13 @@ class WorkerPool:
             starting.exception()
         ensure(self.driver)
 
-    def lease(self) -> Lease:
-        """The workers of the next subject. Release the lease, or use it as a context manager."""
-        return Lease(self)
+    def lease(self, ahead: bool = True) -> Lease:
+        """The workers of the next subject. Release the lease, or use it as a context manager.
+
+        Args:
+            ahead: its first worker is one that was started ahead.
+        """
+        return Lease(self, ahead)
 
     def close(self) -> None:
         """End every worker, whichever thread it serves, and launch no more. May be called twice."""
@@ -177,13 +181,17 @@ class Lease:
     """The workers of one subject: the first ordinary one, and one for each hash seed that it reserves, are started
     ahead.
 
+    Args:
+        pool: launches the workers.
+        ahead: whether the pool was told to start the first one ahead.
+
     Attributes:
         reserved: the hash seeds of the workers that it has not taken yet.
     """
 
-    def __init__(self, pool: WorkerPool) -> None:
+    def __init__(self, pool: WorkerPool, ahead: bool = True) -> None:
         self.pool = pool
-        self.reserved = {0}
+        self.reserved: set[int] = {0} if ahead else set()
 
     def __enter__(self) -> Lease:
         return self
