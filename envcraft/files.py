@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from typing import BinaryIO
 
 from envcraft.errors import UsageError
+from envcraft.text import relative
 
 #: How the name of an unfinished file begins. One stays only if the process is killed.
 UNFINISHED = ".new-"
@@ -20,7 +21,7 @@ def refuse_file(path: str | os.PathLike[str]) -> None:
     while not os.path.lexists(place):
         place = os.path.dirname(place)
     if not os.path.isdir(place):
-        shown = os.fspath(path) if place == os.path.abspath(path) else os.path.relpath(place)
+        shown = os.fspath(path) if place == os.path.abspath(path) else relative(place)
         raise UsageError(f"{shown} is a file; name a folder")
 
 

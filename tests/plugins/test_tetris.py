@@ -500,7 +500,7 @@ class TestCommand:
         arguments = ["--family", "tetris", option, str(tmp_path / "file" / "games")]
         error = CliRunner().invoke(generate, arguments).exception
         assert isinstance(error, UsageError)
-        assert "Not a directory" in str(error)
+        assert str(error) == f"{tmp_path / 'file'} is a file; name a folder"
 
     @pytest.mark.parametrize("ending", [KeyboardInterrupt(), OSError(errno.ENOSPC, "No space left on device")])
     def test_what_ends_it_leaves_no_file(
