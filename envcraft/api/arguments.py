@@ -8,6 +8,7 @@ from typing import Any
 
 import click
 
+from envcraft.cli.configured import TURNED_OFF
 from envcraft.errors import UsageError
 
 #: The parameters of the command whose values are lists that commas separate.
@@ -23,12 +24,16 @@ def require_values(given: Mapping[str, Any], parameters: Collection[click.Parame
         words: The names of the arguments.
 
     Raises:
-        UsageError: A value is of another type than the command's, or is none of its values.
+        UsageError: A value is empty, of another type than the command's, or none of its values.
     """
     options = {each.name: each for each in parameters if isinstance(each, click.Option)}
     for name, value in given.items():
         # The arguments of the constructor may be any.
-        if name != "kwargs" and (wanted := _wanted(options[name], value)):
+        if name == "kwargs":
+            continue
+        if name not in TURNED_OFF and (value == "" or (isinstance(value, list | tuple) and "" in value)):
+            raise UsageError(f"{words[name]} is {value!r}; give a value, or leave it out")
+        if wanted := _wanted(options[name], value):
             raise UsageError(f"{words[name]} is {value!r}; it must be {wanted}")
 
 

@@ -18,6 +18,8 @@ from envcraft.errors import EnvCraftError, UsageError
 from envcraft.registry import did_you_mean, offered
 
 _E = TypeVar("_E", bound=EnvCraftError)
+#: The settings that an empty value turns off. Any other empty value is an error.
+TURNED_OFF = frozenset({"baseline", "ignore", "output", "policy", "skip"})
 #: A command in a message, or an option with its value.
 _VALUE = re.compile(r"`[^`]*`|--([\w-]+) (?=')")
 
@@ -85,9 +87,12 @@ class Configured(click.Command):
         repeated = {str(param.name) for param in self.params if isinstance(param, click.Option) and param.multiple}
         found = configuration(folder, options, repeated, settings_of_all_commands)
         flags = {param.name for param in self.params if isinstance(param, click.Option) and param.is_flag}
+        numbers = {param.name for param in self.params if isinstance(param.type, click.IntRange | click.FloatRange)}
         for option, name in options.items():
             if name in flags and not isinstance(found.get(name, False), bool):
                 raise UsageError(f"{place(option, folder)}: {found[name]!r} is neither true nor false")
+            if name in numbers and isinstance(found.get(name), str):
+                raise UsageError(f"{place(option, folder)}: {found[name]!r} is a string; write a number without quotes")
         # Click takes 1.5 for a whole number and True for 1, but not their texts.
         return {
             name: value if isinstance(value, list) or name in flags else _text(value) for name, value in found.items()
@@ -232,6 +237,8 @@ def configuration(
         if name not in options:
             known = dict.fromkeys([*options, *sorted(others())])
             raise UsageError(f"{path}: [tool.envcraft] has no setting {did_you_mean(key, known)}")
+        if (value == "" or (isinstance(value, list) and "" in value)) and name not in TURNED_OFF:
+            raise UsageError(f"{path}: [tool.envcraft] {key} is empty; give a value, or leave it out")
         beside = path.parent / str(value)
         # A policy may be the name of a player.
         if path.parent != Path.cwd() and (name == "baseline" or (name == "policy" and beside.is_file())):

@@ -8,13 +8,15 @@ from __future__ import annotations
 import os
 import shlex
 import sys
+from itertools import pairwise
 from typing import Any
 
 import click
 
+from envcraft.cli.configured import TURNED_OFF
 from envcraft.cli.numbers import explained
 from envcraft.cli.signals import exit_statuses, is_full
-from envcraft.errors import EnvCraftError, ExitCode
+from envcraft.errors import EnvCraftError, ExitCode, UsageError
 from envcraft.registry import did_you_mean, named, offered
 from envcraft.version import __version__
 
@@ -36,7 +38,10 @@ class PluginGroup(click.Group):
             if os.path.exists(args[0]):
                 ctx.fail(f"{args[0]!r} is not a command; to judge it: {shlex.join(['envcraft', 'validate', args[0]])}")
             ctx.fail(f"there is no command {did_you_mean(args[0], self.list_commands(ctx))}")
-        return super().resolve_command(ctx, args)
+        found = super().resolve_command(ctx, args)
+        if found[1] is not None and not ctx.resilient_parsing:
+            _refuse_empty(ctx, found[1], found[2])
+        return found
 
     def make_context(self, *args: Any, **extra: Any) -> click.Context:
         # --help imports the plugins and prints inside this call.
@@ -76,6 +81,38 @@ class PluginGroup(click.Group):
                 f"Error: a bug in EnvCraft ({type(error).__name__}); please report the traceback above", err=True
             )
             ctx.exit(ExitCode.ERROR)
+
+
+def _refuse_empty(ctx: click.Context, command: click.Command, args: list[str]) -> None:
+    """Raise UsageError for an empty value, as of a variable that is not set. Click takes an empty path for the folder
+    "."."""
+    if isinstance(command, click.Group):
+        inner = command.get_command(ctx, args[0]) if args else None
+        if inner is not None:
+            _refuse_empty(ctx, inner, args[1:])
+        return
+    options = {
+        name: param
+        for param in command.params
+        if isinstance(param, click.Option) and not (param.is_flag or param.count)
+        for name in param.opts
+    }
+    paths = [
+        str(each.metavar)
+        for each in command.params
+        if isinstance(each, click.Argument) and isinstance(each.type, click.Path)
+    ]
+    for before, word in pairwise(["", *args]):
+        name, equals, value = word.partition("=")
+        name = name if equals else before
+        if value.strip() or not (equals or not word.strip()):
+            continue
+        if name in options:
+            if name.removeprefix("--") not in TURNED_OFF or isinstance(options[name].type, click.Path):
+                advice = "" if options[name].required else ", or leave it out"
+                raise UsageError(f"{name} is empty; write {name} {options[name].metavar or 'VALUE'}{advice}")
+        elif not equals and paths:
+            raise UsageError(f"{' or '.join(paths)} is empty; write its path")
 
 
 @click.group(cls=PluginGroup, context_settings={"help_option_names": ["-h", "--help"]}, no_args_is_help=True)

@@ -148,6 +148,8 @@ def _contract(name: str, own: Any, bases: dict[str, Contract], rules: Callable[[
             changes[field] = tuple(names)
     adapter = {"resize": table.resize and list(table.resize), "limit": table.cut}
     changes["adapter"] = {**base.adapter, **{key: value for key, value in adapter.items() if value is not None}}
+    if table.success == "":
+        raise ValueError("success is empty; name a key of info, such as is_success, or leave it out")
     by_sign = base.success.sign if table.success_by_sign is None else table.success_by_sign
     changes["success"] = Success(table.success or base.success.key, by_sign)
     contract = msgspec.structs.replace(base, **changes)

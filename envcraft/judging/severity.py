@@ -83,7 +83,7 @@ def severity_table(folder: Path) -> dict[str, str]:
         folder: where the search for the file starts.
 
     Raises:
-        UsageError: a name or a value does not exist, or a code must stay an error.
+        UsageError: a name or a value does not exist, or a code or check must stay an error.
     """
     path, every = settings(folder)
     if not (table := every.get("severity", {})):
@@ -98,6 +98,8 @@ def severity_table(folder: Path) -> dict[str, str]:
             raise UsageError(f"{place}: there is no rule or check {did_you_mean(name, [*owners, *families])}")
         if value not in _VALUES:
             raise UsageError(f"{place}: {name} is {value!r}; it must be {', '.join(_VALUES[:-1])} or {OFF}")
-        if value != Severity.ERROR and name in owners and not owners[name].waivable(name):
+        owner = owners.get(name)
+        stays = families[name].gate or families[name].always if owner is None else not owner.waivable(name)
+        if value != Severity.ERROR and stays:
             raise UsageError(f"{place}: {name} must stay an error, because other verdicts depend on it")
     return dict(table)

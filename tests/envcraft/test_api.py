@@ -551,6 +551,8 @@ def test_check_env_keeps_a_limit_of_steps(monkeypatch: pytest.MonkeyPatch, tmp_p
         ("CartPole-v1", {"exclude": 3}, "exclude is 3; it must be a string or a list of strings"),
         ("CartPole-v1", {"checks": ["api", 3]}, r"checks is \['api', 3\]; it must be a string or a list of strings"),
         ("CartPole-v1", {"wrappers": {"a:b": 3}}, "wrappers is {'a:b': 3}; it must be a string or a list of strings"),
+        ("CartPole-v1", {"exclude": [""]}, r"exclude is \[''\]; give a value, or leave it out"),
+        ("CartPole-v1", {"env_class": ""}, "env_class is ''; give a value, or leave it out"),
         ("CartPole-v1", {"strict": "no"}, "strict is 'no'; it must be True or False"),
         ("CartPole-v1", {"fail_fast": "no"}, "fail_fast is 'no'; it must be True or False"),
         ("CartPole-v1", {"exitfirst": 0}, "exitfirst is 0; it must be True or False"),

@@ -28,8 +28,9 @@ _CHEAP = ("--sandbox", "process", "--budget", "quick")
         (("--wrap", "gymnasium:__version__"), "--wrap: gymnasium:__version__ is a str, not a wrapper"),
         (("--wrap", "builtins:print"), "--wrap: builtins:print returns a NoneType, not an environment"),
         (("--kwargs", '{{"self": 1}}'), "--kwargs: Walk.__init__() got multiple values for argument 'self'"),
-        (("--select", ""), "--select '' names no code; leave it out"),
-        (("--checks", ""), "--checks '' leaves no check to run"),
+        (("--select", ""), "--select is empty; write --select CODES, or leave it out"),
+        (("--select", ","), "--select ',' names no code; leave it out"),
+        (("--checks", ","), "--checks ',' leaves no check to run"),
         (("--skip", "{every}"), "leaves no check to run"),
     ],
 )
@@ -89,7 +90,7 @@ def test_a_class_that_only_running_the_file_defines_is_judged(invoke: Invoke, go
         ('format = "jsno"', "format: there is no format 'jsno'; did you mean json?"),
         ('sandbox = "proces"', "sandbox: there is no sandbox 'proces'; did you mean process?"),
         ('budget = "huge"', "budget: 'huge' is not one of"),
-        ('seed = "many"', "seed: 'many' is not a whole number from 0 to 2147483647"),
+        ('seed = "many"', "seed: 'many' is a string; write a number without quotes"),
         ("seed = true", "seed: 'true' is not a whole number from 0 to 2147483647"),
         ("time-limit = true", "time-limit: 'true' is not a number above 0"),
         ('strict = "yes"', "strict: 'yes' is neither true nor false"),
@@ -184,14 +185,54 @@ def test_a_file_of_settings_that_is_no_toml_is_an_error(invoke: Invoke, good: Pa
     ("arguments", "words"),
     [
         (("audit", ""), "CORPUS|FOLDER is empty; name a corpus or a folder"),
-        (("audit", ".", "--report", ""), "--report is empty; name a folder, or FORMAT:FILE"),
-        (("replay", "report.json", "--gif", ""), "--gif is empty; name a file like episode.gif"),
+        (("audit", ".", "--report", ""), "--report is empty; write --report DIR|FORMAT:FILE, or leave it out"),
+        (("replay", "report.json", "--gif", ""), "--gif is empty; write --gif FILE, or leave it out"),
+        (("validate", "walk.py", "--kwargs", ""), "--kwargs is empty; write --kwargs JSON, or leave it out"),
+        (("validate", "walk.py", "--exclude="), "--exclude is empty; write --exclude GLOB, or leave it out"),
+        (("validate", "walk.py", "--class", " "), "--class is empty; write --class NAME, or leave it out"),
+        (("train", "games", "--output", "run", "--select", ""), "--select is empty; write --select PATTERN, or"),
+        (("generate", "--family", "tetris", "--output", ""), "--output is empty; write --output DIR, or leave it out"),
+        (("export", "games", "--output", "x", "--to", ""), "--to is empty; write --to FORMAT\n"),
+        (("corpus", "init", ""), "CORPUS is empty; write its path"),
+        (("corpus", "list", "games", "--name", ""), "--name is empty; write --name GLOB, or leave it out"),
     ],
 )
 def test_an_empty_name_is_a_usage_error(arguments: tuple[str, ...], words: str, invoke: Invoke, good: Path) -> None:
     result = invoke(*arguments)
     assert (result.exit_code, result.stdout) == (2, "")
     assert words in result.stderr
+
+
+def test_an_empty_value_turns_a_setting_off(invoke: Invoke, good: Path, tmp_path: Path) -> None:
+    settings = 'baseline = "none.json"\nskip = "source"\nignore = "EC001"\npolicy = "none.py"'
+    (tmp_path / "pyproject.toml").write_text(f"[tool.envcraft]\n{settings}\n")
+    unset = [word for name in ("baseline", "skip", "ignore", "policy") for word in (f"--{name}", "")]
+    assert invoke("validate", good, *_CHEAP, *unset, "--checks", "source").exit_code == 0
+
+
+@pytest.mark.parametrize(
+    ("setting", "words"),
+    [
+        ('exclude = [""]', "[tool.envcraft] exclude is empty; give a value, or leave it out"),
+        ('class = ""', "[tool.envcraft] class is empty; give a value, or leave it out"),
+        ('kwargs = ""', "[tool.envcraft] kwargs is empty; give a value, or leave it out"),
+        ('seed = "3"', "[tool.envcraft] seed: '3' is a string; write a number without quotes"),
+        ('time-limit = "3"', "[tool.envcraft] time-limit: '3' is a string; write a number without quotes"),
+        (
+            'contract = "own"\ncontracts.own.success = ""',
+            "[tool.envcraft.contracts.own]: success is empty; name a key of info",
+        ),
+        ('severity.source = "off"', "[tool.envcraft.severity]: source must stay an error"),
+        ('severity.sandbox = "warning"', "[tool.envcraft.severity]: sandbox must stay an error"),
+    ],
+)
+def test_an_empty_or_harmful_setting_is_named(
+    setting: str, words: str, invoke: Invoke, good: Path, tmp_path: Path
+) -> None:
+    (tmp_path / "pyproject.toml").write_text(f"[tool.envcraft]\n{setting}\n")
+    result = invoke("validate", good, *_CHEAP)
+    assert (result.exit_code, result.stdout) == (2, "")
+    assert f"{tmp_path / 'pyproject.toml'}: {words}" in result.stderr
 
 
 def test_a_corpus_is_judged_by_audit(invoke: Invoke, good: Path) -> None:

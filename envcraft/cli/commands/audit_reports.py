@@ -41,8 +41,6 @@ def read_audit_reports(
     formats = {reporter.name for reporter in offered("envcraft_reporters")}
     files = [words for words in also if words.partition(":")[0] in formats]
     folders = [words for words in also if words not in files]
-    if "" in folders:
-        raise UsageError("--report is empty; name a folder, or FORMAT:FILE such as html:report.html", setting="report")
     if len(folders) > 1:
         raise UsageError(f"--report names two folders, {folders[0]} and {folders[1]}; leave one out")
     return read_reports(form, output, files), folders[0] if folders else None

@@ -95,8 +95,6 @@ def replay(
                  2 usage error                 3 some could not be replayed
     With --repro: 0 the episode has no error   1 the episode shows an error
     """
-    if gif == "":
-        raise UsageError("--gif is empty; name a file like episode.gif")
     if gif is not None and Path(gif).suffix.lower() not in ("", ".gif"):
         raise UsageError(f"--gif {gif} is an animated GIF; end its name with .gif")
     if repro is not None:
