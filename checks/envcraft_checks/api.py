@@ -52,10 +52,10 @@ from envcraft.model.verdict import Finding, Severity
 from envcraft.plugins import hookimpl
 from envcraft.text import with_article
 
+from .libraries import ask_for_dependency
 from .linting.program import Program, program_of, root
 from .linting.program import line as line_at
 from .rewards.syntax import returns
-from .source import ask_for_dependency
 
 if TYPE_CHECKING:
     from envcraft.judging.description import Rendering

@@ -44,10 +44,7 @@ from __future__ import annotations
 import ast
 import contextlib
 import io
-import itertools
-import os
 import re
-import sys
 import tokenize
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -55,16 +52,15 @@ from typing import TYPE_CHECKING
 
 from envcraft.errors import UsageError, WorkerLost
 from envcraft.judging.check import Check, Rule
-from envcraft.judging.driver import Isolation
-from envcraft.model.classes import defined_classes
 from envcraft.model.job import ExitReason
-from envcraft.model.project import Place, with_project
+from envcraft.model.project import Place
 from envcraft.model.target import MAX_SOURCE, Kind, nodes, parse
 from envcraft.model.verdict import Finding, Line, Severity, Verdict
 from envcraft.plugins import hookimpl
 from envcraft.text import with_article
 
 from .imports import imported_modules, required_imports
+from .libraries import ask_for_dependency, in_package, installation_hint, is_standard, well_known, why_unknown
 from .linting.loading import import_code, method_code, printing_line, seeding_line, waiting_line
 from .linting.program import program_of
 
@@ -75,9 +71,6 @@ if TYPE_CHECKING:
     from envcraft.model.trace import Fault
     from envcraft.model.verdict import CheckReport
 
-_OLD_NAMES = {"gym": "gymnasium", "pygame_ce": "pygame", "np": "numpy"}
-#: Libraries that a file of tests imports, and an environment does without.
-_TESTING = ("hypothesis", "pytest")
 _SLOW_IMPORT = 3.0
 #: The most characters of the constructor's arguments in a message.
 _LONGEST = 200
@@ -87,8 +80,6 @@ _MADE = " was raised from the environment creator"
 _MISSPELT = re.compile(r"did you mean|^the package |^No module named '[\w.]+\.\w+'")
 #: What to do about a name of something else.
 _NAME_A_CLASS = "name a class that derives from gymnasium.Env"
-#: The words of an ImportError about a library that a package does without until this environment needs it.
-_INSTALL = re.compile(r"\binstall", re.IGNORECASE)
 #: The base class of environments, as a class statement names it.
 _ENV = re.compile(r"((gym|gymnasium)(\.core)?\.)?Env(\[.*\])?")
 
@@ -247,57 +238,17 @@ class Source(Check):
             name for name in names if name in missing or not (allowed is None or name in allowed or is_standard(name))
         }
         python = tuple(int(part) for part in re.findall(r"\d+", str(subject.about.get("python", "")))[:3])
-        installable = (_well_known() if allowed is None else {*allowed}) - own
+        installable = (well_known() if allowed is None else {*allowed}) - own
         for file, tree in trees.items():
             wanted = required_imports(tree, unknown, python)
             for name, line in sorted(wanted.items(), key=lambda item: item[1]):
                 if name in missing and name in installable:
-                    raise WorkerLost(f"{name} is not installed where the worker runs{_installation_hint(subject)}")
+                    raise WorkerLost(f"{name} is not installed where the worker runs{installation_hint(subject)}")
                 if name in unknown:
-                    shown = _in_package(tree, name, line)
-                    why = self._why_unknown(name, subject, known, shown, name not in missing)
+                    shown = in_package(tree, name, line)
+                    why = why_unknown(name, subject, known, shown, name not in missing)
                     words = f"{file}line {line} imports {shown}, {why}"
                     yield self.finding("EC002", words, line=None if file else line, module=name)
-
-    def _why_unknown(
-        self, name: str, subject: Subject, known: list[str], shown: str = "", installed: bool = False
-    ) -> str:
-        """What is wrong with an import, and the next step.
-
-        Args:
-            name: the module, which the contract does not allow or the worker does not have.
-            subject: the environment.
-            known: the modules that are installed, if that was asked.
-            shown: the module as a message names it.
-            installed: whether the worker has the module.
-        """
-        contract = subject.contract
-        if subject.left_out is not None and name in subject.left_out.modules:
-            return (
-                f"a file of its project, and the contract {contract.name} is for single files; name --contract "
-                f'gymnasium, or set `project = true` in a contract of your own with `base = "{contract.name}"`'
-            )
-        beside = with_project(subject.target).project
-        if beside is not None and name in beside.modules:
-            return "a file of its project, which only `envcraft validate` and the audit of its folder judge with it"
-        if name.startswith("."):
-            return f"which is not a file of its package{_near_file(shown, Path(subject.target.path))}"
-        if name == "envcraft":
-            return (
-                "which is not available where environments run; leave it out, or move it and the code that needs "
-                'it to another file or below `if __name__ == "__main__":`'
-            )
-        if name in _TESTING:
-            return "which is not available where environments run; move the class to a file that does without it"
-        # A library that the contract names is likelier than another of a name as near.
-        near = next(filter(None, (_nearest(name, [*group]) for group in (contract.libraries or (), known))), None)
-        if not installed and (place := _elsewhere(name, subject)):
-            return place
-        if (installed or name in _well_known()) and name not in _OLD_NAMES:
-            return f"which the contract {contract.name} does not allow; it allows {', '.join(contract.libraries or ())}"
-        if near or contract.libraries is not None:
-            return f"which is not a known library{f'; did you mean {near}?' if near else ''}"
-        return "which is not installed and no library that EnvCraft knows; correct the name, or install it if it exists"
 
     def _judge_loaded(self, subject: Subject, loaded: Loaded) -> Iterator[Finding]:
         fault, end, description = loaded.trace.fault, loaded.end, loaded.description
@@ -338,7 +289,7 @@ class Source(Check):
         elif fault is not None and _absent(fault, name):
             if _MISSPELT.search(fault.message):
                 raise UsageError(fault.message)
-            raise WorkerLost(f"{fault.message}{_installation_hint(subject)}")
+            raise WorkerLost(f"{fault.message}{installation_hint(subject)}")
         elif fault is not None and fault.type.endswith("NoSuchEnvironment"):
             raise UsageError(fault.message)
         elif fault is not None and fault.phase == "import":
@@ -510,112 +461,6 @@ def _refuse_options(subject: Subject, fault: Fault) -> None:
     # An error that a line of the environment raises is its own.
     if unknown and fault.type == "TypeError" and fault.line is None:
         raise UsageError(f"--kwargs: {fault.message.partition(_MADE)[0]}")
-
-
-def _in_package(tree: ast.Module, name: str, line: int) -> str:
-    """The name of an import; of one in a line like ``from . import name`` the name after the dots, too."""
-    if name.strip("."):
-        return name
-    imports = (node for node in nodes(tree) if isinstance(node, ast.ImportFrom) and node.lineno == line)
-    return name + next((node.names[0].name for node in imports if not node.module), "")
-
-
-def _near_file(name: str, file: Path) -> str:
-    """Suggest the file of a package that a relative import may mean."""
-    import difflib
-
-    module = name.lstrip(".")
-    level = len(name) - len(module)
-    folder = Path(*[".."] * (level - 1))
-    try:
-        names = [each.stem for each in (file.parent / folder).iterdir() if each.suffix == ".py" and each != file]
-    except OSError:
-        return ""
-    close = difflib.get_close_matches(module, names, n=1)
-    return f"; did you mean {'.' * level}{close[0]}?" if close else ""
-
-
-def _elsewhere(name: str, subject: Subject) -> str:
-    """Say in which folder of the project a module lies that a file's imports do not find, and what helps.
-
-    Args:
-        name: the module or package.
-        subject: the environment, whose file imports it.
-
-    Returns:
-        The words after the module's name; "" if no folder has it.
-    """
-    from envcraft.judging.installed import is_installed
-
-    file, here = Path(subject.target.path).absolute(), Path.cwd()
-    above = [folder for folder in file.parents if folder.is_relative_to(here)]
-    # Tests import what is in `src`, or in another folder that their settings put on the path.
-    folders = dict.fromkeys([*above, here, here / "src", *(Path(each).absolute() for each in sys.path)])
-    for folder in (each for each in folders if each not in (file.parent, Place.of(file).root)):
-        modules = (folder / f"{name}.py", *itertools.islice(folder.glob(f"{name}/*.py"), 1))
-        if any(map(os.path.isfile, modules)) and not is_installed(folder):
-            where = "the working directory" if folder == here else os.path.relpath(folder)
-            return f"which is not beside the file but in {where}; {_way_to(folder, where, file, subject)}"
-    return ""
-
-
-def _way_to(folder: Path, where: str, file: Path, subject: Subject) -> str:
-    """Say how a file's imports can find what lies in a folder, of which a message says where it is."""
-    inner = [each for each in reversed(file.parents) if each.is_relative_to(folder) and each != folder]
-    parts = [*(each.name for each in inner), *([] if file.stem == "__init__" else [file.stem])]
-    if not inner or not all(map(str.isidentifier, parts)):
-        install = ", or install it beside EnvCraft" if subject.contract.libraries is None else ""
-        return f"move the class to a file in {where}{install}"
-    target = subject.target
-    classes = [target.env_class] if target.env_class else defined_classes(target.source)
-    command = f"`envcraft validate {'.'.join(parts)}:{classes[0] if len(classes) == 1 else 'CLASS'}`"
-    start = "" if folder == Path.cwd() else f"in {where}, "
-    plain = [os.path.relpath(each) for each in inner if not (each / "__init__.py").is_file()]
-    every = f"{' and '.join(plain)} {'has' if len(plain) == 1 else 'have'} an __init__.py"
-    return f"{start}{command} finds it, and every command does if {every}"
-
-
-def ask_for_dependency(subject: Subject, fault: Fault) -> None:
-    """Raise WorkerLost if an installed package needs a library that is missing."""
-    if subject.target.kind is Kind.SOURCE:
-        return
-    library = fault.module.partition(".")[0]
-    if library and fault.type == "ModuleNotFoundError" and library in subject.find_modules([library])[0]:
-        raise WorkerLost(f"{subject.target.path} needs {library}, which is not installed{_installation_hint(subject)}")
-    advised = fault.type == "ImportError" and not library and _INSTALL.search(fault.message)
-    if advised or fault.type == "gymnasium.error.DependencyNotInstalled":
-        raise WorkerLost(f"{(words := fault.message.rstrip('. '))}{_installation_hint(subject, words)}")
-
-
-def _installation_hint(subject: Subject, message: str = "") -> str:
-    """How to give the worker a package that it lacks, as far as a message does not say it."""
-    if subject.isolation is Isolation.CONTAINER:
-        return "; add the package to the image with `envcraft sandbox build --packages FILE`, or use another --sandbox"
-    step = "" if "pip install" in message else "; install the package beside EnvCraft"
-    return f"{step}, then validate again"
-
-
-def _well_known() -> frozenset[str]:
-    """The libraries that exist for certain, so that a machine that lacks one is no defect of the environment."""
-    from envcraft.judging.facts import WELL_KNOWN
-
-    return WELL_KNOWN
-
-
-def is_standard(name: str) -> bool:
-    import sys
-
-    return name in sys.stdlib_module_names
-
-
-def _nearest(name: str, known: list[str]) -> str | None:
-    if name in _OLD_NAMES:
-        return _OLD_NAMES[name]
-    # Imported late: it is slow, and most files import known modules only.
-    import difflib
-
-    close = difflib.get_close_matches(name, [each for each in known if each != name], n=1, cutoff=0.75)
-    return close[0] if close else None
 
 
 @hookimpl

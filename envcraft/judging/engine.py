@@ -20,7 +20,7 @@ from envcraft.judging.driver import Driver, Limits, driver_for
 from envcraft.judging.severity import SeverityPolicy
 from envcraft.judging.subject import Subject, elapsed
 from envcraft.judging.worker_pool import WorkerPool
-from envcraft.judging.wrapped import told_of_wrappers
+from envcraft.judging.wrapped import with_wrappers_named
 from envcraft.model.contract import Contract
 from envcraft.model.events import (
     CheckFinished,
@@ -383,7 +383,7 @@ def run_check(
         judged = check.judge(subject) if trace is None else check.find(subject, trace)
         for finding in judged:
             if subject.target.wrappers:
-                finding = told_of_wrappers(check, subject, finding)
+                finding = with_wrappers_named(check, subject, finding)
             _take(report, check, subject, finding, severity, confirmed)
             if severity.shows(check, finding):
                 shown.add(finding.code)

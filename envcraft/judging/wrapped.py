@@ -23,7 +23,7 @@ class _Unknown(Exception):
     """One episode does not show whether wrappers cause a finding."""
 
 
-def told_of_wrappers(check: Check, subject: Subject, finding: Finding) -> Finding:
+def with_wrappers_named(check: Check, subject: Subject, finding: Finding) -> Finding:
     """Say in a finding which wrappers cause it, or may do so.
 
     What the environment does without its wrappers, too, is reported as if it had none.
@@ -37,7 +37,7 @@ def told_of_wrappers(check: Check, subject: Subject, finding: Finding) -> Findin
         return finding
     wrappers = subject.target.wrappers
     names = f"the wrapper{'s' if len(wrappers) > 1 else ''} {' and '.join(wrappers)}"
-    # Such a line is named for want of a better one.
+    # A finding that knows no better line names that of a method.
     vague = finding.line in {subject.line_of(method).number for method in _METHODS}
     try:
         alone = _alone(check, subject, finding)

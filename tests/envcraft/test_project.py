@@ -14,7 +14,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from envcraft_checks.source import Source
+from envcraft_checks.libraries import why_unknown
 
 from envcraft.contracts.builtin import GYMNASIUM
 from envcraft.environments.targets import environments_below, resolve
@@ -799,9 +799,9 @@ def _wrapped(invoke: Invoke, good: Path, wrappers: list[str]) -> dict[str, dict[
 def test_an_audit_says_that_it_takes_single_files(maze: Path) -> None:
     target = Target(str(maze / "maze" / "grid.py"), b"from .sizes import SIZE\n")
     subject: Any = SimpleNamespace(left_out=None, contract=GYMNASIUM, target=target)
-    words = Source()._why_unknown(".sizes", subject, [])
+    words = why_unknown(".sizes", subject, [])
     assert words == "a file of its project, which only `envcraft validate` and the audit of its folder judge with it"
-    assert Source()._why_unknown("nunpy", subject, ["numpy"]) == "which is not a known library; did you mean numpy?"
+    assert why_unknown("nunpy", subject, ["numpy"]) == "which is not a known library; did you mean numpy?"
 
 
 @pytest.mark.parametrize(
