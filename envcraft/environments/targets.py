@@ -230,31 +230,35 @@ def _registered(name: str) -> Target:
     # Without a module, the namespace of the id is usually the name of the package.
     package = module.partition(".")[0] or wanted.rpartition("/")[0].lower()
     if package.isidentifier() and not _is_importable(package, here):
-        found = [
-            file
+        found = {
+            file: ".".join(file.relative_to(folder).with_suffix("").parts).removesuffix(".__init__")
             for folder in (here, *import_folders(here))
             for file in (*sorted(folder.joinpath(package).rglob("*.py"))[:_READ], folder / f"{package}.py")
             if file.is_file()
-        ]
-        entry = next(filter(None, (_entry_point(file, wanted) for file in found)), None)
+        }
+        entry = next(filter(None, (_entry_point(file, each, wanted) for file, each in found.items())), None)
         if entry or (module and found):
             words = f"{name} is an id of the package {package}, which is not installed but a part of the project"
-            raise UsageError(f"{words}; name its class, {entry or f'such as {package}.module:Class'}")
+            module = package if any(file.stem == package for file in found) else f"{package}.module"
+            raise UsageError(f"{words}; name its class, {entry or f'such as {module}:Class'}")
     return Target(name, kind=Kind.ID)
 
 
-def _entry_point(file: Path, wanted: str) -> str | None:
-    """The class for which a file registers an id, as its text says; None if it does not say so."""
+def _entry_point(file: Path, module: str, wanted: str) -> str | None:
+    """The class for which a file, which is a module, registers an id, as its text says; None if it does not say so."""
     try:
         calls = [node for node in nodes(parse(file.read_bytes())) if isinstance(node, ast.Call)]
     except (OSError, SyntaxError, ValueError, RecursionError, MemoryError):
         return None
     for call in calls:
-        given = {key.arg: key.value.value for key in call.keywords if isinstance(key.value, ast.Constant)}
-        named = [each.value for each in call.args if isinstance(each, ast.Constant)]
-        entry = given.get("entry_point")
-        if given.get("id", named[0] if named else None) == wanted and isinstance(entry, str) and ":" in entry:
-            return entry
+        given = {key.arg: key.value for key in call.keywords} | dict(
+            zip(("id", "entry_point"), call.args, strict=False)
+        )
+        match given.get("id"), given.get("entry_point"):
+            case ast.Constant(value=name), ast.Constant(value=str(entry)) if name == wanted and ":" in entry:
+                return entry
+            case ast.Constant(value=name), ast.Name(id=entry) if name == wanted:
+                return f"{module}:{entry}"
     return None
 
 

@@ -43,9 +43,9 @@ def test_a_rule_has_a_name_beside_its_code(name: str, invoke: Any) -> None:
 
 
 def test_a_check_has_no_example(invoke: Any) -> None:
-    result = invoke("explain", "determinism", "--example")
-    assert result.exit_code == 2
-    assert "there is no rule" in result.stderr
+    result = invoke("explain", "speed", "--example")
+    words = "speed is a check, and only a rule has an example; name one of EC908, EC909"
+    assert (result.exit_code, result.stderr) == (2, f"Error: {words}\n")
 
 
 @pytest.mark.parametrize(("code", "option"), [("EC851", "--checks learnability"), ("EC804", "--policy policy.py")])

@@ -987,3 +987,21 @@ def test_an_id_of_the_project_names_its_class(
     assert result.exit_code == 2
     assert f"{name} is an id of the package regpkg" in result.stderr
     assert result.stderr.endswith("name its class, regpkg.walk:Walk\n")
+
+
+@pytest.mark.parametrize(
+    ("text", "advice"),
+    [
+        ('register("Walk-v0", entry_point=Walk)', "regfile:Walk"),
+        ('register("Walk-v0", Walk, max_episode_steps=9)', "regfile:Walk"),
+        ('register(id="Walk-v0", entry_point="regfile:Walk", reward_threshold=9)', "regfile:Walk"),
+        ("register(ID, entry_point=Walk)", "such as regfile:Class"),
+    ],
+)
+def test_an_id_that_a_file_registers_names_its_class(
+    text: str, advice: str, invoke: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tmp_path.joinpath("regfile.py").write_text(f"{text}\n")
+    monkeypatch.chdir(tmp_path)
+    result = invoke("validate", "regfile:Walk-v0", "--sandbox", "process", "--budget", "quick")
+    assert (result.exit_code, result.stderr.endswith(f"; name its class, {advice}\n")) == (2, True)

@@ -36,15 +36,16 @@ def explain(name: str, example: bool) -> None:
             click.echo(_code(rule, guide), nl=False)
             return
         text = _page(rule, check, guide)
-    elif name.lower() in checks and not example:
+    elif name.lower() in checks and example:
+        codes = ", ".join(rule.code for rule in checks[name.lower()].rules)
+        raise UsageError(f"{name} is a check, and only a rule has an example; name one of {codes}")
+    elif name.lower() in checks:
         text = checks[name.lower()].page
     elif name and (begun := [code for code in rules if code.startswith(name.upper())]):
         codes = ", ".join(begun if len(begun) <= _FEW else [*begun[:3], "…"])
         raise UsageError(f"{name} is the beginning of {plural(len(begun), 'code')}; name one of {codes}")
     else:
-        raise UsageError(
-            f"there is no rule {'' if example else 'or check '}{did_you_mean(name, [*rules, *checks, *codes_of])}"
-        )
+        raise UsageError(f"there is no rule or check {did_you_mean(name, [*rules, *checks, *codes_of])}")
     from rich.console import Console
     from rich.markdown import Markdown
 

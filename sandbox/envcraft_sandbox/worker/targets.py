@@ -12,7 +12,7 @@ import linecache
 import re
 import sys
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from functools import lru_cache
 from types import ModuleType
 from typing import Any
@@ -28,6 +28,8 @@ from .marks import Marked, Reached
 SUBJECT = "envcraft_subject"
 #: Minimum length of the common prefix of an id and a package that is imported because of it.
 _ALIKE = 3
+#: How alike the names of two packages must be: one that is not installed may resemble another.
+_SAME = 0.85
 #: Maximum number of environments that a message names.
 _MOST_NAMED = 20
 
@@ -137,6 +139,9 @@ class Installed(Target):
         self._name: str = spec["class"]
 
     def load(self) -> None:
+        top = self._module.partition(".")[0]
+        if not _importable(top) and (near := _suggest(top, _packages(), cutoff=_SAME)):
+            raise NoSuchEnvironment(f"no installed package is named {top}{near}")
         importlib.import_module(self._module)
 
     def creator(self) -> Any:
@@ -147,9 +152,21 @@ class Installed(Target):
         if callable(found):
             return found
         module = sys.modules[self._module]
-        names = [name for name, value in list(vars(module).items()) if is_environment(value)]
-        there = f"; its environments are {', '.join(names[:_MOST_NAMED])}" if names else "; it has no environment"
-        raise NoSuchEnvironment(f"{self._module} has no class {self._name}{_suggest(self._name, names) or there}")
+        names = [
+            name
+            for name, value in list(vars(module).items())
+            if is_environment(value) and not issubclass(value, gymnasium.Wrapper)
+        ]
+        # An id without its version looks like a class.
+        starts = tuple(f"{self._module.partition('.')[0]}{sign}" for sign in ".:")
+        ids = list(_newest(key for key, spec in gymnasium.registry.items() if str(spec.entry_point).startswith(starts)))
+        there = "; it has no environment"
+        if names:
+            there = f"; its environments are {', '.join(names[:_MOST_NAMED])}"
+        elif ids:
+            there = f"; it registers {', '.join(ids[:_MOST_NAMED])}"
+        near = _suggest(self._name, names) or _suggest(self._name, ids, f"{self._module}:")
+        raise NoSuchEnvironment(f"{self._module} has no class {self._name}{near or there}")
 
 
 class Registered(Target):
@@ -254,7 +271,9 @@ def find_spec(wanted: str) -> Any:
         # `module:Id`, or an abbreviation of the module's name.
         packages = [module] if _importable(module) else _packages_like(module)
         if not packages:
-            raise NoSuchEnvironment(f"no installed package is named {module}")
+            raise NoSuchEnvironment(
+                f"no installed package is named {module}{_suggest(module, _packages(), cutoff=_SAME)}"
+            )
         for candidate in packages:
             importlib.import_module(candidate)
             _register(candidate)
@@ -289,14 +308,10 @@ def _look_up(name: str) -> Any:
 
 def _packages_like(name: str) -> list[str]:
     """Top-level modules whose name is a prefix of `name` or the reverse; the most similar first."""
-    # Slow to import, and needed only for ids that are not registered yet.
-    import importlib.metadata
-
     plain = _plain(re.split(r"-v?\d|-", name)[0]) or _plain(name)
-    found = [package for package in importlib.metadata.packages_distributions() if package.isidentifier()]
     alike = [
         package
-        for package in found
+        for package in _packages()
         if len(plain) >= _ALIKE
         and len(_plain(package)) >= _ALIKE
         and (_plain(package).startswith(plain) or plain.startswith(_plain(package)))
@@ -305,6 +320,14 @@ def _packages_like(name: str) -> list[str]:
         # A module on the path may belong to no distribution.
         alike.append(plain)
     return sorted(set(alike), key=lambda package: (abs(len(_plain(package)) - len(plain)), package))
+
+
+def _packages() -> list[str]:
+    """The top-level modules of all distributions."""
+    # Slow to import, and needed only for ids that are not registered yet, and for names that do not exist.
+    import importlib.metadata
+
+    return [package for package in importlib.metadata.packages_distributions() if package.isidentifier()]
 
 
 def _plain(name: str) -> str:
@@ -340,14 +363,24 @@ def _importable(module: str) -> bool:
         return False
 
 
-def _suggest(name: str, known: list[str]) -> str:
-    """Words with the id whose name is nearest, "" if none is near. A common version alone makes no two ids alike."""
+def _suggest(name: str, known: Iterable[str], before: str = "", cutoff: float = 0.7) -> str:
+    """Words with the id whose name is nearest, after `before`; "" if none is near. A common version alone makes no two
+    ids alike.
+    """
     import difflib
 
-    names = {other.rpartition("-v")[0].lower() or other.lower(): other for other in known}
-    wanted = name.rpartition("-v")[0].lower() or name.lower()
-    near = difflib.get_close_matches(wanted, names, n=1, cutoff=0.7)
-    return f"; did you mean {names[near[0]]}?" if near else ""
+    names = {_unversioned(other): other for other in _newest(known)}
+    near = difflib.get_close_matches(_unversioned(name), names, n=1, cutoff=cutoff)
+    return f"; did you mean {before}{names[near[0]]}?" if near else ""
+
+
+def _newest(ids: Iterable[str]) -> Iterable[str]:
+    """The last of the ids that differ in their versions only."""
+    return {_unversioned(each): each for each in ids}.values()
+
+
+def _unversioned(name: str) -> str:
+    return name.rpartition("-v")[0].lower() or name.lower()
 
 
 def lookalikes(module: ModuleType) -> list[str]:
