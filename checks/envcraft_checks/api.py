@@ -110,7 +110,12 @@ class Api(Check):
             "Declare `def reset(self, *, seed=None, options=None)`.",
         ),
         Rule("EC104", "reset-raises", "reset() raises.", "Fix the line that the finding names."),
-        Rule("EC105", "reset-result", "reset() does not return (observation, info).", "Return both."),
+        Rule(
+            "EC105",
+            "reset-result",
+            "reset() does not return (observation, info).",
+            "Return the observation and a dictionary: `return observation, {}`.",
+        ),
         Rule(
             "EC106",
             "step-result",
@@ -134,7 +139,7 @@ class Api(Check):
             "EC110",
             "observation-aliased",
             "An observation changes after it was returned.",
-            "Return a copy, such as `self.state.copy()`, or write each observation into a new array.",
+            "Return a copy: `self.state.copy()` of an array, `copy.deepcopy(self.state)` of a dict of arrays.",
         ),
         Rule("EC111", "action-modified", "step() writes into the action array.", "Work on a copy of the action."),
         Rule(
