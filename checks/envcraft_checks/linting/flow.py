@@ -6,10 +6,10 @@ import ast
 from collections import defaultdict
 from collections.abc import Iterator
 
-from .program import Function, Program, name_of, root
+from .program import Function, Program, arguments, name_of, root
 
 #: Calls that pace, show or log, and change nothing in the game.
-_NEUTRAL = frozenset({
+NEUTRAL = frozenset({
     "debug", "delay", "error", "flip", "info", "log", "print", "pump", "set_caption", "sleep", "tick",
     "tick_busy_loop", "wait", "warn", "warning", "write",
 })  # fmt: skip
@@ -65,7 +65,7 @@ class Flow:
             return True
         if isinstance(node, ast.Name):
             return node.id in self._names[function]
-        if isinstance(node, ast.Call) and (called := self._called(node, function)):
+        if isinstance(node, ast.Call) and (called := self.program.called(node, function)):
             return called in self._results
         return bool(field := function.field(node)) and (self.program.bound_to(function), field) in self._fields
 
@@ -90,16 +90,11 @@ class Flow:
                     self._pass_on(node, function)
 
     def _pass_on(self, call: ast.Call, function: Function) -> None:
-        given = [one for one in call.args if self.reaches(one, function)]
-        named = [one.arg for one in call.keywords if self.reaches(one.value, function)]
-        if not given and not named:
+        if not any(self.reaches(one, function) for one in [*call.args, *call.keywords]):
             return
-        if (called := self._called(call, function)) is not None:
-            parameters = [one.arg for one in called.node.args.args][bool(called.me) :]
-            self._names[called].update(
-                parameters[call.args.index(one)] for one in given if call.args.index(one) < len(parameters)
-            )
-            self._names[called].update(name for name in named if name)
+        if (called := self.program.called(call, function)) is not None:
+            taken = (parameter for parameter, value in arguments(call, called) if self.reaches(value, function))
+            self._names[called].update(taken)
         elif isinstance(call.func, ast.Attribute) and call.func.attr in _KEEPS:
             self._take(root(call.func.value), function)
 
@@ -109,14 +104,9 @@ class Flow:
         elif isinstance(target, ast.Name):
             self._names[function].add(target.id)
 
-    def _called(self, call: ast.Call, function: Function) -> Function | None:
-        if field := function.field(call.func):
-            return self.program.method(self.program.bound_to(function), field)
-        return self.program.functions.get(call.func.id) if isinstance(call.func, ast.Name) else None
-
     def _acts(self, call: ast.Call, function: Function) -> bool:
         name = name_of(call)
-        if name in _NEUTRAL or name in _KEEPS or self._called(call, function) is not None:
+        if name in NEUTRAL or name in _KEEPS or self.program.called(call, function) is not None:
             return False
         return any(self.reaches(one, function) for one in [*call.args, *call.keywords])
 
@@ -126,7 +116,7 @@ class Flow:
             case ast.Pass():
                 return True
             case ast.Expr(value=ast.Call() as call):
-                return name_of(call) in _NEUTRAL
+                return name_of(call) in NEUTRAL
             case ast.Expr():
                 return True
             case ast.Assign(targets=[target]) | ast.AugAssign(target=target):

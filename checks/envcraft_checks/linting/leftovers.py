@@ -6,47 +6,53 @@ import ast
 from collections.abc import Iterator
 
 from .program import MUTATORS, Function, Program, Suspect, line, name_of
+from .renewal import renewed
 from .sharing import is_bookkeeping, only_remembers
-
-#: What makes a container larger, and keeps what it held.
-_GROWS = frozenset({"add", "append", "appendleft", "extend", "insert", "setdefault"})
 
 
 def leftovers(program: Program) -> Iterator[Suspect]:
     """Find sums and containers that only grow from episode to episode, and flags that nothing takes back."""
     own = [function for function in program.play if program.bound_to(function) == program.env]
-    indirect = any(name_of(node) in ("__dict__", "setattr") for one in own for node in one.nodes)
     reset = program.method(program.env, "reset")
     # A reset() without a seed may go on from episode to episode by design.
-    if reset is None or indirect or "seed" not in reset.parameters:
+    if reset is None or "seed" not in reset.parameters:
         return
-    yield from _growing(program, own)
-    yield from _latches(program, own)
-
-
-def _growing(program: Program, own: list[Function]) -> Iterator[Suspect]:
     resetting = program.reached("reset")
-    renewed = {
+    if program.has_unknown_base:
+        # The base may call what only this class defines.
+        stepping = program.reached("step", "__init__")
+        resetting += [one for one in program.methods(program.env) if one not in resetting and one not in stepping]
+    if any(_by_name(node) for one in own for node in one.nodes) or any(map(_reads_by_name, resetting)):
+        return
+    changed = renewed(program, resetting)
+    yield from _growing(program, own, resetting, changed)
+    yield from _latches(program, own, resetting, changed)
+
+
+def _by_name(node: ast.AST) -> bool:
+    """Whether a node may set attributes whose names the code does not show."""
+    return name_of(node) in ("__dict__", "setattr", "vars")
+
+
+def _reads_by_name(function: Function) -> bool:
+    """Whether a function reads an attribute whose name the code does not show, and may change its object."""
+    for node in function.nodes:
+        match node:
+            case ast.Call(func=ast.Name(id="getattr"), args=[ast.Name(), name, *_]):
+                if not isinstance(name, ast.Constant):
+                    return True
+    return False
+
+
+def _growing(program: Program, own: list[Function], resetting: list[Function], changed: set[str]) -> Iterator[Suspect]:
+    anew = changed | {
         field
-        for one in own
+        for one in dict.fromkeys([*own, *resetting])
         for target, value, node in one.bindings
         if (field := one.field(target)) and not _of_itself(one, field, value)
         if not only_remembers(program, one, field, node)
     }
-    renewed |= {
-        one.field(target)
-        for one in resetting
-        for target, node in one.writes
-        if not isinstance(node, ast.AugAssign) and name_of(node) not in _GROWS
-    }
-    renewed |= {one.field(target) for one in own for target, node in one.writes if name_of(node) in ("clear", "fill")}
-    # A method of the object may set it back, and a deque of fixed length may be filled again.
-    renewed |= {
-        one.field(node.value)
-        for one in resetting
-        for node in one.nodes
-        if isinstance(node, ast.Attribute) and node.attr not in MUTATORS and one.field(node.value)
-    }
+    anew |= {one.field(target) for one in own for target, node in one.writes if name_of(node) in ("clear", "fill")}
     used = used_fields(program, own)
     for function in own:
         again = [
@@ -57,8 +63,9 @@ def _growing(program: Program, own: list[Function]) -> Iterator[Suspect]:
         for target, node in [*function.writes, *again]:
             field = function.field(target)
             values = program.field_values(program.env).get(field, ())
+            # A deque of fixed length may be filled again.
             limited = any(isinstance(value, ast.Call) and name_of(value) == "deque" for value, _ in values)
-            if not values or limited or field in renewed or field not in used or is_bookkeeping(field):
+            if not values or limited or field in anew or field not in used or is_bookkeeping(field):
                 continue
             if not only_remembers(program, function, field, node):
                 words = f"changes self.{field}, which reset() never sets, so that it outlives the episode"
@@ -76,8 +83,8 @@ def _of_itself(function: Function, field: str, value: ast.AST | None) -> bool:
     return False
 
 
-def _latches(program: Program, own: list[Function]) -> Iterator[Suspect]:
-    resetting, used = program.reached("reset"), used_fields(program, own)
+def _latches(program: Program, own: list[Function], resetting: list[Function], changed: set[str]) -> Iterator[Suspect]:
+    used = used_fields(program, own)
     for field, values in program.field_values(program.env).items():
         during = [(value, one) for value, one in values if one in own]
         constants = [value.value for value, _ in values if isinstance(value, ast.Constant)]
@@ -85,7 +92,7 @@ def _latches(program: Program, own: list[Function]) -> Iterator[Suspect]:
         # A number that counts down, or is set before it is read, does no harm for long.
         if len(constants) < len(values) or {*map(repr, constants)} != {"True", "False"} or len(latched) != 1:
             continue
-        if field not in used or is_bookkeeping(field) or any(one in resetting for _, one in during):
+        if field not in used or field in changed or is_bookkeeping(field) or any(one in resetting for _, one in during):
             continue
         for function in dict.fromkeys(one for _, one in during):
             for target, _, node in function.bindings:

@@ -20,6 +20,8 @@ MUTATORS = frozenset({
     "add", "append", "appendleft", "clear", "discard", "extend", "extendleft", "fill", "insert", "pop", "popitem",
     "popleft", "remove", "reverse", "rotate", "setdefault", "sort", "update",
 })  # fmt: skip
+#: Modules whose classes call no method that an environment adds.
+_KNOWN = frozenset({"abc", "gym", "gymnasium", "typing"})
 
 
 class Suspect(NamedTuple):
@@ -209,6 +211,14 @@ class Program:
         return "" if own or parts else f"builtins.{node.id}"
 
     @cached_property
+    def has_unknown_base(self) -> bool:
+        """Whether the environment inherits from a class of another file, which may call any of its methods."""
+        bases = [base for one in self.lineage(self.env) for base in self.classes[one].bases]
+        bases = [base.value if isinstance(base, ast.Subscript) else base for base in bases]
+        paths = [self.path(base) for base in bases if name_of(base) not in self.classes]
+        return any(path.partition(".")[0] not in _KNOWN and path != "builtins.object" for path in paths)
+
+    @cached_property
     def module_nodes(self) -> list[ast.AST]:
         """The nodes of the module outside functions and classes."""
         return list(outside(self.tree.body))
@@ -276,6 +286,12 @@ class Program:
             for one in lineage
         )
         return next((lines for lines in (*assigned, *bound) if lines), [])
+
+    def called(self, call: ast.Call, function: Function) -> Function | None:
+        """The function of the file, or the method of ``self``, that a call names."""
+        if field := function.field(call.func):
+            return self.method(self.bound_to(function), field)
+        return self.functions.get(call.func.id) if isinstance(call.func, ast.Name) else None
 
     @cached_property
     def play(self) -> list[Function]:
@@ -373,6 +389,20 @@ def name_of(node: ast.AST) -> str:
     if isinstance(node, ast.Subscript):
         return name_of(node.value)
     return node.attr if isinstance(node, ast.Attribute) else node.id if isinstance(node, ast.Name) else ""
+
+
+def arguments(call: ast.Call, called: Function) -> Iterator[tuple[str, ast.expr]]:
+    """Yield what a call gives a function of the file, with the name of each parameter that takes it."""
+    taken = called.node.args
+    parameters = [one.arg for one in [*taken.posonlyargs, *taken.args]][bool(called.me) :]
+    for number, value in enumerate(call.args):
+        if number < len(parameters):
+            yield parameters[number], value
+        elif taken.vararg is not None:
+            yield taken.vararg.arg, value
+    for keyword in call.keywords:
+        if keyword.arg is not None:
+            yield keyword.arg, keyword.value
 
 
 def _names(*nodes: Iterable[ast.AST]) -> set[str]:
