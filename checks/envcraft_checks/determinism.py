@@ -222,15 +222,15 @@ class Determinism(Check):
                 return
         fixed = list(seeds.ignored(self, subject))
         yield from fixed
-        yield from seeds.unseeded(self, subject, bool(fixed))
+        yield from (each for each in seeds.unseeded(self, subject, bool(fixed)) if each.code not in reported)
 
     def confirm(self, subject: Subject, finding: Finding) -> Finding | None:
         if finding.code == "EC209":
             return next(seeds.ignored(self, subject), None)
-        if finding.code in ("EC212", "EC213"):
+        under = Conditions.from_json(finding.repro.conditions)
+        if finding.code in ("EC212", "EC213") or under.unseeded:
             findings = seeds.unseeded(self, subject, fixed=False)
             return next((again for again in findings if again.code == finding.code), None)
-        under = Conditions.from_json(finding.repro.conditions)
         rollout = Rollout(finding.repro.seed, finding.repro.actions)
         info = finding.evidence.get("field") == "info"
         for _ in range(REPEATS):

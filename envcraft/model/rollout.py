@@ -49,7 +49,7 @@ class Conditions(msgspec.Struct, frozen=True, omit_defaults=True):
         again: plays the episode twice in one process, each time on a new instance, and records both.
         before: episodes that are played first, on the same instance.
         companion: the episode of a second instance, which is stepped in turn with the first.
-        render: calls ``render()`` after each reset and step, and sends the frame.
+        render: calls ``render()`` after each reset and step, and sends the frame; and after each episode of `before`.
         reread: watches all observations until the end of the episode, not only those that the environment refers to,
             and actions of every type.
         after_end: steps to take after the episode's end.

@@ -93,6 +93,26 @@ def ignored(check: Check, subject: Subject) -> Iterator[Finding]:
         )
 
 
+def _rendered(check: Check, subject: Subject, rollout: Rollout) -> Iterator[Finding]:
+    """Judge whether render() changes what the unseeded reset after an episode gives, as a recorded video would."""
+    if not subject.renders:
+        return
+    under = msgspec.structs.replace(rollout.conditions, render=True)
+    shown = rollout.under(under)
+    if diverge(subject.rollout(rollout), subject.rollout(shown), info=False) is None:
+        return
+    found = diverge(subject.rerun(rollout), again := subject.rerun(shown), info=False)
+    if found is not None and again.fault is None:
+        words = f"after reset(seed={rollout.conditions.before[0].seed}) and an episode, reset() gives another episode"
+        yield check.finding(
+            "EC208",
+            f"{words} with render() between the steps: {found}",
+            line=subject.line_of("render"),
+            repro=repro(shown.cut(found.step)),
+            step=found.step,
+        )
+
+
 def unseeded(check: Check, subject: Subject, fixed: bool) -> Iterator[Finding]:
     """Judge unseeded episodes that follow a seeded one. `fixed` says that all seeds give the same episode."""
     plain = subject.probes.random(0).cut(_UNSEEDED_STEPS)
@@ -112,6 +132,7 @@ def unseeded(check: Check, subject: Subject, fixed: bool) -> Iterator[Finding]:
             small = repro(after(0).cut(found.step))
             yield check.finding("EC213", words, line=subject.line_of("reset"), repro=small, step=found.step)
             return
+    yield from _rendered(check, subject, after(0))
     later = (subject.rollout(after(count)) for count in range(1, _UNSEEDED + 1))
     if fixed or not all(diverge(first, trace, info=False) is None for trace in later):
         return

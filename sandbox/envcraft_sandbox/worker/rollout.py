@@ -120,6 +120,8 @@ def _episode(subject: Subject, job: Job, conditions: Conditions, resources: Reso
         for earlier in conditions.get("before", ()):
             if resources is None:
                 _play_through(subject, env, earlier)
+                if conditions.get("render"):
+                    subject.call("render", env.render)
             elif _process_time() < busy and _monotonic() < until:
                 _record(subject, env, earlier, resources)
         if not conditions.get("unseeded"):
