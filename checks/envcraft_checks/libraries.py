@@ -23,6 +23,15 @@ if TYPE_CHECKING:
 _OLD_NAMES = {"gym": "gymnasium", "pygame_ce": "pygame", "np": "numpy"}
 #: Libraries that a file of tests imports, and an environment does without.
 _TESTING = ("hypothesis", "pytest")
+#: Libraries that environments and the files around them import.
+_OTHERS = frozenset({
+    "Box2D", "OpenGL", "ale_py", "arcade", "attr", "bs4", "chess", "cleanrl", "d3rlpy", "dm_control", "dm_env",
+    "einops", "flax", "gym3", "gymnasium_robotics", "h5py", "highway_env", "hydra", "joblib", "keras", "loguru",
+    "lxml", "minigrid", "moviepy", "mpmath", "mujoco", "omegaconf", "opensimplex", "optax", "optuna", "orjson",
+    "pettingzoo", "plotly", "polars", "psutil", "pybullet", "pydantic", "pyglet", "ray", "requests", "rich",
+    "sb3_contrib", "seaborn", "shimmy", "stable_baselines3", "statsmodels", "supersuit", "tensorboard",
+    "tensorboardX", "tensorflow", "tianshou", "torchrl", "tqdm", "transformers", "trimesh", "wandb", "xarray", "yaml",
+})  # fmt: skip
 #: The words of an ImportError about a library that a package does without until this environment needs it.
 _INSTALL = re.compile(r"\binstall", re.IGNORECASE)
 
@@ -153,7 +162,7 @@ def well_known() -> frozenset[str]:
     """The libraries that exist for certain, so that a machine that lacks one is no defect of the environment."""
     from envcraft.judging.facts import WELL_KNOWN
 
-    return WELL_KNOWN
+    return WELL_KNOWN | _OTHERS
 
 
 def is_standard(name: str) -> bool:

@@ -39,7 +39,7 @@ import statistics
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
-from envcraft.errors import Skip
+from envcraft.errors import Skip, Undecided
 from envcraft.judging.check import Check, Rule
 from envcraft.judging.shrink import repro
 from envcraft.model.rollout import Conditions, Rollout
@@ -114,6 +114,8 @@ class Speed(Check):
         if found is not None:
             subject.time_limit.shorten(_SLOW)
             yield found
+        elif not trace.observations:
+            raise Undecided("reset() returns no observation")
 
     def _steps(self, subject: Subject, rollout: Rollout, trace: Trace) -> Finding | None:
         minimum = subject.contract.min_steps_per_second

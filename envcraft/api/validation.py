@@ -352,7 +352,7 @@ def _targets(target: _Target, env_class: str | None, exclude: tuple[str, ...] = 
         keep_source(target.encode())
         return [Target("source.py", target.encode(), env_class)]
     if isinstance(target, gymnasium.Env):
-        name = type(target).__name__
+        name = type(target.unwrapped).__name__
         raise UsageError(f"validate() takes no instance; pass the class {name}, or call envcraft.check_env(env)")
     if not isinstance(target, str | os.PathLike):
         words = "give a file, a folder, a class, package.module:Class, an id or the text of a module"

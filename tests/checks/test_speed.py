@@ -158,6 +158,11 @@ def test_the_machines_load_does_not_count(monkeypatch: pytest.MonkeyPatch) -> No
     assert [finding.code for finding in found(game("busy(0.2)"))] == ["EC909"]
 
 
+def test_without_a_reset_nothing_is_measured() -> None:
+    (own,) = [check for check in judged(game(reset="raise ValueError")).checks if check.check == "speed"]
+    assert (own.undecided, own.reason) == (True, "reset() returns no observation")
+
+
 def test_pace_leaves_the_most_expensive_steps_out() -> None:
     assert pace([10_000] * 100) == pytest.approx(100)
     assert pace([10_000] * 96 + [3_000_000] * 4) == pytest.approx(100)

@@ -8,7 +8,7 @@ import os
 import re
 import sys
 import textwrap
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -823,8 +823,9 @@ def test_an_import_that_is_not_allowed_has_a_next_step(name: str, words: str, in
     assert words in result.stdout
 
 
-def test_a_library_that_is_not_installed_is_no_defect(invoke: Invoke, good: Path) -> None:
-    lacking = next(name for name in sorted(WELL_KNOWN) if importlib.util.find_spec(name) is None)
+@pytest.mark.parametrize("known", [WELL_KNOWN, ("stable_baselines3", "wandb")], ids=["of games", "of training"])
+def test_a_library_that_is_not_installed_is_no_defect(known: Iterable[str], invoke: Invoke, good: Path) -> None:
+    lacking = next(name for name in sorted(known) if importlib.util.find_spec(name) is None)
     good.write_text(f"import {lacking}\n{ENVIRONMENT}")
     options = ("--sandbox", "process", "--format", "concise", "--checks", "source")
     result = invoke("validate", good, *options, "--contract", "gymnasium")
