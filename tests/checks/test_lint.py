@@ -45,6 +45,7 @@ class Game(gym.Env):
     {more}
 """
 
+SHOWN = "return np.full(4, self.x)"
 EMPTY = "return self.x == 0"
 WON = "return self.see(), 1.0, True, False, {}"
 GUST = "def more(self): self.x = self.np_random.random()"
@@ -77,10 +78,10 @@ def subject_of(target: Target) -> Subject:
 @pytest.mark.parametrize(
     ("code", "parts"),
     [
-        ("EC050", {"step": "self.x = random.random()"}),
-        ("EC050", {"step": "self.x = np.random.default_rng().random()"}),
-        ("EC050", {"reset": "self.x = self.more()", "more": "def more(self): return np.random.rand()"}),
-        ("EC050", {"step": "self.x = self.action_space.sample()"}),
+        ("EC050", {"step": "self.x = random.random()", "see": SHOWN}),
+        ("EC050", {"step": "self.x = np.random.default_rng().random()", "see": SHOWN}),
+        ("EC050", {"reset": "self.x = self.more()", "more": "def more(self): return np.random.rand()", "see": SHOWN}),
+        ("EC050", {"step": "self.x = self.action_space.sample()", "see": SHOWN}),
         ("EC050", {"reset": "self.np_random.random()", "super": "super().reset()"}),
         ("EC050", {"super": "super().reset(seed=0)", "step": "self.x = self.np_random.random()"}),
         ("EC050", {"super": "super().reset(seed=LIMIT)", "step": "self.more()", "more": GUST}),
@@ -299,6 +300,7 @@ def test_only_selected_rules_report(tmp_path: Path) -> None:
     [
         "type(self).a{0} = self.b{0}",
         "self.a{0}.append(self.b{0})",
+        "self.a{0} = self.a{1} + random.random()",
         "x{0} = x{1} = self.f{0}(time.time())",
         "done = self.a{0} >= 9; self.a{0} += 1",
         "self.a{0} = {{n for n in self.a{1}}}; list(self.a{0})",

@@ -15,7 +15,7 @@ NEUTRAL = frozenset({
 })  # fmt: skip
 #: The most rounds in which values spread: each round goes through all statements in order.
 _ROUNDS = 10
-_KEEPS = frozenset({"add", "append", "appendleft", "extend", "insert", "put", "update"})
+KEEPS = frozenset({"add", "append", "appendleft", "extend", "insert", "put", "update"})
 
 
 class Flow:
@@ -95,7 +95,7 @@ class Flow:
         if (called := self.program.called(call, function)) is not None:
             taken = (parameter for parameter, value in arguments(call, called) if self.reaches(value, function))
             self._names[called].update(taken)
-        elif isinstance(call.func, ast.Attribute) and call.func.attr in _KEEPS:
+        elif isinstance(call.func, ast.Attribute) and call.func.attr in KEEPS:
             self._take(root(call.func.value), function)
 
     def _take(self, target: ast.AST, function: Function) -> None:
@@ -106,7 +106,7 @@ class Flow:
 
     def _acts(self, call: ast.Call, function: Function) -> bool:
         name = name_of(call)
-        if name in NEUTRAL or name in _KEEPS or self.program.called(call, function) is not None:
+        if name in NEUTRAL or name in KEEPS or self.program.called(call, function) is not None:
             return False
         return any(self.reaches(one, function) for one in [*call.args, *call.keywords])
 

@@ -6,6 +6,7 @@ import ast
 from collections.abc import Iterator
 
 from .program import Function, Program, Suspect, bindings, line, name_of
+from .usage import Usage
 
 #: The functions of the module random that draw from its global generator.
 _DRAWS = frozenset({
@@ -23,7 +24,7 @@ _MAKERS = frozenset({
 
 def generators(program: Program) -> Iterator[Suspect]:
     """Find draws from global generators that the file never seeds, and generators that are created without a seed."""
-    play, every = program.play, program.all
+    play, every, usage = program.play, program.all, Usage(program)
     seeded = {
         path.rpartition(".")[0]
         for function in every
@@ -45,14 +46,17 @@ def generators(program: Program) -> Iterator[Suspect]:
             path = program.path(node.func, function)
             if isinstance(node.func, ast.Attribute) and (alias := aliases.get(function.field(node.func.value))):
                 path = f"{alias}.{node.func.attr}"
-            module = path.rpartition(".")[0]
-            if draws(path) and module not in seeded and (function in play or _kept(program, function, node)):
-                yield Suspect(line(node), f"takes a number that no seed of reset() controls: {path}()")
+            if draws(path) and path.rpartition(".")[0] not in seeded:
+                words = f"takes a number that no seed of reset() controls: {path}()"
             elif function in play and _draws_from_space(program, node, function) and not _seeds_space(every):
-                yield Suspect(line(node), "samples a space, whose generator reset() does not seed")
-            elif path in _MAKERS and _unseeded(node) and _used(program, function, node):
-                yield Suspect(line(node), f"creates a generator without a seed: {path}()")
-    yield from _fixed(program)
+                words = "samples a space, whose generator reset() does not seed"
+            elif path in _MAKERS and _unseeded(node) and _is_drawn_from(program, function, node):
+                words = f"creates a generator without a seed: {path}()"
+            else:
+                continue
+            if path.endswith(".shuffle") or usage.is_used(node, function):
+                yield Suspect(line(node), words)
+    yield from _fixed(program, usage)
     yield from _ignored_seed(program)
     yield from _constant_seed(program)
 
@@ -67,13 +71,6 @@ def draws(path: str) -> bool:
     if module == "numpy.random":
         return name.islower() and name not in _NO_DRAWS
     return module == "secrets"
-
-
-def _kept(program: Program, function: Function, node: ast.AST) -> bool:
-    """Whether a statement of the constructor keeps a value in an attribute."""
-    while not isinstance(node, ast.stmt):
-        node = program.parents[node]
-    return isinstance(node, ast.Assign) and any(function.field(target) for target in node.targets)
 
 
 def _draws_from_space(program: Program, node: ast.Call, function: Function) -> bool:
@@ -105,7 +102,7 @@ def _unseeded(node: ast.Call) -> bool:
     return all(isinstance(one, ast.Constant) and one.value is None for one in given)
 
 
-def _used(program: Program, function: Function, node: ast.Call) -> bool:
+def _is_drawn_from(program: Program, function: Function, node: ast.Call) -> bool:
     """Whether play draws from a new generator, and nothing binds another one to its name."""
     parent = program.parents[node]
     if isinstance(parent, ast.Tuple | ast.Subscript):
@@ -153,7 +150,7 @@ def _drawn(program: Program, field: str) -> bool:
     return bool(called) and "seed" not in called
 
 
-def _fixed(program: Program) -> Iterator[Suspect]:
+def _fixed(program: Program, usage: Usage) -> Iterator[Suspect]:
     """Find generators that only the constructor or the module creates with a fixed seed, and play draws from."""
     built = [function for function in program.all if function not in program.play]
     for function in built:
@@ -169,6 +166,7 @@ def _fixed(program: Program) -> Iterator[Suspect]:
                 and sum(len(_values(one, field)) for one in program.methods(program.env)) == 1
                 and _drawn(program, field)
                 and not _seeded_by_gymnasium(program, field)
+                and usage.is_used(value, function)
             ):
                 yield Suspect(line(node), f"creates self.{field} with a fixed seed, and reset() does not seed it again")
     loaded = {
@@ -181,14 +179,15 @@ def _fixed(program: Program) -> Iterator[Suspect]:
         if not isinstance(target, ast.Name) or target.id not in loaded:
             continue
         if isinstance(value, ast.Call) and program.path(value.func) in _MAKERS:
-            yield Suspect(
-                line(node), f"creates the generator {target.id} of the module, which reset() does not create again"
-            )
+            if usage.is_used(value, None):
+                words = f"creates the generator {target.id} of the module, which reset() does not create again"
+                yield Suspect(line(node), words)
             continue
         for call in ast.walk(node):
-            if isinstance(call, ast.Call) and (
-                draws(path := program.path(call.func)) or (path in _MAKERS and _unseeded(call))
-            ):
+            if not isinstance(call, ast.Call):
+                continue
+            drawn = draws(path := program.path(call.func)) or (path in _MAKERS and _unseeded(call))
+            if drawn and usage.is_used(call, None):
                 yield Suspect(
                     line(call), f"takes {target.id} from a generator without a seed when the file is imported: {path}()"
                 )

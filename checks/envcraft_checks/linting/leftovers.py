@@ -18,7 +18,7 @@ def leftovers(program: Program) -> Iterator[Suspect]:
     if reset is None or "seed" not in reset.parameters:
         return
     resetting = program.reached("reset")
-    if program.has_unknown_base:
+    if program.has_unknown_base(program.env):
         # The base may call what only this class defines.
         stepping = program.reached("step", "__init__")
         resetting += [one for one in program.methods(program.env) if one not in resetting and one not in stepping]

@@ -20,7 +20,7 @@ MUTATORS = frozenset({
     "add", "append", "appendleft", "clear", "discard", "extend", "extendleft", "fill", "insert", "pop", "popitem",
     "popleft", "remove", "reverse", "rotate", "setdefault", "sort", "update",
 })  # fmt: skip
-#: Modules whose classes call no method that an environment adds.
+#: Modules whose classes know nothing of what an environment adds.
 _KNOWN = frozenset({"abc", "gym", "gymnasium", "typing"})
 
 
@@ -210,10 +210,9 @@ class Program:
         own = node.id in self.functions or node.id in self.classes or node.id in self.module_values
         return "" if own or parts else f"builtins.{node.id}"
 
-    @cached_property
-    def has_unknown_base(self) -> bool:
-        """Whether the environment inherits from a class of another file, which may call any of its methods."""
-        bases = [base for one in self.lineage(self.env) for base in self.classes[one].bases]
+    def has_unknown_base(self, owner: str) -> bool:
+        """Whether a class inherits from one of another file, other than Gymnasium's, which may use all that it adds."""
+        bases = [base for one in self.lineage(owner) for base in self.classes[one].bases]
         bases = [base.value if isinstance(base, ast.Subscript) else base for base in bases]
         paths = [self.path(base) for base in bases if name_of(base) not in self.classes]
         return any(path.partition(".")[0] not in _KNOWN and path != "builtins.object" for path in paths)
