@@ -18,7 +18,7 @@ from envcraft.judging.selection import default_checks, driver_named, rules_of
 from envcraft.reports.console import ConsoleReporter
 
 ROOT = Path(__file__).resolve().parent.parent
-SHOWN = ("snake.py", "broken_fox_old_footprints.py", "broken_breakout_unknown_import.py")
+SHOWN = ("sokoban.py", "broken_fox_old_footprints.py", "broken_breakout_unknown_import.py")
 WIDTH = 100
 
 

@@ -26,7 +26,7 @@ COMMANDS = (
     ("envcraft validate games/", 2),
     ("envcraft validate gymnasium:CartPole-v1 --contract gymnasium", 2),
     ("python cell.py   # ends with envcraft.validate(Lantern), for a class of the notebook", 2),
-    ("pytest --envcraft games/ -q", 2),
+    ("pytest --envcraft games/ -q", 3),
 )
 
 
