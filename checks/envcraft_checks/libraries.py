@@ -165,6 +165,14 @@ def well_known() -> frozenset[str]:
     return WELL_KNOWN | _OTHERS
 
 
+def is_on_host(name: str) -> bool:
+    """Whether this interpreter has a library that a worker may lack, without importing it."""
+    from importlib.machinery import PathFinder
+
+    folders = [each for each in sys.path if Path(each).name in ("site-packages", "dist-packages")]
+    return name not in (*_TESTING, "envcraft") and PathFinder.find_spec(name, folders) is not None
+
+
 def is_standard(name: str) -> bool:
     """Whether a module belongs to the standard library."""
     return name in sys.stdlib_module_names

@@ -33,12 +33,13 @@ import statistics
 from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
-from envcraft.errors import Skip
+from envcraft.errors import Skip, Undecided
 from envcraft.judging.check import Check, Rule
 from envcraft.judging.shrink import repro
 from envcraft.model.rollout import Conditions, Episode, Rollout
 from envcraft.model.verdict import Finding
 from envcraft.plugins import hookimpl
+from envcraft.text import plural
 
 if TYPE_CHECKING:
     from envcraft.judging.subject import Subject
@@ -115,8 +116,9 @@ class ResourceUse(Check):
         yield from findings
         if not findings and not complete:
             measured = sum(episode.resources is not None for episode in last.before)
-            reason = "an episode raised" if last.fault is not None else "the episodes took too long"
-            raise Skip(f"{measured} episodes could be measured: {reason}")
+            if last.fault is not None:
+                raise Undecided(f"{plural(measured, 'episode')} could be measured, before one raised")
+            raise Skip(f"{plural(measured, 'episode')} could be measured: they took too long")
 
     def confirm(self, subject: Subject, finding: Finding) -> Finding | None:
         return self._confirmed(subject, subject.rollout(_session(subject)), finding.code, _usual(subject))

@@ -60,7 +60,15 @@ from envcraft.plugins import hookimpl
 from envcraft.text import with_article
 
 from .imports import imported_modules, required_imports
-from .libraries import ask_for_dependency, in_package, installation_hint, is_standard, well_known, why_unknown
+from .libraries import (
+    ask_for_dependency,
+    in_package,
+    installation_hint,
+    is_on_host,
+    is_standard,
+    well_known,
+    why_unknown,
+)
 from .linting.loading import import_code, method_code, printing_line, seeding_line, waiting_line
 from .linting.program import program_of
 
@@ -242,7 +250,7 @@ class Source(Check):
         for file, tree in trees.items():
             wanted = required_imports(tree, unknown, python)
             for name, line in sorted(wanted.items(), key=lambda item: item[1]):
-                if name in missing and name in installable:
+                if name in missing and (name in installable or (allowed is None and is_on_host(name))):
                     raise WorkerLost(f"{name} is not installed where the worker runs{installation_hint(subject)}")
                 if name in unknown:
                     shown = in_package(tree, name, line)

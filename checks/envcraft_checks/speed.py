@@ -45,6 +45,7 @@ from envcraft.judging.shrink import repro
 from envcraft.model.rollout import Conditions, Rollout
 from envcraft.model.verdict import Finding
 from envcraft.plugins import hookimpl
+from envcraft.text import plural
 
 if TYPE_CHECKING:
     from envcraft.judging.subject import Subject
@@ -116,6 +117,8 @@ class Speed(Check):
             yield found
         elif not trace.observations:
             raise Undecided("reset() returns no observation")
+        elif not trace.usable and not _enough(trace):
+            raise Undecided(f"only {plural(trace.steps, 'step')} could be measured")
 
     def _steps(self, subject: Subject, rollout: Rollout, trace: Trace) -> Finding | None:
         minimum = subject.contract.min_steps_per_second

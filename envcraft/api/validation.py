@@ -34,7 +34,7 @@ from envcraft.judging.selection import driver_named, rules_of, select_checks
 from envcraft.judging.severity import OFF
 from envcraft.judging.verdict_cache import record
 from envcraft.model.events import Finished
-from envcraft.model.project import configured, with_project
+from envcraft.model.project import Place, configured, with_project
 from envcraft.model.target import Kind, Target, kind_of
 from envcraft.model.verdict import Finding, Severity, SubjectReport, Verdict
 from envcraft.reports.evidence import keep_source, lines_below, place_of
@@ -470,7 +470,16 @@ def _class(kind: type) -> Target:
         return Target(f"{kind.__module__}:{kind.__qualname__}", kind=Kind.MODULE)
     target = target_of(kind)
     keep_source(target.source, target.cells)
-    return with_project(target)
+    return with_project(target, _root(kind, Path(file)) if file else None)
+
+
+def _root(kind: type, file: Path) -> Path | None:
+    """The folder that a class was imported from, where no ``__init__.py`` beside its file shows it."""
+    parts = kind.__module__.split(".")
+    if len(parts) == 1 or Place.of(file).module == kind.__module__:
+        return None
+    root = file.absolute().parents[len(parts) - 1]
+    return root if Path(root, *parts).with_suffix(".py") == file.absolute() else None
 
 
 def _wrappers(names: str | Sequence[str]) -> tuple[str, ...]:

@@ -131,7 +131,7 @@ def test_a_class_of_a_notebook_is_judged_from_its_cells(monkeypatch: pytest.Monk
 def test_lines_of_a_notebook_count_within_their_cell(monkeypatch: pytest.MonkeyPatch) -> None:
     """As the notebook numbers them: other cells that ran before do not move them."""
     imports, _, rest = ENVIRONMENT.partition("\n\n\n")
-    helper = "import random\ndef paid(x):\n    random.random()\n    return 1 / (7 - x)"
+    helper = "import random\ndef paid(x):\n    luck = random.random()\n    return luck / (7 - x)"
     history = [
         "",
         imports,

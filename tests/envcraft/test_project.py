@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import importlib.util
 import json
 import os
@@ -16,6 +17,7 @@ from typing import Any
 import pytest
 from envcraft_checks.libraries import why_unknown
 
+import envcraft
 from envcraft.contracts.builtin import GYMNASIUM
 from envcraft.environments.targets import environments_below, resolve
 from envcraft.errors import UsageError
@@ -483,6 +485,21 @@ def test_a_named_module_is_found_in_src(invoke: Invoke, good: Path, monkeypatch:
     Path("src/zz_games").rename(".venv/lib/site-packages/zz_games")
     monkeypatch.syspath_prepend(good.parent / ".venv/lib/site-packages")
     assert [target.kind for target in resolve("zz_games.walk:Walk")] == [Kind.MODULE]
+
+
+def test_a_class_is_judged_from_the_folder_that_it_was_imported_from(
+    good: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for folder in ("zz_envs", "zz_utils"):
+        (good.parent / folder).mkdir()
+    (good.parent / "zz_utils/sizes.py").write_text("SIZE = 7\n")
+    (good.parent / "zz_envs/line.py").write_text(f"from zz_utils.sizes import SIZE\n{ENVIRONMENT}")
+    monkeypatch.syspath_prepend(good.parent)
+    monkeypatch.chdir(good.parent)
+    kind = importlib.import_module("zz_envs.line").Walk
+    envcraft.check_env(kind(), sandbox="process")
+    report = envcraft.validate(kind, contract="gymnasium", sandbox="process", budget="quick", checks=["source"])
+    assert report.reports[0].verdict == "pass"
 
 
 @pytest.mark.parametrize("target", ["walk.py", "walk:Walk"])

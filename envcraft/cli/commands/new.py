@@ -71,9 +71,11 @@ def names(name: str) -> tuple[str, str]:
         near = near if near.isidentifier() and near != module else f"game_{near}".rstrip("_")
         where = f" --folder {shlex.quote(name.rpartition('/')[0])}" if folder else ""
         raise UsageError(f"{name!r} is not a valid class name; try `envcraft new {near}{where}`")
-    if module in _TAKEN or module.startswith("test_") or module.endswith("_test"):
+    for_pytest = module.startswith("test_") or module.endswith("_test")
+    if module in _TAKEN or for_pytest:
         near = f"{module.removeprefix('test_').removesuffix('_test')}_game"
-        raise UsageError(f"{module}.py would hide another module; try `envcraft new {near}`")
+        why = "is a name of pytest's for tests" if for_pytest else "would hide another module"
+        raise UsageError(f"{module}.py {why}; try `envcraft new {near}`")
     return module, env_class
 
 
