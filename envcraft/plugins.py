@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import os
 import sys
+import threading
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cache
@@ -91,6 +92,7 @@ class Plugins:
     _distributions: dict[str, str] = field(default_factory=dict)
     _waiting: dict[str, tuple[str, ...]] = field(default_factory=dict)
     _order: dict[str, None] = field(default_factory=dict)
+    _loading: threading.RLock = field(default_factory=threading.RLock)
 
     def collect(self, hook: str) -> list[Any]:
         """Call one hook of every plugin and join the results.
@@ -116,8 +118,10 @@ class Plugins:
         """Yield the objects of a hook in order: the plugin, the object's name and codes, the object."""
         # In pluggy's order, a plugin could put itself first.
         for plugin in list(self._order):
-            if hook in self._waiting.get(plugin, ()):
-                self._load(plugin)
+            # Another thread waits until the plugin is loaded. Its import may come here again in this thread.
+            with self._loading:
+                if hook in self._waiting.get(plugin, ()):
+                    self._load(plugin)
             for implementation in getattr(self.manager.hook, hook).get_hookimpls():
                 if implementation.plugin_name == plugin:
                     try:
@@ -160,8 +164,9 @@ class Plugins:
 
     def list(self) -> list[Plugin]:
         """List every plugin with its distribution and hooks."""
-        for module in list(self._waiting):
-            self._load(module)
+        with self._loading:
+            for module in list(self._waiting):
+                self._load(module)
         listed = []
         for name in self._order:
             plugin = self.manager.get_plugin(name)

@@ -6,8 +6,11 @@ import os
 import shutil
 import subprocess
 import sys
+import threading
+import time
 import types
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -80,6 +83,23 @@ def test_a_built_in_plugin_is_imported_when_its_hook_is_asked_and_keeps_its_plac
     assert broken.plugin == "foreign"
     assert empty.find("envcraft_checks", "none") is None
     assert [listed.name for listed in empty.list()] == ["one", "two", "three", "foreign"]
+
+
+def test_a_thread_waits_for_a_plugin_that_another_one_loads(empty: Plugins, monkeypatch: pytest.MonkeyPatch) -> None:
+    importing = threading.Event()
+
+    def load(name: str) -> Any:
+        importing.set()
+        time.sleep(0.2)
+        return plugin("slow", "envcraft_checks", gives)()
+
+    monkeypatch.setattr("envcraft.plugins.importlib.import_module", load)
+    empty.defer("slow", ("envcraft_checks",))
+    with ThreadPoolExecutor(2) as threads:
+        first = threads.submit(empty.collect, "envcraft_checks")
+        assert importing.wait(10)
+        second = threads.submit(empty.collect, "envcraft_checks")
+        assert (first.result(), second.result()) == ([RULE], [RULE])
 
 
 def test_a_hook_that_raises_is_named_and_the_rest_go_on(empty: Plugins) -> None:
