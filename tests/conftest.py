@@ -46,7 +46,6 @@ _FIRST = (
     "sandbox/conformance/test_remains.py",
     "sandbox/test_leftovers.py",
     "checks/test_fixtures.py",
-    "checks/test_speed.py",
     "e2e/test_examples.py",
     "corpus/test_audit_command.py",
     "plugins/generation/test_pipeline.py",
