@@ -9,7 +9,7 @@ import os
 import re
 import sys
 import textwrap
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -21,7 +21,6 @@ import envcraft
 from envcraft.contracts.builtin import GYMNASIUM
 from envcraft.environments.targets import environments_below, resolve
 from envcraft.errors import UsageError
-from envcraft.judging.facts import WELL_KNOWN
 from envcraft.model.classes import defining_file, environment_line
 from envcraft.model.import_folders import import_folders
 from envcraft.model.project import with_project
@@ -672,194 +671,12 @@ def test_a_class_that_inherits_an_abstract_method_is_named_with_its_line(
     assert f"; {hint}" in result.stdout
 
 
-def test_a_file_of_a_wrapper_says_how_to_judge_it(invoke: Invoke, good: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(good.parent)
-    Path("wrappers").mkdir()
-    Path("wrappers/__init__.py").write_text("")
-    Path("wrappers/slow.py").write_text("from gymnasium import Wrapper\n\nclass Slow(Wrapper):\n    pass\n")
-    options = ["--sandbox", "process", "--format", "concise"]
-    result = invoke("validate", "wrappers/slow.py", *options)
-    assert "wrappers/slow.py:3: EC005" in result.stdout
-    told = re.search(r"Slow is a wrapper; to judge it, validate an environment with (.*)", result.stdout)
-    assert told is not None, result.stdout
-    judged = invoke("validate", good, *told[1].split(), *options, "--checks", "api", "--budget", "quick")
-    assert judged.exit_code == 0, judged.output
-
-
-def test_a_wrapper_of_the_project_under_a_contract_for_single_files(
-    invoke: Invoke, good: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(good.parent)
-    Path("slow.py").write_text("from gymnasium import Wrapper\n\nclass Slow(Wrapper):\n    pass\n")
-    result = invoke("validate", good, "--wrap", "slow:Slow", "--sandbox", "process", "--format", "concise")
-    assert result.exit_code == 2
-    assert "the contract arcade is for single files; name --contract gymnasium" in result.stdout
-    assert "not installed" not in result.stdout
-
-
-def test_a_wrapper_that_a_target_names_says_how_to_judge_it(
-    invoke: Invoke, good: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(good.parent)
-    Path("slow.py").write_text("from gymnasium import Wrapper\n\nclass Slow(Wrapper):\n    pass\n")
-    Path("named.py").write_text("from slow import Slow\n")
-    options = ["--sandbox", "process", "--contract", "gymnasium", "--format", "concise"]
-    words = "is a wrapper; to judge it, validate an environment with --wrap"
-    assert f"slow.py:3: EC005 Slow {words} slow:Slow" in invoke("validate", "slow:Slow", *options).stdout
-    assert f"EC005 Slow {words} named:Slow" in invoke("validate", "named.py", "--class", "Slow", *options).stdout
-    named = invoke("validate", "gymnasium.wrappers:TimeLimit", *options)
-    assert f"EC005 TimeLimit {words} gymnasium.wrappers:TimeLimit" in named.stdout
-
-
-_WRAPPERS = """import random
-import gymnasium as gym
-
-
-class Halved(gym.ObservationWrapper):
-    def observation(self, observation):
-        return observation / 2
-
-
-class Nothing(gym.RewardWrapper):
-    def reward(self, reward):
-        return float("nan")
-
-
-class Refuses(gym.Wrapper):
-    def __init__(self, env):
-        super().__init__(env)
-        raise ValueError("I do not want this")
-
-
-class Quiet(gym.Wrapper):
-    pass
-
-
-class Draws(gym.RewardWrapper):
-    def reward(self, reward):
-        return random.random()
-
-
-class More(gym.Wrapper):
-    action_space = gym.spaces.Discrete(9)
-
-    def step(self, action):
-        return self.env.step(action if action < 5 else [[]])
-"""
-_WITHOUT = "; without the wrapper wrappers:{} it does not occur"
-
-
-@pytest.mark.parametrize(
-    ("wrappers", "code", "line", "words"),
-    [
-        (["Halved"], "EC108", "class Walk", _WITHOUT.format("Halved")),
-        (["Nothing"], "EC301", "class Walk", _WITHOUT.format("Nothing")),
-        (["Refuses"], "EC008", "class Walk", f"wrappers.py line 18: I do not want this{_WITHOUT.format('Refuses')}"),
-        (["Draws"], "EC204", "class Walk", "; judged in the wrapper wrappers:Draws"),
-        (
-            ["Quiet", "Halved"],
-            "EC108",
-            "class Walk",
-            "; without the wrappers wrappers:Quiet and wrappers:Halved it does not occur",
-        ),
-    ],
-)
-def test_a_finding_names_the_wrapper_that_causes_it(
-    wrappers: list[str], code: str, line: str, words: str, invoke: Invoke, good: Path
-) -> None:
-    found = _wrapped(invoke, good, wrappers)
-    assert found[code]["message"].endswith(words)
-    assert good.read_text().splitlines()[found[code]["line"] - 1].strip().startswith(line)
-
-
-@pytest.mark.parametrize(
-    ("source", "code"),
-    [
-        (b"\xff", "EC001"),
-        (b"import nunpy\n", "EC002"),
-        (b"raise ValueError\n", "EC003"),
-        (b"import gymnasium as gym\nclass Room(gym.Env):\n    pass\n", "EC005"),
-    ],
-)
-def test_a_file_that_cannot_be_constructed_has_the_same_finding_under_wrappers(
-    source: bytes, code: str, invoke: Invoke, good: Path
-) -> None:
-    good.write_bytes(source)
-    found = [_wrapped(invoke, good, wrappers)[code] for wrappers in ([], ["Quiet"])]
-    assert found[0] == found[1]
-
-
-def test_a_finding_of_the_environment_alone_names_no_wrapper(invoke: Invoke, good: Path) -> None:
-    good.write_text(ENVIRONMENT.replace("return self.render(), {}", "return self.render() / 2, {}"))
-    found = _wrapped(invoke, good, ["Quiet"])
-    assert "wrapper" not in found["EC108"]["message"]
-    line = good.read_text().splitlines()[found["EC108"]["line"] - 1].strip()
-    assert line == "return self.render() / 2, {}"
-
-
-def test_a_finding_of_actions_that_only_a_wrapper_allows_names_it(invoke: Invoke, good: Path) -> None:
-    found = _wrapped(invoke, good, ["More"])
-    assert found["EC107"]["message"].endswith("; judged in the wrapper wrappers:More")
-    assert "action[0]" in good.read_text().splitlines()[found["EC107"]["line"] - 1]
-
-
-def _wrapped(invoke: Invoke, good: Path, wrappers: list[str]) -> dict[str, dict[str, Any]]:
-    """The findings under wrappers by code."""
-    good.with_name("wrappers.py").write_text(_WRAPPERS)
-    wrap = [word for name in wrappers for word in ("--wrap", f"wrappers:{name}")]
-    options = ("--sandbox", "process", "--contract", "gymnasium", "--budget", "quick", "--format", "json")
-    result = invoke("validate", good, *wrap, *options, "--checks", "api,determinism,reward")
-    [report] = json.loads(result.stdout)["reports"]
-    return {finding["code"]: finding for check in report["checks"] for finding in check["findings"]}
-
-
 def test_an_audit_says_that_it_takes_single_files(maze: Path) -> None:
     target = Target(str(maze / "maze" / "grid.py"), b"from .sizes import SIZE\n")
     subject: Any = SimpleNamespace(left_out=None, contract=GYMNASIUM, target=target)
     words = why_unknown(".sizes", subject, [])
     assert words == "a file of its project, which only `envcraft validate` and the audit of its folder judge with it"
     assert why_unknown("nunpy", subject, ["numpy"]) == "which is not a known library; did you mean numpy?"
-
-
-@pytest.mark.parametrize(
-    ("name", "words"),
-    [
-        ("envcraft", "line 1 imports envcraft, which is not available where environments run; leave it out, or move"),
-        (
-            "pytest",
-            "line 1 imports pytest, which is not available where environments run; move the class to a file that",
-        ),
-        ("msgspec", "line 1 imports msgspec, which the contract arcade does not allow; it allows numpy, gymnasium, "),
-        ("nunpy", "line 1 imports nunpy, which is not a known library; did you mean numpy?"),
-        ("gym", "line 1 imports gym, which is not a known library; did you mean gymnasium?"),
-    ],
-)
-def test_an_import_that_is_not_allowed_has_a_next_step(name: str, words: str, invoke: Invoke, good: Path) -> None:
-    good.write_text(f"import {name}\n{ENVIRONMENT}")
-    result = invoke("validate", good, "--sandbox", "process", "--format", "concise")
-    assert words in result.stdout
-
-
-@pytest.mark.parametrize("known", [WELL_KNOWN, ("stable_baselines3", "wandb")], ids=["of games", "of training"])
-def test_a_library_that_is_not_installed_is_no_defect(known: Iterable[str], invoke: Invoke, good: Path) -> None:
-    lacking = next(name for name in sorted(known) if importlib.util.find_spec(name) is None)
-    good.write_text(f"import {lacking}\n{ENVIRONMENT}")
-    options = ("--sandbox", "process", "--format", "concise", "--checks", "source")
-    result = invoke("validate", good, *options, "--contract", "gymnasium")
-    assert result.exit_code == 3, result.output
-    assert f"{lacking} is not installed where the worker runs; install " in result.output
-    assert "EC002" not in result.output
-    refused = invoke("validate", good, *options)
-    assert refused.exit_code == 1
-    assert f"imports {lacking}, which the contract arcade does not allow" in refused.stdout
-
-
-def test_a_library_that_nobody_knows_may_exist(invoke: Invoke, good: Path) -> None:
-    good.write_text(f"import zz_helpers\n{ENVIRONMENT}")
-    options = ("--sandbox", "process", "--format", "concise", "--checks", "source", "--contract", "gymnasium")
-    result = invoke("validate", good, *options)
-    assert "EC002" in result.stdout
-    assert "which is not installed and no library that EnvCraft knows; correct the name, or install" in result.stdout
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,153 @@
+"""Environments under wrappers: what a wrapper file says, and whom a finding names."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.envcraft.conftest import ENVIRONMENT, Invoke
+
+
+def test_a_file_of_a_wrapper_says_how_to_judge_it(invoke: Invoke, good: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(good.parent)
+    Path("wrappers").mkdir()
+    Path("wrappers/__init__.py").write_text("")
+    Path("wrappers/slow.py").write_text("from gymnasium import Wrapper\n\nclass Slow(Wrapper):\n    pass\n")
+    options = ["--sandbox", "process", "--format", "concise"]
+    result = invoke("validate", "wrappers/slow.py", *options)
+    assert "wrappers/slow.py:3: EC005" in result.stdout
+    told = re.search(r"Slow is a wrapper; to judge it, validate an environment with (.*)", result.stdout)
+    assert told is not None, result.stdout
+    judged = invoke("validate", good, *told[1].split(), *options, "--checks", "api", "--budget", "quick")
+    assert judged.exit_code == 0, judged.output
+
+
+def test_a_wrapper_of_the_project_under_a_contract_for_single_files(
+    invoke: Invoke, good: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(good.parent)
+    Path("slow.py").write_text("from gymnasium import Wrapper\n\nclass Slow(Wrapper):\n    pass\n")
+    result = invoke("validate", good, "--wrap", "slow:Slow", "--sandbox", "process", "--format", "concise")
+    assert result.exit_code == 2
+    assert "the contract arcade is for single files; name --contract gymnasium" in result.stdout
+    assert "not installed" not in result.stdout
+
+
+def test_a_wrapper_that_a_target_names_says_how_to_judge_it(
+    invoke: Invoke, good: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(good.parent)
+    Path("slow.py").write_text("from gymnasium import Wrapper\n\nclass Slow(Wrapper):\n    pass\n")
+    Path("named.py").write_text("from slow import Slow\n")
+    options = ["--sandbox", "process", "--contract", "gymnasium", "--format", "concise"]
+    words = "is a wrapper; to judge it, validate an environment with --wrap"
+    assert f"slow.py:3: EC005 Slow {words} slow:Slow" in invoke("validate", "slow:Slow", *options).stdout
+    assert f"EC005 Slow {words} named:Slow" in invoke("validate", "named.py", "--class", "Slow", *options).stdout
+    named = invoke("validate", "gymnasium.wrappers:TimeLimit", *options)
+    assert f"EC005 TimeLimit {words} gymnasium.wrappers:TimeLimit" in named.stdout
+
+
+_WRAPPERS = """import random
+import gymnasium as gym
+
+
+class Halved(gym.ObservationWrapper):
+    def observation(self, observation):
+        return observation / 2
+
+
+class Nothing(gym.RewardWrapper):
+    def reward(self, reward):
+        return float("nan")
+
+
+class Refuses(gym.Wrapper):
+    def __init__(self, env):
+        super().__init__(env)
+        raise ValueError("I do not want this")
+
+
+class Quiet(gym.Wrapper):
+    pass
+
+
+class Draws(gym.RewardWrapper):
+    def reward(self, reward):
+        return random.random()
+
+
+class More(gym.Wrapper):
+    action_space = gym.spaces.Discrete(9)
+
+    def step(self, action):
+        return self.env.step(action if action < 5 else [[]])
+"""
+_WITHOUT = "; without the wrapper wrappers:{} it does not occur"
+
+
+@pytest.mark.parametrize(
+    ("wrappers", "code", "line", "words"),
+    [
+        (["Halved"], "EC108", "class Walk", _WITHOUT.format("Halved")),
+        (["Nothing"], "EC301", "class Walk", _WITHOUT.format("Nothing")),
+        (["Refuses"], "EC008", "class Walk", f"wrappers.py line 18: I do not want this{_WITHOUT.format('Refuses')}"),
+        (["Draws"], "EC204", "class Walk", "; judged in the wrapper wrappers:Draws"),
+        (
+            ["Quiet", "Halved"],
+            "EC108",
+            "class Walk",
+            "; without the wrappers wrappers:Quiet and wrappers:Halved it does not occur",
+        ),
+    ],
+)
+def test_a_finding_names_the_wrapper_that_causes_it(
+    wrappers: list[str], code: str, line: str, words: str, invoke: Invoke, good: Path
+) -> None:
+    found = _wrapped(invoke, good, wrappers)
+    assert found[code]["message"].endswith(words)
+    assert good.read_text().splitlines()[found[code]["line"] - 1].strip().startswith(line)
+
+
+@pytest.mark.parametrize(
+    ("source", "code"),
+    [
+        (b"\xff", "EC001"),
+        (b"import nunpy\n", "EC002"),
+        (b"raise ValueError\n", "EC003"),
+        (b"import gymnasium as gym\nclass Room(gym.Env):\n    pass\n", "EC005"),
+    ],
+)
+def test_a_file_that_cannot_be_constructed_has_the_same_finding_under_wrappers(
+    source: bytes, code: str, invoke: Invoke, good: Path
+) -> None:
+    good.write_bytes(source)
+    found = [_wrapped(invoke, good, wrappers)[code] for wrappers in ([], ["Quiet"])]
+    assert found[0] == found[1]
+
+
+def test_a_finding_of_the_environment_alone_names_no_wrapper(invoke: Invoke, good: Path) -> None:
+    good.write_text(ENVIRONMENT.replace("return self.render(), {}", "return self.render() / 2, {}"))
+    found = _wrapped(invoke, good, ["Quiet"])
+    assert "wrapper" not in found["EC108"]["message"]
+    line = good.read_text().splitlines()[found["EC108"]["line"] - 1].strip()
+    assert line == "return self.render() / 2, {}"
+
+
+def test_a_finding_of_actions_that_only_a_wrapper_allows_names_it(invoke: Invoke, good: Path) -> None:
+    found = _wrapped(invoke, good, ["More"])
+    assert found["EC107"]["message"].endswith("; judged in the wrapper wrappers:More")
+    assert "action[0]" in good.read_text().splitlines()[found["EC107"]["line"] - 1]
+
+
+def _wrapped(invoke: Invoke, good: Path, wrappers: list[str]) -> dict[str, dict[str, Any]]:
+    """The findings under wrappers by code."""
+    good.with_name("wrappers.py").write_text(_WRAPPERS)
+    wrap = [word for name in wrappers for word in ("--wrap", f"wrappers:{name}")]
+    options = ("--sandbox", "process", "--contract", "gymnasium", "--budget", "quick", "--format", "json")
+    result = invoke("validate", good, *wrap, *options, "--checks", "api,determinism,reward")
+    [report] = json.loads(result.stdout)["reports"]
+    return {finding["code"]: finding for check in report["checks"] for finding in check["findings"]}
