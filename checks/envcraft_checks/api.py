@@ -437,6 +437,9 @@ def _line_of_space(subject: Subject, space: str) -> int | Line:
 def _declared(subject: Subject, attribute: str) -> list[int]:
     """The lines of the file that assign an attribute of the environment."""
     program = program_of(subject)
+    if program is None and (source := subject.installed_source) and subject.env_class is not None:
+        with contextlib.suppress(SyntaxError, ValueError, RecursionError, MemoryError):
+            program = Program(parse(source), subject.env_class)
     return program.declared_at(attribute) if program is not None else []
 
 

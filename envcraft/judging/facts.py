@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import os
+import sys
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -153,9 +154,18 @@ class Facts:
 
     @property
     def source_file(self) -> str | None:
-        """The file of an installed class where the worker runs, as the worker reports it."""
-        reported = self._loaded.description.get("file") if self._loaded is not None else None
-        return relative(reported) if reported and self._target.kind is not Kind.SOURCE else None
+        """The file of an installed class: that of this machine if it has the same content, else that of the worker."""
+        return self._source_file if self._loaded is not None and self._target.kind is not Kind.SOURCE else None
+
+    @cached_property
+    def _source_file(self) -> str | None:
+        reported, module = self.load().description.get("file"), self.module
+        if not reported or not module or os.path.isfile(reported):
+            return relative(reported) if reported else None
+        # A container has the libraries in a folder of its own.
+        below = module.replace(".", "/")
+        places = (os.path.join(folder, below + end) for folder in sys.path for end in (".py", "/__init__.py"))
+        return relative(next((place for place in places if read_known(place, self.source_sha256)), reported))
 
     @property
     def installed_source(self) -> bytes:

@@ -324,3 +324,24 @@ def test_editable_projects_can_be_read(tmp_path: Path) -> None:
 
 def _digest(path: Path) -> str:
     return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+@pytest.mark.docker
+def test_a_finding_of_an_installed_class_names_the_line_of_this_machine(tmp_path: Path) -> None:
+    command = [
+        sys.executable,
+        "-m",
+        "envcraft",
+        "validate",
+        "CartPole-v1",
+        "--sandbox",
+        "docker",
+        "--format",
+        "concise",
+    ]
+    result = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=240, check=False)
+    assert result.returncode == 1, result.stderr
+    for code, words in (("EC101", "self.observation_space ="), ("EC102", "self.action_space =")):
+        line = next(line for line in result.stdout.splitlines() if f": {code} " in line)
+        file, number = line.partition(f": {code} ")[0].rsplit(":", 1)
+        assert words in Path(file).read_text("utf-8").splitlines()[int(number) - 1]
