@@ -41,7 +41,15 @@ class ShownReport(Report):
 
         stream = io.StringIO()
         # Lines break where the reader's terminal breaks them.
-        console = Console(file=stream, width=10_000, highlight=False, markup=False, emoji=False, color_system=None)
+        console = Console(
+            file=stream,
+            width=10_000,
+            force_jupyter=False,
+            highlight=False,
+            markup=False,
+            emoji=False,
+            color_system=None,
+        )
         return self._written(ConsoleReporter(stream, rules_of(all_checks()), console), stream).rstrip("\n")
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> Iterator[Text]:
@@ -55,6 +63,7 @@ class ShownReport(Report):
             file=stream,
             width=options.max_width,
             force_terminal=console.is_terminal,
+            force_jupyter=False,
             color_system=system,
             highlight=False,
             markup=False,

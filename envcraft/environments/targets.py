@@ -15,7 +15,15 @@ from pathlib import Path
 import click
 
 from envcraft.errors import UsageError
-from envcraft.model.classes import Class, defined_classes, defined_names, defining_file, derivation, environment_line
+from envcraft.model.classes import (
+    Class,
+    defined_classes,
+    defined_names,
+    defining_file,
+    derivation,
+    environment_line,
+    no_class,
+)
 from envcraft.model.import_folders import import_folders
 from envcraft.model.project import Place, with_project
 from envcraft.model.target import Kind, Target, kind_of, nodes, parse, read_target
@@ -319,6 +327,9 @@ def _require_class(target: Target) -> None:
         classes = defined_classes(target.source)
         there = f"; its classes are {', '.join(classes)}" if classes else "; it defines no class"
         raise UsageError(f"{target.path} defines no class {target.env_class}{there}", setting="class")
+    if target.env_class is not None and (kind := no_class(target.source, target.env_class)):
+        words = f"{target.env_class} of {target.path} is {kind}; name a class that derives from gymnasium.Env"
+        raise UsageError(words, setting="class")
 
 
 def _lacks_class(target: Target) -> bool:

@@ -37,6 +37,32 @@ def defined_names(source: bytes) -> list[str] | None:
     return [symbol.get_name() for symbol in table.get_symbols() if symbol.is_assigned() or symbol.is_imported()]
 
 
+def no_class(source: bytes, name: str) -> str:
+    """What a name of a module is, such as ``a function``, if its only statement shows that it is no class; else ""."""
+    try:
+        bound = [node for node in _statements(parse(source)) if name in _names_of(node)]
+    except UNREADABLE:
+        return ""
+    match bound:
+        case [ast.FunctionDef(decorator_list=[]) | ast.AsyncFunctionDef(decorator_list=[])]:
+            return "a function"
+        case [ast.Import()]:
+            return "a module"
+        case [ast.Assign(value=ast.Constant() | ast.List() | ast.Dict() | ast.Tuple() | ast.Set() | ast.JoinedStr())]:
+            return "a value"
+    return ""
+
+
+def _names_of(statement: ast.stmt) -> list[str]:
+    """The names that a statement binds, without those of the statements in it."""
+    if isinstance(statement, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
+        return [statement.name]
+    if isinstance(statement, ast.Import | ast.ImportFrom):
+        return [alias.asname or alias.name.partition(".")[0] for alias in statement.names]
+    targets = [node for node in ast.walk(statement) if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store)]
+    return [target.id for target in targets]
+
+
 def defined_classes(source: bytes) -> list[str]:
     """The classes that a module defines at its top level; none if it does not parse."""
     try:

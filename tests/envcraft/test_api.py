@@ -75,6 +75,14 @@ def test_a_file_a_text_and_an_id_are_judged(tmp_path: Path) -> None:
         envcraft.validate(tmp_path / "walk.py", env_class="Run", **_CHEAP)
 
 
+def test_the_text_of_a_report_is_no_display_of_a_notebook(monkeypatch: pytest.MonkeyPatch) -> None:
+    report = envcraft.validate(ENVIRONMENT, **_CHEAP)
+    text = str(report)
+    monkeypatch.setattr("rich.console._is_jupyter", lambda: True)
+    assert "PASS" in text
+    assert str(report) == text
+
+
 def test_a_report_shows_itself() -> None:
     report = envcraft.validate(_BROKEN, **_CHEAP)
     assert "EC301" in str(report)

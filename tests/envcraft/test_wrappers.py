@@ -12,6 +12,30 @@ import pytest
 from tests.envcraft.conftest import ENVIRONMENT, Invoke
 
 
+def test_a_wrapper_of_the_environment_s_own_file(invoke: Invoke, good: Path) -> None:
+    good.write_text(
+        f"{ENVIRONMENT}\n\nclass Half(gym.RewardWrapper):\n    def reward(self, reward):\n        return reward / 2\n"
+    )
+    options = ("--class", "Walk", "--sandbox", "process", "--contract", "gymnasium", "--checks", "api")
+    result = invoke("validate", good, *options, "--wrap", "walk:Half")
+    assert result.exit_code == 0, result.output
+
+
+@pytest.mark.parametrize(
+    ("line", "kind"),
+    [("def make():\n    return Walk()", "a function"), ("import os as make", "a module"), ("make = [1]", "a value")],
+)
+def test_a_name_that_is_no_class_is_wrong_use(
+    line: str, kind: str, invoke: Invoke, good: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(good.parent)
+    good.write_text(f"{ENVIRONMENT}\n\n{line}\n")
+    for words in (["walk:make"], [good, "--class", "make"]):
+        result = invoke("validate", *words, "--sandbox", "process", "--contract", "gymnasium")
+        assert result.exit_code == 2, result.output
+        assert f"make of {'walk.py' if len(words) == 1 else good} is {kind}; name a class" in result.stderr
+
+
 def test_a_file_of_a_wrapper_says_how_to_judge_it(invoke: Invoke, good: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(good.parent)
     Path("wrappers").mkdir()

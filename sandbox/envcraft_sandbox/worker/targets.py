@@ -9,6 +9,7 @@ import importlib
 import importlib.util
 import inspect
 import linecache
+import os
 import re
 import sys
 from abc import ABC, abstractmethod
@@ -70,9 +71,13 @@ class Target(ABC):
         """The column of the file that a column of the running code stands for, both in bytes."""
         return column
 
+    def wrapper(self, name: str) -> Any:
+        """The wrapper that ``module:func`` names. Raises NoSuchWrapper."""
+        return _wrapper(name)
+
     def wrap(self, env: Any) -> Any:
         for name in self._wrappers:
-            wrapper = _wrapper(name)
+            wrapper = self.wrapper(name)
             _require_wrapper(name, wrapper, env)
             env = wrapper(env)
             if not (hasattr(env, "reset") and hasattr(env, "step")):
@@ -117,6 +122,12 @@ class Source(Target):
             around = self._project["module"].rpartition(".")[0]
             return _executed(SUBJECT, self._source, marked, {"__package__": around})
         return module
+
+    def wrapper(self, name: str) -> Any:
+        module, _, func = name.partition(":")
+        own = self._project["module"] if self._project else os.path.splitext(os.path.basename(self.filename))[0]
+        # A file that is no part of a project is not where imports look.
+        return getattr(self.module, func) if module == own and hasattr(self.module, func) else super().wrapper(name)
 
     def column(self, line: int | None, column: int | None) -> int | None:
         return self._marked.column(line, column) if self._marked is not None else column
