@@ -9,6 +9,8 @@ from .program import Function, Program, Suspect, line, name_of
 from .ranges import Ranges, decides
 
 _MIRRORED = {ast.Lt: ast.Gt, ast.Gt: ast.Lt, ast.LtE: ast.GtE, ast.GtE: ast.LtE, ast.Eq: ast.Eq}
+#: Parts of names that stand for success.
+_SUCCESS = frozenset({"success", "victory", "win", "wins", "won"})
 _ROOTS = frozenset({"dist", "hypot", "norm", "sqrt"})
 
 
@@ -37,7 +39,7 @@ def contradictions(program: Program) -> Iterator[Suspect]:
 
 
 def _holds_false(node: ast.BoolOp) -> bool:
-    return isinstance(node.op, ast.And) and any(map(_is_false, node.values))
+    return isinstance(node.op, ast.And) and any(map(is_false, node.values))
 
 
 def _never_set(program: Program) -> Iterator[Suspect]:
@@ -51,8 +53,7 @@ def _never_set(program: Program) -> Iterator[Suspect]:
         and not any(one.field(node) for one in own)
     }
     for field, values in program.field_values(program.env).items():
-        named = not {"success", "victory", "win", "won"}.isdisjoint(field.lower().split("_"))
-        if not named or field in foreign or not all(_is_false(value) for value, _ in values):
+        if not names_success(field) or field in foreign or not all(is_false(value) for value, _ in values):
             continue
         for function in program.play:
             for node in function.nodes:
@@ -60,7 +61,13 @@ def _never_set(program: Program) -> Iterator[Suspect]:
                     yield Suspect(line(node), f"reads self.{field}, which the code never sets to true")
 
 
-def _is_false(node: ast.AST | None) -> bool:
+def names_success(name: str) -> bool:
+    """Whether a key, a variable or an attribute stands for success, as its name says."""
+    return not _SUCCESS.isdisjoint(name.lower().split("_"))
+
+
+def is_false(node: ast.AST | None) -> bool:
+    """Whether an expression is the constant False."""
     return isinstance(node, ast.Constant) and node.value is False
 
 

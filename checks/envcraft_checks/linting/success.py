@@ -6,10 +6,9 @@ import ast
 import itertools
 from collections.abc import Callable, Iterator, Mapping
 
+from .logic import is_false, names_success
 from .program import Function, Program, Suspect, line, name_of
 
-#: Parts of the names of keys and variables that stand for success.
-_WORDS = frozenset({"success", "victory", "win", "wins", "won"})
 #: Calls that give the same value again at once, and those that only make a bool.
 _PURE = frozenset({"abs", "all", "any", "bool", "bool_", "float", "int", "len", "max", "min", "sum"})
 _CASTS = frozenset({"bool", "bool_"})
@@ -31,12 +30,12 @@ def _never_reported(program: Program) -> Iterator[Suspect]:
         target
         for function in program.reached("step")
         for target, value, _ in function.bindings
-        if _is_success(name_of(target)) and not _is_false(value)
+        if names_success(name_of(target)) and not is_false(value)
     ]
     for key, places in _reports(program).items():
         stepping = {node for function in program.reached("step") for node in function.nodes}
         lines = [line(value) for value in places if value in stepping]
-        if decided and lines and all(_is_false(value) for value in places):
+        if decided and lines and all(is_false(value) for value in places):
             words = f"reports {key!r} as False, and no line as true, although line {line(decided[0])} decides success"
             yield Suspect(lines[0], words)
 
@@ -49,7 +48,7 @@ def _reports(program: Program) -> dict[str, list[ast.expr]]:
     def store(key: ast.expr | str | None, value: ast.expr) -> None:
         known.update([key] if isinstance(key, ast.Constant) else [])
         name = key.value if isinstance(key, ast.Constant) else key
-        if isinstance(name, str) and _is_success(name):
+        if isinstance(name, str) and names_success(name):
             stored.setdefault(name, []).append(value)
 
     for node in program.nodes:
@@ -109,7 +108,7 @@ def _success_in(info: ast.expr, step: Function) -> ast.expr | None:
     found = [
         value
         for key, value in zip(info.keys, info.values, strict=True)
-        if isinstance(key, ast.Constant) and isinstance(key.value, str) and _is_success(key.value)
+        if isinstance(key, ast.Constant) and isinstance(key.value, str) and names_success(key.value)
     ]
     return None if len(found) > 1 else found[0] if found else ast.Constant(False)
 
@@ -169,11 +168,3 @@ class _Conditions:
 
 def _position(node: ast.AST) -> tuple[int, int]:
     return line(node), getattr(node, "col_offset", 0)
-
-
-def _is_success(name: str) -> bool:
-    return not _WORDS.isdisjoint(name.lower().split("_"))
-
-
-def _is_false(node: ast.AST | None) -> bool:
-    return isinstance(node, ast.Constant) and node.value is False
