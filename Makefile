@@ -10,8 +10,12 @@
 PYTHON ?= python3
 BIN := .venv/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet --no-compile --constraint constraints.txt
-# On all cores, unlike pip, and without the tests of the libraries. Some libraries have files that are not Python.
-LIBRARIES := $(BIN)/python -m compileall -qq -j 0 -x 'site-packages/.*/tests?/' $$($(BIN)/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))') || true
+# uv takes a fraction of pip's time, and where it cannot reach an index that pip is configured for, pip installs.
+INSTALL = $(BIN)/uv pip install --quiet --python $(BIN)/python --constraint constraints.txt $(1) || $(PIP) $(1)
+# On all cores, unlike pip, and only what a worker may import. Some libraries have files that are not Python.
+LIBRARIES := cd .venv/lib/python3*/site-packages && ../../../bin/python -m compileall -qq -j 0 \
+	-x 'site-packages/.*/tests?/' $$(ls -d cloudpickle dill farama_notifications gymnasium numpy packaging PIL pygame scipy torch torchgen tqdm \
+	typing_extensions.py xxhash 2>/dev/null) || true
 # A worker writes no bytecode: without these files it would compile its modules at each start.
 COMPILE := $(BIN)/python -m compileall -q -j 0 envcraft checks sandbox plugins
 
@@ -95,22 +99,25 @@ clean:
 	@$(PYTHON) -c 'import venv, ensurepip' 2>/dev/null || \
 		{ echo "$(PYTHON) has no venv module; on Debian or Ubuntu: apt-get install python3-venv" >&2; exit 1; }
 	$(PYTHON) -m venv .venv
+	$(PIP) uv
 	@touch $@
 
 .venv/core.stamp: .venv/pip.stamp pyproject.toml constraints.txt
-	$(PIP) --editable .
+	$(call INSTALL,--editable .)
 	$(LIBRARIES)
 	$(COMPILE)
 	@touch $@
 
 .venv/dev.stamp: .venv/pip.stamp pyproject.toml constraints.txt
-	$(PIP) --editable '.[dev]'
+	# Only pip finds a build without CUDA on every index that has one.
+	$(PIP) torch
+	$(call INSTALL,--editable '.[dev]')
 	$(LIBRARIES)
 	$(COMPILE)
 	@touch $@ .venv/core.stamp
 
 .venv/peers.stamp: .venv/dev.stamp
-	$(PIP) --editable '.[dev,peers]'
+	$(call INSTALL,--editable '.[dev,peers]')
 	@grep -v '^#' benchmarks/trainer_requirements.txt | while read -r peer; do \
-		$(PIP) "$$peer" || echo "left out: $$peer"; done
+		{ $(call INSTALL,"$$peer"); } || echo "left out: $$peer"; done
 	@touch $@
