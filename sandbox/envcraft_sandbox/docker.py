@@ -189,6 +189,9 @@ class DockerDriver(Driver):
             "environment": variables,
             "labels": {LABEL: "worker", OWNER_LABEL: leftovers.folder().name},
             "use_config_proxy": False,
+            # The runtime makes an empty network namespace, in a fraction of the time that the engine takes for the
+            # network `none`, which remains for engines that do not know this.
+            "network_disabled": True,
         }
 
     def host_options(self, limits: Limits) -> dict[str, Any]:
