@@ -95,8 +95,8 @@ def pytest_runtest_makereport(
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_auto_num_workers() -> int:
-    """One process per core, and one that waits for the hostile programs."""
-    return cores() + 1
+    """One process per core, one that waits for the hostile programs, and one that waits for other deadlines."""
+    return cores() + 2
 
 
 @pytest.hookimpl(trylast=True)
