@@ -25,8 +25,9 @@ collected: `envcraft audit` judges it.
 A finding fails its check. pytest prints it with the usual fix, the reproduction, and the commands that show it again. A
 check that does not apply is skipped with its reason. A check that leaves its question open is also skipped, and its
 reason begins with "undecided". A line above pytest's own summary counts the environments that passed, failed or are
-undecided, also under `-q`. A check that could not judge is an error with the next step, never a failure of the
-environment. If the sandbox does not work, `pytest --envcraft` ends with one error, and no test runs.
+undecided, also under `-q`; if several tests judge an environment, its worst outcome counts. A check that could not
+judge is an error with the next step, never a failure of the environment. If the sandbox does not work, `pytest
+--envcraft` ends with one error, and no test runs.
 
 Findings of severity warning are pytest warnings of the category `EnvCraftWarning`:
 `-W error::envcraft.pytest_plugin.EnvCraftWarning` turns them into failures. The severities of `pyproject.toml` and
@@ -59,6 +60,8 @@ def test_every_level(envcraft):
     report = envcraft.judge(Snake, budget="quick")          # returns the report
     assert report.outcome == "pass" and report.steps > 1000
 ```
+
+An undecided check fails the test only under `strict`. The line above pytest's summary counts its environment.
 
 The marker and the fixture work without `--envcraft`, which only collects files.
 
@@ -95,6 +98,7 @@ worker waits for another.
 from __future__ import annotations
 
 import inspect
+import itertools
 import shutil
 import sys
 import tempfile
@@ -206,20 +210,16 @@ def pytest_runtest_makereport(
 
 
 def pytest_terminal_summary(terminalreporter: Any, exitstatus: int, config: pytest.Config) -> None:
-    """Summarise the isolation of the judged environments. With xdist only the reports are known here."""
-    subjects: dict[str, dict[str, str]] = {}
-    for reports in terminalreporter.stats.values():
-        for report in reports:
-            properties = dict(getattr(report, "user_properties", ()))
-            path = properties.get("envcraft_subject")
-            # One test fails the environment where a filter turns its warning into an error.
-            if path and subjects.get(path, {}).get("envcraft_outcome") != "fail":
-                subjects[path] = properties
+    """Summarise the outcomes and the isolation of the judged environments. With xdist only the reports are known
+    here.
+    """
+    reports = itertools.chain.from_iterable(terminalreporter.stats.values())
+    counted = [one for report in reports for one in getattr(report, "envcraft_counted", ())]
     # Under -qq pytest leaves its own counts out.
-    if subjects and terminalreporter.verbosity >= -1:
+    if counted and terminalreporter.verbosity >= -1:
         from envcraft.pytest_plugin.words import summary
 
-        terminalreporter.write_line(summary(list(subjects.values())))
+        terminalreporter.write_line(summary(counted))
     elif exitstatus == pytest.ExitCode.NO_TESTS_COLLECTED:
         given = [f"--envcraft-{name.replace('_', '-')}" for name in SETTINGS if config.getoption(f"envcraft_{name}")]
         if config.getoption("envcraft"):

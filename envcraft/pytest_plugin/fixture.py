@@ -13,7 +13,7 @@ import pytest
 from envcraft.errors import EnvCraftError, UsageError
 from envcraft.model.verdict import CheckReport, SubjectReport, Verdict
 from envcraft.pytest_plugin import words
-from envcraft.pytest_plugin.items import could_not_judge, settle
+from envcraft.pytest_plugin.items import could_not_judge, count, settle
 from envcraft.pytest_plugin.judging import Case, Judged, judge_of, settings, spec_of
 from envcraft.pytest_plugin.settings import SETTINGS
 from envcraft.registry import did_you_mean
@@ -73,9 +73,11 @@ class EnvCraft:
                 raise UsageError(f"there is no option {did_you_mean(unknown[0], SETTINGS)}")
             if target is None:
                 raise UsageError("the target is missing: pass one, or name one in the marker envcraft")
-            return judge_of(config).subject(spec_of(target, config.rootpath), settings(config, given))
+            judged = judge_of(config).subject(spec_of(target, config.rootpath), settings(config, given))
         except EnvCraftError as error:
             raise could_not_judge(words.unjudged(error)) from None
+        count(self._node, judged)
+        return judged
 
 
 def cases(test: pytest.Item) -> list[Case]:

@@ -10,10 +10,11 @@ import pytest
 from envcraft.errors import EnvCraftError
 from envcraft.model.verdict import Severity, Verdict
 from envcraft.pytest_plugin import words
-from envcraft.pytest_plugin.judging import CASE, Case, Outcome, judge_of
+from envcraft.pytest_plugin.judging import CASE, Case, Judged, Outcome, judge_of
 from envcraft.pytest_plugin.settings import EnvCraftWarning
 
 _OUTCOME = pytest.StashKey[Outcome]()
+_COUNTED = pytest.StashKey[list[dict[str, str]]]()
 _UNJUDGED = "envcraft_unjudged"
 
 
@@ -39,6 +40,7 @@ def settle(item: pytest.Item, case: Case) -> Outcome:
     except EnvCraftError as error:
         raise could_not_judge(words.unjudged(error)) from None
     item.stash[_OUTCOME] = outcome
+    count(item, outcome.judged)
     found = dict(words.properties(outcome.judged, outcome.reports))
     # A test that runs again has its properties already.
     others = [(name, value) for name, value in item.user_properties if name not in found]
@@ -46,6 +48,11 @@ def settle(item: pytest.Item, case: Case) -> Outcome:
     if outcome.verdict is Verdict.ERROR:
         raise could_not_judge(words.error(outcome.judged, outcome.reports))
     return outcome
+
+
+def count(item: pytest.Item, judged: Judged) -> None:
+    """Let the summary count an environment that a test judged."""
+    item.stash.setdefault(_COUNTED, []).append(dict(words.properties(judged, ())))
 
 
 def conclude(item: pytest.Item) -> None:
@@ -66,6 +73,9 @@ def conclude(item: pytest.Item) -> None:
         item.user_properties[:] = [
             (name, Verdict.FAIL.value if name == words.OUTCOME else value) for name, value in item.user_properties
         ]
+        # One test fails the environment, which passes in all others.
+        count(item, outcome.judged)
+        item.stash[_COUNTED][-1][words.OUTCOME] = Verdict.FAIL.value
     if outcome.verdict is Verdict.FAIL or refused:
         pytest.fail(words.failure(outcome.judged, outcome.reports, refused), pytrace=False)
     if outcome.verdict is Verdict.SKIP:
@@ -80,7 +90,11 @@ def could_not_judge(message: str) -> BaseException:
 
 
 def amend(item: pytest.Item, call: pytest.CallInfo[None], report: pytest.TestReport) -> None:
-    """Add the check's time and location to a report, and turn a test without a verdict into an error."""
+    """Add the judged environments, the check's time and its location to a report, and turn a test without a verdict
+    into an error.
+    """
+    # xdist sends all attributes of a report to its controller.
+    setattr(report, words.COUNTED, item.stash.get(_COUNTED, []))
     if call.excinfo is not None and hasattr(call.excinfo.value, _UNJUDGED):
         # pytest reports a failure as an error in every phase except the call.
         report.when = "setup"

@@ -16,6 +16,10 @@ from envcraft.text import one_line, plural, printable
 
 #: The property with the outcome of the whole environment.
 OUTCOME = "envcraft_outcome"
+#: The attribute of a test's report with the properties of each environment that the test judged.
+COUNTED = "envcraft_counted"
+#: The outcomes of one environment in several tests, the one that counts first.
+_WORST = (Outcome.FAIL, Outcome.ERROR, Outcome.UNDECIDED, Outcome.SKIP, Outcome.PASS)
 
 
 def failure(judged: Judged, reports: Iterable[CheckReport], refused: Sequence[Finding] = ()) -> str:
@@ -96,8 +100,14 @@ def properties(judged: Judged, reports: Iterable[CheckReport]) -> Iterator[tuple
         yield f"envcraft_{name}", one_line(value)
 
 
-def summary(subjects: Sequence[dict[str, str]]) -> str:
-    """Summarise the outcomes of the environments and their isolation, from the properties of each."""
+def summary(found: Iterable[dict[str, str]]) -> str:
+    """Summarise the outcomes of the environments and their isolation.
+
+    Args:
+        found: the properties of each environment, once for each test that judged it.
+    """
+    worst = sorted(found, key=lambda one: _WORST.index(Outcome(one[OUTCOME])), reverse=True)
+    subjects = {(one["envcraft_subject"], one["envcraft_class"]): one for one in worst}.values()
     outcomes = ", ".join(words for _, words in counted(Counter(Outcome(one[OUTCOME]) for one in subjects)))
     levels = Counter((subject["envcraft_isolation"], subject["envcraft_driver"]) for subject in subjects)
     isolated = ", ".join(

@@ -192,3 +192,29 @@ def test_the_fixture_judges_and_asserts(
     )
     # What was asked for twice ran once.
     assert [plan.seed for plan in canned.plans] == [0, 3, 0, 4]
+    result.stdout.fnmatch_lines(["envcraft: 1 environment: 0 passed, 1 failed, 0 undecided; process isolation*"])
+
+
+@pytest.mark.parametrize("options", [(), ("-n1",)], ids=" ".join)
+def test_the_summary_counts_what_the_fixture_judges(
+    pytester: pytest.Pytester, walk: Path, canned: Canned, options: tuple[str, ...]
+) -> None:
+    if options:
+        pytest.importorskip("xdist")
+        # The engine is replaced in this process only.
+        checks = "sandbox"
+    else:
+        canned.set("difficulty", Verdict.SKIP, reason="no episode was won", undecided=True)
+        checks = "difficulty"
+    (walk.parent / "also.py").write_text(walk.read_text())
+    pytester.makepyfile(
+        test_it=f"""
+        def test_both(envcraft):
+            for name in ("walk", "also", "walk"):
+                envcraft.check(f"games/{{name}}.py", checks="{checks}", sandbox="process", budget="quick")
+        """
+    )
+    result = pytester.runpytest_inprocess("-p", "no:cacheprovider", *options)
+    result.assert_outcomes(passed=1)
+    counts = "2 passed, 0 failed, 0 undecided" if options else "0 passed, 0 failed, 2 undecided"
+    result.stdout.fnmatch_lines([f"envcraft: 2 environments: {counts}; process isolation*"])
