@@ -68,11 +68,16 @@ class InstaWin(Check):
             raise Undecided("each episode raises an error or has no step")
         if not any(trace.ended for trace in subject.played()):
             raise Skip("no episode ends by itself")
+        unsettled = ""
         if wins_known(subject):
-            yield from self._judge_random(subject) or self._judge_told(subject)
+            found, unsettled = self._judge_random(subject)
+            yield from found or self._judge_told(subject)
         yield from self._judge_paid(subject)
+        if unsettled:
+            raise Undecided(unsettled)
 
-    def _judge_random(self, subject: Subject) -> list[Finding]:
+    def _judge_random(self, subject: Subject) -> tuple[list[Finding], str]:
+        """Return the finding, or why it is unsettled whether there is one."""
         consistently = subject.contract.consistently
         verdict, rate = settle(
             lambda number: bool(subject.random(number).success),
@@ -81,17 +86,22 @@ class InstaWin(Check):
             lambda numbers: subject.prefetch(map(subject.probes.random, numbers)),
             lambda: subject.affords(subject.random(0).steps),
         )
-        if verdict is not True:
-            return []
         wins = [trace for trace in map(subject.random, range(rate.n)) if trace.success]
         by_sign = not all(trace.reported_success is not None for trace in wins)
+        if verdict is not True:
+            if verdict is False or by_sign or len(wins) < rate.n or rate.n == subject.episodes.looks[-1]:
+                return [], ""
+            return [], (
+                f"random play wins all of {plural(rate.n, 'episode')}, and the budget {subject.budget.name} leaves no "
+                f"steps for as many as settle whether it wins more than {100 * consistently:g}%"
+            )
         if by_sign:
             usual = sum(trace.total for trace in wins) / len(wins)
             best = max(
                 trace.total for trace in [*subject.played(), *subject.searches.explored(), *subject.privileged()]
             )
             if best > max(_CLEARLY * usual, usual + 1e-9):
-                return []
+                return [], ""
         shortest = min(wins, key=lambda trace: trace.steps)
         found = self.finding(
             "EC601",
@@ -101,7 +111,7 @@ class InstaWin(Check):
             repro=repro(shortest.rollout.cut(shortest.steps)),
             rate=rate.evidence(),
         )
-        return [found.as_warning() if by_sign and all(map(counts_survival, wins)) else found]
+        return [found.as_warning() if by_sign and all(map(counts_survival, wins)) else found], ""
 
     def _judge_told(self, subject: Subject) -> list[Finding]:
         """Report a success that every info of every episode tells, from the reset on."""

@@ -14,6 +14,8 @@ from envcraft.similarity.behavioural import STEPS
 
 #: The share of the budget that is left to further whole episodes where these may show a defect.
 _RESERVE = 0.15
+#: The most of it for further episodes of random play, where the first one wins.
+_WINS = 0.5
 #: Steps of the shortest cut, and the steps past the end of an episode.
 _SHORTEST, _PAST_END = 30, 5
 #: The shares of the remaining steps that varied play and held actions take where episodes are long. What follows takes
@@ -148,7 +150,11 @@ class Episodes:
             for trace in self.whole
         )
         failed = any(trace.fault is not None for trace in self.whole)
-        return int(_RESERVE * self._budget.steps) if alike or still or lost or failed else 0
+        reserved = int(_RESERVE * self._budget.steps) if alike or still or lost or failed else 0
+        if not first.success:
+            return reserved
+        # Only the episodes of all looks settle whether random play wins nearly always.
+        return max(reserved, min(self.looks[-1] * first.steps, int(_WINS * self._budget.steps)))
 
     @cached_property
     def all(self) -> list[Trace]:

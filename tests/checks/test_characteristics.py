@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import random
+import re
 from math import sqrt
 
 import pytest
@@ -19,7 +20,7 @@ from envcraft.judging.selection import driver_named
 from envcraft.judging.statistics import Exact, settle
 from envcraft.model.events import Finished
 from envcraft.model.target import Target
-from envcraft.model.verdict import SubjectReport
+from envcraft.model.verdict import SubjectReport, Verdict
 from evaluation import characteristics
 
 #: Random play and every held action win on 19 of 20 seeds, at step LENGTH; the corner shows the step.
@@ -61,8 +62,8 @@ def drawn(rate: float, rng: random.Random) -> list[bool]:
     return [rng.random() < rate for _ in range(96)]
 
 
-def judged(check: Check, length: int, budget: str) -> SubjectReport:
-    target = Target("lottery.py", LOTTERY.replace("LENGTH", str(length)).encode())
+def judged(check: Check, length: int, budget: str, rate: float = 0.95) -> SubjectReport:
+    target = Target("lottery.py", LOTTERY.replace("LENGTH", str(length)).replace("0.95", str(rate)).encode())
     *_, last = validate(Plan([target], ARCADE, driver_named("process"), [check], BUDGETS[budget]))
     assert isinstance(last, Finished)
     return last.report.reports[0]
@@ -144,3 +145,14 @@ def test_long_episodes_are_played_no_more_often_than_the_budget_allows() -> None
     report = judged(InstaWin(), 900, "quick")
     assert not [finding for each in report.checks for finding in each.findings if finding.code == "EC601"]
     assert report.steps <= BUDGETS["quick"].steps
+
+
+def test_random_play_that_always_wins_is_played_on_before_other_play() -> None:
+    (check, *_) = judged(InstaWin(), 380, "standard", rate=1.0).checks
+    assert [finding.code for finding in check.findings][:1] == ["EC601"]
+
+
+def test_wins_that_the_budget_cannot_settle_are_undecided() -> None:
+    (check, *_) = judged(InstaWin(), 900, "standard", rate=1.0).checks
+    assert check.verdict is Verdict.SKIP
+    assert re.search(r"random play wins all of \d+ episodes?, and the budget standard leaves no steps", check.reason)
