@@ -230,6 +230,20 @@ CAUSES = {
             "shown": _BAR.format("self.drawn * 5"),
         },
     ),
+    "a method that render() calls, and not the line of step()": (
+        "EC208",
+        "self.lane",
+        {
+            "owned": """
+                def render(self):
+                    self._sway()
+                    return self._frame()
+
+                def _sway(self):
+                    self.lane = min(self.lane + 1, 80)  # here
+            """,
+        },
+    ),
 }
 
 

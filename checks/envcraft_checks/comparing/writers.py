@@ -107,7 +107,8 @@ class Writers:
         return named or (paths if not texts else [])
 
     def line(self, path: str, ran: Iterable[int] = ()) -> int | None:
-        """The line that writes a field: if some of those that do have run, one of these.
+        """The line that writes a field: if some of those that do have run, one of these; if render() is the cause, one
+        that it reaches.
 
         Args:
             path: the field.
@@ -115,14 +116,20 @@ class Writers:
         """
         lines, suspected = set(ran), {suspect.line for suspect in self.suspects}
 
-        def rank(write: tuple[ast.AST, bool]) -> tuple[bool, bool, bool, int]:
+        def rank(write: tuple[ast.AST, bool]) -> tuple[bool, bool, bool, bool, int]:
             node, first = write
             own = _lines(node)
             # A constant is mostly a default, which another line replaces.
-            return lines.isdisjoint(own), suspected.isdisjoint(own), first, line(node)
+            return node not in self._drawing, lines.isdisjoint(own), suspected.isdisjoint(own), first, line(node)
 
         found = min(self._writes(path), key=rank, default=None)
         return line(found[0]) if found is not None else None
+
+    @cached_property
+    def _drawing(self) -> frozenset[ast.AST]:
+        """The nodes that render() reaches, if it is the cause."""
+        reached = self._program.reached("render") if self._program is not None and self.code == "EC208" else ()
+        return frozenset(node for one in reached for node in one.nodes)
 
     def _text_at(self, number: int) -> str:
         assert self._program is not None
