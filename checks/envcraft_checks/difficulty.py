@@ -17,8 +17,9 @@ actions if the state cannot be copied. The check then plays the actions that the
 A game is unsolvable only if a search visited all reachable states without a positive outcome, and no whole episode
 reaches another state, since a hidden timer might open a door. A game is trivial if one held action, or the first moves
 of a greedy player, win on nearly every seed. This is a warning if wins are known only by the sign of a return that
-mostly pays for each step. If many held actions win the first episode, the check judges the five that win fastest. If
-the budget settles neither question, the check is skipped with the reason.
+mostly pays for each step, and for the greedy player also if every episode ends within 20 steps: it tries its moves on
+copies of the state, so it knows what an agent must remember or infer. If many held actions win the first episode, the
+check judges the five that win fastest. If the budget settles neither question, the check is skipped with the reason.
 
 If the game can be won and has few states, the search also looks for a success on further seeds. A seed cannot be won if
 none of its reachable states is a success. Two such seeds are an error, and one is a warning.
@@ -63,6 +64,8 @@ if TYPE_CHECKING:
     from envcraft.model.trace import Trace
 
 _GREEDY_MOVES = 5
+#: How many times as long as the greedy moves an episode is at least in which they mean that the game is easy.
+_FEW = 4
 #: The most held actions that are judged: more would err more often in all than one test may.
 HELD = 5
 #: The most ranges of lines that a message names.
@@ -357,7 +360,7 @@ class Difficulty(Check):
             return None
         first = next(number for number in range(rate.n) if won(number))
         trace = subject.searches.scripted(first, subject.searches.greedy(first).get("best") or [], "the greedy player")
-        return self.finding(
+        found = self.finding(
             "EC803",
             f"the actions with the best immediate reward win {rate} within {_GREEDY_MOVES} steps, more than "
             f"{100 * subject.contract.consistently:g}%",
@@ -365,9 +368,18 @@ class Difficulty(Check):
             repro=repro(msgspec.structs.replace(trace.rollout, actions=trace.actions)),
             rate=rate.evidence(),
         )
+        return found.as_warning() if _short(subject) else found
 
 
 _UNSOLVABLE = "unsolvable"
+
+
+def _short(subject: Subject) -> bool:
+    """Whether all play ends so early that a win within the greedy moves is no sign of an easy game.
+
+    A game of few decisions may ask for what the agent must remember or infer, which the greedy player sees at once.
+    """
+    return all(trace.ended and trace.steps < _FEW * _GREEDY_MOVES for trace in subject.played() if trace.usable)
 
 
 def _settled_by(subject: Subject) -> str:
