@@ -212,7 +212,7 @@ class Api(Check):
     def _judge_spaces(self, subject: Subject) -> Iterator[Finding]:
         """Compare the declared spaces with the contract's."""
         from envcraft.judging.fit import fitting_contract
-        from envcraft.spaces.spec import Unknown, read_space
+        from envcraft.spaces.spec import Unknown, difference, read_space
 
         description = subject.load().description
         for code, name, promised in (
@@ -232,7 +232,8 @@ class Api(Check):
             elif promised is not None and space != (expected := read_space(promised)):
                 fits = fitting_contract(description, subject.contract)
                 hint = f"; the environment fits another contract: --contract {fits}" if fits else ""
-                words = f"{name} is {space}, not {expected}{hint}"
+                place, *texts = difference(space, expected)
+                words = f"{name}{place} is {texts[0]}, not {texts[1]}{hint}"
                 yield self.finding(code, words, line=_line_of_space(subject, name), given=given, fits=fits)
 
     def _judge_conventions(self, subject: Subject) -> Iterator[Finding]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import re
+import string
 from functools import cached_property
 from typing import Annotated, Any, get_args
 
@@ -22,6 +23,10 @@ _MAX_ELEMENTS = 8 * 1024 * 1024
 _MAX_DEPTH = 27
 #: The name of a type. NumPy parses other strings as Python, and raises errors of many kinds.
 _DTYPE = re.compile(r"[a-z]+[0-9]*")
+#: The characters of Gymnasium's Text spaces that name none.
+_ALPHANUMERIC = frozenset(string.ascii_letters + string.digits)
+#: The characters of a charset in a text.
+_SHOWN = 20
 _CHILDREN = ("space", "spaces", "nodes", "edges")
 
 Shape = Annotated[tuple[Annotated[int, msgspec.Meta(ge=0, le=_MAX_ELEMENTS)], ...], msgspec.Meta(max_length=32)]
@@ -136,7 +141,11 @@ class MultiDiscrete(SpaceSpec, frozen=True, tag="MultiDiscrete", dict=True):
         msgspec.structs.force_setattr(self, "start", _nested(start.tolist()))
 
     def __str__(self) -> str:
-        return f"MultiDiscrete({self.limits[0].tolist()})"
+        nvec, start = self.limits
+        parts = [str(nvec.tolist())]
+        parts += [f"start={start.tolist()}"] if start.any() else []
+        parts += [f"dtype={self.dtype}"] if self.dtype != "int64" else []
+        return f"MultiDiscrete({', '.join(parts)})"
 
     @cached_property
     def limits(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -152,6 +161,9 @@ class MultiBinary(SpaceSpec, frozen=True, tag="MultiBinary"):
     def __post_init__(self) -> None:
         _size(self.shape)
 
+    def __str__(self) -> str:
+        return f"MultiBinary({self.shape[0] if len(self.shape) == 1 else self.shape})"
+
 
 class Text(SpaceSpec, frozen=True, tag="Text"):
     """Strings of `charset`."""
@@ -163,6 +175,11 @@ class Text(SpaceSpec, frozen=True, tag="Text"):
     def __post_init__(self) -> None:
         if self.min_length > self.max_length:
             raise ValueError("min_length is above max_length")
+
+    def __str__(self) -> str:
+        shown = self.charset[:_SHOWN] + "…" * (len(self.charset) > _SHOWN)
+        charset = "" if {*self.charset} == _ALPHANUMERIC else f", charset={shown!r}"
+        return f"Text({self.min_length}, {self.max_length}{charset})"
 
 
 class Dict(SpaceSpec, frozen=True, tag="Dict"):
@@ -253,6 +270,46 @@ def read_space(value: Any) -> SpaceSpec:
     except (msgspec.ValidationError, OverflowError) as error:
         raise MalformedValue(f"a space that cannot be read: {str(error)[:200]}") from None
     return space
+
+
+def difference(one: SpaceSpec, two: SpaceSpec) -> tuple[str, str, str]:
+    """Print two spaces that are not equal, as far as they differ.
+
+    Returns:
+        The place of the first difference, such as ``[arm][2]``, and both spaces there.
+    """
+    children = _children(one), _children(two)
+    if type(one) is type(two) and [name for name, _ in children[0]] == [name for name, _ in children[1]]:
+        for (name, first), (_, second) in zip(*children, strict=True):
+            if first != second:
+                place, *inner = difference(first, second)
+                return f"[{name}]{place}", inner[0], inner[1]
+    texts = str(one), str(two)
+    if isinstance(one, Box) and isinstance(two, Box) and one.bounded and two.bounded:
+        bounds = one.low, one.high, two.low, two.high
+        if (one.shape, one.dtype) == (two.shape, two.dtype) and any(isinstance(bound, tuple) for bound in bounds):
+            apart = [np.broadcast_to(a != b, one.shape) for a, b in zip(one.limits, two.limits, strict=True)]
+            index = tuple(np.argwhere(np.logical_or(*apart))[0].tolist())
+            return f"[{', '.join(map(str, index))}]", one.at(index), two.at(index)
+    if texts[0] == texts[1] and isinstance(one, Text) and isinstance(two, Text):
+        letter = min({*one.charset} ^ {*two.charset})
+        has = ["with" if letter in space.charset else "without" for space in (one, two)]
+        return "", f"{texts[0]} {has[0]} {letter!r}", f"{texts[1]} {has[1]} {letter!r}"
+    return "", *texts
+
+
+def _children(space: SpaceSpec) -> list[tuple[Any, SpaceSpec]]:
+    """The spaces inside a space, each with its name."""
+    match space:
+        case Dict(spaces=pairs):
+            return list(pairs)
+        case Tuple(spaces=items) | OneOf(spaces=items):
+            return list(enumerate(items))
+        case Sequence(space=item):
+            return [("space", item)]
+        case Graph(nodes=nodes, edges=edges):
+            return [("nodes", nodes), *([("edges", edges)] if edges is not None else [])]
+    return []
 
 
 def _mark_unknown(value: Any, depth: int) -> Any:

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from envcraft.spaces.sampling import enumerate_actions, sample
-from envcraft.spaces.spec import read_space
+from envcraft.spaces.spec import difference, read_space
 from envcraft.spaces.validation import validate
 
 FRAME = {"type": "Box", "low": 0, "high": 255, "shape": [2, 3], "dtype": "uint8"}
@@ -98,3 +98,42 @@ def test_of_more_joint_actions_than_can_be_counted_there_is_a_sample() -> None:
 )
 def test_same_compares_bounds_shape_and_dtype(change: dict[str, Any], same: bool) -> None:
     assert (read_space(FRAME) == read_space({**FRAME, **change})) is same
+
+
+@pytest.mark.parametrize(
+    ("one", "two", "words"),
+    [
+        (BITS, {**BITS, "shape": [3]}, ("", "MultiBinary(4)", "MultiBinary(3)")),
+        (BITS, {**BITS, "shape": [2, 2]}, ("", "MultiBinary(4)", "MultiBinary((2, 2))")),
+        (WORDS, {**WORDS, "max_length": 40}, ("", "Text(1, 3, charset='ab')", "Text(1, 40, charset='ab')")),
+        (
+            {**WORDS, "charset": "abcdefghijklmnopqrstu"},
+            {**WORDS, "charset": "abcdefghijklmnopqrstuv"},
+            (
+                "",
+                "Text(1, 3, charset='abcdefghijklmnopqrst…') without 'v'",
+                "Text(1, 3, charset='abcdefghijklmnopqrst…') with 'v'",
+            ),
+        ),
+        (BUTTON, {**BUTTON, "start": 0}, ("", "Discrete(3, start=1)", "Discrete(3)")),
+        (
+            PAD,
+            {**PAD, "start": [1, 0, 0]},
+            ("", "MultiDiscrete([5, 2, 2])", "MultiDiscrete([5, 2, 2], start=[1, 0, 0])"),
+        ),
+        (PAD, {**PAD, "dtype": "int8"}, ("", "MultiDiscrete([5, 2, 2])", "MultiDiscrete([5, 2, 2], dtype=int8)")),
+        (
+            REAL,
+            {**REAL, "high": [0.0, 2.0]},
+            ("[1]", "Box(-1.0, 1.0, (2,), float32)", "Box(-1.0, 2.0, (2,), float32)"),
+        ),
+        (FRAME, {**FRAME, "high": 1}, ("", "Box(0, 255, (2, 3), uint8)", "Box(0, 1, (2, 3), uint8)")),
+        (
+            {"type": "Dict", "spaces": [["arm", REAL], ["key", BUTTON]]},
+            {"type": "Dict", "spaces": [["arm", {**REAL, "low": [-1.0, -3.0]}], ["key", BUTTON]]},
+            ("[arm][1]", "Box(-1.0, 1.0, (2,), float32)", "Box(-3.0, 1.0, (2,), float32)"),
+        ),
+    ],
+)
+def test_the_texts_of_spaces_differ_where_these_do(one: dict[str, Any], two: dict[str, Any], words: Any) -> None:
+    assert difference(read_space(one), read_space(two)) == words
