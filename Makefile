@@ -12,10 +12,8 @@ BIN := .venv/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet --no-compile --constraint constraints.txt
 # uv takes a fraction of pip's time, and where it cannot reach an index that pip is configured for, pip installs.
 INSTALL = $(BIN)/uv pip install --quiet --python $(BIN)/python --constraint constraints.txt $(1) || $(PIP) $(1)
-# On all cores, unlike pip, and only what a worker may import. Some libraries have files that are not Python.
-LIBRARIES := cd .venv/lib/python3*/site-packages && ../../../bin/python -m compileall -qq -j 0 \
-	-x 'site-packages/.*/tests?/' $$(ls -d cloudpickle dill farama_notifications gymnasium numpy packaging PIL pygame scipy torch torchgen tqdm \
-	typing_extensions.py xxhash 2>/dev/null) || true
+# On all cores, unlike pip, and without the tests of the libraries. Some libraries have files that are not Python.
+LIBRARIES := $(BIN)/python -m compileall -qq -j 0 -x 'site-packages/.*/tests?/' $$($(BIN)/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))') || true
 # A worker writes no bytecode: without these files it would compile its modules at each start.
 COMPILE := $(BIN)/python -m compileall -q -j 0 envcraft checks sandbox plugins
 
