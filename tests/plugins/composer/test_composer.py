@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import types
 from collections import Counter
+from functools import cache
 from pathlib import Path
 from random import Random
 from typing import Any
@@ -31,9 +32,23 @@ def games(count: int, difficulty: float | None = 0.5) -> list[Generated]:
     return list(ComposerFamily().generate(count, 0, difficulty))
 
 
-MANY = games(150, None)
-FIRST = list({game.metadata["axes"]["goal"]: game for game in reversed(games(3 * len(GOALS)))}.values())[::-1]
-BY_GOAL = pytest.mark.parametrize("game", FIRST, ids=[game.metadata["axes"]["goal"] for game in FIRST])
+@cache
+def many() -> list[Generated]:
+    return games(150, None)
+
+
+@cache
+def first() -> dict[str, Generated]:
+    """The first game of each goal."""
+    return {game.metadata["axes"]["goal"]: game for game in reversed(games(3 * len(GOALS)))}
+
+
+@pytest.fixture
+def game(goal: str) -> Generated:
+    return first()[goal]
+
+
+BY_GOAL = pytest.mark.parametrize("goal", GOALS)
 
 
 def play(env: Any, seed: int, choose: Any) -> tuple[int, bool, float]:
@@ -70,8 +85,8 @@ def test_mechanics_combine_into_thousands_of_games() -> None:
 
 
 def test_the_first_games_have_all_goals_and_many_worlds_and_avatars() -> None:
-    axes = [game.metadata["axes"] for game in MANY[:60]]
-    assert len(FIRST) == len(GOALS) >= 12
+    axes = [game.metadata["axes"] for game in many()[:60]]
+    assert len(first()) == len(GOALS) >= 12
     assert len({one["world"] for one in axes}) >= 10
     assert len({one["avatar"] for one in axes}) >= 10
     assert len({one["twist"] for one in axes}) >= 12
@@ -79,7 +94,7 @@ def test_the_first_games_have_all_goals_and_many_worlds_and_avatars() -> None:
 
 
 def test_goals_have_equal_shares_until_their_sets_run_out() -> None:
-    goals = Counter(game.metadata["axes"]["goal"] for game in MANY)
+    goals = Counter(game.metadata["axes"]["goal"] for game in many())
     # One world, avatar and goal make all games of bricks, and crates and drops are much code.
     assert all(goals[goal] >= 9 for goal in GOALS if goal not in ("bricks", "crates", "merge")), goals
     assert goals["crates"] >= 4
@@ -94,19 +109,19 @@ def test_generation_is_deterministic_and_a_smaller_count_is_a_part() -> None:
 
 
 def test_no_two_sources_have_the_same_structure() -> None:
-    keys = [structural.key(game.source.encode()) for game in MANY]
-    assert len(set(keys)) == len(MANY)
+    keys = [structural.key(game.source.encode()) for game in many()]
+    assert len(set(keys)) == len(many())
 
 
 def test_no_two_sources_are_near_duplicates() -> None:
-    keys = [near.key(game.source.encode()) for game in MANY]
+    keys = [near.key(game.source.encode()) for game in many()]
     sets = [found for found in near.own([near.shingles(key) for key in keys if key]) if found is not None]
-    assert len(sets) == len(MANY)
+    assert len(sets) == len(many())
     assert list(near.pairs(sets, near.THRESHOLD, Groups(len(sets)))) == []
 
 
 def test_all_sources_have_80_to_250_lines() -> None:
-    lines = [game.source.count("\n") for game in MANY]
+    lines = [game.source.count("\n") for game in many()]
     assert min(lines) >= 80
     assert max(lines) <= 250
 
@@ -187,7 +202,7 @@ def judge(*words: object) -> Result:
 
 
 def test_games_pass_the_checks(tmp_path: Path) -> None:
-    for game in (FIRST[0], FIRST[8]):
+    for game in (first()[GOALS[0]], first()[GOALS[8]]):
         (tmp_path / f"{game.name}.py").write_text(game.source, "utf-8")
     result = judge(tmp_path)
     assert result.exit_code == 0, result.output
@@ -195,7 +210,7 @@ def test_games_pass_the_checks(tmp_path: Path) -> None:
 
 def test_the_player_is_a_policy_that_runs_in_the_sandbox(tmp_path: Path) -> None:
     file = tmp_path / "game.py"
-    file.write_text(FIRST[0].source, "utf-8")
+    file.write_text(first()[GOALS[0]].source, "utf-8")
     result = judge(file, "--checks", "difficulty", "--policy", "composer", "--strict")
     assert result.exit_code == 0, result.output
     unknown = judge(file, "--checks", "difficulty", "--policy", "composed")
