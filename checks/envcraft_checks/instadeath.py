@@ -3,8 +3,9 @@
 ## What it does
 Does nothing, on one seed after another, until it is settled whether this loses at once on more than 50% of seeds
 (EC701). To lose at once is to terminate within 30 steps without success. Later losses, truncations and wins do not
-count. A game that is short by design does not count either: doing nothing ends at the same step on every seed, no play
-lasts longer, and the return depends on the actions.
+count: a loss that is truncated is the defect EC510, and once that is mended, it counts here. A game that is short by
+design does not count either: doing nothing ends at the same step on every seed, no play lasts longer, and the return
+depends on the actions.
 
 Plays a few random steps on many seeds. If an episode ends at once, the check tries other actions on the same seed. A
 seed is degenerate if these also end the episode within 3 steps, so that nothing can be played. Degenerate seeds are an

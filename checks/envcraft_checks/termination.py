@@ -15,6 +15,11 @@ for some actions, or increase it past a number that it must equal.
 A success must end the episode as `terminated`. If only `truncated` is set, the check looks for a longer episode on the
 same seed, which shows that the end is not a time limit.
 
+The same holds for a loss. It is reported if no episode is terminated without success, and many are truncated at
+different steps of one seed, in the first half of the longest episode. It is an error if the last step of each of
+them costs more than every step before it, else a warning: Gymnasium also truncates what leaves the bounds of its model.
+A clock that starts again at each reward, such as hunger, is a time limit.
+
 If info reports no success, an end at the limit that pays more than any step before it is a goal, such as survival, and
 may be terminated. A game may have a rule that ends it at a fixed step before the contract's limit, such as a torch that
 burns out. The check reports a time limit with swapped flags if all episodes that reach this step are terminated and all
@@ -41,6 +46,7 @@ truncated = False
 
 from __future__ import annotations
 
+import ast
 import itertools
 from collections import Counter
 from collections.abc import Iterator
@@ -57,7 +63,7 @@ from envcraft.plugins import hookimpl
 from envcraft.text import plural
 
 from .linting.limits import terminates_at, unlimited
-from .linting.program import in_words, program_of
+from .linting.program import in_words, line, program_of
 
 if TYPE_CHECKING:
     from envcraft.judging.subject import Subject
@@ -69,8 +75,13 @@ _PLAYABLE = 5
 _AFTER_SUCCESS = 30
 #: Steps without a change after which a held action is played to the end of its episode.
 _STILL = 30
-#: The fewest steps after a loss in which actions must change nothing, and the fewest actions that must be played there.
+#: The fewest steps after a loss in which actions must change nothing, and the fewest actions that must be played there;
+#: also the fewest lengths of episodes that a time limit does not explain.
 _DEAD, _VARIED = 150, 3
+#: The share of the longest episode within which one ends soon.
+_SOON = 0.5
+#: The values that step() returns.
+_RESULTS = 5
 #: How many times larger than each following one a reward is that is paid once, and the episodes that must be paid alike
 #: after their end.
 _TIMES, _OWING = 2, 5
@@ -124,6 +135,12 @@ class Termination(Check):
             "The episode goes on after it is lost.",
             "Set terminated at the step that loses the game.",
         ),
+        Rule(
+            "EC510",
+            "loss-as-truncation",
+            "A loss ends the episode as truncated.",
+            "Set terminated when the game is lost, and truncated only at the step limit.",
+        ),
     )
 
     def judge(self, subject: Subject) -> Iterator[Finding]:
@@ -138,7 +155,7 @@ class Termination(Check):
         if limit is not None:
             swapped = [*self._judge_limit(subject, usable, limit), *self._judge_own_limit(subject, usable, limit)]
             swapped = swapped or list(self._judge_named(subject, usable))
-            yield from swapped or self._judge_truncated(subject, usable)
+            yield from swapped or [*self._judge_truncated(subject, usable)] or self._judge_cut(subject, usable)
             if not any(finding.code == "EC501" for finding in swapped):
                 yield from self._judge_code(subject, limit)
             yield from self._judge_success(subject)
@@ -325,6 +342,36 @@ class Termination(Check):
                 )
                 return
 
+    def _judge_cut(self, subject: Subject, traces: list[Trace]) -> Iterator[Finding]:
+        """Report losses whose only flag is truncated: they come at steps that play decides, and no loss terminates."""
+        known = [*traces, *(trace for trace in subject.searches.explored() if trace.usable and trace.steps)]
+        if any(trace.ended and trace.terminated[-1] and not trace.success for trace in known):
+            return
+        longest = max(known, key=lambda trace: trace.steps)
+        cut = [trace for trace in known if trace.ended and not trace.terminated[-1] and not trace.reported_success]
+        cut = [trace for trace in cut if trace.steps <= longest.steps * _SOON]
+        kinds = [{trace.steps for trace in cut}, {_since_paid(trace) for trace in cut}]
+        if min(map(len, kinds)) < _VARIED:
+            return
+        # Each level may have a limit of its own.
+        if len({trace.rollout.seed for trace in cut}) == len({(trace.rollout.seed, trace.steps) for trace in cut}):
+            return
+        costly = all(trace.rewards[-1] < min(0.0, *trace.rewards[:-1]) for trace in cut)
+        shortest = min(cut, key=lambda trace: trace.steps)
+        finding = self.finding(
+            "EC510",
+            f"{len(cut)} episodes are truncated, and none is terminated without success, but this is no time limit: "
+            f"they end after {shortest.steps} to {max(trace.steps for trace in cut)} steps, as play decides, "
+            f"{'and their last steps cost most, ' if costly else ''}while {longest.rollout.player} goes on "
+            f"to step {longest.steps}",
+            line=_truncating_line(subject) or subject.line_of("step"),
+            repro=repro(shortest.rollout.cut(shortest.steps)),
+            episodes=len(cut),
+            shortest=shortest.steps,
+            longest=longest.steps,
+        )
+        yield finding if costly else finding.as_warning()
+
     def _is_mistaken(self, trace: Trace) -> bool:
         """Whether an episode terminates without success, where its limit should truncate it.
 
@@ -477,6 +524,31 @@ def _alike(one: Trace, two: Trace, first: int, last: int) -> bool:
         one.observations[first : last + 1] == two.observations[first : last + 1]
         and one.rewards[first:last] == two.rewards[first:last]
     )
+
+
+def _since_paid(trace: Trace) -> int:
+    """The steps from the last unusual reward to the last step, whose own reward may be that of the end."""
+    usual, _ = Counter(trace.rewards).most_common(1)[0]
+    rewards = trace.rewards[-2::-1]
+    return next((steps for steps, reward in enumerate(rewards, 1) if reward != usual), trace.steps)
+
+
+def _truncating_line(subject: Subject) -> int | None:
+    """The one line of step() that decides `truncated`; None where several may."""
+    program = program_of(subject)
+    step = program.method(program.env, "step") if program is not None else None
+    if step is None:
+        return None
+    returned = [node.value for node in step.nodes if isinstance(node, ast.Return)]
+    flags = [value.elts[-2] for value in returned if isinstance(value, ast.Tuple) and len(value.elts) == _RESULTS]
+    names = {node.id for flag in flags for node in ast.walk(flag) if isinstance(node, ast.Name)}
+    named = {name for name in names if "trunc" in name} or names
+    lines = {
+        line(statement)
+        for target, value, statement in step.bindings
+        if isinstance(target, ast.Name) and target.id in named and not isinstance(value, ast.Constant)
+    }
+    return lines.pop() if len(lines) == 1 else None
 
 
 def _success(trace: Trace) -> int:
