@@ -24,6 +24,10 @@ flags do. And moves lead to at least three different states of the game that las
 the first moves, to at least three different results; two results are a warning. A move may become visible late, or
 matter only while its button is pressed.
 
+A picture is late (a warning) if in each of at least three states all moves lead to the same next picture, and to
+different ones a step later, although rewards or ends differ at once. Then an agent sees what an action does one step
+after it is paid for it. A player with momentum may be seen late, too, but is also paid late.
+
 State is hidden (a warning) if three quarters of all rewards and terminations follow a picture and an action that also
 had another result, and the picture does not make the event more likely. The game must not draw random numbers during
 play. Memory games hide state on purpose.
@@ -63,6 +67,7 @@ from .pictures.contrast import find_faint
 from .pictures.frozen import find_frozen
 from .pictures.hidden import find_hidden
 from .pictures.invisible import find_invisible
+from .pictures.late import find_late
 from .pictures.noise import find_noise
 from .pictures.traces import Defect
 from .pictures.twins import find_twins
@@ -112,6 +117,13 @@ class Observation(Check):
             "moves-alike",
             "Left and right always do the same.",
             "Give each direction of the pad its own effect, or none.",
+            Severity.WARNING,
+        ),
+        Rule(
+            "EC409",
+            "picture-late",
+            "Each picture shows the game as it was before the action.",
+            "Draw the frame at the end of step(), after all changes of state.",
             Severity.WARNING,
         ),
     )
@@ -181,6 +193,7 @@ def _defects(subject: Subject, traces: list[Trace]) -> Iterator[tuple[str, Defec
     yield "EC403", find_unresponsive(subject, traces)
     yield "EC407", find_invisible(subject)
     yield "EC401", find_frozen(subject, traces)
+    yield "EC409", find_late(subject)
     yield "EC408", find_twins(subject)
     yield "EC406", find_hidden(subject, traces)
 

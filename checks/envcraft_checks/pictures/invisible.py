@@ -24,7 +24,7 @@ def find_invisible(subject: Subject) -> Defect | None:
     """Find moves that no picture shows before they are paid."""
     if not shows_pictures(subject.observation_space):
         return None
-    moves = _simple_moves(subject)
+    moves = simple_moves(subject)
     held = [trace for trace in subject.held() if trace.rollout.actions[0] in moves and not trace.opaque]
     if len(held) < _COMPARED or _first_apart(held) == "seen":
         return None
@@ -73,7 +73,7 @@ def _find_paid_unseen(subject: Subject, moves: list[Any]) -> Defect | None:
     )
 
 
-def _simple_moves(subject: Subject) -> list[Any]:
+def simple_moves(subject: Subject) -> list[Any]:
     """The actions that differ from the first one, or from doing nothing, in one component only, the same for all."""
     joint = subject.joint_actions
     if not isinstance(joint[0], list):
