@@ -16,8 +16,9 @@ reached the reward. With `--policy FILE` the policy's episodes count, too.
 The exploration also looks for loops: actions that lead back to the same picture and pay each time, and two actions in
 turn that pay each time. A loop is farmable if repeating it in a plain episode earns clearly more than a success on that
 seed within half of the longest episode. It is an error if the loop earns twice as much as every success that was
-played, else a warning. Without a success on the seed, the check reports nothing, because the reward of the loop may be
-the goal.
+played, else a warning. If other seeds have a success and this one has none, the check reports nothing. If no play
+succeeds at all, the reward of the loop may be the goal. The check then warns of a loop that leads back to the same
+state of the game, in which only time has passed, and that earns clearly more in the longest episode than other play.
 
 A failure is an episode of one held action, or a loss that pays more than the step that wins. Failing pays more if a
 failure earns clearly more than the step that wins and than every success on its seed that takes at most half as long,
@@ -67,6 +68,7 @@ from envcraft.plugins import hookimpl
 from envcraft.text import plural, with_article
 
 from .rewards.blame import blamed_line, reward_line
+from .rewards.cycles import TIMES, leads_back
 from .rewards.zeros import pays_nothing
 
 if TYPE_CHECKING:
@@ -252,11 +254,14 @@ class Reward(Check):
 
     def _judge_loops(self, subject: Subject, traces: list[Trace]) -> Iterator[Finding]:
         best = _best_soon(traces, max(trace.steps for trace in traces))
-        most = max((trace.total for trace in _successes([*traces, *subject.privileged()])), default=0.0)
-        for number, outcome in enumerate(subject.searches.explorations):
-            actions, size = outcome.get("loop") or [], outcome.get("loop_length") or 0
+        won = _successes([*traces, *subject.privileged()])
+        if not won and not any(outcome.get("win") for outcome in subject.searches.explorations):
+            yield from self._judge_cycles(subject, traces)
+            return
+        most = max((trace.total for trace in won), default=0.0)
+        for number, actions, size in subject.searches.loops:
             success = best.get(subject.episode_seed(number))
-            if not size or success is None or not subject.affords(len(actions)):
+            if success is None or not subject.affords(len(actions)):
                 continue
             trace = self._repeated(subject, number, actions, size, success)
             if trace is None:
@@ -280,6 +285,33 @@ class Reward(Check):
             )
             yield finding if trace.total >= _FAR * max(most, 0) else finding.as_warning()
             return
+
+    def _judge_cycles(self, subject: Subject, traces: list[Trace]) -> Iterator[Finding]:
+        """Report a loop where no play succeeds: it pays on and on and leads back to the same state, and no other play
+        earns as much.
+        """
+        most, longest = max(trace.total for trace in traces), max(trace.steps for trace in traces)
+        for number, actions, size in subject.searches.loops:
+            trace = leads_back(subject, number, actions, size)
+            if trace is None:
+                continue
+            first = len(actions) - size
+            least = min(sum(trace.rewards[at : at + size]) for at in range(first, trace.steps, size))
+            earned = trace.total + least * max(longest - trace.steps, 0) / size
+            if least > 0 and earned >= clearly_more(most):
+                yield self.finding(
+                    "EC307",
+                    f"repeating {_in_words(actions[-size:])} pays at least {least:g} each of {TIMES} times, and leads "
+                    f"back to the same state; in {plural(longest, 'step')} this is {earned:g}, and no episode earns "
+                    f"more than {most:g}, or succeeds",
+                    line=subject.line_of("step"),
+                    repro=repro(trace.rollout),
+                    loop=actions[-size:],
+                    gain=least,
+                    earned=earned,
+                    most=most,
+                ).as_warning()
+                return
 
     def _repeated(self, subject: Subject, number: int, actions: list[Any], size: int, success: Trace) -> Trace | None:
         """An episode that repeats a loop to its end, or until it earns clearly more than success; None if it succeeds,

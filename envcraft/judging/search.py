@@ -19,6 +19,9 @@ from envcraft.model.trace import Trace
 _HORIZON = 40
 #: The most steps of a search for hidden states after its path.
 _REACT = 240
+#: The most steps of a search that goes back and forth after its path, how many such searches there are, and the steps
+#: within which their episodes must be paid.
+_ROCK, _ROCKS, _SOON = 250, 6, 60
 #: Steps of a greedy search, which makes five moves.
 _GREEDY = 10_000
 #: The share of the budget that an exploration leaves to the checks after it, and that a sweep leaves.
@@ -125,6 +128,40 @@ class Searches:
             paths.append(trace.rollout.cut(steps[-1]))
         return list({path.key(): path for path in paths}.values())
 
+    @cached_property
+    def loops(self) -> list[tuple[int, list[Action], int]]:
+        """Actions whose last ones pay each time that they are repeated: the number of the seed, the actions, and how
+        many are repeated.
+
+        Explorations find most of them. What has momentum needs two moves that are held in turn. These are tried where
+        episodes without success are paid, if no play succeeds.
+        """
+        found = [
+            (number, list(outcome.get("loop") or ()), outcome.get("loop_length") or 0)
+            for number, outcome in enumerate(self.explorations)
+        ]
+        found = [loop for loop in found if loop[2]]
+        if found or not self._budget.sweep or any(outcome.get("win") for outcome in self.explorations):
+            return found
+        played = [*self._episodes.all, *self.explored()]
+        if any(trace.reported_success for trace in played):
+            return []
+        for trace, step in _soonest_paid(played):
+            if not self.spares(_ROCK):
+                break
+            seed, path = trace.rollout.seed, trace.actions[:step]
+            outcome = self._cache.search(Search("rock", seed, step + _ROCK, path))
+            if length := outcome.get("loop_length"):
+                return [(seed - self._probes.episode_seed(0), list(outcome.get("loop") or ()), length)]
+        return []
+
+    def spares(self, steps: int) -> bool:
+        """Whether a few more steps may be taken: the budget has them left, or all episodes are shorter than those that
+        it is meant for.
+        """
+        longest = max(trace.steps for trace in self._episodes.whole)
+        return steps <= self._episodes.steps_left or longest < self._probes.length
+
     def horizon(self, number: int = 0) -> SearchOutcome:
         """Play the episode by rolling-horizon search, to its end or a win: ``best`` has the actions."""
         return self._run("horizon", number, _HORIZON * self._probes.length)
@@ -198,6 +235,8 @@ class Searches:
     @property
     def sweep_steps(self) -> int:
         """The steps that are left for :meth:`sweep` and :meth:`sweep_last`."""
+        # These come first, so that the steps that are left do not depend on which check is first.
+        _ = self.loops
         left = self._episodes.steps_left - self._episodes.reserve - int(_LAST * self._budget.steps)
         return max(min(self._budget.sweep, left), 0)
 
@@ -238,6 +277,19 @@ class Searches:
 
 def _length(rollout: Rollout) -> int:
     return len(rollout.actions)
+
+
+def _soonest_paid(traces: Sequence[Trace]) -> list[tuple[Trace, int]]:
+    """The steps at which some episodes, whose info reports success or the lack of it, are first paid well."""
+    found: dict[str, tuple[Trace, int]] = {}
+    for trace in traces:
+        if not trace.usable or trace.reported_success is None:
+            continue
+        usual = statistics.mode(trace.rewards)
+        steps = (step for step, reward in enumerate(trace.rewards[:_SOON], 1) if reward > max(usual, 0))
+        if step := next(steps, 0):
+            found.setdefault(str((trace.rollout.seed, trace.actions[:step])), (trace, step))
+    return sorted(found.values(), key=lambda each: each[1])[:_ROCKS]
 
 
 def _extremes(trace: Trace, sign: int, longest: int) -> list[int]:

@@ -232,5 +232,20 @@ def test_an_exploration_tells_where_one_picture_is_shown_for_long() -> None:
     assert max(map(sum, _prefixes([(0, 1, -1)[action] for action in found.still]))) >= 2
 
 
+@pytest.mark.parametrize(("paid", "loops"), [("crossed", True), ("crossed and self.laps == 1", False)])
+def test_two_moves_that_are_held_in_turn_are_a_loop(paid: str, loops: bool) -> None:
+    """Each crossing of 0 upwards is a lap, and the speed follows the pushes 1 and 2 slowly."""
+    sled = SPRING.replace("float(self.at < before == 1)", f"float({paid})").replace("40 * self.at", "0")
+    sled = sled.replace("self.at = self.highest = 1", "self.at, self.highest, self.speed, self.laps = -0.5, 0, 0.0, 0")
+    step = (
+        "self.speed = 0.9 * self.speed + 0.25 * (0, 1, -1)[action]; self.at = before + self.speed; "
+        "crossed = before < 0 <= self.at; self.laps += crossed"
+    )
+    out, _, _ = searched("rock", step=step, source=sled, path=[1, 1, 1], limit=200)
+    turns = [[1, 1, 1, *([one] * 6 + [other] * 6) * 2] for one, other in ((1, 2), (2, 1))]
+    assert out.loop in (turns if loops else [None])
+    assert out.loop_length == (12 if loops else 0)
+
+
 def _prefixes(moves: list[int]) -> list[list[int]]:
     return [moves[:number] for number in range(len(moves) + 1)]

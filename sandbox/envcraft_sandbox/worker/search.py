@@ -31,6 +31,8 @@ _EPISODES = 3
 _ALIKE = 12
 #: Steps for which :func:`react` holds a move, and those after it, in long branches and in short ones.
 _BRANCHES = ((6, 14), (3, 3))
+#: Steps for which :func:`rock` holds each of two moves, and how often both must pay again.
+_ROCKED, _TURNS = 6, 6
 
 
 def run(subject: Subject, job: Job) -> None:
@@ -233,6 +235,31 @@ def react(tree: Tree) -> None:
         tree.out.states = len(alike)
 
 
+def rock(tree: Tree) -> None:
+    """Follow a path, and go back and forth there: up and down, or left and right, for some steps each. `loop` leads to
+    the first such turn that pays each time, but for the first time: a thing with momentum comes to its rhythm then.
+    """
+    node = tree.root()
+    if not all(tree.step(node, action) for action in tree.path):
+        return
+    moves = _moves(tree.actions)
+    for one, other in zip(moves[1::2], moves[2::2], strict=False):
+        for turn in ([one] * _ROCKED + [other] * _ROCKED, [other] * _ROCKED + [one] * _ROCKED):
+            if _pays_again(tree, tree.branch(node), turn):
+                tree.out.loop, tree.out.loop_length = tree.path + turn * 2, len(turn)
+                return
+
+
+def _pays_again(tree: Tree, node: Node, turn: list[Any]) -> bool:
+    """Whether some actions pay each time that they are repeated, but for the first time."""
+    for number in range(_TURNS + 1):
+        before = node.total
+        alive = not tree.spent() and all(tree.step(node, action) for action in turn)
+        if not alive or (number and node.total <= before):
+            return False
+    return True
+
+
 def _branch(tree: Tree, node: Node, move: Any, idle: Any, held: int, rested: int) -> tuple[Any, list[int], str] | None:
     """The move, the pictures and the last state of a branch that holds a move and then does nothing; None if it ends
     before.
@@ -265,5 +292,6 @@ _SEARCHES: dict[str, Callable[[Tree], None]] = {
     "sweep": sweep,
     "sweep_last": sweep_last,
     "react": react,
+    "rock": rock,
     "horizon": horizon,
 }
