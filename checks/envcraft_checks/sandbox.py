@@ -5,6 +5,10 @@ Reports events that the sandbox stopped while the other checks ran: a call that 
 limits, floods of output, network access, a process that died, and messages that violate the protocol. The check always
 runs, because other verdicts have no meaning after such an event.
 
+It also reads what the episodes print, and warns if that is a warning of NumPy about the environment's arithmetic: a
+number that is too large for its type, a division by zero, or an invalid value. Each line is reported once. A hash that
+overflows on purpose is fine with Python's integers, with whole arrays, or inside `numpy.errstate`.
+
 ## Why is this bad?
 An environment that hangs, exhausts memory or ends its process stops the training run that uses it.
 
@@ -18,14 +22,16 @@ while not self._free(x, y):     # EC901: never ends once the board is full
 from __future__ import annotations
 
 import errno
+import re
 from collections.abc import Iterator
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from envcraft.judging.check import Check, Rule
 from envcraft.judging.shrink import repro, shrunk
 from envcraft.model.job import ExitReason
 from envcraft.model.rollout import Conditions, Rollout
-from envcraft.model.verdict import Finding
+from envcraft.model.verdict import Finding, Severity
 from envcraft.plugins import hookimpl
 
 from .linting.loading import exiting_line, method_code, printing_line, waiting_line, writing_line
@@ -51,6 +57,12 @@ _ENDS = {
 _METHODS = {"construct": ("__init__",), **dict.fromkeys(("search", "before", "after"), ("reset", "step"))}
 #: Events that cost no time: their episodes are shrunk. Others reach a deadline or a limit in each attempt.
 _QUICK = ("EC905", "EC906")
+#: A warning of NumPy as Python prints it.
+_WARNING = re.compile(
+    r"^([^\n:]{1,500}):(\d{1,7}): RuntimeWarning: "
+    r"((?:overflow|underflow|divide by zero|invalid value) encountered in [\w ]{1,40})$",
+    re.MULTILINE,
+)
 #: So many attempts may show the event again.
 _ATTEMPTS = 16
 
@@ -68,6 +80,14 @@ class SandboxEvents(Check):
         Rule("EC905", "network", "The code used the network.", "Put all data into the file."),
         Rule("EC906", "died", "The process died.", "Never call os._exit or native code that crashes."),
         Rule("EC907", "forged", "Messages violated the protocol.", "Do not use the worker's file descriptors."),
+        Rule(
+            "EC914",
+            "arithmetic-warning",
+            "NumPy warns of the code's arithmetic during play.",
+            "Guard the division, or use `int` where a number may leave the range of its type.",
+            Severity.WARNING,
+            confirmed_by=("EC301",),
+        ),
     )
 
     def judge(self, subject: Subject) -> Iterator[Finding]:
@@ -78,15 +98,52 @@ class SandboxEvents(Check):
                     seen.add(finding.code)
                     small = finding.code in _QUICK and trace.result is None and not trace.rollout.live
                     yield self._smallest(subject, trace, finding) if small else finding
+        yield from self._judge_arithmetic(subject)
 
     def confirm(self, subject: Subject, finding: Finding) -> Finding | None:
         conditions = Conditions.from_json(finding.repro.conditions)
-        found = self.find(subject, subject.rollout(Rollout(finding.repro.seed, finding.repro.actions, conditions)))
+        trace = subject.rollout(Rollout(finding.repro.seed, finding.repro.actions, conditions))
+        if finding.code == "EC914":
+            return finding if finding.evidence["warning"] in _warnings(trace).values() else None
+        found = self.find(subject, trace)
         return next((again for again in found if again.code == finding.code), None)
 
     def _smallest(self, subject: Subject, trace: Trace, finding: Finding) -> Finding:
         with subject.cache.patient(_ATTEMPTS):
             return shrunk(subject, trace.rollout, finding, lambda played: self.find(subject, played))
+
+    def _judge_arithmetic(self, subject: Subject) -> Iterator[Finding]:
+        """Report each line that NumPy warns of, with the shortest episode that shows it."""
+        own = Path(subject.source_file or subject.target.path).name
+        shown: dict[int, Trace] = {}
+        for trace in subject.traces:
+            if trace.result is not None or trace.rollout.live:
+                continue
+            for line in (line for file, line in _warnings(trace) if Path(file).name == own):
+                known = shown.get(line)
+                # What warns before the first step of a session may be in another episode of it.
+                worth = (bool(trace.rollout.conditions.before), trace.steps)
+                if known is None or worth < (bool(known.rollout.conditions.before), known.steps):
+                    shown[line] = trace
+        for line, trace in sorted(shown.items(), key=lambda each: each[0]):
+            words = next(text for (file, at), text in _warnings(trace).items() if at == line and Path(file).name == own)
+            step = self._first(subject, trace, line)
+            yield self.finding(
+                "EC914",
+                f"NumPy warns of line {line}, by step {step} under {trace.rollout.player}: {words}",
+                line=line,
+                repro=repro(trace.rollout.cut(step)),
+                step=step,
+                warning=words,
+            )
+
+    def _first(self, subject: Subject, trace: Trace, line: int) -> int:
+        """The step at which a line warns first, or one after it if the budget does not allow to find out."""
+        first, last = -1, trace.steps
+        while last - first > 1 and subject.affords(middle := (first + last) // 2):
+            again = subject.rerun(trace.rollout.cut(middle), alone=False)
+            first, last = (first, middle) if any(at == line for _, at in _warnings(again)) else (middle, last)
+        return last
 
     def find(self, subject: Subject, trace: Trace) -> Iterator[Finding]:
         """The sandbox event that ended a trace, if one did."""
@@ -146,6 +203,12 @@ class SandboxEvents(Check):
         if code != "EC906" or end.stack or subject.target.wrappers:
             return next(iter(end.stack), None)
         return exiting_line(program, run)
+
+
+def _warnings(trace: Trace) -> dict[tuple[str, int], str]:
+    """What NumPy warns of in a trace, by the file and the line."""
+    output = trace.end.output if trace.end is not None else ""
+    return {(found[1], int(found[2])): found[3] for found in _WARNING.finditer(output)}
 
 
 @hookimpl
