@@ -147,7 +147,7 @@ class Searches:
         if any(trace.reported_success for trace in played):
             return []
         for trace, step in _soonest_paid(played):
-            if not self.spares(_ROCK):
+            if not self._short and self._left_to_sweep < _ROCK:
                 break
             seed, path = trace.rollout.seed, trace.actions[:step]
             outcome = self._cache.search(Search("rock", seed, step + _ROCK, path))
@@ -159,8 +159,11 @@ class Searches:
         """Whether a few more steps may be taken: the budget has them left, or all episodes are shorter than those that
         it is meant for.
         """
-        longest = max(trace.steps for trace in self._episodes.whole)
-        return steps <= self._episodes.steps_left or longest < self._probes.length
+        return self._short or steps <= self._episodes.steps_left
+
+    @property
+    def _short(self) -> bool:
+        return max(trace.steps for trace in self._episodes.whole) < self._probes.length
 
     def horizon(self, number: int = 0) -> SearchOutcome:
         """Play the episode by rolling-horizon search, to its end or a win: ``best`` has the actions."""
@@ -237,8 +240,11 @@ class Searches:
         """The steps that are left for :meth:`sweep` and :meth:`sweep_last`."""
         # These come first, so that the steps that are left do not depend on which check is first.
         _ = self.loops
-        left = self._episodes.steps_left - self._episodes.reserve - int(_LAST * self._budget.steps)
-        return max(min(self._budget.sweep, left), 0)
+        return max(min(self._budget.sweep, self._left_to_sweep), 0)
+
+    @property
+    def _left_to_sweep(self) -> int:
+        return self._episodes.steps_left - self._episodes.reserve - int(_LAST * self._budget.steps)
 
     def greedy(self, number: int = 0) -> SearchOutcome:
         """Five moves, each with the highest immediate reward."""
