@@ -63,6 +63,8 @@ _WARNING = re.compile(
     r"((?:overflow|underflow|divide by zero|invalid value) encountered in [\w ]{1,40})$",
     re.MULTILINE,
 )
+#: The steps of the budget for each step of the search for the one that NumPy warns of.
+_PART = 20
 #: So many attempts may show the event again.
 _ATTEMPTS = 16
 
@@ -139,8 +141,9 @@ class SandboxEvents(Check):
 
     def _first(self, subject: Subject, trace: Trace, line: int) -> int:
         """The step at which a line warns first, or one after it if the budget does not allow to find out."""
-        first, last = -1, trace.steps
-        while last - first > 1 and subject.affords(middle := (first + last) // 2):
+        first, last, left = -1, trace.steps, subject.budget.steps // _PART
+        while last - first > 1 and (middle := (first + last) // 2) <= left and subject.affords(middle):
+            left -= middle
             again = subject.rerun(trace.rollout.cut(middle), alone=False)
             first, last = (first, middle) if any(at == line for _, at in _warnings(again)) else (middle, last)
         return last
