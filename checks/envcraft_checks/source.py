@@ -53,7 +53,7 @@ from typing import TYPE_CHECKING
 from envcraft.errors import UsageError, WorkerLost
 from envcraft.judging.check import Check, Rule
 from envcraft.model.job import ExitReason
-from envcraft.model.project import Place
+from envcraft.model.project import module_name
 from envcraft.model.target import MAX_SOURCE, Kind, nodes, parse
 from envcraft.model.verdict import Finding, Line, Severity, Verdict
 from envcraft.plugins import hookimpl
@@ -450,7 +450,7 @@ def _wrapper(subject: Subject, name: str) -> str:
     options = f"--wrap {subject.target.path}"
     if subject.target.kind is Kind.SOURCE:
         contract = "" if subject.contract.project else " --contract gymnasium"
-        options = f"--wrap {Place.of(Path(subject.target.path)).module}:{name}{contract}"
+        options = f"--wrap {module_name(Path(subject.target.path))}:{name}{contract}"
     return f"{name} is a wrapper; to judge it, validate an environment with {options}"
 
 

@@ -118,7 +118,8 @@ def validate(
         seed: Seed of all episodes; 0 by default.
         env_class: The class, if a file or text defines several.
         kwargs: Arguments of the constructor, which JSON can represent.
-        wrappers: ``module:func`` of a wrapper to apply, or of several, the innermost first.
+        wrappers: ``module:func`` of a wrapper to apply, or of several, the innermost first. A module is installed, in
+            the working directory, or in the project of a file.
         policy: A file with a privileged policy for the check ``difficulty``, or the name of a player that has one.
         time_limit: Seconds for each environment; by default the budget's.
         fail_fast: End each environment at its first error.

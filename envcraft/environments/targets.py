@@ -24,7 +24,7 @@ from envcraft.model.classes import (
     environment_line,
     no_class,
 )
-from envcraft.model.import_folders import import_folders
+from envcraft.model.import_folders import import_folders, is_importable
 from envcraft.model.project import Place, with_project
 from envcraft.model.target import Kind, Target, kind_of, nodes, parse, read_target
 from envcraft.text import one_line, plural
@@ -237,7 +237,7 @@ def _registered(name: str) -> Target:
         raise UsageError(f"{name} does not exist; did you mean {name.replace('/', '.')}?")
     # Without a module, the namespace of the id is usually the name of the package.
     package = module.partition(".")[0] or wanted.rpartition("/")[0].lower()
-    if package.isidentifier() and not _is_importable(package, here):
+    if package.isidentifier() and not is_importable(package, here):
         found = {
             file: ".".join(file.relative_to(folder).with_suffix("").parts).removesuffix(".__init__")
             for folder in (here, *import_folders(here))
@@ -279,16 +279,6 @@ def _require_module(root: Path, module: str) -> None:
     names = sorted(file.stem for file in folder.glob("*.py") if file.stem != "__init__")
     there = f"; {os.path.relpath(folder, root)} has {', '.join(names[:_FEW])}" if names else ""
     raise UsageError(f"the folder {package} has no module {module}{there}")
-
-
-def _is_importable(package: str, folder: Path) -> bool:
-    """Whether Python finds a package without looking into a folder, and without importing it: it is installed, also
-    where an editable installation or ``PYTHONPATH`` leads back to a project.
-    """
-    from importlib.machinery import PathFinder
-
-    path = [each for each in sys.path if Path(each or ".").resolve() != folder.resolve()]
-    return PathFinder.find_spec(package, path) is not None
 
 
 def _is_installed(package: str, folder: Path) -> bool:

@@ -98,12 +98,11 @@ class Facts:
             # A process with threads must not be forked.
             return []
         loaded, isolated = description.get("modules", []), self._runner.isolation is not Isolation.PROCESS
+        # Only jobs have the files of the project.
+        own = self._target.project.modules if self._target.project is not None else frozenset()
         if self._target.installed:
-            return loaded if isolated else []
-        named = set(imported(self._target.source))
-        if self._target.project is not None:
-            # Only jobs have the files of the project.
-            named -= self._target.project.modules
+            return [name for name in loaded if name.partition(".")[0] not in own] if isolated else []
+        named = set(imported(self._target.source)) - own
         used = [name for name in loaded if name.partition(".")[0] in named]
         return used if isolated else [name for name in used if name in WELL_KNOWN]
 

@@ -6,6 +6,7 @@ import configparser
 import functools
 import os
 import shlex
+import sys
 from pathlib import Path
 
 #: The files that make a folder a project, and the section that has the settings of pytest.
@@ -49,6 +50,16 @@ def project_folder(folder: Path) -> Path | None:
         if any((each / name).is_file() for name in _SETTINGS):
             return each
     return None
+
+
+def is_importable(package: str, folder: Path) -> bool:
+    """Whether Python finds a package without looking into a folder, and without importing it: it is installed, also
+    where an editable installation or ``PYTHONPATH`` leads back to a project.
+    """
+    from importlib.machinery import PathFinder
+
+    path = [each for each in sys.path if Path(each or ".").resolve() != folder.resolve()]
+    return PathFinder.find_spec(package, path) is not None
 
 
 def _python_path(file: Path) -> list[str]:

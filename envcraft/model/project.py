@@ -16,13 +16,15 @@ from typing import Any
 
 import msgspec
 
-from envcraft.model.import_folders import import_folders, project_folder
+from envcraft.model.import_folders import import_folders, is_importable, project_folder
 from envcraft.model.target import MAX_SOURCE, Kind, Project, Target, nodes, parse
 
 #: The most bytes of a project that a worker gets, and the most files of a folder.
 _MAX_BYTES, _MOST_FILES = 4 * 1024**2, 1_000
 #: The longest string that may name a file.
 _LONGEST = 200
+#: Stands for the file of a target that is none.
+_NO_FILE = "-"
 #: What the parser raises for what is not Python.
 UNREADABLE = (SyntaxError, ValueError, RecursionError, MemoryError)
 
@@ -100,6 +102,9 @@ def with_project(target: Target, root: Path | None = None) -> Target:
         return target
     file = Path(target.path).absolute()
     place = _place(file, target.source) if root is None else Place(root, _dotted(file, root))
+    here = _working_folder(target.wrappers)
+    if here is not None and any(place.find(file, each.partition(":")[0]) is None for each in target.wrappers):
+        place = Place(place.root, place.module, (*place.others, here))
     # The folder above one that only an import shows to be a package is not the project's.
     folders = [place.root] if root is not None or place == Place.of(file) else []
     closure = _Closure(file, place, folders)
@@ -111,15 +116,8 @@ def with_project(target: Target, root: Path | None = None) -> Target:
         closure.add_packages(file)
     for found, source in list(closure.sources.items()):
         closure.add_data(found, source)
-    if not closure.files:
-        return target
-    used = [place.root, *(each for each in place.others if any(path.is_relative_to(each) for path in closure.files))]
-    top = Path(os.path.commonpath([*used, *(path.parent for path in closure.files)]))
-    files = {path.relative_to(top).as_posix(): data for path, data in closure.files.items()}
-    imports = tuple(each.relative_to(top).as_posix() for each in used) if used != [top] else ()
-    own, modules = file.relative_to(top).as_posix(), frozenset(closure.modules)
-    project = Project(str(top), place.module, own, files, modules, root is not None, imports)
-    return msgspec.structs.replace(target, project=project)
+    project = closure.project(named=root is not None)
+    return target if project is None else msgspec.structs.replace(target, project=project)
 
 
 def configured(target: Target, kwargs: dict[str, Any], wrappers: Sequence[str]) -> Target:
@@ -131,10 +129,44 @@ def configured(target: Target, kwargs: dict[str, Any], wrappers: Sequence[str]) 
         wrappers: ``module:callable`` of each wrapper, the innermost first.
     """
     target = msgspec.structs.replace(target, kwargs=kwargs, wrappers=tuple(wrappers))
-    if not wrappers or target.kind is not Kind.SOURCE:
+    if not wrappers:
         return target
+    if target.kind is not Kind.SOURCE:
+        return msgspec.structs.replace(target, project=_of_wrappers(wrappers))
     known = target.project
     return with_project(target, Path(known.root) if known is not None and known.named else None)
+
+
+def module_name(file: Path) -> str:
+    """The name by which ``--wrap`` finds a file, in the working directory or a folder that imports start from."""
+    file, here = file.absolute(), Path.cwd()
+    place = Place.of(file)
+    outside = place.root in (here, *import_folders(here)) or not file.is_relative_to(here)
+    return place.module if outside else _dotted(file, here)
+
+
+def _of_wrappers(wrappers: Sequence[str]) -> Project | None:
+    """The files of wrappers in the working directory, for a target that is no file."""
+    here = _working_folder(wrappers)
+    if here is None:
+        return None
+    closure = _Closure(here / _NO_FILE, Place(here, "", import_folders(here)), [here])
+    for wrapper in wrappers:
+        closure.add_module(wrapper.partition(":")[0])
+    for found, source in list(closure.sources.items()):
+        closure.add_data(found, source)
+    return closure.project(named=False)
+
+
+def _working_folder(wrappers: Sequence[str]) -> Path | None:
+    """The working directory if it, or a folder that the project's tests import from, has the module of a wrapper that
+    is not installed.
+    """
+    here = Path.cwd()
+    place = Place(here, "", import_folders(here))
+    modules = [wrapper.partition(":")[0] for wrapper in wrappers]
+    own = (each for each in modules if place.find(here / _NO_FILE, each) is not None)
+    return here if any(not is_importable(each.partition(".")[0], here) for each in own) else None
 
 
 def _dotted(file: Path, root: Path) -> str:
@@ -236,6 +268,18 @@ class _Closure:
                     for each in sorted(below) if len(below) <= _MOST_FILES else ():
                         if each.suffix not in (".py", ".pyc") and not _hidden(each.relative_to(start)):
                             self._add(each)
+
+    def project(self, named: bool) -> Project | None:
+        """The files as a project; None if there are none."""
+        if not self.files:
+            return None
+        place, others = self._place, self._place.others
+        used = [place.root, *(each for each in others if any(path.is_relative_to(each) for path in self.files))]
+        top = Path(os.path.commonpath([*used, *(path.parent for path in self.files)]))
+        files = {path.relative_to(top).as_posix(): data for path, data in self.files.items()}
+        imports = tuple(each.relative_to(top).as_posix() for each in used) if used != [top] else ()
+        own = "" if self._file.name == _NO_FILE else self._file.relative_to(top).as_posix()
+        return Project(str(top), place.module, own, files, frozenset(self.modules), named, imports)
 
     def _above(self, file: Path) -> list[Path]:
         """The folders between that of a file and that of its project."""

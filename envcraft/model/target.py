@@ -55,8 +55,8 @@ class Project(msgspec.Struct, frozen=True):
 
     Attributes:
         root: the folder of the files.
-        module: the dotted name of the file, below the folder that its imports start from.
-        path: the file's path below `root`, with slashes.
+        module: the dotted name of the file, below the folder that its imports start from; "" if the target is no file.
+        path: the file's path below `root`, with slashes; "" if the target is no file.
         files: the bytes of the other files by path.
         modules: the top-level modules of the project that these files import; relative imports with their dots.
         named: the user named the module, so that a contract for single files does not leave the project out.
@@ -93,7 +93,7 @@ class Target(msgspec.Struct, frozen=True):
         env_class: picks one of several classes of a file.
         kwargs: what the constructor is given.
         wrappers: ``module:callable`` of what is applied to each instance, the innermost first.
-        project: the files of its project that a file needs; None for a file that needs none.
+        project: the files of its project that a file or wrappers need; None if they need none.
         cells: the first line of each cell of a notebook that the source is joined from, by the cell's name.
     """
 
@@ -127,6 +127,7 @@ class Target(msgspec.Struct, frozen=True):
     def for_worker(self) -> jobs.Target:
         """The part that the worker needs. Raises UnicodeDecodeError."""
         kwargs, wrappers = self.kwargs, list(self.wrappers)
+        project = self.project.for_worker() if self.project is not None else None
         if self.kind is Kind.SOURCE:
             filename = Path(self.path).name
             described: jobs.SourceTarget = {
@@ -137,13 +138,18 @@ class Target(msgspec.Struct, frozen=True):
                 "source": self.text,
                 "class": self.env_class,
             }
-            if self.project is not None:
-                described["project"] = self.project.for_worker()
+            if project is not None:
+                described["project"] = project
             return described
+        installed: jobs.ModuleTarget | jobs.RegisteredTarget
         if self.kind is Kind.MODULE:
             module, _, name = self.path.partition(":")
-            return {"kind": "module", "kwargs": kwargs, "wrappers": wrappers, "module": module, "class": name}
-        return {"kind": "id", "kwargs": kwargs, "wrappers": wrappers, "id": self.path}
+            installed = {"kind": "module", "kwargs": kwargs, "wrappers": wrappers, "module": module, "class": name}
+        else:
+            installed = {"kind": "id", "kwargs": kwargs, "wrappers": wrappers, "id": self.path}
+        if project is not None:
+            installed["project"] = project
+        return installed
 
 
 class LazyTargets(Sequence[Target], Generic[_Item]):

@@ -29,20 +29,21 @@ class ConciseReporter(Reporter):
 
 
 def _lines(report: SubjectReport) -> list[str]:
-    file = one_line(report.file)
+    # A check's own trouble is at no line of a file.
+    name = one_line(report.path)
     lines = [_line(report, finding) for check in report.checks for finding in check.findings]
     # Without these lines, a failure would have none.
     lines += [
-        f"{file}: error: the check {one_line(check.check)} is undecided, which --strict fails: {one_line(check.reason)}"
+        f"{name}: error: the check {one_line(check.check)} is undecided, which --strict fails: {one_line(check.reason)}"
         for check in unsettled(report)
     ]
     lost = [
-        f"{file}: error: the check {one_line(check.check)} could not judge: {one_line(check.reason)}"
+        f"{name}: error: the check {one_line(check.check)} could not judge: {one_line(check.reason)}"
         for check in report.checks
         if check.verdict is Verdict.ERROR
     ]
     if report.verdict is Verdict.ERROR and not lost:
-        lost = [f"{file}: error: could not be judged: {one_line(report.reason)}"]
+        lost = [f"{name}: error: could not be judged: {one_line(report.reason)}"]
     return lines + lost
 
 

@@ -13,8 +13,8 @@ class Project(TypedDict):
     """The files that a file needs besides itself.
 
     Attributes:
-        module: the dotted name of the file.
-        path: the path of the file.
+        module: the dotted name of the file; "" for what is installed.
+        path: the path of the file; "" for what is installed.
         files: the other files by path, as Base64. Paths have slashes and start at the project's root.
         imports: the folders that imports start from; by default the root.
     """
@@ -47,6 +47,7 @@ ModuleTarget = TypedDict(
         "class": str,
         "kwargs": NotRequired[dict[str, Any]],
         "wrappers": NotRequired[list[str]],
+        "project": NotRequired[Project],
     },
 )
 
@@ -58,6 +59,7 @@ class RegisteredTarget(TypedDict):
     id: str
     kwargs: NotRequired[dict[str, Any]]
     wrappers: NotRequired[list[str]]
+    project: NotRequired[Project]
 
 
 Target = SourceTarget | ModuleTarget | RegisteredTarget

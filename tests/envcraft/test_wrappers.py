@@ -50,6 +50,47 @@ def test_a_file_of_a_wrapper_says_how_to_judge_it(invoke: Invoke, good: Path, mo
     assert judged.exit_code == 0, judged.output
 
 
+_SHAPED = """from gymnasium import RewardWrapper
+from bonus import BONUS
+
+class Shaped(RewardWrapper):
+    def reward(self, reward):
+        return reward + BONUS
+"""
+
+
+@pytest.mark.parametrize("target", ["CartPole-v1", "gymnasium.envs.classic_control:CartPoleEnv", "other/walk.py"])
+def test_a_wrapper_of_the_working_directory(
+    target: str, invoke: Invoke, good: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(good.parent)
+    Path("own").mkdir()
+    Path("other").mkdir()
+    Path("other/walk.py").write_text(good.read_text())
+    Path("own/shaped.py").write_text(_SHAPED)
+    Path("own/plain.py").write_text("from gymnasium import RewardWrapper\nclass Plain(RewardWrapper):\n    pass\n")
+    Path("bonus.py").write_text("BONUS = 0.0\n")
+    options = ["--sandbox", "process", "--contract", "gymnasium", "--budget", "quick"]
+    told = invoke("validate", "own/plain.py", *options, "--format", "concise").stdout
+    assert "validate an environment with --wrap own.plain:Plain" in told
+    options += ["--checks", "reward", "--wrap", "own.shaped:Shaped", "--format", "json", "--output", "report.json"]
+    assert invoke("validate", target, *options).exit_code == 0
+    Path("bonus.py").write_text("BONUS = float('nan')\n")
+    assert invoke("validate", target, *options).exit_code == 1
+    again = invoke("replay", "report.json", "--sandbox", "process")
+    assert again.exit_code == 0, again.output
+
+
+def test_wrong_use_names_the_target_and_no_installed_file(
+    invoke: Invoke, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    options = ("--sandbox", "process", "--contract", "gymnasium", "--format", "concise", "--wrap", "nowhere:Shaped")
+    result = invoke("validate", "CartPole-v1", *options)
+    assert result.exit_code == 2
+    assert result.stdout.startswith("CartPole-v1: error: "), result.stdout
+
+
 def test_a_wrapper_of_the_project_under_a_contract_for_single_files(
     invoke: Invoke, good: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -25,6 +25,7 @@ from envcraft.judging.check import Check
 from envcraft.judging.driver import driver_for
 from envcraft.judging.selection import all_checks, driver_named, rules_of
 from envcraft.judging.shrink import repro
+from envcraft.model.project import configured
 from envcraft.model.verdict import CheckReport, Finding, Report, Repro, Severity, Verdict
 from envcraft.text import one_line
 
@@ -51,7 +52,10 @@ _STEPS = 100_000
 @click.option("--class", "env_class", metavar="NAME", help="The environment class, if a file defines several.")
 @click.option("--kwargs", metavar="JSON", help="Arguments of the constructor, as a JSON object.")
 @click.option(
-    "--wrap", multiple=True, metavar="MODULE:FUNC", help="Apply this wrapper to the instance. Can be repeated."
+    "--wrap",
+    multiple=True,
+    metavar="MODULE:FUNC",
+    help="Apply this wrapper, of an installed module or one in the working directory. Can be repeated.",
 )
 @click.option(
     "--sandbox",
@@ -111,7 +115,7 @@ def play(
     found = resolve(target, env_class)
     if len(found) > 1:
         raise UsageError(f"{target} holds {len(found)} environments; play one, such as {found[0].path}")
-    chosen = msgspec.structs.replace(found[0], kwargs=read_kwargs(kwargs), wrappers=read_wrappers(wrap))
+    chosen = configured(found[0], read_kwargs(kwargs), read_wrappers(wrap))
     with uninterrupted():
         from envcraft.judging.engine import Plan, open_subject
 

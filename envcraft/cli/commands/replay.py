@@ -22,7 +22,7 @@ from envcraft.judging.budget import BUDGETS
 from envcraft.judging.check import Check
 from envcraft.judging.driver import Driver, driver_for
 from envcraft.judging.selection import all_checks, default_checks, driver_named
-from envcraft.model.project import with_project
+from envcraft.model.project import configured, with_project
 from envcraft.model.rollout import Conditions, Rollout
 from envcraft.model.target import Kind, Target, kind_of, read_target
 from envcraft.model.verdict import SCHEMA, Finding, Report, Repro, Severity, SubjectReport
@@ -274,8 +274,8 @@ def _target(recorded: SubjectReport, report: str) -> Target:
         target = Target(recorded.path, kind=recorded.kind)
     else:
         raise UsageError(f"{one_line(recorded.path)} is not a {recorded.kind}")
-    wrappers = read_wrappers(tuple(recorded.wrappers))
-    return msgspec.structs.replace(target, path=recorded.path, kwargs=recorded.kwargs, wrappers=wrappers)
+    target = configured(target, recorded.kwargs, read_wrappers(tuple(recorded.wrappers)))
+    return msgspec.structs.replace(target, path=recorded.path)
 
 
 def _with_project(target: Target, recorded: SubjectReport) -> Target:

@@ -62,7 +62,8 @@ class _ValidateCommand(Configured):
     "--wrap",
     multiple=True,
     metavar="MODULE:FUNC",
-    help="Apply this wrapper to each instance. Can be repeated; the first is the innermost.",
+    help="Apply this wrapper, of an installed module or one in the working directory, to each instance. Can be "
+    "repeated; the first is the innermost.",
 )
 @sandbox_options()
 @policy_option()

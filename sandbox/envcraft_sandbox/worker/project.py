@@ -17,16 +17,18 @@ _READ_ONLY = 0o444
 _INIT = "__init__.py"
 
 
-def lay_out(project: Project, source: str) -> None:
+def lay_out(project: Project, source: str | None) -> None:
     """Write a project below the working directory, and let imports find its modules.
 
     Args:
         project: the files, and the place of the target among them.
-        source: the text of the target.
+        source: the text of the target; None if it is installed.
     """
     root = os.getcwd()
     files = {path: base64.b64decode(data) for path, data in project["files"].items()}
-    for path, data in {**files, project["path"]: source.encode()}.items():
+    if source is not None:
+        files[project["path"]] = source.encode()
+    for path, data in files.items():
         place = os.path.join(root, path)
         os.makedirs(os.path.dirname(place), exist_ok=True)
         # A job cannot change the mode of a file afterwards.

@@ -247,9 +247,8 @@ class Subject:
 
     def _is_beside(self, frame: traceback.FrameSummary) -> bool:
         """Whether a frame is in a file of the target's project, or of the package of an installed class."""
-        if isinstance(self.target, targets.Source):
-            return frame.filename.startswith(f"{self._folder}{os.sep}")
-        return bool(self._package) and frame.filename.startswith(f"{self._package}{os.sep}")
+        own = [self._folder, *([self._package] if self._package else [])]
+        return frame.filename.startswith(tuple(f"{folder}{os.sep}" for folder in own))
 
     def _is_own(self, file: str) -> bool:
         """Whether a file is the target's, of which other files of the project may import a copy."""

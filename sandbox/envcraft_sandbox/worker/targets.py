@@ -49,6 +49,7 @@ class Target(ABC):
     def __init__(self, spec: jobs.Target) -> None:
         self.kwargs: dict[str, Any] = spec.get("kwargs") or {}
         self._wrappers: list[str] = spec.get("wrappers") or []
+        self._project = spec.get("project")
         #: The file whose lines findings name, once known.
         self.filename = ""
         #: Which marks were reached; empty without marks.
@@ -90,7 +91,6 @@ class Source(Target):
 
     def __init__(self, spec: jobs.SourceTarget, places: Sequence[Sequence[int]] = ()) -> None:
         super().__init__(spec)
-        self._project = spec.get("project")
         self.filename = self._project["path"] if self._project else spec["filename"]
         self.module: ModuleType | None = None
         #: The name that the module has.
@@ -141,7 +141,16 @@ class Source(Target):
         return getattr(self.module, names[0])
 
 
-class Installed(Target):
+class _OfPackage(Target):
+    """What is installed, perhaps with wrappers that are not."""
+
+    def load(self) -> None:
+        if self._project is not None:
+            project.lay_out(self._project, None)
+            self._project = None
+
+
+class Installed(_OfPackage):
     """A class, or a function that creates environments, of an installed package."""
 
     def __init__(self, spec: jobs.ModuleTarget) -> None:
@@ -150,6 +159,7 @@ class Installed(Target):
         self._name: str = spec["class"]
 
     def load(self) -> None:
+        super().load()
         top = self._module.partition(".")[0]
         if not _importable(top) and (near := _suggest(top, _packages(), cutoff=_SAME)):
             raise NoSuchEnvironment(f"no installed package is named {top}{near}")
@@ -180,7 +190,7 @@ class Installed(Target):
         raise NoSuchEnvironment(f"{self._module} has no class {self._name}{near or there}")
 
 
-class Registered(Target):
+class Registered(_OfPackage):
     """An id in Gymnasium's registry, made as ``gymnasium.make`` does but without its checking wrapper."""
 
     def __init__(self, spec: jobs.RegisteredTarget) -> None:
@@ -189,6 +199,7 @@ class Registered(Target):
         self.spec: Any = None
 
     def load(self) -> None:
+        super().load()
         if self.spec is None:
             self.spec = find_spec(self._id)
 
