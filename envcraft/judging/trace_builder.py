@@ -232,11 +232,13 @@ class TraceBuilder:
         value = self._decode(layout, data, digest)
         if value is not None:
             self._keep_frame(trace.rendered, shape, _thin(value))
-        if (digest or self._digest(shape, data)) == trace.observations[-1]:
-            return
-        if shape.kind != "array" or len(shape.shape) != 3:
-            self._note_render(Problem(step, "type", f"render() returned {shape}, not a frame"))
-        else:
+        same = (digest or self._digest(shape, data)) == trace.observations[-1]
+        picture = shape.kind == "array" and is_picture(shape.shape, shape.dtype)
+        # A contract may promise grey pictures, but Gymnasium only knows RGB ones.
+        if not picture or (not same and shape.shape[2:] != (3,)):
+            words = f"render() returned {shape}, not a frame: a uint8 array of shape (height, width, 3)"
+            self._note_render(Problem(step, "type", words))
+        elif not same:
             self._note_render(Problem(step, "differs", f"render() returned {shape} that differs from the observation"))
 
     def changed(self, report: dict[str, Any]) -> None:

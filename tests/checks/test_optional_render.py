@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import pytest
 
-from envcraft.contracts.builtin import ARCADE, ARCADE_NATIVE
+from envcraft.contracts.builtin import ARCADE, ARCADE_NATIVE, GYMNASIUM
 from envcraft.judging.budget import BUDGETS
 from envcraft.judging.engine import Plan, validate
 from envcraft.judging.selection import driver_named, select_checks
 from envcraft.model.contract import Contract
 from envcraft.model.events import Finished
 from envcraft.model.target import Target
+from envcraft.model.verdict import Finding
 
 GAME = """
 import gymnasium as gym
@@ -55,9 +56,31 @@ def test_required_render_is_missed() -> None:
     assert "EC112" in codes_of(ARCADE, GAME.replace("SIDE", "84"))
 
 
+@pytest.mark.parametrize(
+    ("frame", "shown"),
+    [
+        ("np.zeros((12, 12, 3))", "a float64 array of shape (12, 12, 3)"),
+        ("np.zeros((12, 12), np.uint8)", "a uint8 array of shape (12, 12)"),
+        ("np.zeros((12, 12, 4), np.uint8)", "a uint8 array of shape (12, 12, 4)"),
+        ("[[0]]", "nested Python lists of shape (1, 1)"),
+        ("np.zeros((12, 12, 3), np.uint8)", ""),
+    ],
+)
+def test_a_frame_is_what_gymnasium_expects(frame: str, shown: str) -> None:
+    source = GAME.replace("SIDE", "84") + f"    def render(self):\n        return {frame}\n"
+    found = [finding for finding in _findings(GYMNASIUM, source, "api") if finding.code == "EC112"]
+    assert [finding.message.partition("not a frame")[0] for finding in found] == (
+        [f"render() returned {shown}, "] if shown else []
+    )
+
+
 def codes_of(contract: Contract, source: str) -> set[str]:
-    checks = select_checks("api,observation", None)
+    return {finding.code for finding in _findings(contract, source, "api,observation")}
+
+
+def _findings(contract: Contract, source: str, names: str) -> list[Finding]:
+    checks = select_checks(names, None)
     plan = Plan([Target("lamp.py", source.encode())], contract, driver_named("process"), checks, BUDGETS["quick"])
     *_, last = validate(plan, 1)
     assert isinstance(last, Finished)
-    return {finding.code for check in last.report.reports[0].checks for finding in check.findings}
+    return [finding for check in last.report.reports[0].checks for finding in check.findings]
