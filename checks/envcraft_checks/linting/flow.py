@@ -10,8 +10,8 @@ from .program import Function, Program, arguments, name_of, root
 
 #: Calls that pace, show or log, and change nothing in the game.
 NEUTRAL = frozenset({
-    "debug", "delay", "error", "flip", "info", "log", "print", "pump", "set_caption", "sleep", "tick",
-    "tick_busy_loop", "wait", "warn", "warning", "write",
+    "add_scalar", "critical", "debug", "delay", "error", "exception", "flip", "info", "log", "print", "pump",
+    "set_caption", "sleep", "tick", "tick_busy_loop", "wait", "warn", "warning", "write",
 })  # fmt: skip
 #: The most rounds in which values spread: each round goes through all statements in order.
 _ROUNDS = 10

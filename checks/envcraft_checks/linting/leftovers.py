@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from .program import MUTATORS, Function, Program, Suspect, line, name_of
 from .renewal import renewed
 from .sharing import is_bookkeeping, only_remembers
+from .usage import Usage
 
 
 def leftovers(program: Program) -> Iterator[Suspect]:
@@ -25,8 +26,9 @@ def leftovers(program: Program) -> Iterator[Suspect]:
     if any(_by_name(node) for one in own for node in one.nodes) or any(map(_reads_by_name, resetting)):
         return
     changed = renewed(program, resetting)
-    yield from _growing(program, own, resetting, changed)
-    yield from _latches(program, own, resetting, changed)
+    used = used_fields(program, own)
+    yield from _growing(program, own, resetting, changed, used)
+    yield from _latches(program, own, resetting, changed, used)
 
 
 def _by_name(node: ast.AST) -> bool:
@@ -44,7 +46,9 @@ def _reads_by_name(function: Function) -> bool:
     return False
 
 
-def _growing(program: Program, own: list[Function], resetting: list[Function], changed: set[str]) -> Iterator[Suspect]:
+def _growing(
+    program: Program, own: list[Function], resetting: list[Function], changed: set[str], used: set[str]
+) -> Iterator[Suspect]:
     anew = changed | {
         field
         for one in dict.fromkeys([*own, *resetting])
@@ -53,7 +57,6 @@ def _growing(program: Program, own: list[Function], resetting: list[Function], c
         if not only_remembers(program, one, field, node)
     }
     anew |= {one.field(target) for one in own for target, node in one.writes if name_of(node) in ("clear", "fill")}
-    used = used_fields(program, own)
     for function in own:
         again = [
             (target, node)
@@ -83,8 +86,9 @@ def _of_itself(function: Function, field: str, value: ast.AST | None) -> bool:
     return False
 
 
-def _latches(program: Program, own: list[Function], resetting: list[Function], changed: set[str]) -> Iterator[Suspect]:
-    used = used_fields(program, own)
+def _latches(
+    program: Program, own: list[Function], resetting: list[Function], changed: set[str], used: set[str]
+) -> Iterator[Suspect]:
     for field, values in program.field_values(program.env).items():
         during = [(value, one) for value, one in values if one in own]
         constants = [value.value for value, _ in values if isinstance(value, ast.Constant)]
@@ -104,8 +108,9 @@ def _latches(program: Program, own: list[Function], resetting: list[Function], c
 
 
 def used_fields(program: Program, own: list[Function]) -> set[str]:
-    """The attributes that these functions read for more than changing them, or telling them in info."""
+    """The attributes that these functions read for more than changing them, logging them, or telling them in info."""
     found = set()
+    usage = Usage(program, told=False)
     for function in own:
         for node in function.nodes if "info" not in function.name else ():
             field = function.field(node)
@@ -117,7 +122,7 @@ def used_fields(program: Program, own: list[Function]) -> set[str]:
             turns = isinstance(parent, ast.BinOp) and _selects_buffer(program, function, parent)
             turns = turns or _picks_canvas(program, function, node)
             told = receiver or stored or turns or isinstance(parent, ast.Dict)
-            if not told and not _only_updates(program, function, node):
+            if not told and not _only_updates(program, function, node) and usage.is_used(node, function):
                 found.add(field)
     return found
 

@@ -6,6 +6,7 @@ import ast
 from collections.abc import Iterator
 
 from .program import Function, Program, Suspect, line, name_of
+from .usage import Usage
 
 _CONTAINERS = frozenset({
     "Counter", "OrderedDict", "array", "bytearray", "defaultdict", "deque", "dict", "empty", "full", "list", "ones",
@@ -17,10 +18,11 @@ _VIEWS = frozenset({"asarray", "ravel", "reshape", "squeeze", "swapaxes", "trans
 
 def shared(program: Program) -> Iterator[Suspect]:
     """Find default arguments, class attributes, globals of the module and caches that play writes."""
+    usage = Usage(program)
     for function in program.all:
         yield from _defaults(program, function)
-        yield from _class_level(program, function)
-        yield from _module_level(program, function)
+        yield from _class_level(program, function, usage)
+        yield from _module_level(program, function, usage)
     yield from _caches(program)
 
 
@@ -72,7 +74,7 @@ def _writes_to_result(program: Program, function: Function) -> list[ast.AST]:
     return [node for one in program.all for target, node in one.writes if one.field(target) in fields]
 
 
-def _class_level(program: Program, function: Function) -> Iterator[Suspect]:
+def _class_level(program: Program, function: Function, usage: Usage) -> Iterator[Suspect]:
     for target, node in function.writes:
         field, owner = _attribute(program, function, target)
         defined, value = program.class_values(owner).get(field, ("", None))
@@ -92,7 +94,7 @@ def _class_level(program: Program, function: Function) -> Iterator[Suspect]:
             continue
         if not owner or is_bookkeeping(field):
             continue
-        read = any(_reads(program, one, owner, field, node) for one in program.play)
+        read = any(_reads(usage, one, owner, field, node) for one in program.play)
         if read and not only_remembers(program, function, field, node):
             yield Suspect(line(node), f"assigns {owner}.{field}, which all instances share")
 
@@ -123,13 +125,14 @@ def _augmented(function: Function) -> Iterator[tuple[ast.expr, ast.expr | None, 
             yield node.target, node.value, node
 
 
-def _reads(program: Program, function: Function, owner: str, field: str, written: ast.AST) -> bool:
+def _reads(usage: Usage, function: Function, owner: str, field: str, written: ast.AST) -> bool:
     own = set(ast.walk(written))
     return any(
         isinstance(node, ast.Attribute)
         and isinstance(node.ctx, ast.Load)
         and node not in own
-        and _attribute(program, function, node) == (field, owner)
+        and _attribute(usage.program, function, node) == (field, owner)
+        and usage.is_used(node, function)
         for node in function.nodes
     )
 
@@ -178,7 +181,7 @@ def _rebound(program: Program, owner: str, field: str) -> bool:
     return field in program.field_values(owner)
 
 
-def _module_level(program: Program, function: Function) -> Iterator[Suspect]:
+def _module_level(program: Program, function: Function, usage: Usage) -> Iterator[Suspect]:
     for target, node in function.writes:
         if isinstance(target, ast.Name) and target.id not in function.local and not is_bookkeeping(target.id):
             value = program.module_values.get(target.id)
@@ -192,6 +195,7 @@ def _module_level(program: Program, function: Function) -> Iterator[Suspect]:
                 and one.id == node.id
                 and isinstance(one.ctx, ast.Load)
                 and one.id not in other.local
+                and usage.is_used(one, other)
                 for other in program.play
                 for one in other.nodes
             )

@@ -32,10 +32,12 @@ class Usage:
 
     Args:
         program: the file.
+        told: whether a value that only ``info`` tells is used.
     """
 
-    def __init__(self, program: Program) -> None:
+    def __init__(self, program: Program, *, told: bool = True) -> None:
         self.program = program
+        self._told = told
         self._waiting: list[_Place] = []
         self._followed: set[object] = set()
 
@@ -143,6 +145,8 @@ class Usage:
                         return True
                 case ast.Return():
                     return self._is_used_after(parent, function)
+                case ast.Tuple(elts=[*_, info]) if info is node and self._is_result(parent, function):
+                    return self._told
                 case ast.If(test=test, body=body, orelse=orelse) if test is node:
                     return not all(map(_only_logs, [*body, *orelse]))
                 case ast.comprehension(target=target):
@@ -162,6 +166,11 @@ class Usage:
                 case _:
                     return True
             node = parent
+
+    def _is_result(self, node: ast.Tuple, function: Function | None) -> bool:
+        """Whether a tuple is what step() or reset() returns."""
+        returned = isinstance(self.program.parents[node], ast.Return)
+        return returned and function is not None and function.name in ("reset", "step")
 
     def _is_used_by(self, call: ast.Call, given: ast.AST, function: Function | None) -> bool | None:
         """Whether a call uses what it is given; None if only its result may hold it."""
@@ -207,6 +216,8 @@ class Usage:
     def _is_kept(self, container: ast.expr, function: Function | None) -> bool:
         """Whether a value is used that goes into a container: only one that nothing else refers to is known."""
         held = root(container)
+        if not self._told and name_of(held) == "info":
+            return False
         if function is None or not (isinstance(held, ast.Name) or function.field(held)):
             return True
         values = self.program.values(held, function)
@@ -288,6 +299,8 @@ def _is_new(node: ast.expr | None) -> bool:
 
 def _only_logs(node: ast.stmt) -> bool:
     match node:
+        case ast.If(body=body, orelse=orelse):
+            return all(map(_only_logs, [*body, *orelse]))
         case ast.Expr(value=ast.Call() as call):
             return name_of(call) in NEUTRAL
     return isinstance(node, ast.Pass)
