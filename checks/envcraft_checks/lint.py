@@ -45,16 +45,20 @@ from envcraft.model.target import Kind, parse
 from envcraft.model.verdict import Finding, Severity
 from envcraft.plugins import hookimpl
 
+from .linting.actions import impossible_actions
 from .linting.clock import clocks
+from .linting.dead import late_results, repeated_tests
 from .linting.effects import effects, swallowed
 from .linting.generators import generators
 from .linting.leftovers import leftovers
 from .linting.logic import contradictions, divisions
 from .linting.order import orders
+from .linting.powers import powers
 from .linting.program import Program, Suspect, in_words
 from .linting.sharing import aliases, shared
 from .linting.success import unreachable_successes
 from .linting.sums import floats
+from .linting.wrapping import unsigned, wrapped_indices
 
 if TYPE_CHECKING:
     from envcraft.judging.subject import Subject
@@ -74,9 +78,15 @@ _FINDERS: tuple[tuple[str, Callable[[Program], Iterator[Suspect]]], ...] = (
     ("EC055", effects),
     ("EC056", floats),
     ("EC057", divisions),
+    ("EC057", powers),
     ("EC058", swallowed),
+    ("EC058", wrapped_indices),
     ("EC059", contradictions),
     ("EC059", unreachable_successes),
+    ("EC059", impossible_actions),
+    ("EC059", repeated_tests),
+    ("EC059", late_results),
+    ("EC059", unsigned),
 )
 
 
@@ -133,24 +143,24 @@ class Lint(Check):
         ),
         Rule(
             "EC057",
-            "unguarded-division",
-            "The code divides by a length or a distance without a test for zero.",
-            "Test the divisor, or use max(divisor, 1e-8).",
+            "unguarded-arithmetic",
+            "The code divides without a test for zero, or pays a power of a counter without a limit.",
+            "Use max(divisor, 1e-8), and min() for the power.",
             Severity.WARNING,
             default=False,
         ),
         Rule(
             "EC058",
             "swallowed-exception",
-            "The code catches every exception and does nothing.",
-            "Catch the exception that you expect, and handle it.",
+            "The code catches every exception and does nothing, or tests borders by IndexError alone.",
+            "Catch the exception that you expect, handle it, and test an index for < 0.",
             Severity.WARNING,
         ),
         Rule(
             "EC059",
             "contradiction",
-            "A test of the end, or of success, can never be true.",
-            "Compare with a value that can be reached, and report success where the game is won.",
+            "A test can never be true, or a change of the result comes too late.",
+            "Compare with a value that can be reached, and change the result before the tuple is built.",
         ),
     )
 
