@@ -6,10 +6,11 @@ repetition runs in another process. The second changes all conditions at the sam
 PYTHONHASHSEED, global random generators in another state, a shifted and faster clock, empty options, earlier episodes
 on the same instance, a second instance that is stepped alongside, `render()` between the steps, and actions as other
 callers pass them: in one array that they overwrite for each step, as int32, and as Python's ints and lists where the
-action space contains these. If this trace differs, the check tries each condition alone. The finding names the
-condition, the first step and the field, with the part of an observation or the key of info that differs. It also names
-the lines that depend on the condition: lines that draw from global generators, read the clock, use the order of a set,
-or write state that episodes or instances share.
+action space contains these. If this trace differs, the check tries each condition alone. If none of them shows the
+difference, it tries a very fast clock, and then leaves out each condition that the difference does not take. The
+finding names the condition, the first step and the field, with the part of an observation or the key of info that
+differs. It also names the lines that depend on the condition: lines that draw from global generators, read the clock,
+use the order of a set, or write state that episodes or instances share.
 
 Then the check plays both runs once more and compares their states after each step: the attributes of the environment
 and of its objects, class attributes, globals of the module, default arguments and random generators. The finding names
@@ -315,7 +316,8 @@ class Determinism(Check):
                     return
                 if all(diverge(base, run, info) is None for run in runs):
                     # It differs by chance, which no condition controls, such as numbers from the operating system.
-                    yield self._found(subject, rollout, Cause("EC201", Conditions(again=True), again))
+                    chance = Cause("EC201", Conditions(again=True), again)
+                    yield self._found(subject, rollout, causes.by_clock(subject, rollout, info) or chance)
                     return
                 if again.field == "info":
                     code = TELEMETRY.get(code, code)
@@ -326,7 +328,8 @@ class Determinism(Check):
                     # Earlier episodes and other instances take time, so they would differ for the same reason.
                     return
         if found is not None and not reported:
-            yield self._found(subject, rollout, Cause("EC206", together, found))
+            cause, parts = Cause("EC206", together, found), {name: code for code, _, name in alone}
+            yield self._found(subject, rollout, causes.of_several(subject, rollout, base, cause, parts, info))
 
     def _raised(
         self, subject: Subject, rollout: Rollout, alone: list[tuple[str, Conditions, str]], info: bool

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import pytest
@@ -11,9 +12,11 @@ from envcraft.judging.budget import BUDGETS
 from envcraft.model.rollout import ClockShift, Conditions, Episode, Rollout
 from envcraft.model.target import Kind, Target
 from envcraft.model.trace import Trace
+from envcraft.model.verdict import Finding
 
 CLOCK, BEFORE = Conditions(clock=ClockShift(1.0, 2.0)), Conditions(before=[Episode(1, [])])
-ALL = Conditions(clock=CLOCK.clock, before=BEFORE.before)
+RENDER = Conditions(render=True)
+ALL = Conditions(fresh=True, heap=1, clock=CLOCK.clock, before=BEFORE.before, render=True)
 
 
 class Played:
@@ -27,8 +30,10 @@ class Played:
         self._causes = causes
 
     def rollout(self, rollout: Rollout, alone: bool = False) -> Trace:
-        changed = [cause for cause in self._causes if getattr(rollout.conditions, cause)]
-        return Trace(rollout, observations=[b"%d" % bool(changed)], infos=[b"{}"])
+        return Trace(rollout, observations=[b"%d" % self._differs(rollout.conditions)], infos=[b"{}"])
+
+    def _differs(self, conditions: Conditions) -> bool:
+        return any(getattr(conditions, cause) for cause in self._causes)
 
     rerun = rollout
 
@@ -41,16 +46,45 @@ class Played:
         return None
 
 
+class Late(Played):
+    """One that ends after some time, which passes in many episodes or by a fast clock."""
+
+    def _differs(self, conditions: Conditions) -> bool:
+        rate = conditions.clock.rate if conditions.clock else 1
+        return rate * (1 + len(conditions.before)) > 3
+
+
+class Both(Played):
+    """One that differs only if render() is called after earlier episodes."""
+
+    def _differs(self, conditions: Conditions) -> bool:
+        return bool(conditions.before and conditions.render)
+
+
+@pytest.fixture
+def compared(monkeypatch: pytest.MonkeyPatch) -> Callable[[Any], list[Finding]]:
+    """The findings of one episode of a subject."""
+    alone = [("EC205", CLOCK, "clock"), ("EC206", BEFORE, "before"), ("EC208", RENDER, "render")]
+    monkeypatch.setattr("envcraft_checks.comparing.conditions.alone", lambda subject, rollout: alone)
+    monkeypatch.setattr("envcraft_checks.comparing.conditions.together", lambda subject, rollout, left_out: ALL)
+    monkeypatch.setattr("envcraft_checks.comparing.causes.reset_again", lambda subject, rollout, info: None)
+    return lambda subject: list(Determinism()._compare(subject, Rollout(0, []), True))
+
+
 @pytest.mark.parametrize(
     ("causes", "codes"), [(("clock", "before"), ["EC205"]), (("before",), ["EC206"]), (("clock",), ["EC205"]), ((), [])]
 )
 def test_an_episode_that_depends_on_the_clock_has_no_other_cause(
-    causes: tuple[str, ...], codes: list[str], monkeypatch: pytest.MonkeyPatch
+    causes: tuple[str, ...], codes: list[str], compared: Callable[[Any], list[Finding]]
 ) -> None:
-    check = Determinism()
-    alone = [("EC205", CLOCK, "clock"), ("EC206", BEFORE, "before")]
-    monkeypatch.setattr("envcraft_checks.comparing.conditions.alone", lambda subject, rollout: alone)
-    monkeypatch.setattr("envcraft_checks.comparing.conditions.together", lambda subject, rollout, left_out: ALL)
-    monkeypatch.setattr("envcraft_checks.comparing.causes.reset_again", lambda subject, rollout, info: None)
-    subject: Any = Played(*causes)
-    assert [finding.code for finding in check._compare(subject, Rollout(0, []), True)] == codes
+    assert [finding.code for finding in compared(Played(*causes))] == codes
+
+
+@pytest.mark.parametrize(
+    ("subject", "code", "conditions"), [(Late(), "EC205", {"clock"}), (Both(), "EC206", {"before", "render"})]
+)
+def test_a_difference_has_only_the_conditions_that_it_takes(
+    subject: Played, code: str, conditions: set[str], compared: Callable[[Any], list[Finding]]
+) -> None:
+    [finding] = compared(subject)
+    assert (finding.code, set(finding.repro.conditions)) == (code, conditions)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import msgspec
 
 from envcraft.model.rollout import Conditions, Episode, Rollout
-from envcraft_checks.comparing.conditions import LOGICAL, OTHER_STATE, SHIFTED
+from envcraft_checks.comparing.conditions import FAST, LOGICAL, OTHER_STATE, SHIFTED
 from envcraft_checks.comparing.traces import diverge
 
 if TYPE_CHECKING:
@@ -92,6 +92,50 @@ def of_repetitions(subject: Subject, rollout: Rollout, found: Divergence, info: 
         if within is not None:
             return Cause("EC201", Conditions(again=True), within)
     return process
+
+
+def by_clock(subject: Subject, rollout: Rollout, info: bool) -> Cause | None:
+    """Name the clock as the cause if the episode never differs while the clock stands, and always by a fast clock.
+
+    How much time the steps take differs from run to run, so no single run under a shifted clock shows it.
+    """
+    logical, fast = Conditions(clock=LOGICAL), Conditions(clock=FAST)
+    first = subject.rerun(rollout.under(logical))
+    if any(diverge(first, subject.rerun(rollout.under(logical)), info) is not None for _ in range(_CHANGES)):
+        return None
+    differing = [diverge(first, subject.rerun(rollout.under(fast)), info) for _ in range(_CHANGES)]
+    found = differing[0]
+    if found is None or None in differing:
+        return None
+    return Cause(TELEMETRY["EC205"] if found.field == "info" else "EC205", fast, found)
+
+
+def of_several(
+    subject: Subject, rollout: Rollout, base: Trace, cause: Cause, parts: dict[str, str], info: bool
+) -> Cause:
+    """Name the cause of a difference that no condition shows alone: the clock, or the first of those that it takes.
+
+    Args:
+        subject: the environment.
+        rollout: the episode, without conditions.
+        base: its trace.
+        cause: the difference under all conditions together.
+        parts: the code of each condition, by its field.
+        info: whether to compare info.
+    """
+    if (clock := by_clock(subject, rollout, info)) is not None:
+        return clock
+    default, (code, together, found) = Conditions(), cause
+    left = [("fresh", "heap"), *(("perturb", "global_seed") if name == "perturb" else (name,) for name in parts)]
+    taken = []
+    for names in left:
+        fewer = msgspec.structs.replace(together, **{name: getattr(default, name) for name in names})
+        again = diverge(base, subject.rollout(rollout.under(fewer), alone=True), info) if fewer != default else None
+        if again is None:
+            taken.append(names[0])
+        else:
+            together, found = fewer, again
+    return Cause(parts.get(taken[0], "EC202") if taken else code, together, found)
 
 
 def fewer_episodes(

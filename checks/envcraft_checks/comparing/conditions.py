@@ -14,6 +14,8 @@ if TYPE_CHECKING:
 
 SHIFTED = ClockShift(offset=12_345_678.912_3, rate=7.3)
 LOGICAL = ClockShift(offset=0.0, rate=0.0)
+#: A clock by which a few steps take minutes.
+FAST = ClockShift(offset=SHIFTED.offset, rate=100_000.0)
 OTHER_HASHES = 20_241
 OTHER_STATE = 1_000_003
 #: The conditions of how actions are passed.
