@@ -85,3 +85,11 @@ def test_the_beginning_of_codes_lists_them(invoke: Any, name: str, words: str) -
     result = invoke("explain", name)
     assert result.exit_code == 2
     assert words in result.stderr
+
+
+@pytest.mark.parametrize("code", ["EC203", "EC803"])
+def test_code_of_a_narrow_page_can_be_copied(invoke: Any, monkeypatch: pytest.MonkeyPatch, code: str) -> None:
+    monkeypatch.setenv("COLUMNS", "60")
+    example = invoke("explain", code, "--example").stdout.strip()
+    assert max(map(len, example.splitlines())) > 60
+    assert example in invoke("explain", code).stdout

@@ -47,9 +47,11 @@ def explain(name: str, example: bool) -> None:
     else:
         raise UsageError(f"there is no rule or check {did_you_mean(name, [*rules, *checks, *codes_of])}")
     from rich.console import Console
-    from rich.markdown import Markdown
 
-    Console(highlight=False).print(Markdown(text))
+    from envcraft.cli.page import Page
+
+    # Wide lines of code stay whole, so that a copy of them runs.
+    Console(highlight=False).print(Page(text), crop=False)
 
 
 def _page(rule: Rule, check: Check, guide: Guide | None) -> str:
