@@ -27,6 +27,11 @@ class EnvCraftError(Exception):
         super().__init__(message)
         self.setting = setting
 
+    @property
+    def in_a_command(self) -> str:
+        """The message for someone who types options instead of arguments."""
+        return str(self)
+
 
 class UsageError(EnvCraftError):
     """A name or an option does not exist, or options contradict each other."""

@@ -61,7 +61,7 @@ class PluginGroup(click.Group):
         try:
             return super().invoke(ctx)
         except EnvCraftError as error:
-            click.echo(f"Error: {' '.join(str(error).split())}", err=True)
+            click.echo(f"Error: {' '.join(error.in_a_command.split())}", err=True)
             # A full disk is no usage error, whichever file could not be written.
             ctx.exit(ExitCode.ERROR if error.__context__ and is_full(error.__context__) else error.exit_code)
         except click.BadParameter as error:

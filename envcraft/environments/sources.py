@@ -27,11 +27,16 @@ from envcraft.model.verdict import SubjectReport, Verdict, plain
 VARIABLE = "ENVCRAFT_CORPUS"
 _DEFAULT = "arcade"
 _NO_VERDICT = "has no verdict"
-_SANDBOXED = "sandbox='auto' (--sandbox auto) runs it in a sandbox"
+_SANDBOX, _TRUST = "sandbox='auto'", "trust=True"
+_SANDBOXED = f"{_SANDBOX} runs it in a sandbox"
 
 
 class Untrusted(UsageError):
     """No verdict and no argument allows an environment's code to run in this process."""
+
+    @property
+    def in_a_command(self) -> str:
+        return str(self).replace(_SANDBOX, "--sandbox auto").replace(_TRUST, "--trust")
 
 
 class EnvSource(msgspec.Struct, frozen=True):
@@ -86,7 +91,7 @@ class EnvSource(msgspec.Struct, frozen=True):
             )
         raise Untrusted(
             f"{self.name} {self.doubt} under the contract {contract}, and only what has passed runs in your own "
-            f"process: {step}, {_SANDBOXED}, and trust=True (--trust) runs it here anyway"
+            f"process: {step}, {_SANDBOXED}, and {_TRUST} runs it here anyway"
         )
 
 

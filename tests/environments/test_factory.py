@@ -72,8 +72,10 @@ class TestTrust:
         step = {"failed": f"corpus show {corpus} failed.py` says why", "new": f"audit {corpus}` judges it"}[name]
         with pytest.raises(Untrusted, match=f"`envcraft {re.escape(step)}.*sandbox='auto'.*trust=True"):
             envcraft.make(corpus, name)
-        with pytest.raises(Untrusted):
+        with pytest.raises(Untrusted) as refused:
             envcraft.make_vec(["ant", name], corpus=corpus)
+        assert "--" not in str(refused.value)
+        assert re.search("--sandbox auto runs it .* and --trust runs it", refused.value.in_a_command)
         assert not (corpus.parent / "imported").exists()
         envcraft.make(corpus, name, trust=True)
         assert (corpus.parent / "imported").exists()
