@@ -207,7 +207,7 @@ class Determinism(Check):
                 # Each further seed would try all conditions again for the same defect.
                 return
         if len(reset) < len(plays):
-            raise Undecided("reset() returns no observation")
+            raise Undecided(subject.without_reset)
         if not any(play.usable and play.steps for play in plays):
             raise Undecided("each episode raises an error or has no step")
         for rollout, cause in seeds.after_many(subject):

@@ -116,7 +116,7 @@ class Speed(Check):
             subject.time_limit.shorten(_SLOW)
             yield found
         elif not trace.observations:
-            raise Undecided("reset() returns no observation")
+            raise Undecided(subject.without_reset)
         elif not trace.usable and not _enough(trace):
             raise Undecided(f"only {plural(trace.steps, 'step')} could be measured")
 

@@ -279,6 +279,12 @@ class Subject:
         """The environment steps that were requested."""
         return self.cache.steps
 
+    @property
+    def without_reset(self) -> str:
+        """Why no episode begins, for the reason of a check."""
+        takes = "seed" in self.load().description.get("reset", ("seed",))
+        return "reset() returns no observation" if takes else "reset() does not take seed="
+
     def affords(self, steps: int) -> bool:
         """Whether the budget has so many steps left."""
         return steps <= self.episodes.steps_left

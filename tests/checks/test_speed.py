@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import textwrap
 import time
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import pytest
 from envcraft_checks.speed import Speed, growth, pace
 
+import envcraft
 from envcraft.contracts.builtin import ARCADE
 from envcraft.judging.budget import BUDGETS
 from envcraft.judging.engine import Plan, validate
@@ -180,3 +183,16 @@ def test_growth_is_steady_and_large() -> None:
     assert growth([1_000 + 10 * step for step in range(150)]) is None
     assert growth([10_000 * (step % 50) for step in range(200)]) is None
     assert growth(list(range(200))) is None
+
+
+def test_a_reset_without_a_seed_is_named_as_the_reason() -> None:
+    source = "import gymnasium as gym\n\nclass Old(gym.Env):\n" + textwrap.indent(
+        "observation_space = action_space = gym.spaces.Discrete(2)\n"
+        "def reset(self):\n    return 0\n"
+        "def step(self, action):\n    return 0, 0.0, True, {}\n",
+        "    ",
+    )
+    options: Any = {"sandbox": "process", "budget": "quick", "contract": "gymnasium", "checks": "speed,determinism"}
+    [report] = envcraft.validate(source, **options).reports
+    reasons = {check.check: check.reason for check in report.checks}
+    assert reasons["speed"] == reasons["determinism"] == "reset() does not take seed="
