@@ -199,7 +199,13 @@ class Source(Check):
             return
         owners = _owners()
         for comment in subject.ignore_comments.comments:
-            wrong = [f"there is no rule {did_you_mean(code, owners)}" for code in comment.codes if code not in owners]
+            wrong = [
+                f"it needs whole codes, such as {next(each for each in owners if each.startswith(code))}, not {code}"
+                if any(each.startswith(code) for each in owners)
+                else f"there is no rule {did_you_mean(code, owners)}"
+                for code in comment.codes
+                if code not in owners
+            ]
             wrong += [
                 f"{code} cannot be ignored, because other verdicts depend on it"
                 for code in comment.codes
@@ -251,6 +257,10 @@ class Source(Check):
             wanted = required_imports(tree, unknown, python)
             for name, line in sorted(wanted.items(), key=lambda item: item[1]):
                 if name in missing and (name in installable or (allowed is None and is_on_host(name))):
+                    if subject.target.env_class is None and not _derives(trees[""]):
+                        # What the import would do does not matter: nothing here can be an environment.
+                        yield self._wrong_count([], {}, subject)
+                        return
                     raise WorkerLost(f"{name} is not installed where the worker runs{installation_hint(subject)}")
                 if name in unknown:
                     shown = in_package(tree, name, line)
@@ -452,6 +462,14 @@ def _wrapper(subject: Subject, name: str) -> str:
         contract = "" if subject.contract.project else " --contract gymnasium"
         options = f"--wrap {module_name(Path(subject.target.path))}:{name}{contract}"
     return f"{name} is a wrapper; to judge it, validate an environment with {options}"
+
+
+def _derives(tree: ast.Module) -> bool:
+    """Whether a file may have a class of its own or of another module that derives from something."""
+    return any(
+        (isinstance(node, ast.ClassDef) and node.bases) or (isinstance(node, ast.ImportFrom) and node.level)
+        for node in nodes(tree)
+    )
 
 
 def _refuse_options(subject: Subject, fault: Fault) -> None:

@@ -46,6 +46,15 @@ def test_a_library_that_is_not_installed_is_no_defect(known: Iterable[str], invo
     assert f"imports {lacking}, which the contract arcade does not allow" in refused.stdout
 
 
+def test_a_script_without_an_environment_needs_no_library(invoke: Invoke, tmp_path: Path) -> None:
+    lacking = next(name for name in sorted(WELL_KNOWN) if importlib.util.find_spec(name) is None)
+    (tmp_path / "train.py").write_text(f"import {lacking}\n\n{lacking}.run()\n")
+    options = ("--sandbox", "process", "--format", "concise", "--contract", "gymnasium")
+    result = invoke("validate", tmp_path / "train.py", *options)
+    assert result.exit_code == 1, result.output
+    assert "EC005 the file defines no concrete subclass of gymnasium.Env" in result.stdout
+
+
 def test_a_library_that_nobody_knows_may_exist(invoke: Invoke, good: Path) -> None:
     good.write_text(f"import zz_helpers\n{ENVIRONMENT}")
     options = ("--sandbox", "process", "--format", "concise", "--checks", "source", "--contract", "gymnasium")
