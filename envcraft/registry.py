@@ -57,7 +57,7 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
     known = list(known)
     longer = [other for other in known if name and other.lower().startswith(name.lower())]
     several = 1 < len(longer) <= _FEW
-    cutoff = _SAME if several else 0.5
+    cutoff = _SAME if several else 0.6
     near = difflib.get_close_matches(name.lower(), [other.lower() for other in known], n=1, cutoff=cutoff)
     if several and not near:
         return f"{name!r}; did you mean {', '.join(longer[:-1])} or {longer[-1]}?"

@@ -122,12 +122,24 @@ def _absent(path: str) -> str:
     file = Path(*path.split(".")).with_suffix(".py")
     if "." in path and (file.is_file() or file.with_suffix("").joinpath("__init__.py").is_file()):
         return f"{path} is a module; name its class too: {path}:CLASS"
+    if path.isidentifier() and (newest := _newest(path)) is not None:
+        return f"{path} does not exist; did you mean {newest}?"
     module, _, name = path.rpartition(".")
     if module and name[:1].isupper() and all(part.isidentifier() for part in path.split(".")):
         return f"{path} does not exist; did you mean {module}:{name}?"
     return (
         f"{path} does not exist; give a Python file, a folder with some, package.module:Class or an id like CartPole-v1"
     )
+
+
+def _newest(name: str) -> str | None:
+    """The id of Gymnasium with the highest version of a name; None if there is none."""
+    # Slow to import, and needed only for an error.
+    from gymnasium import registry
+
+    versions = [spec.version for spec in registry.values() if spec.namespace is None and spec.name == name]
+    known = [version for version in versions if version is not None]
+    return f"{name}-v{max(known)}" if known else None
 
 
 def environments_below(folder: str, env_class: str | None = None, unreadable: Unreadable = refuse) -> Iterator[Target]:

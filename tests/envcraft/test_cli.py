@@ -206,6 +206,7 @@ def test_a_pipe_is_refused_rather_than_waited_for(invoke: Any, tmp_path: Path) -
         (("--contract", "arcad"), "did you mean"),
         (("--contract", "zzz"), "there are arcade"),
         (("--format", "jsn"), "did you mean json?"),
+        (("--format", "yaml"), "there is no format 'yaml'; there are"),
         (("--sandbox", "dokcer"), "did you mean docker?"),
         (("--output", "missing/report.json"), "the report missing/report.json cannot be written"),
         (("--report", "missing/report.json"), "must be FORMAT:FILE"),

@@ -95,7 +95,7 @@ class TestKeys:
     def test_every_contract_but_arcade_gets_a_key_for_each_action(self) -> None:
         keys = gymnasium_keys({"type": "Discrete", "n": 3, "start": 5})
         assert [keys.turn(key) for key in ("1", "3", "4", "q")] == [5, 7, None, None]
-        assert keys.help[0] == "1 5   2 6   3 7"
+        assert keys.help[0] == "1: 5   2: 6   3: 7"
         assert not keys.idle
         pad = gymnasium_keys(ARCADE.action or {})
         assert (pad.turn("1"), pad.turn("2")) == ([0, 0, 0], [0, 0, 1])
@@ -107,7 +107,7 @@ class TestKeys:
         assert keys.turn("1") == [-0.25, -0.25]
         assert keys.turn("2") == [-1.0, -0.25]
         assert keys.turn("5") == [-0.25, 0.5]
-        assert keys.help[0] == "1 middle   2 0 low   3 0 high   4 1 low   5 1 high"
+        assert keys.help[0] == "1: middle   2: 0 low   3: 0 high   4: 1 low   5: 1 high"
 
     @pytest.mark.parametrize(
         ("space", "words"),

@@ -300,6 +300,8 @@ def test_comments_in_a_file_that_is_validated(invoke: Any, tmp_path: Path) -> No
     assert [(code, line) for code, line, _ in found] == [("EC011", 3), ("EC011", 4), ("EC011", 5), ("EC012", 17)]
     words = ["did you mean", "cannot be ignored", "names no code", "line 17 ignores EC502"]
     assert all(word in message for word, (_, _, message) in zip(words, found, strict=True))
+    (tmp_path / "part.py").write_text(BROKEN.replace("EC2O3", "EC2"))
+    assert "invalid: it needs whole codes, such as EC201, not EC2" in invoke("validate", "part.py", *options).stdout
     assert invoke("validate", "line.py", *options, "--budget", "quick").stdout.count('"EC012"') == 0
     strict = invoke("validate", "line.py", *options[:-2], "--strict")
     assert strict.exit_code == 1

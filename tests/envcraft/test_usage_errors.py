@@ -86,7 +86,7 @@ def test_a_class_that_only_running_the_file_defines_is_judged(invoke: Invoke, go
     [
         ('contract = "arcaed"', "contract: there is no contract 'arcaed'; did you mean arcade?"),
         ('checks = ["sauce"]', "checks: there is no check 'sauce'; did you mean source?"),
-        ('skip = "sauce"', "skip: there is no check 'sauce'; did you mean resources?"),
+        ('skip = "sauce"', "skip: there is no check 'sauce'; there are "),
         ('format = "jsno"', "format: there is no format 'jsno'; did you mean json?"),
         ('sandbox = "proces"', "sandbox: there is no sandbox 'proces'; did you mean process?"),
         ('budget = "huge"', "budget: 'huge' is not one of"),
@@ -298,7 +298,7 @@ def test_a_notebook_is_no_file_to_judge(invoke: Invoke, tmp_path: Path) -> None:
     [
         ("walk", "walk does not exist; did you mean walk.py?"),
         ("README.md", "README.md is not a Python file; the name of an environment's file ends in .py"),
-        ("CartPole", "CartPole does not exist; give a Python file, a folder with some,"),
+        ("CartPole", "CartPole does not exist; did you mean CartPole-v1?"),
     ],
 )
 def test_what_is_no_file_of_python_is_a_sentence(target: str, words: str, invoke: Invoke, good: Path) -> None:

@@ -87,7 +87,7 @@ class Choices(Keys):
         self._noop = noop
         self.pad = [(key, words) for key, (words, _) in zip(_KEYS, actions, strict=False)]
         self.idle = noop is not None
-        listed = [f"{key} {words}" for key, (words, _) in zip(_KEYS, actions, strict=False)]
+        listed = [f"{key}: {words}" for key, (words, _) in zip(_KEYS, actions, strict=False)]
         self.help = ["   ".join(listed[start : start + 6]) for start in range(0, len(listed), 6)]
 
     def held(self, keys: Sequence[str]) -> Any:
