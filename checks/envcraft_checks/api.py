@@ -366,8 +366,11 @@ class Api(Check):
             line = subject.line_of("step" if change.step else "reset")
             yield self.finding("EC115", f"{words} (under {who})", line=line, step=change.step)
         for problem in trace.render_problems:
-            if problem.kind == "type":
-                yield self.finding("EC112", problem.words, line=_line_of_result(subject, "render"), step=problem.step)
+            if problem.kind in ("type", "format"):
+                line = _line_of_result(subject, "render")
+                found = self.finding("EC112", problem.words, line=line, step=problem.step)
+                # Gymnasium's own checker only warns of another kind of picture.
+                yield found if problem.kind == "type" else found.as_warning()
                 break
         for step, note in trace.info_notes[:1]:
             what = f"is {with_article(note['type'])}" if "type" in note else f"has a key of type {note.get('key')}"

@@ -183,7 +183,7 @@ class Termination(Check):
             players = list(dict.fromkeys(trace.rollout.player for trace in endless))
             yield self.finding(
                 "EC501",
-                f"{len(endless)} of {len(traces)} episodes do not end within {limit} steps: {', '.join(players[:4])}",
+                f"{len(endless)} of {len(traces)} episodes do not end within {limit:,} steps: {', '.join(players[:4])}",
                 line=subject.line_of("step"),
                 repro=repro(endless[0].rollout),
                 episodes=len(endless),
@@ -235,7 +235,7 @@ class Termination(Check):
             words, lines = in_words(suspects)
             yield self.finding(
                 "EC501",
-                f"{words}, so an episode can last longer than {limit} steps",
+                f"{words}, so an episode can last longer than {limit:,} steps",
                 line=suspects[0].line,
                 lines=lines,
             )

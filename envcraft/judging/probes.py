@@ -15,6 +15,7 @@ from envcraft.model.rollout import Action, Episode, Rollout
 from envcraft.model.trace import Trace
 from envcraft.spaces.sampling import enumerate_actions
 from envcraft.spaces.spec import Discrete, MultiDiscrete, SpaceSpec
+from envcraft.text import plural
 
 _Draw = Callable[[SpaceSpec, int, int], list[Action]]
 #: Other earlier episodes last at most so many times as long as the random ones.
@@ -123,7 +124,7 @@ class Probes:
 
 
 def _then(path: Rollout, later: list[Action], player: str) -> Rollout:
-    return Rollout(path.seed, path.actions + later, player=f"{player} after {len(path.actions)} steps")
+    return Rollout(path.seed, path.actions + later, player=f"{player} after {plural(len(path.actions), 'step')}")
 
 
 @lru_cache(maxsize=256)

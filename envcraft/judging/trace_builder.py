@@ -233,12 +233,15 @@ class TraceBuilder:
         if value is not None:
             self._keep_frame(trace.rendered, shape, _thin(value))
         same = (digest or self._digest(shape, data)) == trace.observations[-1]
-        picture = shape.kind == "array" and is_picture(shape.shape, shape.dtype)
+        if not same and (shape.kind != "array" or len(shape.shape) != 3):
+            self._note_render(Problem(step, "type", f"render() returned {shape}, not a frame"))
+            return
         # A contract may promise grey pictures, but Gymnasium only knows RGB ones.
-        if not picture or (not same and shape.shape[2:] != (3,)):
-            words = f"render() returned {shape}, not a frame: a uint8 array of shape (height, width, 3)"
-            self._note_render(Problem(step, "type", words))
-        elif not same:
+        usual = is_picture(shape.shape, shape.dtype) and (same or shape.shape[2:] == (3,))
+        if not usual and not any(problem.kind == "format" for problem in trace.render_problems):
+            words = f"render() returned {shape}, not the uint8 array of shape (height, width, 3) of rgb_array"
+            self._note_render(Problem(step, "format", words))
+        if not same:
             self._note_render(Problem(step, "differs", f"render() returned {shape} that differs from the observation"))
 
     def changed(self, report: dict[str, Any]) -> None:

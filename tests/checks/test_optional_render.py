@@ -11,7 +11,7 @@ from envcraft.judging.selection import driver_named, select_checks
 from envcraft.model.contract import Contract
 from envcraft.model.events import Finished
 from envcraft.model.target import Target
-from envcraft.model.verdict import Finding
+from envcraft.model.verdict import Finding, Severity
 
 GAME = """
 import gymnasium as gym
@@ -57,21 +57,22 @@ def test_required_render_is_missed() -> None:
 
 
 @pytest.mark.parametrize(
-    ("frame", "shown"),
+    ("frame", "shown", "severity"),
     [
-        ("np.zeros((12, 12, 3))", "a float64 array of shape (12, 12, 3)"),
-        ("np.zeros((12, 12), np.uint8)", "a uint8 array of shape (12, 12)"),
-        ("np.zeros((12, 12, 4), np.uint8)", "a uint8 array of shape (12, 12, 4)"),
-        ("[[0]]", "nested Python lists of shape (1, 1)"),
-        ("np.zeros((12, 12, 3), np.uint8)", ""),
+        ("np.zeros((12, 12, 3))", "a float64 array of shape (12, 12, 3)", Severity.WARNING),
+        ("np.zeros((12, 12, 4), np.uint8)", "a uint8 array of shape (12, 12, 4)", Severity.WARNING),
+        ("np.zeros((12, 12), np.uint8)", "a uint8 array of shape (12, 12)", Severity.ERROR),
+        ("[[0]]", "nested Python lists of shape (1, 1)", Severity.ERROR),
+        ("np.zeros((12, 12, 3), np.uint8)", "", None),
     ],
 )
-def test_a_frame_is_what_gymnasium_expects(frame: str, shown: str) -> None:
+def test_a_frame_is_what_gymnasium_expects(frame: str, shown: str, severity: Severity | None) -> None:
     source = GAME.replace("SIDE", "84") + f"    def render(self):\n        return {frame}\n"
     found = [finding for finding in _findings(GYMNASIUM, source, "api") if finding.code == "EC112"]
-    assert [finding.message.partition("not a frame")[0] for finding in found] == (
-        [f"render() returned {shown}, "] if shown else []
+    assert [finding.message.partition(", not ")[0] for finding in found] == (
+        [f"render() returned {shown}"] if shown else []
     )
+    assert [finding.severity for finding in found] == ([severity] if severity else [])
 
 
 def codes_of(contract: Contract, source: str) -> set[str]:

@@ -8,7 +8,6 @@ from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import msgspec
-import numpy as np
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -56,6 +55,9 @@ def leads_back(subject: Subject, number: int, actions: list[Any], size: int) -> 
 
 def _look_alike(frames: list[NDArray[Any]]) -> bool:
     """Whether pictures differ in few pixels, each of which changes once."""
+    # Slow to import, and commands that list the rules must start fast.
+    import numpy as np
+
     if len({frame.shape for frame in frames}) > 1:
         return False
     changes = sum((one != other).astype(np.uint8) for one, other in pairwise(frames))
@@ -87,6 +89,8 @@ def _is_time(path: str, texts: list[str], size: int) -> bool:
     """Whether a field counts steps, holds a picture, or settles down."""
     if all(_PICTURE.fullmatch(text) for text in texts):
         return True
+    import numpy as np
+
     try:
         values = np.array([ast.literal_eval(text) for text in texts], dtype=float)
     except (ValueError, SyntaxError, TypeError):
