@@ -61,6 +61,8 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
     near = difflib.get_close_matches(name.lower(), [other.lower() for other in known], n=1, cutoff=cutoff)
     if several and not near:
         return f"{name!r}; did you mean {', '.join(longer[:-1])} or {longer[-1]}?"
+    if len(longer) == 1 and not near:
+        return f"{name!r}; did you mean {longer[0]}?"
     if near:
         return f"{name!r}; did you mean {next(other for other in known if other.lower() == near[0])}?"
     if len(known) > _FEW:

@@ -264,7 +264,7 @@ def test_rendered_frames_and_keys_by_action(console: Opened, tmp_path: Path) -> 
     game = console("CartPole-v1", "--contract", "gymnasium", "--sandbox", "process", "--output", "played.json")
     screen = game.expect("step 0")
     assert "▀" in screen
-    game.expect("1 0   2 1")
+    game.expect("1: 0   2: 1")
     game.expect("each step waits for a key")
     game.type("2" * 30)
     game.expect("CartPoleEnv, seed 0: ended")

@@ -462,7 +462,7 @@ def test_render_may_differ_and_an_observation_may_change() -> None:
         wrong,
     ).trace
     assert made.overwritten == [(0, 1)] * 3
-    assert [problem.kind for problem in made.render_problems] == ["differs"]
+    assert [problem.kind for problem in made.render_problems] == ["differs", "format"]
 
 
 def test_pictures_come_as_requested() -> None:
