@@ -13,7 +13,7 @@ from envcraft.judging.selection import all_checks, driver_named
 from envcraft.judging.severity import SeverityPolicy
 from envcraft.model.target import PolicyFile, Target
 from envcraft.model.verdict import SubjectReport
-from evaluation.judge import judge_plans
+from evaluation.judge import LIMITS, judge_plans
 
 
 def examples_of_guides(checks: Iterable[Check]) -> dict[str, tuple[Check, Example]]:
@@ -45,6 +45,7 @@ def judge_examples(codes: Iterable[str], sandbox: str = "auto") -> Iterator[tupl
                 driver,
                 [each for each in every if each.gate or each.always or each.name == player],
                 BUDGETS[settings.get("budget", "quick")],
+                limits=LIMITS,
                 # For an author, an error of the policy is wrong use and no finding.
                 severity=SeverityPolicy(comments=not rule.about_policy, select=() if rule.default else (code,)),
                 policy=PolicyFile("policy.py", example.policy) if example.policy else None,

@@ -8,7 +8,7 @@ from concurrent.futures import ThreadPoolExecutor, as_completed
 from envcraft.contracts.builtin import ARCADE
 from envcraft.judging.budget import BUDGETS
 from envcraft.judging.check import Check
-from envcraft.judging.driver import Driver
+from envcraft.judging.driver import Driver, Limits
 from envcraft.judging.engine import Plan, cores, judge
 from envcraft.judging.selection import default_checks, driver_named
 from envcraft.judging.worker_pool import WorkerPool
@@ -16,6 +16,9 @@ from envcraft.model.events import SubjectFinished
 from envcraft.model.target import read_policy, read_target
 from envcraft.model.verdict import Severity, SubjectReport
 from evaluation.fixtures import Fixture
+
+#: Some files never finish their import, and nothing here takes seconds to import.
+LIMITS = Limits(loading=10.0)
 
 
 def judge_fixtures(
@@ -78,7 +81,7 @@ def _report(plan: Plan, pool: WorkerPool) -> SubjectReport:
 def _plan(fixture: Fixture, driver: Driver, checks: Sequence[Check], budget: str) -> Plan:
     policy = read_policy(str(fixture.policy)) if fixture.policy else None
     target = read_target(str(fixture.path))
-    return Plan([target], ARCADE, driver, checks, BUDGETS[budget], policy=policy, parallel_jobs=1)
+    return Plan([target], ARCADE, driver, checks, BUDGETS[budget], limits=LIMITS, policy=policy, parallel_jobs=1)
 
 
 def _checks(fixture: Fixture, every: Sequence[Check]) -> Sequence[Check]:
