@@ -1,0 +1,118 @@
+"""Numbers that the check lint reports: inexact sums, negative indices, rewards without a limit, and what wraps."""
+
+from __future__ import annotations
+
+import pytest
+from envcraft_checks.lint import Lint
+
+from envcraft.model.target import Target
+from envcraft.model.verdict import Severity
+from tests.checks.lint_games import GAME, pressed, subject_of
+
+
+@pytest.mark.parametrize(
+    ("added", "severity"), [("0.1", Severity.ERROR), ("0.3 if action[0] else 0.1", Severity.WARNING)]
+)
+def test_a_sum_that_only_some_orders_miss_is_a_warning(added: str, severity: Severity) -> None:
+    source = GAME.format(
+        super="super().reset(seed=seed)",
+        reset="self.x = 0.0",
+        step=f"self.x += {added}",
+        ended="self.x == 1.0",
+        see="return np.zeros(4)",
+        more="",
+    )
+    with subject_of(Target("game.py", source.encode())) as subject:
+        (finding,) = Lint().judge(subject)
+    assert finding.severity is severity
+    assert "is 0.9999999999999999" in finding.message
+    assert ("no other sum is equal" in finding.message) == (severity is Severity.ERROR)
+
+
+@pytest.mark.parametrize(
+    ("step", "parts"),
+    [
+        ("x = self.x - int(action[1])\ntry: self.x = int(self.grid[x, 0])\nexcept IndexError: self.x = 0", {}),
+        ("x = self.x\nx -= 1\ntry: self.y = self.grid[x][0]\nexcept IndexError: self.y = 0", {}),
+        ("dx = (-1, 1)[action[1]]\ntry: self.y = self.grid[self.x + dx][0]\nexcept IndexError: self.y = 0", {}),
+        (
+            "self._go(self.x - 1)",
+            {"go": "\n        try: self.x = self.grid[code, 0]\n        except IndexError: return"},
+        ),
+    ],
+)
+def test_a_border_that_only_an_exception_guards(step: str, parts: dict[str, str]) -> None:
+    assert pressed(step, **parts) == {"EC058": False}
+
+
+@pytest.mark.parametrize(
+    ("step", "parts"),
+    [
+        ("x = self.x - 1\ntry: self.x = -9 if x < 0 else self.grid[x, 0]\nexcept IndexError: self.x = 0", {}),
+        ("x = max(self.x - 1, 0)\ntry: self.x = self.grid[x, 0]\nexcept IndexError: self.x = 0", {}),
+        ("x = (self.x - 1) % 9\ntry: self.x = self.grid[x, 0]\nexcept IndexError: self.x = 0", {}),
+        ("try: self.x = self.grid[self.x + 1, 0]\nexcept IndexError: self.x = 0", {}),
+        ("try: self.x = self.record[int(action[0])]\nexcept IndexError: self.x = 0", {}),
+        ("x = self.x - 1\ntry: self.x = {1: 2}[x]\nexcept KeyError: self.x = 0", {}),
+    ],
+)
+def test_a_border_that_is_tested(step: str, parts: dict[str, str]) -> None:
+    assert pressed(step, **parts) == {}
+
+
+@pytest.mark.parametrize(
+    ("step", "parts"),
+    [
+        ("self.streak += 1\nreward += 0.1 * 2 ** (self.streak // 3)", {}),
+        ("self.streak += 1\nbonus = 1.5**self.streak\nreward = bonus if action[1] else 0.0", {}),
+        ("self.streak += 1\nreward += self._go(1)", {"go": "return 1 << self.streak"}),
+        ("self.streak += 1\nreward += np.power(2.0, self.streak)", {}),
+    ],
+)
+def test_a_reward_that_doubles_without_end(step: str, parts: dict[str, str]) -> None:
+    assert pressed(step, **parts) == {"EC057": False}
+
+
+@pytest.mark.parametrize(
+    "step",
+    [
+        "self.streak += 1\nreward += min(2**self.streak, 8)",
+        "self.streak = min(self.streak + 1, 5)\nreward += 2**self.streak",
+        "self.streak += 1\nif self.streak > 4: self.streak = 0\nreward += 2**self.streak",
+        "self.streak += 1\nreward += 2**self.streak\nreward = float(np.clip(reward, -1, 1))",
+        "self.streak += 1\nreward += 0.9**self.streak",
+        "self.streak += 1\nreward += 2 ** (3 - self.streak)",
+        "self.streak += 1\nself.x = 2**self.streak\nreward += self.see()",
+        "self.streak += 1\nreward += 2 ** min(self.streak, 4)",
+    ],
+)
+def test_a_reward_with_a_limit(step: str) -> None:
+    assert pressed(step) == {}
+
+
+@pytest.mark.parametrize(
+    ("step", "certain"),
+    [
+        ("self.hearts -= 2\nif self.hearts < 0: self.x = 9", True),
+        ("self.hearts -= np.uint8(1)\nreward -= self.hearts < 0", True),
+        ("self.hearts -= np.uint8(2 if action[1] else 1)\nif self.hearts == 0: self.x = 9", False),
+        ("self.lives[0] -= 3\nself.x = int(self.lives[0] <= 0)", False),
+    ],
+)
+def test_an_unsigned_number_that_wraps(step: str, certain: bool) -> None:
+    assert pressed(step) == {"EC059": certain}
+
+
+@pytest.mark.parametrize(
+    "step",
+    [
+        "self.hearts -= 1\nif self.hearts == 0: self.x = 9",
+        "if self.hearts > 1: self.hearts -= 2\nif self.hearts == 0: self.x = 9",
+        "self.hearts -= min(self.hearts, 2)\nif self.hearts == 0: self.x = 9",
+        "self.hearts = np.uint8(max(0, int(self.hearts) - 2))\nif self.hearts == 0: self.x = 9",
+        "self.hearts = int(self.hearts) - 2\nif self.hearts < 0: self.x = 9",
+        "self.x -= 2\nif self.x < 0: self.x = 0",
+    ],
+)
+def test_a_number_that_does_not_wrap(step: str) -> None:
+    assert pressed(step) == {}
