@@ -31,6 +31,9 @@ second half, and at `standard` also if the game was won. Penalties and guards do
 exceptions, and lines that depend on a count of steps, an option of the constructor or `render_mode`. If the check is
 skipped without a warning, the reason names these lines.
 
+A warning says that info reports success under a key that the contract does not read, such as `won`: then the sign of
+the return decides, or nothing does.
+
 ## Why is this bad?
 A game that no agent can win, or that every agent wins, says nothing about an agent.
 
@@ -42,6 +45,7 @@ self.keys_needed = 3      # EC801: the level has two keys
 
 from __future__ import annotations
 
+import ast
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
@@ -55,13 +59,17 @@ from envcraft.judging.shrink import repro
 from envcraft.judging.statistics import Exact, Proportion, lead, settle
 from envcraft.model.verdict import Finding, Severity
 from envcraft.plugins import hookimpl
+from envcraft.text import plural
 
 from .instawin import BY_SIGN, counts_survival
+from .linting.logic import names_success
+from .linting.program import line, program_of
 
 if TYPE_CHECKING:
     from envcraft.judging.coverage import Range
     from envcraft.judging.subject import Subject
     from envcraft.model.trace import Trace
+    from envcraft.model.verdict import Line
 
 _GREEDY_MOVES = 5
 #: How many times as long as the greedy moves an episode is at least in which they mean that the game is easy.
@@ -111,9 +119,17 @@ class Difficulty(Check):
             "Check the conditions before these lines; a privileged policy that reaches them settles it.",
             Severity.WARNING,
         ),
+        Rule(
+            "EC810",
+            "success-unread",
+            "info reports success under a key that the contract does not read.",
+            'Report is_success, or name the key in a contract of your own, such as `success = "won"`.',
+            Severity.WARNING,
+        ),
     )
 
     def judge(self, subject: Subject) -> Iterator[Finding]:
+        yield from self._judge_key(subject)
         skipped: Skip | None = None
         try:
             yield from self._judge_play(subject)
@@ -136,6 +152,27 @@ class Difficulty(Check):
         if skipped is not None:
             raise skipped
 
+    def _judge_key(self, subject: Subject) -> Iterator[Finding]:
+        """Report a key for success that every episode ends with, and that is not the contract's."""
+        traces = [trace for trace in subject.played() if trace.usable and trace.steps]
+        if not traces or any(trace.reported_success is not None for trace in traces):
+            return
+        infos = [trace.info() for trace in traces]
+        names = [name for name in infos[0] if names_success(name)]
+        unread = [name for name in names if all(isinstance(info.get(name), bool) for info in infos)]
+        if unread:
+            contract, name = subject.contract, unread[0]
+            otherwise = (
+                "a positive return at the end counts as a win" if contract.success.sign else "wins are not known"
+            )
+            yield self.finding(
+                "EC810",
+                f"info reports {name!r}, and the contract {contract.name} reads {contract.success.key!r}; without "
+                f"that, {otherwise}",
+                line=_line_of_key(subject, name),
+                key=name,
+            )
+
     def _judge_play(self, subject: Subject) -> Iterator[Finding]:
         if not any(trace.usable and trace.steps for trace in subject.played()):
             raise Undecided("each episode raises an error or has no step")
@@ -156,9 +193,11 @@ class Difficulty(Check):
         if unsettled == _UNSOLVABLE:
             yield self._unsolvable(subject)
             return
-        trivial = self._judge_held(subject) or self._judge_greedy(subject)
+        trivial, open_question = self._judge_held(subject)
+        trivial = trivial or self._judge_greedy(subject)
         if trivial is None and not unsettled:
             trivial = self._unsolvable_seeds(subject)
+            unsettled = open_question
         if trivial is not None:
             yield trivial
         elif unsettled:
@@ -307,7 +346,9 @@ class Difficulty(Check):
         )
         return finding if seeds[1:] else finding.as_warning()
 
-    def _judge_held(self, subject: Subject) -> Finding | None:
+    def _judge_held(self, subject: Subject) -> tuple[Finding | None, str]:
+        """Return the finding, or why it is unsettled whether there is one."""
+        unsettled = ""
         for trace in _winning(subject.held())[:HELD]:
             action = trace.rollout.actions[0]
 
@@ -330,8 +371,18 @@ class Difficulty(Check):
                     repro=repro(trace.rollout.cut(trace.steps)),
                     rate=rate.evidence(),
                 )
-                return found.as_warning() if trace.reported_success is None and counts_survival(trace) else found
-        return None
+                return found.as_warning() if trace.reported_success is None and counts_survival(trace) else found, ""
+            if (
+                verdict is None
+                and 1 < rate.hits == rate.n < subject.episodes.looks[-1]
+                and trace.reported_success is not None
+            ):
+                unsettled = unsettled or (
+                    f"holding {action} wins all of {plural(rate.n, 'episode')}, and the budget {subject.budget.name} "
+                    f"leaves no steps for as many as settle whether it wins more than "
+                    f"{100 * subject.contract.consistently:g}%"
+                )
+        return None, unsettled
 
     def _beaten(self, subject: Subject, trace: Trace) -> bool:
         """Whether other play clearly earns more, if only the sign of the return defines a win."""
@@ -372,6 +423,14 @@ class Difficulty(Check):
 
 
 _UNSOLVABLE = "unsolvable"
+
+
+def _line_of_key(subject: Subject, key: str) -> int | Line | None:
+    """The first line of the code that names a key, or the line of step()."""
+    program = program_of(subject)
+    named = (node for node in program.nodes if isinstance(node, ast.Constant) and node.value == key) if program else ()
+    first = min(map(line, named), default=0)
+    return first or subject.line_of("step")
 
 
 def _short(subject: Subject) -> bool:

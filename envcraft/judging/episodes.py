@@ -14,7 +14,7 @@ from envcraft.similarity.behavioural import STEPS
 
 #: The share of the budget that is left to further whole episodes where these may show a defect.
 _RESERVE = 0.15
-#: The most of it for further episodes of random play, where the first one wins.
+#: The most of it for further episodes of random play, or of a held action, where the first one wins.
 _WINS = 0.5
 #: Steps of the shortest cut, and the steps past the end of an episode.
 _SHORTEST, _PAST_END = 30, 5
@@ -127,7 +127,14 @@ class Episodes:
         # The weights keep the sum.
         unit = length * len(left) / max(sum(_SIMPLE if one else 1 for one in simple), 1)
         lengths = [max(int(unit * _SIMPLE if one else unit), _SHORTEST) for one in simple]
-        return known + self._play([rollout.cut(steps) for rollout, steps in zip(left, lengths, strict=True)])
+        held = self._play([rollout.cut(steps) for rollout, steps in zip(left, lengths, strict=True)])
+        cut = {id(trace): rollout for trace, rollout in zip(held, left, strict=True) if not trace.ended}
+        best = max(held, key=lambda trace: trace.total if id(trace) in cut and trace.usable else 0, default=None)
+        if best is not None and best.total > 0 and id(best) in cut:
+            # What is paid again and again may win in the end.
+            [whole] = self._play([cut[id(best)]])
+            held[held.index(best)] = whole
+        return known + held
 
     @cached_property
     def rotations(self) -> list[Trace]:
@@ -151,10 +158,11 @@ class Episodes:
         )
         failed = any(trace.fault is not None for trace in self.whole)
         reserved = int(_RESERVE * self._budget.steps) if alike or still or lost or failed else 0
-        if not first.success:
-            return reserved
-        # Only the episodes of all looks settle whether random play wins nearly always.
-        return max(reserved, min(self.looks[-1] * first.steps, int(_WINS * self._budget.steps)))
+        won = [trace.steps for trace in self.held if trace.success]
+        won += [first.steps] if first.success else []
+        # Only the episodes of all looks settle whether random play, or a held action, wins nearly always.
+        needed = self.looks[-1] * min(won, default=0)
+        return max(reserved, min(needed, int(_WINS * self._budget.steps)))
 
     @cached_property
     def all(self) -> list[Trace]:
