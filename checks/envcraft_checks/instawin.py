@@ -4,6 +4,9 @@
 Plays at random until it is settled whether random play consistently wins, that is in more than 80% of episodes. A win
 is `is_success` if info reports it; otherwise it is a positive return at a terminated end that no other play clearly
 exceeds. If that return mostly pays for each step, it measures survival and not wins, and the finding is a warning.
+Random play finds the way out of any maze in the end. The finding is also a warning if no step limit ends an episode,
+and half of the wins take more than 20 steps and three times as many as the shortest: such a class is often registered
+with `max_episode_steps`.
 
 It is the same defect if info reports success at every step of every episode.
 
@@ -48,6 +51,12 @@ _MOSTLY = 0.8
 _POLICIES = 4
 #: Episodes, on two seeds at least, whose every info must report success.
 _TOLD = 6
+#: Random play wanders to a win if half of its wins take this many times the steps of the shortest, and more than these.
+_WANDERS, _LONG = 3, 20
+_NO_LIMIT = (
+    "; no step limit ends an episode here: if the environment is registered with one, judge its id, or name a wrapper "
+    "with --wrap"
+)
 BY_SIGN = ": each ends with a positive return; info reports no success"
 
 
@@ -103,15 +112,17 @@ class InstaWin(Check):
             if best > max(_CLEARLY * usual, usual + 1e-9):
                 return [], ""
         shortest = min(wins, key=lambda trace: trace.steps)
+        median = statistics.median_low(trace.steps for trace in wins)
+        wanders = _is_unlimited(subject) and median > max(_WANDERS * shortest.steps, _LONG)
         found = self.finding(
             "EC601",
-            f"random play wins {rate}, more than {100 * consistently:g}%, in at least {plural(shortest.steps, 'step')}"
-            f"{BY_SIGN if by_sign else ''}",
+            f"random play wins {rate}, more than {100 * consistently:g}%, half of the time within "
+            f"{plural(median, 'step')}{BY_SIGN if by_sign else ''}{_NO_LIMIT if wanders else ''}",
             line=subject.line_of("step"),
             repro=repro(shortest.rollout.cut(shortest.steps)),
             rate=rate.evidence(),
         )
-        return [found.as_warning() if by_sign and all(map(counts_survival, wins)) else found], ""
+        return [found.as_warning() if wanders or (by_sign and all(map(counts_survival, wins))) else found], ""
 
     def _judge_told(self, subject: Subject) -> list[Finding]:
         """Report a success that every info of every episode tells, from the reset on."""
@@ -184,6 +195,13 @@ class InstaWin(Check):
                 return []
             ended.append(whole)
         return list({trace.rollout.key(): trace for trace in ended}.values())
+
+
+def _is_unlimited(subject: Subject) -> bool:
+    """Whether neither the contract nor the environment limits the steps of an episode."""
+    contract = subject.contract
+    limited = contract.limit is not None or "limit" in contract.adapter
+    return not limited and not any(any(trace.truncated) for trace in subject.played())
 
 
 def _always_told(trace: Trace) -> bool:

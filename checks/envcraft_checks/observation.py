@@ -1,7 +1,9 @@
 """# observation
 
 ## What it does
-Checks that the observation carries information. It must change in some episode. It must not be independent noise. The
+Checks that the observation carries information. It must change in some episode, unless the contract prescribes no
+picture and the environment is a contextual bandit: seeds have different observations, and on each seed an action always
+earns the same. It must not be independent noise. The
 same seed under different actions must lead to different observations. `render()` must return the observation if the
 contract requires it, or if it is optional and the class defines it. A picture may change rarely, or only when the agent
 acts.
@@ -139,6 +141,8 @@ class Observation(Check):
             raise Skip("every episode is one step long, and no agent acts on its last observation")
         seen = [trace for trace in traces if not trace.opaque]
         if len(seen) == len(traces) and all(len(set(trace.observations)) == 1 for trace in traces):
+            if subject.contract.observation is None and _is_bandit(traces):
+                return
             yield self.finding(
                 "EC401",
                 f"the observation does not change in any of {len(traces)} episodes, "
@@ -196,6 +200,20 @@ def _defects(subject: Subject, traces: list[Trace]) -> Iterator[tuple[str, Defec
     yield "EC409", find_late(subject)
     yield "EC408", find_twins(subject)
     yield "EC406", find_hidden(subject, traces)
+
+
+def _is_bandit(traces: list[Trace]) -> bool:
+    """Whether the observation differs between seeds, and on each seed an action always earns the same: a contextual
+    bandit, whose context stays for an episode.
+    """
+    rewards: dict[tuple[int, str], set[float]] = {}
+    for trace in traces:
+        for action, reward in zip(trace.actions, trace.rewards, strict=False):
+            rewards.setdefault((trace.rollout.seed, repr(action)), set()).add(reward)
+    paid = {(seed, reward) for (seed, _), earned in rewards.items() for reward in earned}
+    contexts = {trace.observations[0] for trace in traces}
+    depends = len(paid) > len({seed for seed, _ in paid})
+    return len(contexts) > 1 and depends and all(len(earned) == 1 for earned in rewards.values())
 
 
 def _only_value(space: SpaceSpec) -> bool:

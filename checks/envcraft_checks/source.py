@@ -257,7 +257,7 @@ class Source(Check):
             wanted = required_imports(tree, unknown, python)
             for name, line in sorted(wanted.items(), key=lambda item: item[1]):
                 if name in missing and (name in installable or (allowed is None and is_on_host(name))):
-                    if subject.target.env_class is None and not _derives(trees[""]):
+                    if _is_script(subject):
                         # What the import would do does not matter: nothing here can be an environment.
                         yield self._wrong_count([], {}, subject)
                         return
@@ -275,7 +275,8 @@ class Source(Check):
             return
         if fault is not None and fault.phase == "import":
             words = f"importing raises {subject.raised(fault)}"
-            yield self.finding("EC003", words, line=fault.line, traceback=fault.traceback)
+            hint = "; the file defines no class that could be an environment" if _is_script(subject) else ""
+            yield self.finding("EC003", f"{words}{hint}", line=fault.line, traceback=fault.traceback)
             return
         yield from self._judge_effects(subject, description.get("effects", {}), end.output)
         classes = [entry["name"] for entry in description.get("classes", [])]
@@ -335,6 +336,8 @@ class Source(Check):
         description = subject.load().description
         required = description["required"]
         if (wrapper := description["class"]) in description.get("wrappers", []):
+            if subject.target.kind is Kind.MODULE:
+                raise UsageError(_wrapper(subject, wrapper))
             return self.finding("EC005", _wrapper(subject, wrapper), line=subject.line_of())
         words = f"{name}() needs {', '.join(required)}"
         return self.finding("EC007", words, line=subject.line_of(), required=required)
@@ -464,11 +467,16 @@ def _wrapper(subject: Subject, name: str) -> str:
     return f"{name} is a wrapper; to judge it, validate an environment with {options}"
 
 
-def _derives(tree: ast.Module) -> bool:
-    """Whether a file may have a class of its own or of another module that derives from something."""
-    return any(
+def _is_script(subject: Subject) -> bool:
+    """Whether no class is chosen in a file, and nothing in it can be an environment.
+
+    No class of it derives from anything, and nothing is imported from beside it.
+    """
+    if subject.target.env_class is not None:
+        return False
+    return not any(
         (isinstance(node, ast.ClassDef) and node.bases) or (isinstance(node, ast.ImportFrom) and node.level)
-        for node in nodes(tree)
+        for node in nodes(parse(subject.text))
     )
 
 

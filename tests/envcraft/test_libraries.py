@@ -46,6 +46,14 @@ def test_a_library_that_is_not_installed_is_no_defect(known: Iterable[str], invo
     assert f"imports {lacking}, which the contract arcade does not allow" in refused.stdout
 
 
+def test_a_script_that_cannot_be_imported_is_said_to_have_no_class(invoke: Invoke, tmp_path: Path) -> None:
+    (tmp_path / "train.py").write_text("import argparse\n\nargparse.ArgumentParser().error('--steps')")
+    result = invoke("validate", tmp_path / "train.py", "--sandbox", "process", "--format", "concise")
+    assert result.exit_code == 1, result.output
+    assert "EC003" in result.stdout
+    assert "the file defines no class that could be an environment" in result.stdout
+
+
 def test_a_script_without_an_environment_needs_no_library(invoke: Invoke, tmp_path: Path) -> None:
     lacking = next(name for name in sorted(WELL_KNOWN) if importlib.util.find_spec(name) is None)
     (tmp_path / "train.py").write_text(f"import {lacking}\n\n{lacking}.run()\n")
