@@ -58,8 +58,25 @@ def is_importable(package: str, folder: Path) -> bool:
     """
     from importlib.machinery import PathFinder
 
-    path = [each for each in sys.path if Path(each or ".").resolve() != folder.resolve()]
+    folder = folder.resolve()
+    installed = _is_editable(folder)
+    path = [each for each in sys.path if installed or Path(each or ".").resolve() != folder]
     return PathFinder.find_spec(package, path) is not None
+
+
+def _is_editable(folder: Path) -> bool:
+    """Whether an editable installation has put a folder, which may be the working directory, on Python's path."""
+    import site
+
+    for each in (*site.getsitepackages(), site.getusersitepackages()):
+        for file in Path(each).glob("*.pth"):
+            try:
+                lines = file.read_text("utf-8", "replace").splitlines()
+            except OSError:
+                continue
+            if any(Path(each, line).resolve() == folder for line in lines if line and not line.startswith("import")):
+                return True
+    return False
 
 
 def _python_path(file: Path) -> list[str]:

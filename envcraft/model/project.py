@@ -45,7 +45,7 @@ class Place(msgspec.Struct, frozen=True):
     @classmethod
     def of(cls, file: Path) -> Place:
         """Find the folder above the outermost package around a file."""
-        file = file.absolute()
+        file = Path(os.path.abspath(file))
         root = file.parent
         while (root / "__init__.py").is_file() and root.name.isidentifier() and root.parent != root:
             root = root.parent
@@ -68,7 +68,7 @@ class Place(msgspec.Struct, frozen=True):
         Returns:
             A module, or the ``__init__.py`` of a package; None if the project has no such module.
         """
-        folder = file.absolute().parent
+        folder = Path(os.path.abspath(file)).parent
         if level:
             for _ in range(level - 1):
                 folder = folder.parent
@@ -100,7 +100,7 @@ def with_project(target: Target, root: Path | None = None) -> Target:
     """
     if len(target.source) > MAX_SOURCE:
         return target
-    file = Path(target.path).absolute()
+    file = Path(os.path.abspath(target.path))
     place = _place(file, target.source) if root is None else Place(root, _dotted(file, root))
     here = _working_folder(target.wrappers)
     if here is not None and any(place.find(file, each.partition(":")[0]) is None for each in target.wrappers):
@@ -139,7 +139,7 @@ def configured(target: Target, kwargs: dict[str, Any], wrappers: Sequence[str]) 
 
 def module_name(file: Path) -> str:
     """The name by which ``--wrap`` finds a file, in the working directory or a folder that imports start from."""
-    file, here = file.absolute(), Path.cwd()
+    file, here = Path(os.path.abspath(file)), Path.cwd()
     place = Place.of(file)
     outside = place.root in (here, *import_folders(here)) or not file.is_relative_to(here)
     return place.module if outside else _dotted(file, here)

@@ -106,6 +106,20 @@ def test_a_named_module_is_found_in_src(invoke: Invoke, good: Path, monkeypatch:
     assert [target.kind for target in resolve("zz_games.walk:Walk")] == [Kind.MODULE]
 
 
+def test_a_named_module_is_found_in_src_from_a_folder_beside_it(good: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    project = good.parent
+    (project / "pyproject.toml").touch()
+    (project / "src" / "zz_beside").mkdir(parents=True)
+    (project / "src" / "zz_beside" / "sizes.py").write_text("SIZE = 7\n")
+    (project / "src" / "zz_beside" / "walk.py").write_text(f"from .sizes import SIZE\n{ENVIRONMENT}")
+    (project / "notebooks").mkdir()
+    monkeypatch.chdir(project / "notebooks")
+    [target] = resolve("zz_beside.walk:Walk")
+    assert target.path == "../src/zz_beside/walk.py"
+    assert target.project is not None
+    assert "zz_beside/sizes.py" in target.project.files
+
+
 def test_a_class_is_judged_from_the_folder_that_it_was_imported_from(
     good: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -165,6 +179,22 @@ def test_an_id_of_a_package_that_is_not_installed_names_its_class(
     assert result.exit_code == 2
     assert "an id of the package regpkg, which is not installed" in result.stderr
     assert words in result.stderr
+
+
+def test_an_id_of_an_editable_installation_is_judged_in_its_project(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    project, installed = tmp_path / "project", tmp_path / "site-packages"
+    (project / "regpkg").mkdir(parents=True)
+    (project / "regpkg" / "__init__.py").write_text('register("Walk-v0", entry_point="regpkg.walk:Walk")\n')
+    installed.mkdir()
+    monkeypatch.chdir(project)
+    monkeypatch.syspath_prepend(project)
+    monkeypatch.setattr("site.getsitepackages", lambda: [str(installed)])
+    with pytest.raises(UsageError, match="which is not installed"):
+        resolve("regpkg:Walk-v0")
+    (installed / "__editable__.regpkg.pth").write_text(f"import os\n{project}\n")
+    assert [target.kind for target in resolve("regpkg:Walk-v0")] == [Kind.ID]
 
 
 @pytest.mark.parametrize("layout", [".", "src"])
