@@ -55,6 +55,10 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
     import difflib
 
     known = list(known)
+    # The letter O for a zero, as in a code.
+    digits = name.upper().replace("O", "0").removeprefix("EC")
+    if digits.isdecimal() and f"EC{digits}" in known:
+        return f"{name!r}; did you mean EC{digits}?"
     longer = [other for other in known if name and other.lower().startswith(name.lower())]
     several = 1 < len(longer) <= _FEW
     cutoff = _SAME if several else 0.6

@@ -24,7 +24,7 @@ from envcraft.model.classes import (
     environment_line,
     no_class,
 )
-from envcraft.model.import_folders import import_folders, is_importable
+from envcraft.model.import_folders import import_folders, is_importable, project_folder
 from envcraft.model.project import Place, with_project
 from envcraft.model.target import Kind, Target, kind_of, nodes, parse, read_target
 from envcraft.text import one_line, plural
@@ -217,12 +217,14 @@ def say_skipped(files: list[str], kind: str, words: str) -> None:
 
 
 def _module(name: str) -> Target:
-    """The class that ``package.module:Class`` names, from the working directory, what is installed, or the folders that
-    the project's tests import from.
+    """The class that ``package.module:Class`` names, from the working directory, what is installed, the folders that
+    the project's tests import from, or the project's folder.
     """
     module, _, env_class = name.partition(":")
     root = here = Path.cwd()
-    others = [] if _is_installed(module.partition(".")[0], here) else import_folders(here)
+    others: tuple[Path, ...] = ()
+    if not _is_installed(module.partition(".")[0], here):
+        others = (*import_folders(here), project_folder(here) or here)
     if Place(here, module).find(here / module, module) is None:
         root = next((each for each in others if Place(each, module).find(each / module, module) is not None), here)
     found = defining_file(root, module, env_class)

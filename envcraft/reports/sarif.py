@@ -25,7 +25,7 @@ SCHEMA = "https://docs.oasis-open.org/sarif/sarif/v2.1.0/errata01/os/schemas/sar
 #: The base of relative locations; the report does not reveal its path on this machine.
 _BASE = "SRCROOT"
 _STATUS = {
-    ExitCode.PASS: "every environment passes",
+    ExitCode.PASS: "no environment fails",
     ExitCode.FAIL: "at least one environment fails",
     ExitCode.ERROR: "something could not be judged",
 }

@@ -536,6 +536,7 @@ def test_unknown_names_the_nearest_or_all() -> None:
     assert did_you_mean("zzz", ["reward", "api"]) == "'zzz'; there are reward, api"
     # The codes of a family are nearer than one that has as many letters.
     assert did_you_mean("ec5", ["EC05", "EC501", "EC502", "EC503"]) == "'ec5'; did you mean EC501, EC502 or EC503?"
+    assert did_you_mean("EC2O4", ["EC204", "EC214"]) == "'EC2O4'; did you mean EC204?"
 
 
 @pytest.mark.parametrize(("name", "words"), [("EC203", "hash-seed"), ("ec203", "hash-seed"), ("determinism", "EC204")])

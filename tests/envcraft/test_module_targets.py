@@ -114,6 +114,7 @@ def test_a_named_module_is_found_in_src_from_a_folder_beside_it(good: Path, monk
     (project / "src" / "zz_beside" / "walk.py").write_text(f"from .sizes import SIZE\n{ENVIRONMENT}")
     (project / "notebooks").mkdir()
     monkeypatch.chdir(project / "notebooks")
+    assert [target.path for target in resolve(f"{good.stem}:Walk")] == ["../walk.py"]
     [target] = resolve("zz_beside.walk:Walk")
     assert target.path == "../src/zz_beside/walk.py"
     assert target.project is not None

@@ -130,7 +130,7 @@ def audit(
     Only changed environments are judged again. The same command resumes an interrupted run.
 
     \b
-    Exit status: 0 every environment passes    1 at least one fails
+    Exit status: 0 no environment fails    1 at least one fails
                  2 usage error                 3 an environment could not be judged
     """
     promised, selected = contract_named(contract), select_checks(checks, skip)

@@ -146,7 +146,7 @@ def validate(
     A TARGET is a Python file, a folder of such files, package.module:Class, or a registered id such as CartPole-v1.
 
     \b
-    Exit status: 0 every environment passes    1 at least one fails
+    Exit status: 0 no environment fails    1 at least one fails
                  2 usage error                 3 an environment could not be judged
     """
     wanted, promised = read_reports(form, output, also), contract_named(contract)
