@@ -11,14 +11,23 @@ from tests.checks.lint_games import GAME, pressed, subject_of
 
 
 @pytest.mark.parametrize(
-    ("added", "severity"), [("0.1", Severity.ERROR), ("0.3 if action[0] else 0.1", Severity.WARNING)]
+    ("added", "severity"),
+    [
+        ("0.1", Severity.ERROR),
+        ("0.3 if action[0] else 0.1", Severity.WARNING),
+        # The speed of an episode stays, and one of the three never meets the number.
+        ("self.speed", Severity.ERROR),
+        ("(0.1, 0.125, 0.2)[action[0] % 3]", Severity.WARNING),
+    ],
 )
-def test_a_sum_that_only_some_orders_miss_is_a_warning(added: str, severity: Severity) -> None:
+@pytest.mark.parametrize("decides", ["self.done = self.x == 1.0", "if self.x == 1.0: self.phase = 'won'"])
+def test_a_sum_that_only_some_orders_miss_is_a_warning(added: str, severity: Severity, decides: str) -> None:
+    speed = "self.speed = (0.1, 0.125, 0.2)[int(self.np_random.integers(3))]"
     source = GAME.format(
         super="super().reset(seed=seed)",
-        reset="self.x = 0.0",
-        step=f"self.x += {added}",
-        ended="self.x == 1.0",
+        reset=f"self.x = 0.0; self.done = False; self.phase = ''; {speed}",
+        step=f"self.x += {added}\n        {decides}",
+        ended="self.done or self.phase == 'won'",
         see="return np.zeros(4)",
         more="",
     )

@@ -34,7 +34,12 @@ def decides(program: Program, test: ast.AST) -> bool:
     if isinstance(node, ast.If):
         if test not in set(ast.walk(node.test)):
             return False
-        bound = [name_of(target) for one in node.body if isinstance(one, ast.Assign) for target in one.targets]
+        assigned = [one for one in node.body if isinstance(one, ast.Assign)]
+        bound = [name_of(target) for one in assigned for target in one.targets]
+        # A state such as "won" or State.WON says so, too.
+        bound += [
+            str(one.value.value) if isinstance(one.value, ast.Constant) else name_of(one.value) for one in assigned
+        ]
     elif isinstance(node, ast.Assign):
         bound = [name_of(target) for target in node.targets]
     else:
@@ -236,11 +241,11 @@ class Ranges:
                 return result if abs(result) < _LARGEST else None
             case ast.Name() | ast.Attribute():
                 values = self.program.values(node, method)
-                if len(values) == 1 and not self._changes(node, method):
+                if len(values) == 1 and not self.changes(node, method):
                     return self.constant(*values[0])
         return None
 
-    def _changes(self, node: ast.AST, method: Function | None) -> bool:
+    def changes(self, node: ast.AST, method: Function | None) -> bool:
         name = name_of(node)
         if method is not None and method.field(node):
             return name in self._foreign or any(

@@ -119,6 +119,7 @@ class _Sums:
         self.later: set[float] = set()
         self.added: set[float] = set()
         self.known = not any(name_of(node) in _INDIRECT for node in program.nodes)
+        self._steps: list[tuple[ast.expr, Function]] = []
         stepping = program.reached("step")
         stores = sum(isinstance(node, ast.Attribute) and self._stored(node) for node in program.nodes)
         for function in program.all:
@@ -151,6 +152,7 @@ class _Sums:
 
     def _add(self, op: ast.operator, value: ast.expr, function: Function) -> None:
         numbers = self._numbers(value, function)
+        self._steps.append((value, function))
         self.known &= bool(numbers) and isinstance(op, ast.Add | ast.Sub)
         self.added.update(-one if isinstance(op, ast.Sub) else one for one in numbers)
 
@@ -179,6 +181,16 @@ class _Sums:
                 if any(isinstance(target, ast.Name) and target.id == name for target, _ in function.writes):
                     return set()
                 parts = [value for value, _ in self._program.values(node, function)]
+            case ast.Attribute() if function is not None and not self._ranges.changes(node, function):
+                parts = [value for value, _ in self._program.values(node, function)]
+            case ast.Subscript(value=ast.Tuple(elts=elts), slice=index) if not isinstance(index, ast.Slice):
+                parts = elts
+            case ast.Subscript(value=ast.Name() | ast.Attribute() as table, slice=index):
+                tables = [value for value, _ in self._program.values(table, function)]
+                known = len(tables) == 1 and not self._ranges.changes(table, function)
+                if not known or not isinstance(tables[0], ast.Tuple) or isinstance(index, ast.Slice):
+                    return set()
+                parts = tables[0].elts
             case _:
                 return set()
         found = [self._numbers(one, function, depth - 1) if depth else set() for one in parts]
@@ -188,10 +200,25 @@ class _Sums:
         """A sum that equals a number by exact arithmetic only; None if there is none, or the values are not known."""
         if not self.known or not self.first or not self.added or target in self.later:
             return None
-        upwards, downwards = (all(sign * one > 0 for one in self.added) for sign in (1, -1))
+        if not self._is_fixed():
+            return self._missing(target, self.added)
+        missed = [miss for one in sorted(self.added) if (miss := self._missing(target, {one})) is not None]
+        return next((miss for miss in missed if miss.never), missed[0] if missed else None)
+
+    def _is_fixed(self) -> bool:
+        """Whether all that is added in an episode is one number, which an attribute has from the reset on."""
+        if len(self._steps) != 1:
+            return False
+        [(step, function)] = self._steps
+        return bool(function.field(step)) and all(
+            owner not in self._program.reached("step") for _, owner in self._program.values(step, function)
+        )
+
+    def _missing(self, target: float, added: set[float]) -> _Miss | None:
+        upwards, downwards = (all(sign * one > 0 for one in added) for sign in (1, -1))
         whole = _exact(target)
         reach = max(abs(_exact(one) - whole) for one in self.first | self.later)
-        reach += _PAST * max(abs(_exact(one)) for one in self.added)
+        reach += _PAST * max(abs(_exact(one)) for one in added)
         waiting: list[tuple[float, Fraction, tuple[float, ...]]]
         waiting = [(one, _exact(one), (one,)) for one in sorted(self.first | self.later)]
         seen, missed, equal = {(total, exact) for total, exact, _ in waiting}, None, False
@@ -199,7 +226,7 @@ class _Sums:
             # Sums that only grow do not come back.
             if (upwards and exact >= whole) or (downwards and exact <= whole) or abs(exact - whole) > reach:
                 continue
-            for one in sorted(self.added):
+            for one in sorted(added):
                 later, exactly = total + one, exact + _exact(one)
                 if (later, exactly) in seen:
                     continue
