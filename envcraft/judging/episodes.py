@@ -25,6 +25,8 @@ _VARIED, _HELD = 0.12, 0.15
 _EQUAL = 0.55
 #: Longer episodes bind a validation to the budget; with shorter ones it may exceed it by a part.
 _LONG, _PART = 500, 2
+#: How many times as much as other play a held action earns that may win in the end.
+_CLEARLY = 2
 #: The most steps of further held actions.
 _HOLD = 120
 #: How many times longer an action of one component is held than one of several.
@@ -42,6 +44,8 @@ class Episodes:
         self._cache = cache
         self._probes = probes
         self._budget = budget
+        #: The steps of a held action that were played again as a part of its whole episode.
+        self._repeated = 0
 
     @cached_property
     def whole(self) -> list[Trace]:
@@ -128,20 +132,24 @@ class Episodes:
         unit = length * len(left) / max(sum(_SIMPLE if one else 1 for one in simple), 1)
         lengths = [max(int(unit * _SIMPLE if one else unit), _SHORTEST) for one in simple]
         held = self._play([rollout.cut(steps) for rollout, steps in zip(left, lengths, strict=True)])
-        cut = {id(trace): rollout for trace, rollout in zip(held, left, strict=True) if not trace.ended}
-        best = max(held, key=lambda trace: trace.total if id(trace) in cut and trace.usable else 0, default=None)
-        if best is not None and best.total > 0 and id(best) in cut:
-            # What is paid again and again may win in the end.
-            [whole] = self._play([cut[id(best)]])
-            held[held.index(best)] = whole
+        best = max(range(len(held)), key=lambda index: held[index].total, default=None)
+        if best is not None and self._may_win(held[best]):
+            self._repeated = held[best].steps
+            held[best] = self._play([left[best]])[0]
         return known + held
+
+    def _may_win(self, trace: Trace) -> bool:
+        """Whether an episode of a held action that was cut earns so much more than other play that it may win."""
+        others = [sum(whole.rewards[: trace.steps]) for whole in self.whole]
+        cut = trace.usable and not trace.ended and self._cache.steps_left > self._budget.steps // _PART
+        return cut and trace.total > _CLEARLY * max(0.0, *others)
 
     @cached_property
     def rotations(self) -> list[Trace]:
         """Episodes that together try every joint action at every step."""
         rollouts = [self._probes.rotation(offset) for offset in range(self._budget.rotations)]
         length = self._share(len(rollouts), 0, 1.0, self.all)
-        length = max(length - self.reserve // max(len(rollouts), 1), _SHORTEST)
+        length = max(length - (self.reserve + self._repeated) // max(len(rollouts), 1), _SHORTEST)
         return self._play([rollout.cut(length) for rollout in rollouts])
 
     @property

@@ -109,10 +109,11 @@ def test_episodes_that_are_short_are_all_whole() -> None:
         assert all(trace.ended for trace in traces)
 
 
-def test_only_two_episodes_of_a_long_game_are_whole() -> None:
+def test_only_two_episodes_and_a_held_action_that_earns_most_are_whole() -> None:
     with subject_of(CATCH, "standard") as subject:
         traces = [*subject.played(), *subject.episodes.rotations]
-        assert [trace.rollout.player for trace in traces if trace.ended] == ["random play", "doing nothing"]
+        ended = [trace.rollout.player for trace in traces if trace.ended]
+        assert ended == ["random play", "doing nothing", "holding [3, 0, 0]"]
         assert sum(trace.steps for trace in traces) <= BUDGETS["standard"].play
         more = list(subject.episodes.more_whole())
         assert all(trace.ended for trace in more)
