@@ -5,6 +5,8 @@ Reads the syntax tree of a file: which functions `reset()`, `step()` and the con
 in them. It runs nothing, so it also judges lines that no play has reached. What is certain from the code is an error;
 what is only suspicious is a warning, or off by default.
 
+Two names for a value that nothing changes in between have no difference, so a reward or a test of it is an error.
+
 Sums that a test of the end compares with `==` are computed in floats and in exact fractions. If no float equals the
 number, EC056 is an error; if only the order of the additions decides, it is a warning.
 
@@ -49,10 +51,12 @@ from .linting.actions import impossible_actions
 from .linting.clock import clocks
 from .linting.dead import late_results, repeated_tests
 from .linting.effects import effects, swallowed
+from .linting.equal import equal_values
 from .linting.generators import generators
 from .linting.leftovers import leftovers
 from .linting.logic import contradictions, divisions
 from .linting.order import orders
+from .linting.parts import parts_read_twice
 from .linting.powers import powers
 from .linting.program import Program, Suspect, in_words
 from .linting.sharing import aliases, shared
@@ -87,6 +91,8 @@ _FINDERS: tuple[tuple[str, Callable[[Program], Iterator[Suspect]]], ...] = (
     ("EC059", repeated_tests),
     ("EC059", late_results),
     ("EC059", unsigned),
+    ("EC059", equal_values),
+    ("EC059", parts_read_twice),
 )
 
 

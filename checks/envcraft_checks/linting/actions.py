@@ -33,7 +33,7 @@ _SAME = frozenset({
 
 def impossible_actions(program: Program) -> Iterator[Suspect]:
     """Find comparisons of an action, or of a part of it, with a number that its space does not have."""
-    actions = _Actions(program)
+    actions = Actions(program)
     if not actions.known:
         return
     for function in program.reached("step"):
@@ -93,7 +93,7 @@ def _keys_twice(program: Program, table: ast.expr, function: Function) -> Iterat
                     yield Suspect(line(key), f"gives the key {text} a second time, which replaces {seen[text][:40]}")
 
 
-class _Actions:
+class Actions:
     """The values that an expression has in every play, if it is an action, or a part of one.
 
     Attributes:
@@ -116,6 +116,21 @@ class _Actions:
             return None
         outside = all(one is not None and not span.low <= one <= span.high for one in numbers)
         return span if outside else None
+
+    @property
+    def parts(self) -> int:
+        """The number of parts of an action; 0 if it has none, or if the code does not show the space."""
+        return len(self._space) if isinstance(self._space, list) else 0
+
+    def is_whole(self, node: ast.expr, function: Function) -> bool:
+        """Whether an expression is an action with all of its parts."""
+        spans = self.of(node, function)
+        return isinstance(spans, list) and bool(spans) and spans == self._space
+
+    def place(self, index: ast.expr, function: Function) -> int | None:
+        """Which part of an action an index reads; None if the code does not say."""
+        place = None if isinstance(index, ast.Slice) else self._constant(index, function)
+        return place % self.parts if place is not None and -self.parts <= place < self.parts else None
 
     def of(self, node: ast.expr, function: Function) -> _Spans | None:
         """The values of an expression; None for one that is no action."""

@@ -221,7 +221,7 @@ class Usage:
         if function is None or not (isinstance(held, ast.Name) or function.field(held)):
             return True
         values = self.program.values(held, function)
-        if not values or not all(_is_new(value) for value, _ in values):
+        if not values or not all(creates(value) for value, _ in values):
             return True
         return self._is_used_from(held, function)
 
@@ -288,12 +288,12 @@ class Usage:
         )
 
 
-def _is_new(node: ast.expr | None) -> bool:
+def creates(node: ast.expr | None) -> bool:
     """Whether an expression creates a container."""
     if isinstance(node, ast.Call):
         return name_of(node) in _CONTAINERS
     if isinstance(node, ast.BinOp):
-        return _is_new(node.left) or _is_new(node.right)
+        return creates(node.left) or creates(node.right)
     return isinstance(node, ast.List | ast.Dict | ast.Set | ast.ListComp | ast.DictComp | ast.SetComp)
 
 
