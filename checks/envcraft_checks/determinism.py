@@ -7,7 +7,7 @@ PYTHONHASHSEED, global random generators in another state, a shifted and faster 
 on the same instance, a second instance that is stepped alongside, `render()` between the steps, and actions as other
 callers pass them: in one array that they overwrite for each step, as int32, and as Python's ints and lists where the
 action space contains these. If this trace differs, the check tries each condition alone. If none of them shows the
-difference, it tries a very fast clock, and then leaves out each condition that the difference does not take. The
+difference, it tries a very fast clock, and then leaves out each condition that the difference does not need. The
 finding names the condition, the first step and the field, with the part of an observation or the key of info that
 differs. It also names the lines that depend on the condition: lines that draw from global generators, read the clock,
 use the order of a set, or write state that episodes or instances share.

@@ -31,8 +31,8 @@ second half, and at `standard` also if the game was won. Penalties and guards do
 exceptions, and lines that depend on a count of steps, an option of the constructor or `render_mode`. If the check is
 skipped without a warning, the reason names these lines.
 
-A warning says that info reports success under a key that the contract does not read, such as `won`: then the sign of
-the return decides, or nothing does.
+A warning says that info reports success under a key that the contract does not read, such as `won`. The sign of the
+return then decides whether an episode is won, or wins are unknown.
 
 ## Why is this bad?
 A game that no agent can win, or that every agent wins, says nothing about an agent.

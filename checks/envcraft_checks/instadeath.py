@@ -2,8 +2,8 @@
 
 ## What it does
 Does nothing, on one seed after another, until it is settled whether this loses at once on more than 50% of seeds
-(EC701). To lose at once is to terminate within 30 steps without success. Later losses, truncations and wins do not
-count: a loss that is truncated is the defect EC510, and once that is mended, it counts here. A game that is short by
+(EC701). An episode is lost at once if it terminates within 30 steps without success. Later losses, truncations and
+wins do not count: a loss that is truncated is the defect EC510, and counts here after the fix. A game that is short by
 design does not count either: doing nothing ends at the same step on every seed, no play lasts longer, and the return
 depends on the actions.
 

@@ -3,10 +3,9 @@
 ## What it does
 Checks that the observation carries information. It must change in some episode, unless the contract prescribes no
 picture and the environment is a contextual bandit: seeds have different observations, and on each seed an action always
-earns the same. It must not be independent noise. The
-same seed under different actions must lead to different observations. `render()` must return the observation if the
-contract requires it, or if it is optional and the class defines it. A picture may change rarely, or only when the agent
-acts.
+earns the same. It must not be independent noise. The same seed under different actions must lead to different
+observations. `render()` must return the observation if the contract requires it, or if it is optional and the class
+defines it. A picture may change rarely, or only when the agent acts.
 
 A picture is frozen if it changes for the last time at the same step in episodes of several seeds and policies, and at
 least half of each of these episodes follows that step. No other play may change it later: held actions, all actions in
@@ -34,9 +33,9 @@ State is hidden (a warning) if three quarters of all rewards and terminations fo
 had another result, and the picture does not make the event more likely. The game must not draw random numbers during
 play. Memory games hide state on purpose.
 
-Left and right should differ. They are alike (a warning) if they show and pay the same while they are held, unlike doing
-nothing, and if varied episodes stay the same with one move replaced by the other. All four moves may be alike, and a
-move that undoes itself may equal its opposite.
+Left and right should differ. They are alike (a warning) if three things hold: holding either gives the same pictures
+and rewards, doing nothing gives others, and varied episodes stay the same when one move replaces the other. All four
+moves may be alike, and a move that undoes itself may equal its opposite.
 
 Noise is measured on the pixels that vary: each one minus its mean over time, correlated with itself one to four steps
 later while one action is held. The picture is noise if more than half of it changes at each step, no lag correlates,

@@ -63,7 +63,7 @@ _WARNING = re.compile(
     r"((?:overflow|underflow|divide by zero|invalid value) encountered in [\w ]{1,40})$",
     re.MULTILINE,
 )
-#: The steps of the budget for each step of the search for the one that NumPy warns of.
+#: The steps of the budget for each step of the search for the one that NumPy warns about.
 _PART = 20
 #: So many attempts may show the event again.
 _ATTEMPTS = 16
@@ -85,7 +85,7 @@ class SandboxEvents(Check):
         Rule(
             "EC914",
             "arithmetic-warning",
-            "NumPy warns of the code's arithmetic during play.",
+            "NumPy warns about the code's arithmetic during play.",
             "Guard the division, or use `int` where a number may leave the range of its type.",
             Severity.WARNING,
             confirmed_by=("EC301",),
@@ -115,7 +115,7 @@ class SandboxEvents(Check):
             return shrunk(subject, trace.rollout, finding, lambda played: self.find(subject, played))
 
     def _judge_arithmetic(self, subject: Subject) -> Iterator[Finding]:
-        """Report each line that NumPy warns of, with the shortest episode that shows it."""
+        """Report each line that NumPy warns about, with the shortest episode that shows it."""
         own = Path(subject.source_file or subject.target.path).name
         shown: dict[int, Trace] = {}
         for trace in subject.traces:
@@ -132,7 +132,7 @@ class SandboxEvents(Check):
             step = self._first(subject, trace, line)
             yield self.finding(
                 "EC914",
-                f"NumPy warns of line {line}, by step {step} under {trace.rollout.player}: {words}",
+                f"NumPy warns about line {line}, by step {step} under {trace.rollout.player}: {words}",
                 line=line,
                 repro=repro(trace.rollout.cut(step)),
                 step=step,
@@ -209,7 +209,7 @@ class SandboxEvents(Check):
 
 
 def _warnings(trace: Trace) -> dict[tuple[str, int], str]:
-    """What NumPy warns of in a trace, by the file and the line."""
+    """What NumPy warns about in a trace, by the file and the line."""
     output = trace.end.output if trace.end is not None else ""
     return {(found[1], int(found[2])): found[3] for found in _WARNING.finditer(output)}
 

@@ -27,7 +27,8 @@ stops every worker of a cluster.
 its own above it, or on the first line of the class or function around it. `# envcraft: ignore-file[EC203] ...` ignores
 it in the whole file. Only commands for authors, such as `envcraft validate`, read these comments; audits do not. Two
 kinds of comments are warnings: a comment that is malformed, names an unknown rule or gives no reason (EC011), and a
-comment that matches no finding (EC012, not at the budget `quick`). A comment without a reason still ignores.
+comment that matches no finding (EC012, not at the budget `quick`). A comment without a reason still ignores the
+finding.
 
 ## Example
 ```python
