@@ -71,7 +71,8 @@ def needed(text: str, name: str, known: frozenset[str] = frozenset()) -> str:
     except SyntaxError as error:
         raise UsageError(f"the source of {name} cannot be parsed: {error.msg} (line {error.lineno})") from None
     if not _binders(body, name, len(body)):
-        raise UsageError(f"its module does not name the class {name}; define it at the top level as {name}")
+        words = f"no statement of its module binds the class {name} outside functions and `if __name__`"
+        raise UsageError(f"{words}; define it at the top level as {name}")
     kept: set[int] = set()
     unbound: set[str] = set()
     # A name as of a statement: a class body reads what is bound above it, its methods read what is bound in the end.

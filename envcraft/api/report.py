@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Literal
 
 from envcraft.judging.selection import all_checks, rules_of
 from envcraft.model.events import Finished, SubjectFinished
-from envcraft.model.verdict import Report
+from envcraft.model.verdict import Outcome, Report
 from envcraft.reports.console import ConsoleReporter
 from envcraft.reports.html import HtmlReporter
 from envcraft.reports.reporter import Reporter
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from rich.console import Console, ConsoleOptions
     from rich.text import Text
 
+_WORST_LAST = (Outcome.SKIP, Outcome.PASS, Outcome.UNDECIDED, Outcome.ERROR, Outcome.FAIL)
 #: The height of a report in a notebook, in CSS pixels.
 _HEIGHT = 480
 
@@ -31,6 +32,11 @@ class ShownReport(Report):
     def of(cls, report: Report) -> ShownReport:
         """Copy a report."""
         return cls(**{name: getattr(report, name) for name in report.__struct_fields__})
+
+    @property
+    def outcome(self) -> Outcome:
+        """The worst outcome of the environments."""
+        return max((subject.outcome for subject in self.reports), key=_WORST_LAST.index, default=Outcome.SKIP)
 
     def __repr__(self) -> str:
         outcomes = Counter(subject.outcome for subject in self.reports)

@@ -81,6 +81,15 @@ CAUSES = {
         "self.combo",
         {"made": "self.combo = 0", "step": "self.combo += 1  # here", "shown": _BAR.format("self.combo")},
     ),
+    "a constant that step() sets": (
+        "EC206",
+        "self.boost",
+        {
+            "made": "self.boost = 1",
+            "step": "if self.lane > 3:\n    self.boost = 9  # here",
+            "shown": _BAR.format("self.boost * 5"),
+        },
+    ),
     "an attribute of an object": (
         "EC206",
         "self.bag.coins",

@@ -116,11 +116,10 @@ class Writers:
         """
         lines, suspected = set(ran), {suspect.line for suspect in self.suspects}
 
-        def rank(write: tuple[ast.AST, bool]) -> tuple[bool, bool, bool, bool, int]:
-            node, first = write
+        def rank(write: tuple[ast.AST, int]) -> tuple[bool, bool, bool, int, int]:
+            node, default = write
             own = _lines(node)
-            # A constant is mostly a default, which another line replaces.
-            return node not in self._drawing, lines.isdisjoint(own), suspected.isdisjoint(own), first, line(node)
+            return node not in self._drawing, lines.isdisjoint(own), suspected.isdisjoint(own), default, line(node)
 
         found = min(self._writes(path), key=rank, default=None)
         return line(found[0]) if found is not None else None
@@ -169,24 +168,26 @@ class Writers:
         )
         return remembers or (bool(writes) and not taken and name not in used_fields(program, own))
 
-    def _writes(self, path: str) -> list[tuple[ast.AST, bool]]:
-        """Each node that writes a field, and whether it writes a constant or the first value."""
+    def _writes(self, path: str) -> list[tuple[ast.AST, int]]:
+        """Each node that writes a field, and how likely it writes a default that another line replaces: 2 for the first
+        value, 1 for a constant.
+        """
         program, name = self._program, _last(path)
         if program is None:
             return []
         if parameter := re.search(r"(\w+)\((\w+)\)", _plain(path)):
             return self._default_writes(*parameter.groups())
-        found: dict[ast.AST, bool] = {}
+        found: dict[ast.AST, int] = {}
         for function in self._functions:
             for target, node in _targets(function):
                 if _names(target, name, function, path):
                     assigned = node.value if isinstance(node, ast.Assign | ast.AnnAssign) else None
-                    found[node] = isinstance(assigned, ast.Constant) or function.name == "__init__"
+                    found[node] = 2 if function.name == "__init__" else int(isinstance(assigned, ast.Constant))
             if _base(path) in _GENERATORS or not found:
-                found.update((node, False) for node in function.nodes if _draws(program, node, name, function))
+                found.update((node, 0) for node in function.nodes if _draws(program, node, name, function))
         for target, _, node in bindings(self._outside):
             if isinstance(target, ast.Name) and target.id == name and not path.startswith("self."):
-                found[node] = True
+                found[node] = 2
         return list(found.items())
 
     @cached_property
@@ -197,9 +198,9 @@ class Writers:
             return []
         return [*program.module_nodes, *(node for owner in program.own_classes for node in program.classes[owner].body)]
 
-    def _default_writes(self, function: str, parameter: str) -> list[tuple[ast.AST, bool]]:
+    def _default_writes(self, function: str, parameter: str) -> list[tuple[ast.AST, int]]:
         return [
-            (node, False)
+            (node, 0)
             for one in self._functions
             if one.name == function
             for target, node in one.writes
