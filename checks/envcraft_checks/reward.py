@@ -301,9 +301,9 @@ class Reward(Check):
             if least > 0 and earned >= clearly_more(most):
                 yield self.finding(
                     "EC307",
-                    f"repeating {_in_words(actions[-size:])} pays at least {least:g} each of {TIMES} times, and leads "
-                    f"back to the same state; in {plural(longest, 'step')} this is {earned:g}, and no episode earns "
-                    f"more than {most:g}, or succeeds",
+                    f"repeating {_in_words(actions[-size:])} pays at least {least:g} each time, {TIMES} times in a row, "
+                    f"and leads back to the same state; this earns {earned:g} in {plural(longest, 'step')}, while no "
+                    f"episode succeeds or earns more than {most:g}",
                     line=subject.line_of("step"),
                     repro=repro(trace.rollout),
                     loop=actions[-size:],
@@ -491,7 +491,9 @@ def clearly_more(earned: float) -> float:
 
 
 def _in_words(actions: list[Any]) -> str:
-    return str(actions[0]) if len({str(action) for action in actions}) == 1 else str(actions)
+    if len({str(action) for action in actions}) > 1:
+        return str(actions)
+    return str(actions[0]) if len(actions) == 1 else f"{actions[0]} {len(actions)} times"
 
 
 def _long(traces: list[Trace]) -> list[Trace]:
