@@ -379,7 +379,7 @@ class Difficulty(Check):
             ):
                 unsettled = unsettled or (
                     f"holding {action} wins all of {plural(rate.n, 'episode')}, and the budget {subject.budget.name} "
-                    f"leaves no steps for as many as settle whether it wins more than "
+                    "allows too few episodes to settle whether it wins more than "
                     f"{100 * subject.contract.consistently:g}%"
                 )
         return None, unsettled

@@ -44,7 +44,7 @@ if TYPE_CHECKING:
 
 #: The share of seeds on which doing nothing loses at once, above which that is a defect.
 MOST = 0.5
-#: The seeds of which one must have a step.
+#: At least one of so many seeds must have a step.
 _TRIED = 3
 #: The shares of degenerate seeds that are surely exceeded where that is a warning and an error, and the least estimate
 #: of an error.

@@ -101,8 +101,8 @@ class InstaWin(Check):
             if verdict is False or by_sign or len(wins) < rate.n or rate.n == subject.episodes.looks[-1]:
                 return [], ""
             return [], (
-                f"random play wins all of {plural(rate.n, 'episode')}, and the budget {subject.budget.name} leaves no "
-                f"steps for as many as settle whether it wins more than {100 * consistently:g}%"
+                f"random play wins all of {plural(rate.n, 'episode')}, and the budget {subject.budget.name} "
+                f"allows too few episodes to settle whether it wins more than {100 * consistently:g}%"
             )
         if by_sign:
             usual = sum(trace.total for trace in wins) / len(wins)
@@ -125,7 +125,7 @@ class InstaWin(Check):
         return [found.as_warning() if wanders or (by_sign and all(map(counts_survival, wins))) else found], ""
 
     def _judge_told(self, subject: Subject) -> list[Finding]:
-        """Report a success that every info of every episode tells, from the reset on."""
+        """Report a success that every info of every episode reports, from the reset on."""
         traces = [trace for trace in [*subject.played(), *subject.searches.explored()] if trace.usable and trace.steps]
         seeds = {trace.rollout.seed for trace in traces}
         if len(seeds) < 2 or len(traces) < _TOLD or not all(map(_always_told, traces)):

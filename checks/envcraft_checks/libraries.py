@@ -63,7 +63,7 @@ def why_unknown(name: str, subject: Subject, known: list[str], shown: str = "", 
             'it to another file or below `if __name__ == "__main__":`'
         )
     if name in _TESTING:
-        return "which is not available where environments run; move the class to a file that does without it"
+        return "which is not available where environments run; move the class to a file that does not import it"
     # A library that the contract names is likelier than another of a name as near.
     near = next(filter(None, (_nearest(name, [*group]) for group in (contract.libraries or (), known))), None)
     if not installed and (place := _elsewhere(name, subject)):
@@ -72,7 +72,7 @@ def why_unknown(name: str, subject: Subject, known: list[str], shown: str = "", 
         return f"which the contract {contract.name} does not allow; it allows {', '.join(contract.libraries or ())}"
     if near or contract.libraries is not None:
         return f"which is not a known library{f'; did you mean {near}?' if near else ''}"
-    return "which is not installed and no library that EnvCraft knows; correct the name, or install it if it exists"
+    return "which is neither installed nor known to EnvCraft; correct the name, or install it if it exists"
 
 
 def in_package(tree: ast.Module, name: str, line: int) -> str:
@@ -123,7 +123,7 @@ def _elsewhere(name: str, subject: Subject) -> str:
 
 
 def _way_to(folder: Path, where: str, file: Path, subject: Subject) -> str:
-    """Say how a file's imports can find what lies in a folder, of which a message says where it is."""
+    """Say how a file's imports can find what is in a folder, whose place a message names."""
     inner = [each for each in reversed(file.parents) if each.is_relative_to(folder) and each != folder]
     parts = [*(each.name for each in inner), *([] if file.stem == "__init__" else [file.stem])]
     if not inner or not all(map(str.isidentifier, parts)):

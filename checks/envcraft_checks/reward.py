@@ -301,9 +301,9 @@ class Reward(Check):
             if least > 0 and earned >= clearly_more(most):
                 yield self.finding(
                     "EC307",
-                    f"repeating {_in_words(actions[-size:])} pays at least {least:g} each time, {TIMES} times in a row, "
-                    f"and leads back to the same state; this earns {earned:g} in {plural(longest, 'step')}, while no "
-                    f"episode succeeds or earns more than {most:g}",
+                    f"repeating {_in_words(actions[-size:])} pays at least {least:g} each time, {TIMES} times in a "
+                    f"row, and leads back to the same state; this earns {earned:g} in {plural(longest, 'step')}, while "
+                    f"no episode succeeds or earns more than {most:g}",
                     line=subject.line_of("step"),
                     repro=repro(trace.rollout),
                     loop=actions[-size:],

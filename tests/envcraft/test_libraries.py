@@ -68,4 +68,4 @@ def test_a_library_that_nobody_knows_may_exist(invoke: Invoke, good: Path) -> No
     options = ("--sandbox", "process", "--format", "concise", "--checks", "source", "--contract", "gymnasium")
     result = invoke("validate", good, *options)
     assert "EC002" in result.stdout
-    assert "which is not installed and no library that EnvCraft knows; correct the name, or install" in result.stdout
+    assert "which is neither installed nor known to EnvCraft; correct the name, or install" in result.stdout

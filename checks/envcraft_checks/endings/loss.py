@@ -48,7 +48,7 @@ def find_ongoing(check: Check, subject: Subject, traces: list[Trace], limit: int
 
 
 def find_truncated(check: Check, subject: Subject, traces: list[Trace]) -> Iterator[Finding]:
-    """Find losses whose only flag is truncated: they come at steps that play decides, and no loss terminates."""
+    """Find losses whose only flag is truncated: they come at steps that depend on play, and no loss terminates."""
     known = [*traces, *(trace for trace in subject.searches.explored() if trace.usable and trace.steps)]
     if any(trace.ended and trace.terminated[-1] and not trace.success for trace in known):
         return
@@ -65,8 +65,8 @@ def find_truncated(check: Check, subject: Subject, traces: list[Trace]) -> Itera
     shortest = min(cut, key=lambda trace: trace.steps)
     finding = check.finding(
         "EC510",
-        f"{len(cut)} episodes are truncated, and none is terminated without success, but this is no time limit: "
-        f"they end after {shortest.steps} to {max(trace.steps for trace in cut)} steps, as play decides, "
+        f"{len(cut)} episodes are truncated, and none is terminated without success, but this is not a time limit: "
+        f"they end after {shortest.steps} to {max(trace.steps for trace in cut)} steps, depending on the actions, "
         f"{'and their last steps cost most, ' if costly else ''}while {longest.rollout.player} goes on "
         f"to step {longest.steps}",
         line=_truncating_line(subject) or subject.line_of("step"),

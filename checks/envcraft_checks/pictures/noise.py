@@ -1,4 +1,4 @@
-"""Pictures of pixels that are drawn anew at each step, and a test that tells them from moving pictures."""
+"""Pictures whose pixels are random at each step, and a test that distinguishes them from moving pictures."""
 
 from __future__ import annotations
 

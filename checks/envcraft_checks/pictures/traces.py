@@ -28,7 +28,7 @@ class Defect(NamedTuple):
 
 
 def shows_pictures(space: SpaceSpec) -> bool:
-    """Whether observations are pictures. A short vector may be drawn anew at each step, as in a bandit."""
+    """Whether observations are pictures. A short vector may be random at each step, as in a bandit."""
     from envcraft.spaces.spec import Box
 
     return isinstance(space, Box) and len(space.shape) >= 2 and space.dtype == "uint8"
