@@ -13,7 +13,7 @@ from envcraft.plugins import plugins
 _warned: set[str] = set()
 #: The most names that a message lists.
 _FEW = 20
-#: How alike two names are, from 0 to 1, of which one is a slip of the other.
+#: The similarity, from 0 to 1, from which one name is a misspelling of another.
 _SAME = 0.9
 
 

@@ -95,7 +95,7 @@ def format_option() -> Callable[[_F], _F]:
         "--format",
         "--output-format",
         "form",
-        show_default="that of the output's name, else console",
+        show_default="by the name of --output, else console",
         metavar="NAME",
         shell_complete=completion.formats,
         help="The format of the report.",

@@ -31,7 +31,7 @@ ARCADE_NATIVE = msgspec.structs.replace(
     ARCADE,
     name="arcade-native",
     summary="the same game rules, frames of any size, no step limit, and render() optional: adapted to arcade",
-    # Observations are frames, so that nobody needs a second way to them.
+    # Observations are frames already, so render() adds nothing.
     render=OPTIONAL,
     adapter={"resize": [84, 84], "limit": 1000},
 )

@@ -52,7 +52,7 @@ def _doubt(given: Given) -> str:
     if given.verdict is not Verdict.PASS:
         return f"has the verdict {given.verdict.value}"
     if not given.settled:
-        return "has passed as far as its time allowed, and some checks are not settled"
+        return "has passed, but ran out of time, so some checks are not settled"
     if given.settings.checks:
         unknown = given.settings.checks == "?"
         return "has passed unknown checks" if unknown else "has passed only some of the checks"

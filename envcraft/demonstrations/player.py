@@ -68,10 +68,10 @@ class Player(ABC):
             An action for each of them.
 
         Raises:
-            Skip: The player cannot advise, or the episode breaks off.
+            Skip: The player cannot advise, or the episode is cut short.
             EnvCraftError: The sandbox fails.
         """
-        raise Skip(f"the player {self.name} plays whole episodes only, and does not advise on those of others")
+        raise Skip(f"the player {self.name} does not advise on episodes of other players")
 
     @property
     def digest(self) -> str:
@@ -136,7 +136,7 @@ def loaded_player(name: str) -> Player:
     loaders = {loader.name: loader for loader in offered("envcraft_player_loaders")}
     if kind not in loaders or not path:
         known = " or ".join(f"{loader}:PATH" for loader in loaders)
-        raise UsageError(f"there is no player {one_line(name)}" + (f"; name one as {known}" if known else ""))
+        raise UsageError(f"there is no player {one_line(name)}" + (f"; write it as {known}" if known else ""))
     loader: PlayerLoader = loaders[kind]
     return loader.load(Path(path))
 

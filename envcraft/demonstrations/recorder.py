@@ -57,7 +57,7 @@ class _PlayerCheck(Check):
         """The player's episode with this number, as a trace of a list of actions, or the policy's violation.
 
         Raises:
-            Skip: The episode has no step or breaks off, or the environment differs by itself.
+            Skip: The episode has no step or is cut short, or the environment is not deterministic.
         """
         trace = self._player.play(subject, number)
         finding = policy_rules.judge_play(self, subject, trace)
@@ -66,12 +66,14 @@ class _PlayerCheck(Check):
             plain = subject.rollout(Rollout(trace.rollout.seed, trace.actions, player="the player's actions"))
             finding = policy_rules.judge_effect(self, subject, trace, plain)
             if finding is None and diverge(trace, plain, info=False) is not None:
-                raise Skip(f"the environment differs by itself on seed {trace.rollout.seed}, so no recording is exact")
+                raise Skip(
+                    f"the environment is not deterministic on seed {trace.rollout.seed}, so no recording is exact"
+                )
             trace = plain
         if finding is not None:
             return finding
         if not trace.usable or not trace.steps:
-            raise Skip(f"the episode on seed {trace.rollout.seed} breaks off: {trace.fault or trace.ending}")
+            raise Skip(f"the episode on seed {trace.rollout.seed} is cut short: {trace.fault or trace.ending}")
         return trace
 
 

@@ -1,1 +1,1 @@
-"""Environments that have been validated, in the hands of an agent: alone, many side by side, by Gymnasium's ids."""
+"""Environments that have been validated, for use by agents: one, many side by side, or by Gymnasium's ids."""

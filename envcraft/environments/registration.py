@@ -70,5 +70,5 @@ def create(**kwargs: Any) -> gymnasium.Env[Any, Any]:
     if "target" not in kwargs and (corpus := default_corpus()) is not None:
         kwargs["target"] = corpus
     if "target" not in kwargs:
-        raise UsageError(f"no corpus is named that has {kwargs.get('name')}: set {VARIABLE}")
+        raise UsageError(f"the corpus of {kwargs.get('name')} is not known, because no corpus is named: set {VARIABLE}")
     return make(**kwargs)

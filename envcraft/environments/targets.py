@@ -71,7 +71,7 @@ def resolve(
     except FileNotFoundError:
         file, _, name = path.partition(".py:")
         if name and os.path.isfile(f"{file}.py"):
-            words = f"name the class of a file so: {file}.py --class {name.lstrip(':')}"
+            words = f"to name a class of a file, write {file}.py --class {name.lstrip(':')}"
             raise UsageError(f"{path} does not exist; {words}") from None
         if (kind := kind_of(path)) is None:
             raise UsageError(_absent(path)) from None
@@ -110,7 +110,7 @@ def refuse_corpus(path: str) -> None:
     from envcraft.corpus.store import is_corpus
 
     if is_corpus(Path(path)):
-        raise UsageError(f"{path} is a corpus, and no folder of environments; judge it with `envcraft audit {path}`")
+        raise UsageError(f"{path} is a corpus, not a folder of environments; judge it with `envcraft audit {path}`")
 
 
 def _absent(path: str) -> str:

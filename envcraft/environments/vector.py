@@ -124,7 +124,7 @@ class NamedVectorEnv(VectorWrapper[Any, Any, Any, Any, Any]):
         if space.shape is not None and (dtype := space.dtype) is not None:
             given = np.asarray(actions)
             if given.shape != space.shape:
-                raise ValueError(f"the actions have the shape {given.shape}, and must have {space.shape}")
+                raise ValueError(f"the actions have the shape {given.shape}, not {space.shape}")
             if not np.can_cast(given.dtype, dtype, "same_kind"):
                 raise TypeError(f"the actions are of dtype {given.dtype}, which is not of the same_kind as {dtype}")
             actions = given.astype(dtype, copy=False)
@@ -141,8 +141,8 @@ class NamedVectorEnv(VectorWrapper[Any, Any, Any, Any, Any]):
 
     @contextlib.contextmanager
     def _closing(self) -> Iterator[None]:
-        """Close the vector if the call fails, also by Ctrl-C: a result that nobody waits for any more would be taken
-        for that of the next call.
+        """Close the vector if the call fails, also by Ctrl-C: the next call would take the result that is still
+        pending for its own.
         """
         if self.closed:
             raise ClosedEnvironmentError("the vector is closed: make another one")
@@ -494,5 +494,5 @@ def _resolve(name: str | os.PathLike[str], corpus: str | os.PathLike[str] | None
     """Look in the given corpus; else at the file, or else in the default corpus."""
     place = corpus if corpus is not None or Path(name).is_file() else default_corpus()
     if place is None and not Path(name).exists():
-        raise UsageError(f"{name} is not a file, and no corpus is named that has it: give corpus=, or set {VARIABLE}")
+        raise UsageError(f"{name} is not a file, and no corpus is named: give corpus=, or set {VARIABLE}")
     return resolve(name, None, contract) if place is None else resolve(place, os.fspath(name), contract)

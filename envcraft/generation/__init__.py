@@ -1,1 +1,1 @@
-"""How environments come about: families, generators, and the stages from a concept to an environment."""
+"""Generation of environments: families, generators, and the stages from a concept to an environment."""

@@ -326,5 +326,5 @@ def _is_time(test: ast.expr) -> bool:
 
 
 def _is_over(test: ast.expr) -> bool:
-    """Whether a condition is that the episode is over: nobody need step further."""
+    """Whether a condition is that the episode has ended, after which no step is needed."""
     return any(_EFFECTS.get(_last_word(word)) == "end" for word in _mentions(test))

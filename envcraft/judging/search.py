@@ -95,7 +95,7 @@ class Searches:
     def onward(self) -> list[Trace]:
         """Play that goes on after something happened: a success, a large reward, a loss. Some defects only show there.
 
-        The first episode has as many steps as it can, since a limit may be counted anew from the event.
+        The first episode has as many steps as it can, since a limit may start again at the event.
         """
         left, most = self._budget.onward
         paths = self._events(left // most - _ONWARD)

@@ -92,7 +92,7 @@ class TraceBuilder:
         self.trace = Trace(self._rollout, rule=self._success)
         self.description: Description = {}
         self._layouts: list[ValueCodec] = []
-        #: Which layouts are those of frames, and of which no value needs validation.
+        #: Which layouts are frames, and which layouts need no validation of values.
         self._framed: list[bool] = []
         self._exact: list[bool] = []
         self._columns: bool | None = None

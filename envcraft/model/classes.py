@@ -162,7 +162,7 @@ class _Module(msgspec.Struct, eq=False):
         functions: the functions.
         assigned: the values of names.
         imported: the dotted names of what is imported, with leading dots.
-        starred: the modules of which all names are imported, with leading dots.
+        starred: the modules whose names are all imported, with leading dots.
     """
 
     path: Path

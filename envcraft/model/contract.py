@@ -9,7 +9,7 @@ import msgspec
 if TYPE_CHECKING:
     from envcraft_protocol import jobs
 
-#: The value of `Contract.render` that requires a ``render()`` of nobody, and its pictures of those that have one.
+#: The value of `Contract.render` that requires no ``render()``, but checks the pictures of one that exists.
 OPTIONAL: Final = "optional"
 
 

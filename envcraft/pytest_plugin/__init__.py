@@ -170,7 +170,7 @@ def pytest_pycollect_makeitem(obj: object) -> None:
     kind = obj if inspect.isclass(obj) else type(obj)
     if _is_marked(vars(kind).get("pytestmark")) and hasattr(kind, "reset") and hasattr(kind, "step"):
         # pytest takes a class as the only argument for what it decorates, and the test is gone.
-        words = f"the marker envcraft({kind.__name__}) marks {kind.__name__} itself, and no test"
+        words = f"the marker envcraft({kind.__name__}) marks {kind.__name__} itself, not a test"
         raise pytest.Collector.CollectError(f"{words}; write envcraft(target={kind.__name__})")
     marks = getattr(obj, "pytestmark", None) if inspect.isfunction(obj) else None
     if _is_marked(marks):

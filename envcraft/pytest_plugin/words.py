@@ -120,7 +120,7 @@ def summary(found: Iterable[dict[str, str]]) -> str:
 
 def _unsettled(report: CheckReport) -> str:
     words = (
-        f"the check {report.check} is undecided, which strict in [tool.envcraft] fails: " if report.undecided else ""
+        f"the check {report.check} is undecided and fails under strict in [tool.envcraft]: " if report.undecided else ""
     )
     return words + one_line(report.reason)
 

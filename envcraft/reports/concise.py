@@ -34,7 +34,8 @@ def _lines(report: SubjectReport) -> list[str]:
     lines = [_line(report, finding) for check in report.checks for finding in check.findings]
     # Without these lines, a failure would have none.
     lines += [
-        f"{name}: error: the check {one_line(check.check)} is undecided, which --strict fails: {one_line(check.reason)}"
+        f"{name}: error: the check {one_line(check.check)} is undecided and fails under --strict: "
+        f"{one_line(check.reason)}"
         for check in unsettled(report)
     ]
     lost = [

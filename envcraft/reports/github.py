@@ -42,7 +42,7 @@ class GitHubReporter(Reporter):
             for finding in check.findings:
                 self._finding(report, file, finding)
             if check in undecided:
-                title = f"EnvCraft: {one_line(check.check)} is undecided, which --strict fails"
+                title = f"EnvCraft: {one_line(check.check)} is undecided and fails under --strict"
                 self._annotate("error", named + one_line(check.reason), file=file, title=title)
             if check.verdict is Verdict.ERROR:
                 title = f"EnvCraft: {one_line(check.check)} could not judge"

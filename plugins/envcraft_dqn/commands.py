@@ -369,7 +369,7 @@ def _check_output(folder: Path) -> None:
         return
     names = [entry.name for entry in folder.iterdir() if not entry.name.startswith(UNFINISHED)]
     if foreign := min(names, default=""):
-        words = f"{folder} contains {one_line(foreign)} and is no run; name a folder that is new, empty or a run"
+        words = f"{folder} contains {one_line(foreign)} and is not a run; name a folder that is new, empty or a run"
         raise UsageError(words, setting="output")
 
 

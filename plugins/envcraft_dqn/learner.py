@@ -228,7 +228,7 @@ def device_named(name: str) -> torch.device:
     try:
         device = torch.device(name)
     except RuntimeError:
-        raise UsageError(f"--device {name} is no device of torch; name one such as cpu, cuda or cuda:1") from None
+        raise UsageError(f"--device {name} is not a device of torch; name one such as cpu, cuda or cuda:1") from None
     try:
         torch.empty(0, device=device)
     except (RuntimeError, AssertionError, ImportError) as error:

@@ -159,7 +159,7 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, rename=RENAMED):
         if not 0 <= self.temperature < math.inf:
             raise UsageError(f"temperature is {self.temperature}; it must be 0 or more, and finite")
         if self.temperature and not self.imitates:
-            raise UsageError(f"--objective {self.objective} learns values and no probabilities: use temperature 0")
+            raise UsageError(f"--objective {self.objective} learns values, not probabilities: use temperature 0")
         if self.objective == "bc" and self.steps:
             raise UsageError(
                 f"--objective bc learns from demonstrations alone and makes no online steps: use --steps 0, not "

@@ -68,8 +68,8 @@ def test_what_ran_out_of_time_is_said_not_to_pass() -> None:
     ("kind", "words"),
     [
         (ConsoleReporter, "undecided: not settled"),
-        (ConciseReporter, "open.py: error: the check difficulty is undecided, which --strict fails: not settled\n"),
-        (GitHubReporter, "is undecided%2C which --strict fails::not settled"),
+        (ConciseReporter, "open.py: error: the check difficulty is undecided and fails under --strict: not settled\n"),
+        (GitHubReporter, "is undecided and fails under --strict::not settled"),
         (HtmlReporter, "undecided: not settled"),
         (JUnitReporter, '<failure message="undecided: not settled"'),
         (MarkdownReporter, "difficulty undecided"),

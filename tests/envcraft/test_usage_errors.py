@@ -240,7 +240,7 @@ def test_a_corpus_is_judged_by_audit(invoke: Invoke, good: Path) -> None:
     assert invoke("corpus", "add", "corpus", good).exit_code == 0
     result = invoke("validate", "corpus", *_CHEAP)
     assert (result.exit_code, result.stdout) == (2, "")
-    assert "corpus is a corpus, and no folder of environments; judge it with `envcraft audit corpus`" in result.stderr
+    assert "corpus is a corpus, not a folder of environments; judge it with `envcraft audit corpus`" in result.stderr
 
 
 def test_a_table_of_contracts_is_one(invoke: Invoke, good: Path, tmp_path: Path) -> None:
@@ -438,10 +438,10 @@ def test_a_baseline_may_come_through_a_pipe(invoke: Invoke, good: Path, tmp_path
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["walk.py:Walk"], "walk.py:Walk does not exist; name the class of a file so: walk.py --class Walk"),
-        (["./walk.py:Walk"], "./walk.py:Walk does not exist; name the class of a file so: ./walk.py --class Walk"),
+        (["walk.py:Walk"], "walk.py:Walk does not exist; to name a class of a file, write walk.py --class Walk"),
+        (["./walk.py:Walk"], "./walk.py:Walk does not exist; to name a class of a file, write ./walk.py --class Walk"),
         (["gymnasium:"], "gymnasium: names no environment; write its id after the colon"),
-        (["walk.py::Walk"], "walk.py::Walk does not exist; name the class of a file so: walk.py --class Walk"),
+        (["walk.py::Walk"], "walk.py::Walk does not exist; to name a class of a file, write walk.py --class Walk"),
         (["games.walk.Walk"], "games.walk.Walk does not exist; did you mean games.walk:Walk?"),
         ([""], "the target is empty; give a Python file"),
         (["walk.py", "--checks", "ec301"], "ec301 is a code, and --checks takes checks; name --select EC301"),

@@ -237,7 +237,7 @@ def test_an_environment_that_differs_by_itself_is_not_recorded_and_its_policy_no
     (tmp_path / "policy.py").write_text("def policy(env):\n    return [4 if env.x < 10 else 1, 0, 0]")
     done = CliRunner().invoke(cli, ["demos", "corpus", "--steps", "30", "--policy", "policy.py", *WHERE])
     assert done.exit_code == 3, done.output
-    assert "the environment differs by itself" in done.stdout
+    assert "the environment is not deterministic" in done.stdout
     assert "EC804" not in done.stdout
     assert recordings(tmp_path / "corpus") == []
 

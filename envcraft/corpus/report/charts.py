@@ -43,7 +43,7 @@ _STYLE: Any = {
 
 
 class Drawn(NamedTuple):
-    """One figure as two elements, of which the page shows the one that fits the screen."""
+    """One figure as two elements; the page shows the one that fits the screen."""
 
     wide: str
     narrow: str

@@ -1,4 +1,4 @@
-"""How a generated environment came to be: its concept and brief, the stages, the attempts and the policies."""
+"""How an environment was generated: its concept and brief, the stages, the attempts and the policies."""
 
 from __future__ import annotations
 

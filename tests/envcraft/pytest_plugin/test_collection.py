@@ -68,7 +68,7 @@ def test_a_corpus_is_not_collected(walk: Path, run: Run, canned: Canned) -> None
     assert {test.partition("::")[0] for test in outcomes(run(".", "-v"))} == {"games/walk.py"}
     result = run("corpus")
     assert result.ret == pytest.ExitCode.USAGE_ERROR
-    result.stderr.fnmatch_lines(["ERROR: corpus is a corpus, and no folder of environments; judge it with *"])
+    result.stderr.fnmatch_lines(["ERROR: corpus is a corpus, not a folder of environments; judge it with *"])
 
 
 def test_the_plugin_can_be_left_out(pytester: pytest.Pytester, walk: Path) -> None:

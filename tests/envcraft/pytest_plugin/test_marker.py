@@ -84,7 +84,7 @@ def test_a_marker_that_marks_its_target_is_a_sentence(pytester: pytest.Pytester,
     result = pytester.runpytest_inprocess("-p", "no:cacheprovider")
     result.assert_outcomes(errors=1)
     result.stdout.fnmatch_lines(
-        ["the marker envcraft(Game) marks Game itself, and no test; write envcraft(target=Game)"]
+        ["the marker envcraft(Game) marks Game itself, not a test; write envcraft(target=Game)"]
     )
 
 

@@ -113,7 +113,7 @@ def test_an_open_question_that_fails_says_why(walk: Path, run: Run, canned: Cann
     canned.set("difficulty", Verdict.FAIL, reason="no episode was won", undecided=True)
     result = run("games")
     result.assert_outcomes(passed=CHECKS - 1, failed=1)
-    words = "the check difficulty is undecided, which strict in [[]tool.envcraft[]] fails: no episode was won"
+    words = "the check difficulty is undecided and fails under strict in [[]tool.envcraft[]]: no episode was won"
     result.stdout.fnmatch_lines([words])
 
 

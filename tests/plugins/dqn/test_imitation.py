@@ -218,7 +218,7 @@ def test_agent_draws_actions_at_its_temperature(tmp_path: Path) -> None:
         (Settings(objective="bc", pretrain_updates=5), "makes no online steps: use --steps 0, not 1,000,000"),
         (Settings(objective="dagger"), "needs a player that advises: name it by --demos"),
         (Settings(objective="dqfd"), "--objective dqfd needs demonstrations"),
-        (Settings(temperature=1.0), "--objective dqn learns values and no probabilities: use temperature 0"),
+        (Settings(temperature=1.0), "--objective dqn learns values, not probabilities: use temperature 0"),
         (Settings(objective="cloning"), "unknown objective 'cloning'; choose from dqn, bc, dagger, dqfd"),
     ],
 )

@@ -271,7 +271,7 @@ def test_unusable_settings_are_reported(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="too small for all demonstrations"):
         train(Settings(capacity=200, num_envs=2, device="cpu"), ["right"], open_corridors, tmp_path, Scripted())
     for device, words in (
-        ("tpu", "is no device of torch; name one such as cpu"),
+        ("tpu", "is not a device of torch; name one such as cpu"),
         ("mps", "is not available on this mac"),
     ):
         with pytest.raises(UsageError, match=f"^--device {device} {words}"):

@@ -54,7 +54,7 @@ def test_a_trained_policy_plays_in_the_sandbox(tmp_path: Path) -> None:
 def test_names_that_load_nothing_are_refused(tmp_path: Path) -> None:
     for name, words in (
         (f"checkpoint:{tmp_path}", "is not an agent of `envcraft train`: No such file"),
-        ("checkpoint:", "name one as checkpoint:PATH"),
+        ("checkpoint:", "write it as checkpoint:PATH"),
         ("weights:run", "there is no player weights:run"),
     ):
         with pytest.raises(UsageError, match=words):

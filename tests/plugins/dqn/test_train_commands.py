@@ -112,7 +112,7 @@ def test_a_folder_of_something_else_is_refused(corpus: Path, tmp_path: Path) -> 
     (report / "index.html").write_text("<html>")
     refused = run("train", corpus, "--output", report, *TRAIN)
     assert refused.exit_code == 2
-    assert f"{report} contains index.html and is no run; name a folder that is new, empty or a run" in refused.output
+    assert f"{report} contains index.html and is not a run; name a folder that is new, empty or a run" in refused.output
     assert [entry.name for entry in report.iterdir()] == ["index.html"]
 
 
