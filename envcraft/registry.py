@@ -71,7 +71,7 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
         return f"{name!r}; did you mean {next(other for other in known if other.lower() == near[0])}?"
     if len(known) > _FEW:
         return f"{name!r}; there are {len(known)}, such as {', '.join(known[:3])}"
-    return f"{name!r}; there are {', '.join(known)}" if known else repr(name)
+    return f"{name!r}; choose from {', '.join(known)}" if known else repr(name)
 
 
 def _warn() -> None:

@@ -130,7 +130,7 @@ def _contract(name: str, own: Any, bases: dict[str, Contract], rules: Callable[[
         own = {key.replace("_", "-"): value for key, value in own.items()}
     table = _convert(own, Table, "")
     if table.base not in bases:
-        raise ValueError(f"the base {table.base!r} is not a contract; there are {', '.join(bases)}")
+        raise ValueError(f"the base {table.base!r} is not a contract; choose from {', '.join(bases)}")
     base = bases[table.base]
     changes: dict[str, Any] = {"name": name, "summary": table.summary or f"{base.name}, as pyproject.toml changes it"}
     for field in ("observation", "action"):

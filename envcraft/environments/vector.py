@@ -412,7 +412,7 @@ def autoreset_mode_named(mode: AutoresetMode | str) -> AutoresetMode:
         return AutoresetMode(mode)
     except ValueError:
         known = ", ".join(repr(mode.value) for mode in AutoresetMode)
-        raise UsageError(f"there is no autoreset mode {mode!r}; there are {known}") from None
+        raise UsageError(f"there is no autoreset mode {mode!r}; choose from {known}") from None
 
 
 def make_vec(

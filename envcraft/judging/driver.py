@@ -359,7 +359,7 @@ def choose(drivers: list[Driver], name: str) -> Driver:
     for driver in ranked:
         if driver.name == name:
             return driver
-    raise SandboxUnavailable(f"no sandbox is called {name}; there are {', '.join(d.name for d in ranked)}")
+    raise SandboxUnavailable(f"no sandbox is called {name}; choose from {', '.join(d.name for d in ranked)}")
 
 
 def ensure(driver: Driver) -> None:

@@ -204,9 +204,9 @@ def test_a_pipe_is_refused_rather_than_waited_for(invoke: Any, tmp_path: Path) -
         (("--checks", "determinsm"), "did you mean determinism?"),
         (("--skip", "rewards"), "did you mean reward?"),
         (("--contract", "arcad"), "did you mean"),
-        (("--contract", "zzz"), "there are arcade"),
+        (("--contract", "zzz"), "choose from arcade"),
         (("--format", "jsn"), "did you mean json?"),
-        (("--format", "yaml"), "there is no format 'yaml'; there are"),
+        (("--format", "yaml"), "there is no format 'yaml'; choose from"),
         (("--sandbox", "dokcer"), "did you mean docker?"),
         (("--output", "missing/report.json"), "the report missing/report.json cannot be written"),
         (("--report", "missing/report.json"), "must be FORMAT:FILE"),
@@ -533,7 +533,7 @@ def test_ending_it_leaves_no_process(tmp_path: Path, number: signal.Signals, wor
 
 def test_unknown_names_the_nearest_or_all() -> None:
     assert did_you_mean("rewrad", ["reward", "api"]) == "'rewrad'; did you mean reward?"
-    assert did_you_mean("zzz", ["reward", "api"]) == "'zzz'; there are reward, api"
+    assert did_you_mean("zzz", ["reward", "api"]) == "'zzz'; choose from reward, api"
     # The codes of a family are nearer than one that has as many letters.
     assert did_you_mean("ec5", ["EC05", "EC501", "EC502", "EC503"]) == "'ec5'; did you mean EC501, EC502 or EC503?"
     assert did_you_mean("EC2O4", ["EC204", "EC214"]) == "'EC2O4'; did you mean EC204?"

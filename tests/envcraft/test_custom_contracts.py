@@ -60,11 +60,11 @@ def test_what_is_not_said_is_as_in_the_base(tmp_path: Path) -> None:
         ('limit = "long"', "limit must be a whole number, not 'long'"),
         ('libraries = ["numpy", 3]', r"libraries\[1\] must be text, not 3"),
         ("limit = 0", "limit is 0; it must be 1 or more"),
-        ('base = "arcde"', "the base 'arcde' is not a contract; there are arcade, gymnasium"),
+        ('base = "arcde"', "the base 'arcde' is not a contract; choose from arcade, gymnasium"),
         ("reward-range = [1, 0]", "reward-range: 1 is above 0"),
         ("reward-range = [1]", r"reward-range must be a list of length 2, not \[1\]"),
         ("action = 3", "action must be a table, not 3"),
-        ('action = { type = "Buttons" }', "action: there is no space 'Buttons'; there are Box, Discrete"),
+        ('action = { type = "Buttons" }', "action: there is no space 'Buttons'; choose from Box, Discrete"),
         ('action = { type = "Discrete" }', "action: n is missing"),
         ('action = { type = "Discrete", n = 2, stat = 1 }', "action: there is no setting 'stat'; did you mean start?"),
         (

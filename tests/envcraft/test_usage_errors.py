@@ -86,7 +86,7 @@ def test_a_class_that_only_running_the_file_defines_is_judged(invoke: Invoke, go
     [
         ('contract = "arcaed"', "contract: there is no contract 'arcaed'; did you mean arcade?"),
         ('checks = ["sauce"]', "checks: there is no check 'sauce'; did you mean source?"),
-        ('skip = "sauce"', "skip: there is no check 'sauce'; there are "),
+        ('skip = "sauce"', "skip: there is no check 'sauce'; choose from "),
         ('format = "jsno"', "format: there is no format 'jsno'; did you mean json?"),
         ('sandbox = "proces"', "sandbox: there is no sandbox 'proces'; did you mean process?"),
         ('budget = "huge"', "budget: 'huge' is not one of"),
@@ -96,7 +96,7 @@ def test_a_class_that_only_running_the_file_defines_is_judged(invoke: Invoke, go
         ('strict = "yes"', "strict: 'yes' is neither true nor false"),
         ("strict = 3", "strict: 3 is neither true nor false"),
         ("corpus = 3", "corpus must be the path of a corpus, not 3"),
-        ('skip = "nosuch"', "skip: there is no check 'nosuch'; there are "),
+        ('skip = "nosuch"', "skip: there is no check 'nosuch'; choose from "),
         ("seed = 1.5", "seed: '1.5' is not a whole number from 0 to 2147483647"),
         ('kwargs = "[1]"', "kwargs: [1] is not a JSON object"),
         ('wrap = ["TimeLimit"]', "wrap: TimeLimit must be MODULE:FUNC"),

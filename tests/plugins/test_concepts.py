@@ -196,7 +196,7 @@ def test_capacities_are_what_can_be_counted(monkeypatch: pytest.MonkeyPatch) -> 
     ("arguments", "words"),
     [
         (["--strategy-share", "genre-blend=0.4,mechanical=0.4"], "sum to 0.8"),
-        (["--strategy-share", "genres=1"], "there is no strategy genres; there are genre-blend, mechanical"),
+        (["--strategy-share", "genres=1"], "there is no strategy genres; choose from genre-blend, mechanical"),
         (["--strategy-share", "thematic=2,mechanical=-1"], "the share of thematic is 2"),
         (["--strategy-share", "thematic"], "is not a share"),
         (["--strategy-share", "thematic=0.5,thematic=0.5"], "each name once"),

@@ -126,7 +126,7 @@ def _check(shares: Mapping[str, float]) -> None:
     names = [strategy.name for strategy in STRATEGIES]
     for name, share in shares.items():
         if name not in names:
-            raise UsageError(f"there is no strategy {name}; there are {', '.join(names)}")
+            raise UsageError(f"there is no strategy {name}; choose from {', '.join(names)}")
         if not 0 <= share <= 1:
             raise UsageError(f"the share of {name} is {share:g}: a share is a number from 0 to 1")
     total = math.fsum(shares.values())

@@ -192,7 +192,7 @@ def test_unjudged_code_does_not_run(corpus: Path, tmp_path: Path) -> None:
     ("arguments", "words"),
     [
         (("--select", "tetris*"), "has no environment that matches tetris*"),
-        (("--demos", "somebody"), "there is no player 'somebody'; there are random, noop, checkpoint:PATH"),
+        (("--demos", "somebody"), "there is no player 'somebody'; choose from random, noop, checkpoint:PATH"),
         (("--demos", "randm"), "there is no player 'randm'; did you mean random?"),
         (("--demos", "chekpoint:run"), "there is no player 'chekpoint:run'; did you mean checkpoint:PATH?"),
         (("--demos", "checkpoint:nowhere"), "nowhere does not exist; name what `envcraft train` wrote"),
