@@ -50,6 +50,7 @@ from envcraft.plugins import hookimpl
 from .linting.actions import impossible_actions
 from .linting.clock import clocks
 from .linting.dead import late_results, repeated_tests
+from .linting.early import early_successes
 from .linting.effects import effects, swallowed
 from .linting.equal import equal_values
 from .linting.generators import generators
@@ -62,6 +63,7 @@ from .linting.program import Program, Suspect, in_words
 from .linting.sharing import aliases, shared
 from .linting.success import unreachable_successes
 from .linting.sums import floats
+from .linting.unending import ongoing_successes
 from .linting.wrapping import unsigned, wrapped_indices
 
 if TYPE_CHECKING:
@@ -91,6 +93,8 @@ _FINDERS: tuple[tuple[str, Callable[[Program], Iterator[Suspect]]], ...] = (
     ("EC059", repeated_tests),
     ("EC059", late_results),
     ("EC059", unsigned),
+    ("EC059", early_successes),
+    ("EC060", ongoing_successes),
     ("EC059", equal_values),
     ("EC059", parts_read_twice),
 )
@@ -167,6 +171,14 @@ class Lint(Check):
             "contradiction",
             "A test can never be true, or a change of the result comes too late.",
             "Compare with a value that can be reached, and change the result before the tuple is built.",
+        ),
+        Rule(
+            "EC060",
+            "success-ends-nothing",
+            "Nothing that success depends on can end the episode.",
+            "Set terminated on success, or report success only at the end.",
+            Severity.WARNING,
+            confirmed_by=("EC506",),
         ),
     )
 
