@@ -3,8 +3,8 @@
 
 The fox steps in four directions. The first button leaps two cells, the second crouches: a crouching fox stays where
 it is and the wolf loses the scent for that step. Footprints stay in the snow, and walking through old ones costs
-0.01, for the wolf likes a beaten track. A berry pays 1, the last one another 5, the wolf costs 3; night falls after
-400 steps.
+0.01, because the wolf follows beaten tracks. A berry pays 1, the last one another 5, the wolf costs 3; night falls
+after 400 steps.
 
 Broken on purpose: the list of footprints is made in `__init__` and never emptied, so an episode begins in the tracks
 of the ones before it, and the same seed gives other pictures and rewards the second time: EnvCraft reports EC206. To

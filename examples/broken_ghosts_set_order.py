@@ -6,8 +6,8 @@ for six steps, and may be rung three times. A lantern pays 0.1, all that are nee
 takes one of three candles, at a cost of 1, and sends you back to the gate. At dawn, after 500 steps, the garden
 closes.
 
-Broken on purpose: the names of the ghosts are kept in a set of strings and the ghosts placed in that set's order,
-which depends on how Python hashes strings, so the same seed gives another garden under another PYTHONHASHSEED:
+Broken on purpose: the names of the ghosts are in a set of strings, and the ghosts are placed in the order of that
+set, which depends on how Python hashes strings, so the same seed gives another garden under another PYTHONHASHSEED:
 EnvCraft reports EC203. To fix it, keep the names in a tuple, or go through `sorted(...)`.
 """
 

@@ -8,8 +8,8 @@ step for the height that the wave has lost. The third wave cleared pays 10; thre
 the game, and so does step 1000.
 
 Broken on purpose: the charge divides by the number of saucers left, and at the moment a wave is cleared that is 0 /
-0, which NumPy turns into a warning and a NaN reward: EnvCraft reports EC301, for one NaN ruins every return and
-gradient it enters. To fix it, charge nothing while no saucer is left.
+0, which NumPy turns into a warning and a NaN reward: EnvCraft reports EC301, because one NaN ruins every return and
+gradient that contains it. To fix it, charge nothing while no saucer is left.
 """
 
 from typing import Any

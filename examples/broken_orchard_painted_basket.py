@@ -5,8 +5,8 @@ Left and right carry the basket along, the first button doubles the pace, and wi
 stays where it is, but the rim is wider for that step. Apples ripen one after another and fall at their own speeds. An
 apple caught pays 1, one on the grass costs 0.5, and the ninth in the basket pays another 5.
 
-Broken on purpose: the scenery is painted once, at reset, to save time, and the basket was painted into it, so it is
-shown where it began while the true one moves about unseen: every policy sees the very same pictures, and EnvCraft
+Broken on purpose: the scenery is painted once, at reset, to save time, and the basket was painted into it, so the
+picture always shows the basket where it began, although it moves: every policy sees the same pictures, and EnvCraft
 reports EC403. To fix it, move the lines that paint the basket from `_paint_scenery()` to `_draw()`, after the copy.
 """
 

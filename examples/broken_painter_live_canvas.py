@@ -6,9 +6,9 @@ the tile on either side as well, from a supply of twelve such strokes. The clean
 white again; when the two meet, paint is spilt and the cleaner is sent to another corner, and the third spill ends the
 job at a cost of 3. A new tile pays 0.1, the finished floor 10. The hall closes after 250 steps.
 
-Broken on purpose: drawing goes into one canvas, and `reset()` and `step()` return that very canvas, so a picture
-handed out earlier changes under its owner's hands: a replay buffer would hold the last frame many times over.
-EnvCraft reports EC110. To fix it, return `self.canvas.copy()`.
+Broken on purpose: drawing goes into one canvas, and `reset()` and `step()` return that canvas itself, so a picture
+that was returned earlier changes later: a replay buffer would hold the last frame many times. EnvCraft reports EC110.
+To fix it, return `self.canvas.copy()`.
 """
 
 from typing import Any

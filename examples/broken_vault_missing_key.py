@@ -5,9 +5,9 @@ You walk through the halls; the first button walks two cells at once, the second
 it up, and a lamp over the vault turns green for it. Stepping into the vault with both keys wins and pays 10; a
 step costs 0.01. The museum opens its doors again after 300 steps.
 
-Broken on purpose: `range(1, KEYS)` lays out one key where the vault asks for two, so no play whatever can win.
-EnvCraft's search visits every picture that can be reached, finds no success among them, and reports EC801. To fix it,
-lay out a key for each number in `range(KEYS)`.
+Broken on purpose: `range(1, KEYS)` lays out one key where the vault asks for two, so no play can win. EnvCraft's
+search visits every picture that can be reached, finds no success among them, and reports EC801. To fix it, lay out a
+key for each number in `range(KEYS)`.
 """
 
 from typing import Any

@@ -2,7 +2,7 @@
 
 Goal: from the bank at the bottom hop between the cars, rest on the green strip, then hop from log to log (which carry
 the frog sideways, also off the screen) and into an empty bay at the top. The hedge between the bays cannot be entered.
-Two frogs in two bays win; of the four frogs in the bar at the top two may be lost, the third lost frog ends the game.
+Two frogs in two bays win. The bar at the top shows four frogs: two may be lost, and the third lost frog ends the game.
 
 Controls: a direction hops one row, or seven pixels sideways. The first button makes the hop a leap twice as far, after
 which the frog has to rest longer. The second button is unused.

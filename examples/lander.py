@@ -10,8 +10,8 @@ times the fuel. Left and right fire the side jets. Up and down are unused.
 Rewards: +0.05 for each pixel nearer to the pad and +1 for each pixel per step slower (as much is taken back for moving
 away or gaining speed), -2 for a crash, and +4 for a landing with up to 2 more for the fuel that is left.
 
-What there is to learn: speed is what is controlled and position is what is wanted, so braking has to begin long before
-the ground. Terrain, pad, wind and the way the ship comes in differ from seed to seed.
+What there is to learn: the agent controls the speed but needs the position, so braking has to begin long before the
+ground. Terrain, pad, wind and the way the ship comes in differ from seed to seed.
 """
 
 from __future__ import annotations

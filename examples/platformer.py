@@ -10,8 +10,8 @@ The second button sprints, which makes jumps longer. Up and down are unused.
 Rewards: +0.1 for each tile farther than before, +0.2 for a coin, +0.3 for a beetle, +5 for the flag, -1 for a lost
 game.
 
-What there is to learn: how long to hold a button. A tap is a hop and a long press is a leap, so the same press has to
-be kept up over many steps, which a player who chooses anew at each step never does. Every seed is another landscape.
+What there is to learn: how long to hold a button. A tap is a hop and a long press is a leap, so an agent must hold
+one button over many steps, which random play never does. Every seed is another landscape.
 """
 
 from __future__ import annotations

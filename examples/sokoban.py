@@ -1,7 +1,7 @@
 """Sokoban: push every crate onto a mark, and think before pushing.
 
-Goal: all crates on the marks in the floor. A crate can be pushed but never pulled, one at a time, so a crate in
-a corner stays there. Levels are made backwards, by pulling crates away from their marks, and thus can always be solved.
+Goal: all crates on the marks in the floor. A crate can be pushed but never pulled, one at a time, so a crate in a
+corner stays there. Levels are made backwards, by pulling crates away from their marks, so they can always be solved.
 The game takes 500 steps at most; the bar at the top shows crates in place and, in tenths, the time left.
 
 Controls: a direction walks and pushes. The first button, pressed while standing still, takes back the last move: one

@@ -251,7 +251,7 @@ def test_a_report_that_lacks_a_file_says_so(browser: Browser, site: Path) -> Non
     page.goto(f"{site.as_uri()}/environments.html")
     page.evaluate("info.total = 2000")
     page.locator("#query").fill("zzz")
-    page.get_by_text("not whole").wait_for()
+    page.get_by_text("incomplete").wait_for()
     page.close()
 
 

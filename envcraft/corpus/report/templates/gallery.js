@@ -152,7 +152,7 @@ async function show() {
   } catch (error) {
     byId("browse").hidden = false;
     byId("one").hidden = true;
-    byId("shown").textContent = `${error.message}: the folder of this site is not whole`;
+    byId("shown").textContent = `${error.message}: the folder of this site is incomplete`;
     return;
   }
   if (!single) {
