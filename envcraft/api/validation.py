@@ -60,7 +60,7 @@ _OPTION = re.compile(r"`[^`]*`|--([a-z][a-z-]*)( (?=['A-Z]|\w+$))?")
 
 
 class CheckFailed(EnvCraftError, AssertionError):
-    """An environment has defects. As other checkers raise AssertionError, this is one.
+    """An environment has defects. As with other checkers, this is an AssertionError.
 
     Attributes:
         report: the whole report.
@@ -194,12 +194,12 @@ def check_env(
     seed: int | None = None,
     kwargs: Mapping[str, Any] | None = None,
 ) -> None:
-    """Check an environment, in place of the functions of this name of Gymnasium and stable-baselines3.
+    """Check an environment. This replaces the function of the same name in Gymnasium and stable-baselines3.
 
     A new instance of the same class, or of the same registered id, is judged in a sandbox. The instance itself is not
-    stepped. Wrappers around it are left out, with a warning. So are arguments that an instance was made with and that
-    are not known. The settings of ``[tool.envcraft]`` apply as in :func:`validate`, except the contract, the budget and
-    those that say what is judged.
+    stepped. Wrappers around it are left out, with a warning. Unknown constructor arguments of an instance are left out,
+    too, with a warning. The settings of ``[tool.envcraft]`` apply as in :func:`validate`, except the contract, the
+    budget and those that say what is judged.
 
     Args:
         env: An instance, a class, a registered id, or another target of :func:`validate` with one environment.

@@ -34,8 +34,8 @@ class Rule(msgspec.Struct, frozen=True):
             reports nothing.
         default: whether the rule reports anything unless ``--select`` or a severity names it.
         gate: whether an error of it skips the checks that follow, because they could not run.
-        about_policy: whether it judges the privileged policy. For the author who names the policy, an error of it is
-            wrong use and no finding about the environment.
+        about_policy: whether it judges the privileged policy. For the author who names the policy, an error of it is a
+            usage error, not a finding about the environment.
     """
 
     code: str

@@ -55,7 +55,7 @@ class Subject:
         cache: the traces and search outcomes so far.
         coverage: the statements of the file, and which of them were reached in these.
         time_limit: when the last job ends.
-        ignore_comments: the comments of the file that ignore findings; None if they are not to be read.
+        ignore_comments: the comments of the file that ignore findings; None if they are not read.
         left_out: the files of its project, if the contract leaves them out.
     """
 

@@ -19,9 +19,9 @@ class Reporter(ABC):
     """Writes one run of ``envcraft validate`` to a text stream.
 
     Attributes:
-        name: how ``--format`` names it.
+        name: the value for ``--format``.
         summary: one line for the help.
-        suffix: how the name of a file ends that suggests this format, such as ``.json``.
+        suffix: the end of file names that selects this format without ``--format``, such as ``.json``.
         verbosity: -1 for less than usual (``--quiet``), 1 for everything (``--verbose``). The caller may set it.
         wants_frames: whether the reporter can show frames of findings. The caller may then set `frames`, which runs
             the environment again in the sandbox; the reporter may call it until it has handled

@@ -26,7 +26,7 @@ def note_episode(
 ) -> None:
     """Let Hypothesis print the command that plays an episode, if the running test fails."""
     if hypothesis.currently_in_test_context():
-        hypothesis.note(f"EnvCraft plays this episode by\n  {command(env, seed, actions, conditions, contract)}")
+        hypothesis.note(f"To play this episode in EnvCraft:\n  {command(env, seed, actions, conditions, contract)}")
 
 
 def command(
