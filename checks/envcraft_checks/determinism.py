@@ -69,7 +69,7 @@ if TYPE_CHECKING:
 
 #: Codes after which the comparison goes on without their cause.
 _WARNINGS = {*TELEMETRY.values(), "EC218"}
-#: Repetitions of a condition, one of which must differ again.
+#: Repetitions of a condition. At least one of them must differ again.
 _CONFIRMED = 3
 
 

@@ -1,4 +1,4 @@
-"""Libraries that an environment lacks: what an import of an unknown one means, and what helps."""
+"""Libraries that an environment lacks: the cause of each unknown import, and its fix."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The values of arguments that Python code gives: their types are not those that a command line has read."""
+"""The arguments of calls from Python, whose types no command line has checked."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where actions come from: players that need no look at the environment, drawn from the checker's own generator.
+"""Players that do not look at the environment. They draw actions from the checker's own generator.
 
 The lists depend on the action space, the seed and the length only, so that the same ``--seed`` gives the same episodes.
 """

@@ -1,4 +1,4 @@
-"""The workers of a run: started ahead for the subjects to come, leased to one subject at a time, ended in one call.
+"""The workers of a run: started before subjects need them, leased to one subject at a time, ended in one call.
 
 Each worker serves one subject and is destroyed. Workers that are started ahead start in one thread that lives as long
 as the pool, because some sandboxes end with the thread that started them.

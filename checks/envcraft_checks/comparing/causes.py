@@ -1,4 +1,4 @@
-"""The cause of a difference: what plain repetitions differ by, and which earlier episodes it takes."""
+"""The cause of a difference: why plain repetitions differ, and which earlier episodes a difference needs."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 REPEATS = 7
 #: The code of a difference in info only, by the code of a difference elsewhere.
 TELEMETRY = {"EC205": "EC210", "EC206": "EC211"}
-#: Runs with a condition changed, one of which differs if that is the cause.
+#: Runs with a changed condition. At least one of them differs if the condition is the cause.
 _CHANGES = 3
 #: The most runs that reduce earlier episodes.
 _TRIES = 24

@@ -1,4 +1,4 @@
-"""What the file says about fields that differ: which of them the others are made from, and where each is written."""
+"""Fields that differ, in the code: which of them the others are calculated from, and which line writes each."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Pictures that change at first and no more after some step or event, while the game goes on."""
+"""Pictures that stop changing after some step or event, while the game goes on."""
 
 from __future__ import annotations
 

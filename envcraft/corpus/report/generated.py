@@ -1,4 +1,4 @@
-"""The section of the report on the stages of generation: how many concepts each lets through."""
+"""The section of the report on the stages of generation: how many concepts pass each."""
 
 from __future__ import annotations
 
