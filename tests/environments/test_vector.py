@@ -127,7 +127,7 @@ class TestUse:
         with pytest.raises(ValueError, match="the seed -1"):
             vector.reset(seed=-1)
         vector.reset()
-        with pytest.raises(ValueError, match=r"shape \(3,\), and must have \(2, 3\)"):
+        with pytest.raises(ValueError, match=r"shape \(3,\), not \(2, 3\)"):
             vector.step(np.zeros(3, np.int64))
         with pytest.raises(TypeError, match="same_kind"):
             vector.step(np.zeros((2, 3)))

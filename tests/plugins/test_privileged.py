@@ -273,7 +273,7 @@ def test_a_player_labels_the_states_of_another(tmp_path: Path) -> None:
         assert wanted != actions
         [(_, advice, report)] = advise([target], RandomPlayer(), ARCADE, driver, [[(4, actions)]], 1)
         assert advice == []
-        assert "random plays whole episodes only" in report.checks[-1].reason
+        assert "random does not advise on episodes of other players" in report.checks[-1].reason
 
 
 def test_a_file_that_changed_is_found_and_can_be_taken_out(demos: Demos, corpus: Path) -> None:
