@@ -5,7 +5,7 @@ Reads the syntax tree of a file: which functions `reset()`, `step()` and the con
 in them. It runs nothing, so it also judges lines that no play has reached. What is certain from the code is an error;
 what is only suspicious is a warning, or off by default.
 
-Two names for a value that nothing changes in between have no difference, so a reward or a test of it is an error.
+If nothing changes a value between two reads, their difference is zero. A reward or a test that uses it is an error.
 
 Sums that a test of the end compares with `==` are computed in floats and in exact fractions. If no float equals the
 number, EC056 is an error; if only the order of the additions decides, it is a warning.

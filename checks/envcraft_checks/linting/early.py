@@ -6,7 +6,7 @@ import ast
 from collections.abc import Iterator
 
 from .program import MUTATORS, Function, Program, Suspect, line, name_of, root
-from .told import statement_of, stored, told
+from .reported import reported, statement_of, stored
 
 _FLAGS = 5
 _DEPTH = 4
@@ -24,7 +24,7 @@ _LEAVES = ast.Return | ast.Raise | ast.Continue | ast.Break
 def early_successes(program: Program) -> Iterator[Suspect]:
     """Find what decides success and the end, and changes after info has been made from it."""
     step = program.method(program.env, "step")
-    if step is None or not told(program, step):
+    if step is None or not reported(program, step):
         return
     order = _Order(program, step)
     for end in step.nodes:
@@ -193,10 +193,10 @@ class _Order:
                     case ast.Return(value=ast.Tuple(elts=[ast.Constant() as value, *_]) | (ast.Constant() as value)):
                         returns |= _is_true(value) is True and function is not self.step
         flags = end.value.elts[_FLAGS - 3 : _FLAGS - 1]
-        told = returns and any(
+        returned = returns and any(
             statement is change for flag in flags if isinstance(flag, ast.Name) for statement, _ in self._bound(flag.id)
         )
-        return told or any(self._follows(flag, end, each, change, _DEPTH) for flag in flags for each in names)
+        return returned or any(self._follows(flag, end, each, change, _DEPTH) for flag in flags for each in names)
 
     def _beside(self, node: ast.AST) -> list[ast.stmt]:
         """The statements of the branch in which a node stands."""

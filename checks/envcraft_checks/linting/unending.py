@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from .dependence import Dependence, Node, Place, is_local
 from .program import Function, Program, Suspect, line, name_of
-from .told import Told, told
+from .reported import Reported, reported
 
 _FLAGS = 5
 _DEPTH = 6
@@ -21,7 +21,7 @@ def ongoing_successes(program: Program) -> Iterator[Suspect]:
     step = program.method(program.env, "step")
     if step is None or program.has_unknown_base(program.env):
         return
-    values = told(program, step)
+    values = reported(program, step)
     if not values or all(isinstance(each.value, ast.Constant) for each in values):
         return
     stepping = program.reached("step")
@@ -64,7 +64,7 @@ class _Play(Dependence):
         self._tests: dict[tuple[ast.expr, bool], _Test] = {}
         self._clocks: dict[str, bool] = {}
 
-    def independent(self, values: list[Told]) -> str:
+    def independent(self, values: list[Reported]) -> str:
         """What to report if nothing that decides success can end the episode, else ""."""
         self._spread_changes()
         successes = [(each.value, each.function) for each in values]

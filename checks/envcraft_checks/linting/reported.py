@@ -1,4 +1,4 @@
-"""What the info of a step tells about success."""
+"""What the info of a step reports about success."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _FLAGS = 5
 _DEPTH = 5
 
 
-class Told(NamedTuple):
+class Reported(NamedTuple):
     """One value that info has under a key that stands for success.
 
     Attributes:
@@ -28,8 +28,8 @@ class Told(NamedTuple):
     end: ast.Return
 
 
-def told(program: Program, step: Function) -> list[Told] | None:
-    """What the return statements of step() tell about success.
+def reported(program: Program, step: Function) -> list[Reported] | None:
+    """What the return statements of step() report about success.
 
     Args:
         program: the file.
@@ -38,7 +38,7 @@ def told(program: Program, step: Function) -> list[Told] | None:
     Returns:
         All values; None if the text does not show the keys of each info.
     """
-    found: list[Told] = []
+    found: list[Reported] = []
     for end in step.nodes:
         if isinstance(end, ast.Return):
             if not isinstance(end.value, ast.Tuple) or len(end.value.elts) != _FLAGS:
@@ -46,7 +46,7 @@ def told(program: Program, step: Function) -> list[Told] | None:
             values = _values(program, end.value.elts[-1], step, _DEPTH)
             if values is None:
                 return None
-            found += [Told(key, value, function, end) for key, value, function in values]
+            found += [Reported(key, value, function, end) for key, value, function in values]
     keys = {each.key for each in found}
     return [each for each in found if each.key == "is_success" or "is_success" not in keys]
 
