@@ -208,7 +208,7 @@ def test_only_what_the_class_needs_is_kept_in_its_lines() -> None:
     assert all(line in ("", original) for line, original in zip(kept, _SCRIPT.splitlines(), strict=True))
     with pytest.raises(envcraft.UsageError, match="needs np, and no statement"):
         needed(_SCRIPT.replace("import numpy as np", ""), "Room", frozenset({"np"}))
-    with pytest.raises(envcraft.UsageError, match="no statement of its module binds the class Dyn .*; define it"):
+    with pytest.raises(envcraft.UsageError, match=r"no statement of its module binds the class Dyn .*; define it"):
         needed(_SCRIPT, "Dyn", frozenset({"np"}))
 
 
