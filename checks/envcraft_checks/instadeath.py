@@ -5,7 +5,7 @@ Does nothing, on one seed after another, until it is settled whether this loses 
 (EC701). An episode is lost at once if it terminates within 30 steps without success. Later losses, truncations and
 wins do not count: a loss that is truncated is the defect EC510, and counts here after the fix. A game that is short by
 design does not count either: doing nothing ends at the same step on every seed, no play lasts longer, and the return
-depends on the actions.
+depends on the actions. Nor does a time limit that terminates, which is the defect EC502.
 
 Plays a few random steps on many seeds. If an episode ends at once, the check tries other actions on the same seed. A
 seed is degenerate if these also end the episode within 3 steps, so that nothing can be played. Degenerate seeds are an
@@ -37,6 +37,9 @@ from envcraft.judging.statistics import Exact, settle
 from envcraft.model.rollout import Conditions, Episode, Rollout
 from envcraft.model.verdict import Finding, Severity
 from envcraft.plugins import hookimpl
+
+from .linting.limits import terminates_at
+from .linting.program import program_of
 
 if TYPE_CHECKING:
     from envcraft.judging.subject import Subject
@@ -103,7 +106,7 @@ class InstaDeath(Check):
             # The session's episodes follow others, so all are played again.
             idle = [subject.noop(number, within) for number in range(rate.n)]
             shortest = min((trace for trace in idle if _lost(trace)), key=lambda trace: trace.steps, default=None)
-            if shortest is None or _short_by_design(subject, idle):
+            if shortest is None or _short_by_design(subject, idle) or _is_time_limit(subject, idle):
                 return
             yield self.finding(
                 "EC701",
@@ -195,6 +198,13 @@ def _short_by_design(subject: Subject, idle: list[Trace]) -> bool:
     lengths = {trace.steps for trace in idle}
     returns = {trace.total for trace in played if trace.ended and trace.rollout.seed == subject.episode_seed(0)}
     return len(lengths) == 1 and max(trace.steps for trace in played) <= max(lengths) and len(returns) > 1
+
+
+def _is_time_limit(subject: Subject, idle: list[Trace]) -> bool:
+    """Whether all episodes end at a step that the code calls a limit, which the check termination reports."""
+    program = program_of(subject)
+    named = terminates_at(program) if program is not None else None
+    return named is not None and all(trace.steps == named[0] for trace in idle)
 
 
 def _lost(trace: Trace) -> bool:

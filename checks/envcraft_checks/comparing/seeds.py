@@ -136,7 +136,9 @@ def unseeded(check: Check, subject: Subject, fixed: bool) -> Iterator[Finding]:
     later = (subject.rollout(after(count)) for count in range(1, _UNSEEDED + 1))
     if fixed or not all(diverge(first, trace, info=False) is None for trace in later):
         return
-    seeded = [msgspec.structs.replace(plain, seed=subject.probes.random(number).seed) for number in range(_UNSEEDED)]
+    # On an instance made in the same way: a constructor may draw what differs.
+    follows = plain.under(Conditions(before=[Episode(plain.seed, plain.actions)], global_seed=plain.seed % 2**32))
+    seeded = [msgspec.structs.replace(follows, seed=subject.probes.random(number).seed) for number in range(_UNSEEDED)]
     traces = subject.rollouts(seeded)
     different = sum(diverge(traces[0], trace, info=False) is not None for trace in traces)
     if 2 * different > _UNSEEDED:

@@ -82,12 +82,13 @@ def _terminating(check: Check, subject: Subject, traces: list[Trace], limit: int
     """Report the contract's limit where it terminates all that reach it."""
     # One episode may be lost at the last step by chance; several are ended by the limit.
     last = [trace for trace in traces if trace.ended and trace.steps == limit]
-    if len(last) == 1 and _is_mistaken(last[0]):
+    if len(last) == 1 and _is_mistaken(last[0], both=True):
         last += [trace for trace in _others(subject, last[0]) if trace.ended and trace.steps == limit]
-    if len(last) >= 2 and all(map(_is_mistaken, last)):
+    if len(last) >= 2 and all(_is_mistaken(trace, both=True) for trace in last):
+        wrong = "and truncated" if all(trace.truncated[-1] for trace in last) else "not truncated"
         yield check.finding(
             "EC502",
-            f"all {len(last)} episodes that reach step {limit} are terminated there, not truncated",
+            f"all {len(last)} episodes that reach step {limit} are terminated there, {wrong}",
             line=subject.line_of("step"),
             repro=repro(last[0].rollout),
             episodes=len(last),
@@ -142,8 +143,9 @@ def _named(check: Check, subject: Subject, traces: list[Trace]) -> Iterator[Find
         )
 
 
-def _is_mistaken(trace: Trace) -> bool:
-    """Whether an episode terminates without success, where its limit should truncate it.
+def _is_mistaken(trace: Trace, both: bool = False) -> bool:
+    """Whether an episode terminates without success, where its limit should truncate it; `both` includes one that is
+    truncated, too.
 
     If info reports no success, an end that pays more than any step before it is a goal, such as to survive so long.
     """
@@ -151,7 +153,7 @@ def _is_mistaken(trace: Trace) -> bool:
         goal = trace.rewards[-1] > max(0.0, *trace.rewards[:-1])
     else:
         goal = bool(trace.reported_success)
-    return trace.ended and not trace.truncated[-1] and not goal
+    return trace.ended and trace.terminated[-1] and (both or not trace.truncated[-1]) and not goal
 
 
 def _others(subject: Subject, trace: Trace) -> list[Trace]:
