@@ -287,7 +287,12 @@ class Source(Check):
         if subject.target.env_class is not None and "class" not in description:
             yield self.finding("EC005", f"the file defines no class {subject.target.env_class}", classes=classes)
             return
-        if description.get("required"):
+        if description.get("environment") is False:
+            words = f"{subject.env_class} does not derive from gymnasium.Env"
+            if not description.get("lookalikes"):
+                raise UsageError(f"{words}, and has no reset() and no step(); {_NAME_A_CLASS}", setting="class")
+            yield self.finding("EC005", words, line=subject.line_of())
+        elif description.get("required"):
             yield self._needs(subject.env_class, subject)
         elif fault is not None:
             _refuse_options(subject, fault)
@@ -315,11 +320,6 @@ class Source(Check):
         elif fault is not None and fault.phase == "import":
             words = f"importing raises {subject.raised(fault)}"
             yield self.finding("EC003", words, line=fault.line, traceback=fault.traceback)
-        elif required := description.get("required"):
-            if "module" not in description:
-                words = f"{name} is a function that needs arguments ({', '.join(required)}); {_NAME_A_CLASS}"
-                raise UsageError(f"{words}, or pass them with --kwargs if it makes an environment")
-            yield self._needs(name, subject)
         elif description.get("environment") is False:
             made = str(description.get("made"))
             if subject.target.kind is Kind.MODULE and not description.get("lookalikes"):
@@ -328,6 +328,11 @@ class Source(Check):
                 )
             words = f"{name} constructs {with_article(made)}, which does not derive from gymnasium.Env"
             yield self.finding("EC005", words, line=subject.line_of())
+        elif required := description.get("required"):
+            if "module" not in description:
+                words = f"{name} is a function that needs arguments ({', '.join(required)}); {_NAME_A_CLASS}"
+                raise UsageError(f"{words}, or pass them with --kwargs if it makes an environment")
+            yield self._needs(name, subject)
         elif fault is not None:
             line, given = fault.line or subject.line_of(), _given(subject)
             words = f"constructing {name}{f' with {given}' if given else ''} raises {subject.raised(fault)}"

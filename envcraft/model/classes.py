@@ -38,7 +38,9 @@ def defined_names(source: bytes) -> list[str] | None:
 
 
 def no_class(source: bytes, name: str) -> str:
-    """What a name of a module is, such as ``a function``, if its only statement shows that it is no class; else ""."""
+    """What a name of a module is, such as ``a function``, if its only statement shows that it is no class of an
+    environment; else "".
+    """
     try:
         bound = [node for node in _statements(parse(source)) if name in _names_of(node)]
     except UNREADABLE:
@@ -50,6 +52,9 @@ def no_class(source: bytes, name: str) -> str:
             return "a module"
         case [ast.Assign(value=ast.Constant() | ast.List() | ast.Dict() | ast.Tuple() | ast.Set() | ast.JoinedStr())]:
             return "a value"
+        case [ast.ClassDef(bases=[], keywords=[], decorator_list=[], body=body)]:
+            methods = {node.name for node in body if isinstance(node, ast.FunctionDef)}
+            return "" if {"reset", "step"} <= methods else "a class without a base"
     return ""
 
 

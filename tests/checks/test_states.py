@@ -81,6 +81,16 @@ CAUSES = {
         "self.combo",
         {"made": "self.combo = 0", "step": "self.combo += 1  # here", "shown": _BAR.format("self.combo")},
     ),
+    "an array that is read before it is written": (
+        "EC206",
+        "self.wind",
+        {
+            "owned": "def seen(self):\n    return self.wind.astype(int)\n",
+            "made": "self.wind = np.zeros(2)",
+            "step": "self.wind = self.wind + 1  # here",
+            "shown": _BAR.format("self.seen()[0]"),
+        },
+    ),
     "a constant that step() sets": (
         "EC206",
         "self.boost",

@@ -117,6 +117,28 @@ def test_a_wrapper_that_a_target_names_says_how_to_judge_it(
     assert f"TimeLimit {words} gymnasium.wrappers:TimeLimit" in named.stdout
 
 
+def test_a_class_that_is_no_environment_is_wrong_use(
+    invoke: Invoke, good: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(good.parent)
+    bare = "class Simulator:\n    def __init__(self, dt):\n        self.dt = dt\n"
+    Path("plain.py").write_text(bare)
+    Path("derived.py").write_text("from plain import Simulator\n\nclass Fine(Simulator):\n    pass\n")
+    Path("alike.py").write_text(f"{bare}    def reset(self): ...\n    def step(self, action): ...\n")
+    options = ["--sandbox", "process", "--contract", "gymnasium", "--format", "concise"]
+    for target, words in [
+        (["plain.py", "--class", "Simulator"], "is a class without a base"),
+        (["plain:Simulator"], "does not derive from gymnasium.Env, and has no reset() and no step()"),
+        (["derived.py", "--class", "Fine"], "does not derive from gymnasium.Env, and has no reset() and no step()"),
+        (["gymnasium.spaces:Box"], "which has no reset() and no step()"),
+    ]:
+        result = invoke("validate", *target, *options)
+        assert (result.exit_code, words in result.output) == (2, True), result.output
+    result = invoke("validate", "alike.py", "--class", "Simulator", *options)
+    assert result.exit_code == 1
+    assert "EC005 Simulator does not derive from gymnasium.Env" in result.stdout
+
+
 _WRAPPERS = """import random
 import gymnasium as gym
 

@@ -183,8 +183,9 @@ class Writers:
                 if _names(target, name, function, path):
                     assigned = node.value if isinstance(node, ast.Assign | ast.AnnAssign) else None
                     found[node] = 2 if function.name == "__init__" else int(isinstance(assigned, ast.Constant))
-            if _base(path) in _GENERATORS or not found:
-                found.update((node, 0) for node in function.nodes if _draws(program, node, name, function))
+        if _base(path) in _GENERATORS or not found:
+            drawing = ((node, one) for one in self._functions for node in one.nodes)
+            found.update((node, 0) for node, one in drawing if _draws(program, node, name, one))
         for target, _, node in bindings(self._outside):
             if isinstance(target, ast.Name) and target.id == name and not path.startswith("self."):
                 found[node] = 2

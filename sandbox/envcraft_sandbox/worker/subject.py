@@ -189,6 +189,9 @@ class Subject:
         if inspect.isclass(creator) and issubclass(creator, gymnasium.Wrapper):
             # Of a file that imports it, the wrapper that the target names.
             loaded["wrappers"] = [*loaded.get("wrappers", ()), loaded.get("class", creator.__qualname__)]
+        if loaded.get("required") and inspect.isclass(creator) and not issubclass(creator, gymnasium.Env):
+            loaded["made"], loaded["environment"] = f"{creator.__module__}.{creator.__qualname__}", False
+            loaded["lookalikes"] = [loaded["made"]] if targets.looks_alike(creator) else []
         self._describe_class(loaded, creator)
         self.channel.send_json(Kind.LOADED, loaded, flush=True)
         if loaded.get("required"):
