@@ -7,7 +7,7 @@ import contextlib
 import os
 import re
 from collections.abc import Callable, Iterable, Iterator
-from functools import cached_property
+from functools import cached_property, partial
 from typing import TYPE_CHECKING
 
 from envcraft.model.target import Kind, parse
@@ -15,7 +15,7 @@ from envcraft.text import relative
 from envcraft_checks.linting.clock import clocks
 from envcraft_checks.linting.generators import generators
 from envcraft_checks.linting.leftovers import leftovers, used_fields
-from envcraft_checks.linting.order import orders
+from envcraft_checks.linting.order import orders, turns
 from envcraft_checks.linting.program import (
     Function,
     Helpers,
@@ -42,6 +42,11 @@ FINDERS: dict[str, tuple[Callable[[Program], Iterator[Suspect]], ...]] = {
     "EC205": (clocks,),
     "EC206": (leftovers, shared),
     "EC207": (shared,),
+}
+#: What finds the lines where those above find none.
+_LAST: dict[str, tuple[Callable[[Program], Iterator[Suspect]], ...]] = {
+    "EC202": (partial(turns, kinds=("objects",)),),
+    "EC203": (partial(turns, kinds=("strings", "members of an enumeration")),),
 }
 #: The parts of the results of ``step``, in order.
 PARTS = ("observation", "reward", "terminated", "truncated", "info")
@@ -74,12 +79,13 @@ class Writers:
             else:
                 return
             self._program = program
-            self.suspects = list(dict.fromkeys(one for find in FINDERS.get(code, ()) for one in find(program)))
+            for finders in (FINDERS.get(code, ()), _LAST.get(code, ())):
+                if not self.suspects and self.elsewhere is None:
+                    self.suspects = list(dict.fromkeys(one for find in finders for one in find(program)))
+                    if not self.suspects and code not in ("EC206", "EC207") and subject.target.project is not None:
+                        self.elsewhere = _elsewhere(program, subject.target.project, finders)
         except (RecursionError, SyntaxError, ValueError):
             self._program = None
-            return
-        if not self.suspects and code not in ("EC206", "EC207") and subject.target.project is not None:
-            self.elsewhere = _elsewhere(program, subject.target.project, FINDERS.get(code, ()))
 
     def most_causal(self, paths: list[str], part: str) -> str:
         """The field that the others follow from, as far as the file tells; of several one that is returned.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import ast
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 
 from .program import Function, Program, Suspect, line, name_of
 
@@ -55,6 +55,26 @@ def orders(program: Program) -> Iterator[Suspect]:
                 and program.path(node.value, function) in ("builtins.id", "builtins.hash")
             ):
                 yield Suspect(line(node.value), f"sorts by {name_of(node.value)}()")
+
+
+def turns(program: Program, kinds: Collection[str]) -> Iterator[Suspect]:
+    """Find every use of a set that may depend on its order, once play has shown that some order matters.
+
+    Args:
+        program: the file.
+        kinds: what the sets hold. Sets of what the file does not tell count if there are no others.
+    """
+    sets = _Sets(program)
+    known, unknown = [], []
+    for function in (None, *program.all):
+        for node in function.nodes if function is not None else program.module_nodes:
+            if isinstance(node, ast.expr) and _in_order(program, node):
+                kind = sets.holds(node, function)
+                if kind in kinds:
+                    known.append(Suspect(line(node), f"may use the order of a set of {kind}: {ast.unparse(node)[:40]}"))
+                elif not kind and _may_vary(program, node, function):
+                    unknown.append(Suspect(line(node), f"may use the order of a set: {ast.unparse(node)[:40]}"))
+    yield from known or unknown
 
 
 class _Sets:
@@ -184,6 +204,37 @@ class _Sets:
 
 def _empty_set(node: ast.AST | None) -> bool:
     return isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "set" and not node.args
+
+
+def _may_vary(program: Program, node: ast.AST, function: Function | None, depth: int = 4) -> bool:
+    """Whether an expression may be a set, other than one of numbers."""
+    match node:
+        case ast.Set(elts=elts):
+            return not all(isinstance(one, ast.Constant) and not isinstance(one.value, str) for one in elts)
+        case ast.SetComp() | ast.Call(func=ast.Name(id="set" | "frozenset")):
+            return True
+        case ast.Call(func=ast.Attribute(attr=attr, value=inner)) if attr in _COPIES:
+            return depth > 0 and _may_vary(program, inner, function, depth - 1)
+        case ast.BinOp(op=ast.BitOr() | ast.BitAnd() | ast.Sub() | ast.BitXor(), left=inner):
+            return depth > 0 and _may_vary(program, inner, function, depth - 1)
+        case ast.Name(ctx=ast.Load()) | ast.Attribute(ctx=ast.Load()):
+            known = [(value, one) for value, one in program.values(node, function) if value is not None]
+            return depth > 0 and any(_may_vary(program, value, one, depth - 1) for value, one in known)
+    return False
+
+
+def _in_order(program: Program, node: ast.AST) -> bool:
+    """Whether the code around an expression takes its items one after the other."""
+    parent = program.parents[node]
+    match parent:
+        case ast.For(iter=iterated) | ast.comprehension(iter=iterated):
+            return iterated is node
+        case ast.Call(args=args, keywords=keywords) if node in args:
+            # The first of equal items depends on the order.
+            return name_of(parent) not in _ORDERLESS or any(one.arg == "key" for one in keywords)
+        case ast.Attribute(attr="pop"):
+            return isinstance(program.parents[parent], ast.Call)
+    return isinstance(parent, ast.Starred)
 
 
 def _ordered(program: Program, function: Function | None, node: ast.AST) -> bool:
