@@ -185,6 +185,43 @@ CAUSES = {
             "shown": _BAR.format("self.rock"),
         },
     ),
+    "a value that reset() draws only once": (
+        "EC206",
+        "self.rock",
+        {
+            "made": "self.rock = None",
+            "reset": "if self.rock is None:\n    self.rock = int(self.np_random.integers(60))  # here",
+            "shown": _BAR.format("self.rock"),
+        },
+    ),
+    "a value that a method draws only once": (
+        "EC206",
+        "self.rock",
+        {
+            "owned": "def _drawn(self):\n    return int(self.np_random.integers(60))\n",
+            "reset": "if not hasattr(self, 'rock'):\n    self.rock = self._drawn()  # here",
+            "shown": _BAR.format("self.rock"),
+        },
+    ),
+    "a count that starts only once": (
+        "EC206",
+        "self.caught",
+        {
+            "reset": "if not hasattr(self, 'caught'):\n    self.caught = 0  # here",
+            "step": "self.caught += 1",
+            "shown": _BAR.format("self.caught"),
+        },
+    ),
+    "a value that reset() makes of the old one": (
+        "EC206",
+        "self.lives",
+        {
+            "made": "self.lives = 30",
+            "reset": "self.lives = self.lives if self.lives > 0 else 30  # here",
+            "step": "self.lives -= 1",
+            "shown": _BAR.format("self.lives"),
+        },
+    ),
     "walls that are not cleared": (
         "EC206",
         "self.walls",

@@ -164,6 +164,10 @@ def in_words(writers: Writers, field: FieldDifference | None) -> tuple[str, int 
     """
     suspects, words = writers.suspects, ""
     line = None
+    if writers.code in _SHARED:
+        # What a reset may leave as it is, such as a cache, matters only if it differs.
+        written = writers.places(field.path) if field is not None else frozenset()
+        suspects = [suspect for suspect in suspects if suspect.certain or suspect.line in written]
     if field is not None:
         words, line = f"; {field}", field.line
         known = writers.places(field.path), writers.around(field.path), field.lines

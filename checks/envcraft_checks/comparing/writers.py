@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import contextlib
+import itertools
 import os
 import re
 from collections.abc import Callable, Iterable, Iterator
@@ -14,7 +15,7 @@ from envcraft.model.target import Kind, parse
 from envcraft.text import relative
 from envcraft_checks.linting.clock import clocks
 from envcraft_checks.linting.generators import generators
-from envcraft_checks.linting.leftovers import leftovers, used_fields
+from envcraft_checks.linting.leftovers import kept, leftovers, used_fields
 from envcraft_checks.linting.order import orders, turns
 from envcraft_checks.linting.program import (
     Function,
@@ -40,7 +41,7 @@ FINDERS: dict[str, tuple[Callable[[Program], Iterator[Suspect]], ...]] = {
     "EC203": (orders,),
     "EC204": (generators,),
     "EC205": (clocks,),
-    "EC206": (leftovers, shared),
+    "EC206": (kept, leftovers, shared),
     "EC207": (shared,),
 }
 #: What finds the lines where those above find none.
@@ -170,7 +171,8 @@ class Writers:
         # What is taken out of a container is used.
         taken = any(_takes(program, one, node, name) for one in own for node in one.nodes)
         remembers = bool(writes) and all(
-            only_remembers(program, one, name, node) or _is_empty(node) for one, node in writes
+            (only_remembers(program, one, name, node) and not _draws_value(program, one, node)) or _is_empty(node)
+            for one, node in writes
         )
         return remembers or (bool(writes) and not taken and name not in used_fields(program, own))
 
@@ -340,6 +342,14 @@ def _draws(program: Program, node: ast.AST, name: str, function: Function) -> bo
     if name in ("random", "numpy.random"):
         return program.path(node.func, function).rpartition(".")[0] == name
     return name_of(node.func.value) == name
+
+
+def _draws_value(program: Program, function: Function, node: ast.AST) -> bool:
+    """Whether a statement, or a function of the file that it calls, uses the environment's generator."""
+    calls = (one for one in ast.walk(node) if isinstance(one, ast.Call))
+    called = (found for one in calls if (found := program.called(one, function)) is not None)
+    nodes = itertools.chain(ast.walk(node), *(one.nodes for one in called))
+    return any(name_of(one) == "np_random" for one in nodes)
 
 
 def _takes(program: Program, function: Function, node: ast.AST, name: str) -> bool:

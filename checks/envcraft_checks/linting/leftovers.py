@@ -31,6 +31,32 @@ def leftovers(program: Program) -> Iterator[Suspect]:
     yield from _latches(program, own, resetting, changed, used)
 
 
+def kept(program: Program) -> Iterator[Suspect]:
+    """Find what reset() sets only once, or from its old value. A cache does so, too: play shows whether it matters."""
+    for field, suspects in _kept(program, program.reached("reset")).items():
+        if not is_bookkeeping(field):
+            yield from (suspect._replace(certain=False) for suspect in suspects)
+
+
+def _kept(program: Program, resetting: list[Function]) -> dict[str, list[Suspect]]:
+    """Where these functions assign an attribute but may leave it at its old value, by attribute."""
+    found: dict[str, list[Suspect]] = {}
+    for function in resetting:
+        for target, value, node in function.bindings:
+            field = function.field(target)
+            if not field or program.bound_to(function) != program.env:
+                continue
+            if _of_itself(function, field, value):
+                how = "from its old value"
+            elif only_remembers(program, function, field, node):
+                how = "only if it has no value yet"
+            else:
+                continue
+            words = f"sets self.{field} {how}, so that it outlives the episode"
+            found.setdefault(field, []).append(Suspect(line(node), words))
+    return found
+
+
 def _by_name(node: ast.AST) -> bool:
     """Whether a node may set attributes whose names the code does not show."""
     return name_of(node) in ("__dict__", "setattr", "vars")
@@ -57,6 +83,7 @@ def _growing(
         if not only_remembers(program, one, field, node)
     }
     anew |= {one.field(target) for one in own for target, node in one.writes if name_of(node) in ("clear", "fill")}
+    keeping = _kept(program, resetting)
     for function in own:
         again = [
             (target, node)
@@ -72,7 +99,7 @@ def _growing(
                 continue
             if not only_remembers(program, function, field, node):
                 words = f"changes self.{field}, which reset() never sets, so that it outlives the episode"
-                yield Suspect(line(node), words)
+                yield from keeping.get(field) or [Suspect(line(node), words)]
 
 
 def _of_itself(function: Function, field: str, value: ast.AST | None) -> bool:
