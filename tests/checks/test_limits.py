@@ -10,7 +10,7 @@ from envcraft_checks.linting.program import Program
 
 GAME = """
 import gymnasium as gym
-MAX_STEPS = 1000
+MAX_STEPS = LIMIT = 1000
 FUEL = 400
 class Game(gym.Env):
     def reset(self, *, seed=None, options=None):
@@ -98,6 +98,8 @@ def test_a_time_limit_that_terminates_is_known_by_its_name() -> None:
     later = terminates_at(program(terminated="won or self.steps > MAX_STEPS", truncated="False"))
     assert later is not None
     assert later[0] == 1001
+    plain = program(terminated="won or self.steps >= LIMIT", truncated="False")
+    assert terminates_at(plain) is not None
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ _TRUNCATED, _RESULTS = 3, 5
 #: Words in names of what is so when an episode is over.
 _OVER = re.compile(r"done|over|terminat|truncat|lost|lose|dead|died|success|victory|won\b|win\b|finish", re.I)
 #: Names of what limits the time of an episode. A number of moves or of turns may be a rule of the game.
-_LIMIT = re.compile(r"max_?(episode_?)?(steps?|len|frames)|(step|time|episode|frame)_?(limit|length)|horizon", re.I)
+_LIMIT = re.compile(r"max_?(episode_?)?(steps?|len|frames)|(steps?|time|episode|frames?)_?(limit|length)|horizon", re.I)
 #: How often a limit that starts again must fit into the longest episode that is allowed: one event doubles it.
 _TWICE = 2
 _BOUNDS = (ast.GtE, ast.Gt, ast.Eq)
@@ -72,7 +72,8 @@ def terminates_at(program: Program) -> tuple[int, Suspect] | None:
         bound = _bound(program, test, function)
         if bound is None or not isinstance(test, ast.Compare) or not _adds(play, bound[0]):
             continue
-        if _LIMIT.search(name_of(test.comparators[0])):
+        # A plain LIMIT is one of time if the counter is one of steps.
+        if _LIMIT.search(f"{bound[0]}_{name_of(test.comparators[0])}"):
             steps = int(bound[1]) + (bound[2] is ast.Gt)
             return steps, Suspect(line(test), f"ends it if {ast.unparse(test)}")
     return None
