@@ -53,8 +53,9 @@ from envcraft.plugins import hookimpl
 from envcraft.text import with_article
 
 from .libraries import ask_for_dependency
-from .linting.program import Program, program_of, root
+from .linting.program import Function, Program, program_of
 from .linting.program import line as line_at
+from .linting.sharing import same_objects
 from .rewards.syntax import returns
 
 if TYPE_CHECKING:
@@ -344,7 +345,7 @@ class Api(Check):
             problem = next((problem for problem in trace.problems if problem.kind == kind), None)
             if problem is None:
                 continue
-            line = _line_of_result(subject, "step" if problem.step else "reset")
+            line = _line_of_result(subject, "step" if problem.step else "reset", 0)
             yield self.finding(
                 code, f"{problem.words} ({_at(problem.step)}, under {who})", line=line, step=problem.step
             )
@@ -374,7 +375,7 @@ class Api(Check):
                 break
         for step, note in trace.info_notes[:1]:
             what = f"is {with_article(note['type'])}" if "type" in note else f"has a key of type {note.get('key')}"
-            line = _line_of_result(subject, "step" if step else "reset")
+            line = _line_of_result(subject, "step" if step else "reset", -1)
             yield self.finding("EC114", f"info {what} ({_at(step)}, under {who})", line=line, step=step)
 
     def _judge_fault(self, subject: Subject, trace: Trace, fault: Fault) -> Finding | None:
@@ -453,10 +454,12 @@ def _renamed(rendering: Rendering, key: str) -> str:
 
 
 def _overwriting_line(subject: Subject, method: str) -> int | Line:
-    """The first line of a method that writes into the attribute that it returns as observation, else the method's."""
+    """The first line of a method, or of one that it calls, that writes into what it returns as observation; else the
+    line of its result.
+    """
     source = subject.target.kind is Kind.SOURCE
     number = _first_write(subject.text, subject.class_statement, method) if source else None
-    return number or subject.line_of(method)
+    return number or _line_of_result(subject, method, 0)
 
 
 @lru_cache(8)
@@ -465,35 +468,76 @@ def _first_write(text: str, env_class: str | None, method: str) -> int | None:
         program = Program(parse(text), env_class)
     except RecursionError:
         return None
-    function = program.method(program.env, method)
-    if function is None:
-        return None
-    results = [node.value for node in function.nodes if isinstance(node, ast.Return)]
-    returned = {function.field(value.elts[0]) for value in results if isinstance(value, ast.Tuple) and value.elts}
-    writes = [*function.writes, *((node.target, node) for node in function.nodes if isinstance(node, ast.AugAssign))]
-    lines = [line_at(node) for target, node in writes if function.field(root(target)) in returned - {""}]
-    return min(lines, default=None)
+    returned: set[str] = set()
+    for one, results in _makers(program, method, 0):
+        values = [value for _, value in results if value is not None]
+        returned.update(field for value in values for field in same_objects(program, one, value))
+        # An attribute may keep what a function returns under a name of its own.
+        names = {value.id for value in values if isinstance(value, ast.Name)}
+        kept = ((target, value) for target, value, _ in one.bindings if isinstance(value, ast.Name))
+        returned.update(field for target, value in kept if value.id in names and (field := one.field(target)))
+    for one in program.reached(method):
+        if program.bound_to(one) != program.env:
+            continue
+        writes = (node for target, node in one.writes if returned & same_objects(program, one, target))
+        if lines := [line_at(node) for node in writes]:
+            return min(lines)
+    return None
 
 
-def _line_of_result(subject: Subject, method: str) -> int | Line:
-    """The line at which a method returns; that of the method where it may at several, or where it is not in this
-    file.
+def _line_of_result(subject: Subject, method: str, part: int | None = None) -> int | Line:
+    """The line at which a method, or the only function of the file that it calls for this, returns a part of its
+    result; that of the method where it may at several, or where it is not in this file.
     """
     source = subject.target.kind is Kind.SOURCE and not subject.target.wrappers
-    line = _only_return(subject.text, subject.class_statement, method) if source else None
+    line = _only_return(subject.text, subject.class_statement, method, part) if source else None
     return line or subject.line_of(method)
 
 
 @lru_cache(8)
-def _only_return(text: str, env_class: str | None, method: str) -> int | None:
+def _only_return(text: str, env_class: str | None, method: str, part: int | None) -> int | None:
     # Many traces of one environment may show the same defect.
     try:
         program = Program(parse(text), env_class)
     except RecursionError:
         return None
-    function = program.method(program.env, method)
-    found = [each.lineno for each in returns(function) if each.value is not None] if function is not None else []
-    return found[0] if len(found) == 1 else None
+    line = None
+    for _, results in _makers(program, method, part):
+        if len(results) == 1:
+            line = results[0][0]
+        elif line is not None:
+            break
+    return line
+
+
+def _makers(
+    program: Program, method: str, part: int | None
+) -> Iterator[tuple[Function, list[tuple[int, ast.expr | None]]]]:
+    """A method, then the function of the file that it calls wherever it returns a part of its result, and so on, each
+    with the lines and the values that it returns.
+    """
+    function, seen = program.method(program.env, method), set[Function]()
+    while function is not None and function not in seen:
+        seen.add(function)
+        results = [(line_at(each), _part(each.value, part)) for each in returns(function) if each.value is not None]
+        yield function, results
+        calls = {_called(program, function, value) for _, value in results}
+        function, part = calls.pop() if len(calls) == 1 else None, None
+
+
+def _part(value: ast.expr | None, part: int | None) -> ast.expr | None:
+    """One part of a returned tuple; the value itself for None."""
+    if part is None:
+        return value
+    return value.elts[part] if isinstance(value, ast.Tuple) and value.elts else None
+
+
+def _called(program: Program, function: Function, value: ast.expr | None) -> Function | None:
+    """The function of the file whose result a value is, directly or by one name."""
+    if isinstance(value, ast.Name):
+        bound = program.values(value, function) if value.id in function.local else []
+        value = bound[0][0] if len(bound) == 1 else None
+    return program.called(value, function) if isinstance(value, ast.Call) else None
 
 
 def _at(step: int) -> str:

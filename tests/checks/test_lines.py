@@ -18,6 +18,7 @@ from evaluation.judge import judge_plans
 
 GAME = """
 import gymnasium as gym
+import numpy as np
 
 
 class Game(gym.Env):
@@ -55,6 +56,40 @@ _VECTOR = """
 
 
 class _Old(gym.Env):"""
+#: A buffer that a method fills and returns.
+_DRAWN = """
+    observation_space = gym.spaces.Box(0, 99, (2,), float)
+    action_space = gym.spaces.Discrete(2)
+
+    def __init__(self):
+        self.cells = np.zeros(2)
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        self.at = int(self.np_random.integers(3))
+        return self._look(), {}
+
+    def step(self, action):
+        self.at += 1
+        return self._look(), float(action), self.at > 20, False, {}
+
+    def _look(self):
+        cells = self.cells
+        cells[:] = self.at
+        return cells
+
+
+class _Old(gym.Env):"""
+_FRESH = _DRAWN.replace("cells = self.cells", "cells = np.zeros(2)")
+_KEPT = _FRESH.replace("return cells", "self.cells = cells\n        return cells")
+_KEPT = _KEPT.replace("self.at = int", "self.cells[:] = 0\n        self.at = int")
+_TYPED = _FRESH.replace("return cells", "return cells.astype(object)")
+_NAMELESS = _DRAWN.replace("np.zeros(2)", "[np.zeros(2)] * 2").replace("= self.cells", "= self.cells[self.at % 2]")
+_MORE = "1.0, self.at == 8, False, {}"
+_LAST = f"return self.at, {_MORE}"
+_LOOK = "\n\n    def _look(self):\n"
+_TEXT = f"{_LOOK}        return str(self.at)\n"
+_EITHER = f"{_LOOK}        if self.at:\n            return 'one'\n        return 'none'\n"
 
 
 @pytest.mark.parametrize(
@@ -67,6 +102,24 @@ class _Old(gym.Env):"""
         ("self.at == 8, False, {}", "self.at == 8, False, 3", "EC114", "self.at == 8, False, 3"),
         ("return self.at, {}", "return self.at", "EC105", "return self.at"),
         ("Game(gym.Env):", f"Game(gym.Env):{_VECTOR}", "EC110", "self.cells += 0.5"),
+        ("Game(gym.Env):", f"Game(gym.Env):{_DRAWN}", "EC110", "cells[:] = self.at"),
+        ("Game(gym.Env):", f"Game(gym.Env):{_KEPT}", "EC110", "self.cells[:] = 0"),
+        ("Game(gym.Env):", f"Game(gym.Env):{_NAMELESS}", "EC110", "return cells"),
+        ("Game(gym.Env):", f"Game(gym.Env):{_TYPED}", "EC108", "return cells.astype(object)"),
+        (
+            "return self.at, {}",
+            f"seen = self._look()\n        return seen, {{}}{_TEXT}",
+            "EC108",
+            "return str(self.at)",
+        ),
+        (_LAST, _LAST.replace("self.at", "self._look()", 1) + _EITHER, "EC108", "return self._look(), 1.0"),
+        (
+            _LAST,
+            f"if self.at:\n            return self._look(), {_MORE}\n        return self._look(), {_MORE}{_TEXT}",
+            "EC108",
+            "return str(self.at)",
+        ),
+        (_LAST, _LAST.replace("{}", "self._look()") + _TEXT, "EC114", "return str(self.at)"),
         ("self.at == 8, False, {}", "self.at == 8, {}", "EC106", "self.at == 8, {}"),
         (
             "return self.at, 1.0",

@@ -230,7 +230,7 @@ def aliases(program: Program) -> Iterator[Suspect]:
     for function in stepping:
         if program.bound_to(function) == program.env:
             for target, node in function.writes:
-                for field in _returned(program, function, target):
+                for field in same_objects(program, function, target):
                     written.setdefault(field, line(node))
     kept = {
         field
@@ -242,7 +242,7 @@ def aliases(program: Program) -> Iterator[Suspect]:
         if (method := program.method(program.env, name)) is not None:
             for node in method.nodes:
                 if isinstance(node, ast.Return) and isinstance(node.value, ast.Tuple) and node.value.elts:
-                    for field in sorted(_returned(program, method, node.value.elts[0])):
+                    for field in sorted(same_objects(program, method, node.value.elts[0])):
                         if field in written and field not in kept and _buffer(program, method, field):
                             yield Suspect(
                                 line(node),
@@ -253,8 +253,15 @@ def aliases(program: Program) -> Iterator[Suspect]:
         yield from _action(step, step.node.args.args[1].arg)
 
 
-def _returned(program: Program, function: Function, node: ast.AST, depth: int = 4) -> set[str]:
-    """The attributes whose objects, or views of them, an expression may be."""
+def same_objects(program: Program, function: Function, node: ast.AST, depth: int = 4) -> set[str]:
+    """Return the attributes whose objects, or views of them, an expression may be.
+
+    Args:
+        program: the file.
+        function: in which the expression is.
+        node: the expression.
+        depth: the most names and calls that it may go through.
+    """
     if depth == 0:
         return set()
     if field := function.field(node):
@@ -263,7 +270,7 @@ def _returned(program: Program, function: Function, node: ast.AST, depth: int = 
         case ast.Name():
             values = program.values(node, function)
             return (
-                _returned(program, function, values[0][0], depth - 1)
+                same_objects(program, function, values[0][0], depth - 1)
                 if len(values) == 1 and values[0][0] is not None
                 else set()
             )
@@ -272,7 +279,7 @@ def _returned(program: Program, function: Function, node: ast.AST, depth: int = 
             if method is None:
                 return set()
             results = [one.value for one in method.nodes if isinstance(one, ast.Return) and one.value is not None]
-            return {one for result in results for one in _returned(program, method, result, depth - 1)}
+            return {one for result in results for one in same_objects(program, method, result, depth - 1)}
         case ast.Call(func=ast.Attribute(attr=attr) as called, args=args, keywords=[]) if attr in _VIEWS:
             whole = (
                 args[0]
@@ -281,13 +288,13 @@ def _returned(program: Program, function: Function, node: ast.AST, depth: int = 
                 and (attr != "asarray" or len(args) == 1)
                 else called.value
             )
-            return _returned(program, function, whole, depth - 1)
+            return same_objects(program, function, whole, depth - 1)
         case ast.Subscript(value=value, slice=ast.Constant() | ast.UnaryOp() | ast.Slice()):
-            return _returned(program, function, value, depth - 1)
+            return same_objects(program, function, value, depth - 1)
         case ast.Subscript(value=value, slice=ast.Tuple(elts=elts)) if any(isinstance(one, ast.Slice) for one in elts):
-            return _returned(program, function, value, depth - 1)
+            return same_objects(program, function, value, depth - 1)
         case ast.Dict(values=values):
-            return {one for value in values for one in _returned(program, function, value, depth - 1)}
+            return {one for value in values for one in same_objects(program, function, value, depth - 1)}
     return set()
 
 
