@@ -43,9 +43,12 @@ from envcraft.errors import Skip, Undecided
 from envcraft.judging.check import Check, Rule
 from envcraft.judging.shrink import repro
 from envcraft.model.rollout import Conditions, Rollout
-from envcraft.model.verdict import Finding
+from envcraft.model.verdict import Finding, Line
 from envcraft.plugins import hookimpl
 from envcraft.text import plural
+
+from .linting.clock import waits
+from .linting.program import in_words, program_of
 
 if TYPE_CHECKING:
     from envcraft.judging.subject import Subject
@@ -148,10 +151,11 @@ class Speed(Check):
         if end is None or not _enough(trace) or not _waiting(trace) or end.cpu > end.seconds / 2:
             return None
         words = f"{min(end.waits, trace.steps)} of {trace.steps} steps wait: they took {taken:.3g} s, and"
+        where, line = _waiting_call(subject, "step")
         return self.finding(
             "EC908",
-            f"{words} the process used {end.cpu:.2g} s of processor time (under {trace.rollout.player})",
-            line=subject.line_of("step"),
+            f"{words} the process used {end.cpu:.2g} s of processor time{where} (under {trace.rollout.player})",
+            line=line,
             repro=repro(trace.rollout.cut(trace.steps)),
             steps=trace.steps,
             waits=min(end.waits, trace.steps),
@@ -194,11 +198,12 @@ class Speed(Check):
         if seconds < _LONG_RESET:
             return None
         end, shown = twice.end, repro(rollout.cut(trace.steps))
-        line = subject.line_of("reset")
         if end.waits >= 2 and end.cpu < end.seconds / 2:
+            words = f"it takes {seconds:.3g} s, and two of them used {end.cpu:.2g} s of processor time"
+            where, line = _waiting_call(subject, "reset")
             return self.finding(
                 "EC908",
-                f"each reset() waits: it takes {seconds:.3g} s, and two of them used {end.cpu:.2g} s of processor time",
+                f"each reset() waits: {words}{where}",
                 line=line,
                 repro=shown,
                 seconds=seconds,
@@ -213,12 +218,22 @@ class Speed(Check):
             f"each reset() takes {seconds:.3g} s of processor time, which with {steps} steps of an episode allows "
             f"{rate:.2g} steps a second; the contract {subject.contract.name} requires {minimum:g} "
             f"(under {rollout.player})",
-            line=line,
+            line=subject.line_of("reset"),
             repro=shown,
             steps=steps,
             steps_per_second=rate,
             minimum=minimum,
         )
+
+
+def _waiting_call(subject: Subject, method: str) -> tuple[str, int | Line]:
+    """The only line of a method, or of what it calls, that waits, in words and as a number; else the method's line."""
+    program = program_of(subject) if not subject.target.wrappers else None
+    found = dict.fromkeys(waits(program, method)) if program is not None else {}
+    if len({suspect.line for suspect in found}) != 1:
+        return "", subject.line_of(method)
+    words, [line] = in_words(found)
+    return f"; {words}", line
 
 
 def pace(costs: Sequence[float]) -> float:

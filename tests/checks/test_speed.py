@@ -72,6 +72,8 @@ def test_steps_that_wait(step: str) -> None:
     assert finding.code == "EC908"
     assert finding.evidence["waits"] >= 0.9 * finding.evidence["steps"]
     assert len(finding.repro.actions) == finding.evidence["steps"]
+    line = target.source.decode().splitlines().index(f"        {step}") + 1
+    assert (finding.line, f"line {line} waits: {step}" in finding.message) == (line, True)
     lease = WorkerPool(driver_named("process")).lease()
     with Subject(target, ARCADE, lease, BUDGETS["quick"]) as subject:
         again = Speed().confirm(subject, finding)

@@ -1,4 +1,4 @@
-"""Time that play reads and uses."""
+"""Time that play reads and uses, and calls that wait."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ _CLOCKS = frozenset({
 })  # fmt: skip
 #: The readings of a file that are followed.
 _READINGS = 10
+_WAITS = frozenset({"pygame.time.delay", "pygame.time.wait", "time.sleep"})
 _OF_PYGAME = frozenset({"get_fps", "get_rawtime", "get_time", "tick", "tick_busy_loop"})
 
 
@@ -26,13 +27,7 @@ def clocks(program: Program) -> Iterator[Suspect]:
         if not isinstance(node, ast.Call):
             return False
         if isinstance(node.func, ast.Attribute) and node.func.attr in _OF_PYGAME:
-            owner = node.func.value
-            made = [
-                program.path(value.func, one)
-                for value, one in program.values(owner, function)
-                if isinstance(value, ast.Call)
-            ]
-            return "pygame.time.Clock" in made
+            return _is_clock(program, node.func.value, function)
         return program.path(node.func, function) in _CLOCKS
 
     found = (node for function in program.play for node in function.nodes if reads(node, function))
@@ -42,3 +37,24 @@ def clocks(program: Program) -> Iterator[Suspect]:
                 f"reads the clock, {ast.unparse(read)[:40]}, and line {line(used)} uses it: {ast.unparse(used)[:60]}"
             )
             yield Suspect(line(read), words)
+
+
+def waits(program: Program, method: str) -> Iterator[Suspect]:
+    """Find calls of a method, or of what it calls, that wait for the clock."""
+    for function in program.reached(method):
+        for node in function.nodes:
+            if not isinstance(node, ast.Call):
+                continue
+            match node.func:
+                case ast.Attribute(attr="tick" | "tick_busy_loop", value=owner) if node.args or node.keywords:
+                    found = _is_clock(program, owner, function)
+                case called:
+                    found = program.path(called, function) in _WAITS
+            if found:
+                yield Suspect(line(node), f"waits: {ast.unparse(node)[:60]}")
+
+
+def _is_clock(program: Program, node: ast.AST, function: Function) -> bool:
+    """Whether an expression is a clock of pygame."""
+    made = ((value.func, one) for value, one in program.values(node, function) if isinstance(value, ast.Call))
+    return "pygame.time.Clock" in [program.path(called, one) for called, one in made]
