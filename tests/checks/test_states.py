@@ -263,6 +263,25 @@ CAUSES = {
             "shown": "first = next(iter(self.kinds))  # here\n" + _BAR.format("sum(map(ord, first)) * 3"),
         },
     ),
+    "the action, which the caller may overwrite": (
+        "EC215",
+        "self.presses",
+        {
+            "reset": "self.presses, self.last = 0, np.zeros(3, int)",
+            "step": "self.presses += int(action[1] and not self.last[1])\n"
+            "self.last = np.asarray(action)  # here\n"
+            "action = None",
+            "shown": _BAR.format("self.presses * 5"),
+        },
+    ),
+    "an action in a list": (
+        "EC215",
+        "self.lane",
+        {
+            "reset": "self.orders = [np.zeros(3, int)]",
+            "step": "self.orders.append(action)  # here\nself.lane = (self.lane + int(self.orders.pop(0)[1])) % 80",
+        },
+    ),
     "the clock": (
         "EC205",
         "self.lamp",

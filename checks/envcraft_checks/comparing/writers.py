@@ -28,7 +28,7 @@ from envcraft_checks.linting.program import (
     name_of,
     root,
 )
-from envcraft_checks.linting.sharing import is_bookkeeping, only_remembers, shared
+from envcraft_checks.linting.sharing import is_bookkeeping, kept_actions, only_remembers, shared
 
 if TYPE_CHECKING:
     from envcraft.judging.subject import Subject
@@ -43,6 +43,7 @@ FINDERS: dict[str, tuple[Callable[[Program], Iterator[Suspect]], ...]] = {
     "EC205": (clocks,),
     "EC206": (kept, leftovers, shared),
     "EC207": (shared,),
+    "EC215": (kept_actions,),
 }
 #: What finds the lines where those above find none.
 _LAST: dict[str, tuple[Callable[[Program], Iterator[Suspect]], ...]] = {

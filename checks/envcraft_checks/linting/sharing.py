@@ -5,7 +5,7 @@ from __future__ import annotations
 import ast
 from collections.abc import Iterator
 
-from .program import Function, Program, Suspect, line, name_of
+from .program import Function, Program, Suspect, line, name_of, root
 from .usage import Usage
 
 _CONTAINERS = frozenset({
@@ -251,6 +251,37 @@ def aliases(program: Program) -> Iterator[Suspect]:
     step = program.method(program.env, "step")
     if step is not None and len(step.node.args.args) > 1:
         yield from _action(step, step.node.args.args[1].arg)
+
+
+def kept_actions(program: Program) -> Iterator[Suspect]:
+    """Find where step() keeps its action without a copy, once play has shown that this matters."""
+    step = program.method(program.env, "step")
+    if step is None or len(step.node.args.args) < 2:
+        return
+    action = step.node.args.args[1].arg
+    others = [
+        line(node)
+        for target, value, node in step.bindings
+        if isinstance(target, ast.Name) and target.id == action and not _is_same(value, action)
+    ]
+    kept = [(node, value) for target, value, node in step.bindings if step.field(root(target))]
+    for node in step.nodes:
+        match node:
+            case ast.Call(func=ast.Attribute(attr="append" | "appendleft" | "insert", value=owner), args=[*_, value]):
+                kept += [(node, value)] if step.field(root(owner)) else []
+            case ast.Assign(targets=[ast.Subscript(value=owner)], value=value):
+                kept += [(node, value)] if step.field(root(owner)) else []
+    for node, given in kept:
+        if _is_same(given, action) and line(node) <= min(others, default=line(node)):
+            yield Suspect(line(node), f"keeps the caller's action without a copy: {ast.unparse(node)[:60]}")
+
+
+def _is_same(node: ast.AST | None, name: str) -> bool:
+    """Whether an expression is the object of a name, which asarray() does not copy."""
+    match node:
+        case ast.Call(args=[inner, *_]) if name_of(node) == "asarray":
+            return _is_same(inner, name)
+    return isinstance(node, ast.Name) and node.id == name
 
 
 def same_objects(program: Program, function: Function, node: ast.AST, depth: int = 4) -> set[str]:
