@@ -241,6 +241,15 @@ CAUSES = {
             "shown": _BAR.format("self.wind"),
         },
     ),
+    "the global generator, which reset() seeds": (
+        "EC204",
+        "self.wind",
+        {
+            "reset": "random.seed(seed)\nself.wind = random.randrange(60)",
+            "step": "self.wind = self.wind % 60\nif random.random() < 0.5:  # here\n    self.wind += 7",
+            "shown": _BAR.format("self.wind"),
+        },
+    ),
     "NumPy's global generator": (
         "EC204",
         "self.wind",

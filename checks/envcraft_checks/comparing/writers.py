@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 from envcraft.model.target import Kind, parse
 from envcraft.text import relative
 from envcraft_checks.linting.clock import clocks
-from envcraft_checks.linting.generators import generators
+from envcraft_checks.linting.generators import generators, seeded_draws
 from envcraft_checks.linting.leftovers import kept, leftovers, used_fields
 from envcraft_checks.linting.order import orders, turns
 from envcraft_checks.linting.program import (
@@ -49,6 +49,7 @@ FINDERS: dict[str, tuple[Callable[[Program], Iterator[Suspect]], ...]] = {
 _LAST: dict[str, tuple[Callable[[Program], Iterator[Suspect]], ...]] = {
     "EC202": (partial(turns, kinds=("objects",)),),
     "EC203": (partial(turns, kinds=("strings", "members of an enumeration")),),
+    "EC204": (seeded_draws,),
 }
 #: The parts of the results of ``step``, in order.
 PARTS = ("observation", "reward", "terminated", "truncated", "info")

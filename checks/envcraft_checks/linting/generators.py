@@ -31,21 +31,12 @@ def generators(program: Program) -> Iterator[Suspect]:
         for node in function.nodes
         if isinstance(node, ast.Call) and node.args and (path := program.path(node.func, function)).endswith(".seed")
     }
-    aliases = {
-        function.field(target): path
-        for function in every
-        for target, value, _ in function.bindings
-        if function.field(target)
-        and value is not None
-        and (path := program.path(value, function)) in ("random", "numpy.random")
-    }
+    aliases = _aliases(program)
     for function in every:
         for node in function.nodes:
             if not isinstance(node, ast.Call):
                 continue
-            path = program.path(node.func, function)
-            if isinstance(node.func, ast.Attribute) and (alias := aliases.get(function.field(node.func.value))):
-                path = f"{alias}.{node.func.attr}"
+            path = _path(program, node, function, aliases)
             if draws(path) and path.rpartition(".")[0] not in seeded:
                 words = f"takes a number that no seed of reset() controls: {path}()"
             elif function in play and _draws_from_space(program, node, function) and not _seeds_space(every):
@@ -59,6 +50,40 @@ def generators(program: Program) -> Iterator[Suspect]:
     yield from _fixed(program, usage)
     yield from _ignored_seed(program)
     yield from _constant_seed(program)
+
+
+def seeded_draws(program: Program) -> Iterator[Suspect]:
+    """Find draws of play from global generators, once play has shown that seeding these in reset() is not enough."""
+    aliases = _aliases(program)
+    # What reset() draws after it has seeded a generator depends on the seed alone.
+    for functions in (program.reached("step"), program.play):
+        found = [
+            Suspect(line(node), f"draws from a generator that other code may use, too: {path}()")
+            for function in functions
+            for node in function.nodes
+            if isinstance(node, ast.Call) and draws(path := _path(program, node, function, aliases))
+        ]
+        if found:
+            yield from found
+            return
+
+
+def _aliases(program: Program) -> dict[str, str]:
+    """The attributes that are the modules of the global generators."""
+    return {
+        function.field(target): path
+        for function in program.all
+        for target, value, _ in function.bindings
+        if function.field(target)
+        and value is not None
+        and (path := program.path(value, function)) in ("random", "numpy.random")
+    }
+
+
+def _path(program: Program, call: ast.Call, function: Function, aliases: dict[str, str]) -> str:
+    if isinstance(call.func, ast.Attribute) and (alias := aliases.get(function.field(call.func.value))):
+        return f"{alias}.{call.func.attr}"
+    return program.path(call.func, function)
 
 
 def draws(path: str) -> bool:
