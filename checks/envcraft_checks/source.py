@@ -143,8 +143,8 @@ class Source(Check):
         Rule(
             "EC009",
             "import-side-effects",
-            "Importing the file prints, starts threads, seeds global generators or is slow.",
-            "Do such things in the class, not at import.",
+            "Loading the file prints, starts threads, seeds global generators or is slow.",
+            "Print nothing, and do the rest in the class, not at import.",
             Severity.WARNING,
         ),
         Rule("EC010", "too-large", "The file is too large to be an environment.", "Keep data out of the source."),
@@ -362,12 +362,16 @@ class Source(Check):
         return self.finding(code, words, line=next(iter(end.stack), line), output=end.output[-2000:])
 
     def _judge_effects(self, subject: Subject, effects: Effects, output: str) -> Iterator[Finding]:
-        found, line = [], None
+        found, line, constructor = [], None, ""
         if output.strip():
-            found.append(f"prints {output.strip().splitlines()[0][:60]!r}")
+            prints = f"prints {output.strip().splitlines()[0][:60]!r}"
             if (program := program_of(subject)) is not None:
-                code = [*import_code(program), *method_code(program, "__init__")]
-                line = printing_line(program, code, output)
+                imported = list(import_code(program))
+                line = printing_line(program, [*imported, *method_code(program, "__init__")], output)
+                if line is not None and printing_line(program, imported, output) is None:
+                    constructor = f"the constructor {prints}"
+            if not constructor:
+                found.append(prints)
         if effects.get("random") or effects.get("numpy_random"):
             found.append("changes the global random generators")
             if line is None and (program := program_of(subject)) is not None:
@@ -377,8 +381,10 @@ class Source(Check):
         seconds = effects.get("seconds", 0.0)
         if seconds > _SLOW_IMPORT:
             found.append(f"takes {seconds:.1f} s")
-        if found:
-            yield self.finding("EC009", f"loading the file {' and '.join(found)}", line=line, **effects)
+        if found or constructor:
+            loading = [f"loading the file {' and '.join(found)}"] if found else []
+            words = ", and ".join([*loading, *([constructor] if constructor else [])])
+            yield self.finding("EC009", words, line=line, **effects)
 
     def _wrong_count(self, classes: list[str], description: Description, subject: Subject) -> Finding:
         if classes:

@@ -88,5 +88,12 @@ _METHOD = "    def __init__(self, render_mode=None):\n"
 )
 def test_the_line_that_prints_or_seeds(old: str, new: str, named: str | None) -> None:
     text = "import sys\n" + (GAME.replace(old, new, 1) if old else GAME + new)
-    line = findings(text, Source())["EC009"].line
-    assert (text.splitlines()[line - 1].strip() if line is not None else None) == named
+    found = findings(text, Source())["EC009"]
+    assert (text.splitlines()[found.line - 1].strip() if found.line is not None else None) == named
+    assert found.message.startswith("the constructor prints" if old == _METHOD else "loading the file ")
+
+
+def test_what_the_constructor_prints_is_not_said_of_the_import() -> None:
+    text = GAME.replace(_METHOD, f"{_METHOD}        print('hello')\n", 1) + "np.random.rand()\n"
+    words = "loading the file changes the global random generators, and the constructor prints 'hello'"
+    assert findings(text, Source())["EC009"].message == words
