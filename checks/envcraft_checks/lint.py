@@ -8,7 +8,12 @@ what is only suspicious is a warning, or off by default.
 If nothing changes a value between two reads, their difference is zero. A reward or a test that uses it is an error.
 
 Sums that a test of the end compares with `==` are computed in floats and in exact fractions. If no float equals the
-number, EC056 is an error; if only the order of the additions decides, it is a warning.
+number, EC056 is an error; if only the order of the additions decides, it is a warning. The same holds for whole numbers
+that a count may skip, such as hearts that an enemy takes in twos.
+
+EC059 also reports a step limit in digits that is not the one which the code declares and uses elsewhere, a reward that
+step() decides after it has paid the reward of its last step, and `all(a == b for a, b in zip(...))` of a list that may
+be empty.
 
 The check runs after the others. If play has shown a defect of the same kind, for example EC204 for a draw from a
 global generator, that finding has the reproduction, and this check does not repeat it. A rule that is off by default
@@ -55,12 +60,16 @@ from .linting.effects import effects, swallowed
 from .linting.equal import equal_values
 from .linting.generators import generators
 from .linting.leftovers import leftovers
+from .linting.limits import other_limits
 from .linting.logic import contradictions, divisions
 from .linting.order import orders
+from .linting.owed import owed_rewards
+from .linting.pairs import short_comparisons
 from .linting.parts import parts_read_twice
 from .linting.powers import powers
 from .linting.program import Program, Suspect, in_words
 from .linting.sharing import aliases, shared
+from .linting.skipped import skipped_numbers
 from .linting.success import unreachable_successes
 from .linting.sums import floats
 from .linting.unending import ongoing_successes
@@ -83,6 +92,7 @@ _FINDERS: tuple[tuple[str, Callable[[Program], Iterator[Suspect]]], ...] = (
     ("EC054", aliases),
     ("EC055", effects),
     ("EC056", floats),
+    ("EC056", skipped_numbers),
     ("EC057", divisions),
     ("EC057", powers),
     ("EC058", swallowed),
@@ -96,6 +106,9 @@ _FINDERS: tuple[tuple[str, Callable[[Program], Iterator[Suspect]]], ...] = (
     ("EC059", early_successes),
     ("EC060", ongoing_successes),
     ("EC059", equal_values),
+    ("EC059", other_limits),
+    ("EC059", owed_rewards),
+    ("EC059", short_comparisons),
     ("EC059", parts_read_twice),
 )
 
@@ -148,8 +161,8 @@ class Lint(Check):
         Rule(
             "EC056",
             "exact-float",
-            "A test of the end compares a sum of fractions with ==.",
-            "Compare with >=, or count in whole numbers.",
+            "A test of the end compares a sum with ==, which may miss the number.",
+            "Compare with >= or <=.",
         ),
         Rule(
             "EC057",

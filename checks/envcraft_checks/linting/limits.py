@@ -13,6 +13,10 @@ _TRUNCATED, _RESULTS = 3, 5
 _OVER = re.compile(r"done|over|terminat|truncat|lost|lose|dead|died|success|victory|won\b|win\b|finish", re.I)
 #: Names of what limits the time of an episode. A number of moves or of turns may be a rule of the game.
 _LIMIT = re.compile(r"max_?(episode_?)?(steps?|len|frames)|(steps?|time|episode|frames?)_?(limit|length)|horizon", re.I)
+#: Names of what limits the steps of an episode, and nothing else.
+_STEP_LIMIT = re.compile(
+    r"_*max_?(episode_?)?(steps|frames)|_*(episode_|step_|steps_)limit|_*episode_length|_*horizon", re.I
+)
 #: How often a limit that starts again must fit into the longest episode that is allowed: one event doubles it.
 _TWICE = 2
 _BOUNDS = (ast.GtE, ast.Gt, ast.Eq)
@@ -77,6 +81,56 @@ def terminates_at(program: Program) -> tuple[int, Suspect] | None:
             steps = int(bound[1]) + (bound[2] is ast.Gt)
             return steps, Suspect(line(test), f"ends it if {ast.unparse(test)}")
     return None
+
+
+def other_limits(program: Program) -> Iterator[Suspect]:
+    """Find a number of steps that ends the episode, and that is not the one which the code declares as its limit.
+
+    The declared limit has a name such as MAX_STEPS. A test of a step counter with it may be one of several limits.
+    """
+    step = program.method(program.env, "step")
+    if step is None:
+        return
+    play = program.reached("step")
+    tests = {
+        node: function for place in (_TRUNCATED - 1, _TRUNCATED) for node, function in _tests(program, step, place)
+    }
+    counted = [
+        (node, found[1])
+        for node, function in tests.items()
+        if (found := _bound(program, node, function))
+        and _adds(play, found[0])
+        and _always(program, step, play, found[0])
+    ]
+    if len(counted) != 1:
+        return
+    [(test, most)] = counted
+    if isinstance(test, ast.Compare) and isinstance(test.comparators[0], ast.Constant):
+        for name, value in _declared(program).items():
+            if value != most and _reads(program, name):
+                yield Suspect(line(test), f"ends the episode if {ast.unparse(test)}, but {name} is {value:g}")
+
+
+def _declared(program: Program) -> dict[str, float]:
+    """The numbers that the module, the class or its constructor binds once to the name of a step limit."""
+    bound: dict[str, list[ast.expr | None]] = {}
+    for name, value in program.module_values.items():
+        bound.setdefault(name, []).append(value)
+    for name, (_, value) in program.class_values(program.env).items():
+        bound.setdefault(name, []).append(value)
+    for name, values in program.field_values(program.env).items():
+        bound.setdefault(name, []).extend(value for value, _ in values)
+    found = {name: _constant(program, values[0], None) for name, values in bound.items() if len(values) == 1}
+    return {name: value for name, value in found.items() if value is not None and _STEP_LIMIT.fullmatch(name)}
+
+
+def _reads(program: Program, name: str) -> bool:
+    """Whether play or the picture uses a name or an attribute."""
+    return any(
+        isinstance(node, ast.Name | ast.Attribute) and name_of(node) == name and isinstance(node.ctx, ast.Load)
+        for function in program.reached("reset", "step", "render")
+        for node in function.nodes
+    )
 
 
 def _is_false(program: Program, flag: ast.expr, step: Function) -> bool:

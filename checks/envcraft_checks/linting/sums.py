@@ -7,8 +7,9 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from fractions import Fraction
 
+from .ends import exact_tests
 from .program import Function, Program, Suspect, bindings, line, name_of, outside
-from .ranges import Ranges, decides, names_end
+from .ranges import Ranges
 
 #: The most sums that are computed, and the most terms of a sum that are written out.
 _SUMS, _TERMS = 4_000, 4
@@ -16,7 +17,6 @@ _SUMS, _TERMS = 4_000, 4
 _PAST = 3
 #: Names by which code gives an attribute a value that is not written as an assignment.
 _INDIRECT = frozenset({"__dict__", "__setattr__", "replace", "setattr", "vars"})
-_BEYOND = (ast.Lt, ast.LtE, ast.Gt, ast.GtE)
 
 
 @dataclass(frozen=True)
@@ -49,58 +49,11 @@ def floats(program: Program) -> Iterator[Suspect]:
     certain to fail if no sum at all is equal.
     """
     ranges = Ranges(program)
-    tests = [
-        (node, function)
-        for function in program.play
-        for node in function.nodes
-        if isinstance(node, ast.Compare) and len(node.ops) == 1 and _ends(program, function, node)
-    ]
-    # What passes the number in steps may still end the episode by another test.
-    passed = {name_of(side) for node, _ in tests if isinstance(node.ops[0], _BEYOND) for side in _sides(node)}
-    for node, function in tests:
-        for side, other in (_sides(node), _sides(node)[::-1]):
-            if isinstance(node.ops[0], ast.Eq) and isinstance(side, ast.Attribute) and side.attr not in passed:
-                target = ranges.constant(other, function)
-                miss = None if target is None else _Sums(program, ranges, side.attr).missing(target)
-                if miss is not None:
-                    yield Suspect(line(node), f"tests {ast.unparse(node)}, but {miss}", miss.never)
-
-
-def _sides(test: ast.Compare) -> list[ast.expr]:
-    return [test.left, test.comparators[0]]
-
-
-def _ends(program: Program, function: Function, test: ast.expr) -> bool:
-    """Whether a test decides how an episode ends: by a name, by the flags that step() returns, or as the result of a
-    method with such a name as ``_is_won``.
-    """
-    if decides(program, test):
-        return True
-    node: ast.AST = test
-    while not isinstance(node, ast.stmt):
-        node = program.parents[node]
-        if isinstance(node, ast.IfExp | ast.comprehension | ast.UnaryOp):
-            return False
-    match node:
-        case ast.Return(value=value):
-            flags = _flags(function, value)
-            return any(test in set(ast.walk(flag)) for flag in flags) if flags else names_end(function.name)
-        case ast.If(test=tested, body=[*_, ast.Return(value=value)]) if test in set(ast.walk(tested)):
-            flags = _flags(function, value)
-            return any(map(_is_true, flags)) if flags else _is_true(value) and names_end(function.name)
-        case ast.Assign(targets=[ast.Name(id=name)]) if not isinstance(test, ast.Name):
-            named = (one for one in function.nodes if isinstance(one, ast.Name) and isinstance(one.ctx, ast.Load))
-            return any(one.id == name and _ends(program, function, one) for one in named)
-    return False
-
-
-def _flags(function: Function, value: ast.expr | None) -> list[ast.expr]:
-    """The two flags if an expression is what step() returns."""
-    return value.elts[2:4] if function.name == "step" and isinstance(value, ast.Tuple) else []
-
-
-def _is_true(node: ast.expr | None) -> bool:
-    return isinstance(node, ast.Constant) and node.value is True
+    for node, side, other, function in exact_tests(program):
+        target = ranges.constant(other, function)
+        miss = None if target is None else _Sums(program, ranges, side.attr).missing(target)
+        if miss is not None:
+            yield Suspect(line(node), f"tests {ast.unparse(node)}, but {miss}", miss.never)
 
 
 class _Sums:

@@ -1,0 +1,137 @@
+"""Tests of the end that compare a count with ``==``, although the count may skip the number."""
+
+from __future__ import annotations
+
+import ast
+import re
+from collections.abc import Iterator
+
+from .ends import exact_tests
+from .program import Function, Program, Suspect, line, name_of
+from .ranges import Ranges
+
+#: Names under which another object may know the environment.
+_ENVIRONMENT = re.compile(r"env|game|world|state|owner|parent", re.I)
+#: The most values of a count that are tried.
+_VALUES = 2_000
+
+
+def skipped_numbers(program: Program) -> Iterator[Suspect]:
+    """Find tests of the end that compare a count with ``==``, where a sum or a difference may skip the number.
+
+    A count is judged if its first values are numbers in the code, and play only adds such numbers. If it moves in both
+    directions, it may come back, and the test is only suspicious.
+    """
+    ranges = Ranges(program)
+    for test, side, other, function in exact_tests(program):
+        field, target = function.field(side), ranges.constant(other, function)
+        if not field or target is None or program.bound_to(function) != program.env:
+            continue
+        count = _Count(program, ranges, field)
+        if (skip := count.skip(target)) is not None:
+            before, after, number = skip
+            words = f"tests {ast.unparse(test)}, but line {number} may take self.{field} from {before:g} to {after:g}"
+            yield Suspect(line(test), words, count.one_way)
+
+
+class _Count:
+    """The numbers that an attribute of the environment is set to, and those that play adds to it."""
+
+    def __init__(self, program: Program, ranges: Ranges, field: str) -> None:
+        self._program, self._ranges, self._field = program, ranges, field
+        self._set: set[float] = set()
+        self._added: dict[float, int] = {}
+        self._known = not any(map(self._may_change, program.nodes))
+        for method in ranges.methods:
+            for target, value, statement in method.bindings:
+                if method.field(target) == field:
+                    self._bind(value, statement, method, field)
+            for node in method.nodes:
+                if isinstance(node, ast.AugAssign) and method.field(node.target) == field:
+                    self._add(node.op, node.value, node, method)
+        owned = program.class_values(program.env).get(field)
+        if owned is not None:
+            self._bind(owned[1], program.tree, None, field)
+
+    def _may_change(self, node: ast.AST) -> bool:
+        """Whether a node may set the attribute in a way that the methods of the environment do not show."""
+        match node:
+            case ast.Attribute(value=owner, attr=attr, ctx=ast.Store() | ast.Del()) if attr == self._field:
+                return bool(_ENVIRONMENT.search(name_of(owner)))
+        return name_of(node) in ("__dict__", "setattr", "vars")
+
+    @property
+    def one_way(self) -> bool:
+        """Whether play only ever makes the count larger, or only smaller."""
+        return len({number > 0 for number in self._added}) == 1
+
+    def _bind(self, value: ast.expr | None, node: ast.AST, method: Function | None, field: str) -> None:
+        if method is not None and isinstance(value, ast.BinOp) and method.field(value.left) == field:
+            self._add(value.op, value.right, node, method)
+            return
+        numbers = self._numbers(value, method)
+        self._known &= bool(numbers)
+        self._set |= numbers
+
+    def _add(self, op: ast.operator, value: ast.expr, node: ast.AST, method: Function) -> None:
+        numbers = self._numbers(value, method) if isinstance(op, ast.Add | ast.Sub) else set()
+        self._known &= bool(numbers)
+        for number in numbers - {0.0}:
+            self._added.setdefault(-number if isinstance(op, ast.Sub) else number, line(node))
+
+    def _numbers(self, node: ast.AST | None, method: Function | None, depth: int = 3) -> set[float]:
+        """The whole numbers that an expression may be; none if they are not known."""
+        if (number := self._ranges.constant(node, method)) is not None:
+            return {number} if number == int(number) else set()
+        parts: list[tuple[ast.AST | None, Function | None]] = []
+        match node:
+            case ast.IfExp(body=body, orelse=orelse):
+                parts = [(body, method), (orelse, method)]
+            case ast.Name(id=name) if method is not None and name in method.local:
+                if not any(isinstance(target, ast.Name) and target.id == name for target, _ in method.writes):
+                    parts = [*self._program.values(node, method)]
+            case ast.Attribute() if method is not None and not method.field(node):
+                # The attribute of another object, such as of an enemy.
+                parts = [*self._values_elsewhere(node.attr)]
+        found = [self._numbers(one, owner, depth - 1) if depth else set() for one, owner in parts]
+        return set().union(*found) if found and all(found) else set()
+
+    def _values_elsewhere(self, name: str) -> Iterator[tuple[ast.AST | None, Function | None]]:
+        for function in self._program.all:
+            for target, value, _ in function.bindings:
+                if isinstance(target, ast.Attribute) and target.attr == name:
+                    yield value, function
+            if any(isinstance(target, ast.Attribute) and target.attr == name for target, _ in function.writes):
+                yield None, None
+        for node in self._program.nodes:
+            if isinstance(node, ast.keyword) and node.arg == name:
+                yield node.value, None
+
+    def skip(self, target: float) -> tuple[float, float, int] | None:
+        """A value before the number, the value behind it that play may go on to, and the line that does it.
+
+        Returns:
+            None if the count meets the number, or its values are not known.
+        """
+        if not self._known or not self._set or target in self._set:
+            return None
+        waiting = sorted(self._set)
+        seen = set(waiting)
+        for before in waiting:
+            for number, at in sorted(self._added.items(), key=lambda item: (abs(item[0]), item)):
+                after = before + number
+                if (before - target) * (after - target) < 0:
+                    return before, after, at
+                if (
+                    after not in seen
+                    and after != target
+                    and len(seen) < _VALUES
+                    and self._is_nearer(before, after, target)
+                ):
+                    seen.add(after)
+                    waiting.append(after)
+        return None
+
+    @staticmethod
+    def _is_nearer(before: float, after: float, target: float) -> bool:
+        return abs(after - target) < abs(before - target)
