@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterator
 from typing import Any
 
@@ -70,7 +71,12 @@ def replays(game: Subject) -> Iterator[Rollout]:
 
 
 def seen(trace: Trace) -> tuple[Any, ...]:
-    """Everything that can be observed of an episode, apart from its time."""
+    """Everything that can be observed of an episode, apart from its time, and from the picture of a terminal state: no
+    action follows it, and its value is zero by definition.
+    """
+    if trace.ended and trace.terminated[-1] and len(trace.observations) == trace.steps + 1 > 1:
+        frames = trace.frames[: trace.steps]
+        trace = dataclasses.replace(trace, observations=trace.observations[:-1], frames=frames)
     return (
         digest(trace),
         trace.reward_types,

@@ -83,7 +83,9 @@ def goes_on_after_success(game: Source) -> Places:
 @operator(*_ENDS)
 def goes_on_after_loss(game: Source) -> Places:
     """Do not end the episode when the game is lost."""
-    if game.results and game.success:
+    ends = {game.of(values[TERMINATED]) for _, values in game.results}
+    # A game that only success ends has no loss.
+    if game.success and ends - {game.success, game.success.removeprefix("bool(").removesuffix(")")}:
         yield result(game, TERMINATED, f"({{0}}) and ({game.success})")
 
 
