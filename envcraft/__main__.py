@@ -33,6 +33,8 @@ def _run() -> None:
     import os
     import signal
 
+    # NumPy's BLAS starts a thread for each core, which spins for 30 ms. No command multiplies large matrices with NumPy.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from envcraft.cli.group import cli
 
     for stream in (sys.stdout, sys.stderr):

@@ -496,6 +496,17 @@ def test_ctrl_c_is_exit_130_before_any_command_runs(invoke: Any, monkeypatch: py
     assert (done.returncode, done.stderr) == (130, "interrupted\n")
 
 
+def test_numpy_starts_no_threads(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+        monkeypatch.delenv(name, raising=False)
+    code = (
+        "import os, sys\nfrom envcraft.__main__ import main\nsys.argv[1:] = ['--version']\n"
+        "try:\n    main()\nexcept SystemExit:\n    import numpy\n    print(len(os.listdir('/proc/self/task')))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=240, check=True)
+    assert done.stdout.splitlines()[-1] == "1"
+
+
 @pytest.mark.parametrize("arguments", [("checks", "--format", "json"), ("checks",), ("--version",)])
 def test_a_closed_pipe_is_no_bad_environment(arguments: tuple[str, ...]) -> None:
     """Whoever writes to it: Click, Rich, or the interpreter at the end."""
