@@ -33,7 +33,7 @@ def _run() -> None:
     import os
     import signal
 
-    # NumPy's BLAS starts a thread for each core, which spins for 30 ms. No command multiplies large matrices with NumPy.
+    # NumPy's BLAS starts a thread for each core, which spins for 30 ms. No command multiplies large matrices in NumPy.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from envcraft.cli.group import cli
 

@@ -496,6 +496,7 @@ def test_ctrl_c_is_exit_130_before_any_command_runs(invoke: Any, monkeypatch: py
     assert (done.returncode, done.stderr) == (130, "interrupted\n")
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="it counts the threads in /proc")
 def test_numpy_starts_no_threads(monkeypatch: pytest.MonkeyPatch) -> None:
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
         monkeypatch.delenv(name, raising=False)
