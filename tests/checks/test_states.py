@@ -349,6 +349,15 @@ def test_a_list_in_the_order_of_a_set_of_objects(root: Path) -> None:
     assert (finding.evidence["state"]["path"], finding.line) in [("LEFT", 21), ("RIGHT", 22), ("LOW", 23)]
 
 
+def test_a_clock_that_leaves_no_field_is_named() -> None:
+    shown = "bob = pygame.time.get_ticks() % 40  # here\nframe[bob : bob + 4, :3] = 200"
+    source = _game(top="import pygame\n", made="pygame.init()", shown=shown)
+    finding = _found(source)["EC205"]
+    line = 1 + next(number for number, text in enumerate(source.splitlines()) if text.endswith("# here"))
+    assert finding.line == line
+    assert f"line {line} reads the clock, pygame.time.get_ticks()" in finding.message
+
+
 def test_values_are_shown() -> None:
     parts: Any = {"made": "self.speed = 0.25", "step": "self.speed += 0.5", "shown": _BAR.format("self.speed * 8")}
     finding = _found(_game(**parts))["EC206"]

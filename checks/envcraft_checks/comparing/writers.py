@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 from envcraft.model.target import Kind, parse
 from envcraft.text import relative
-from envcraft_checks.linting.clock import clocks
+from envcraft_checks.linting.clock import clocks, readings
 from envcraft_checks.linting.generators import generators, seeded_draws
 from envcraft_checks.linting.leftovers import kept, leftovers, used_fields
 from envcraft_checks.linting.order import orders, turns
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 #: What finds the lines that may cause a difference, by its code.
 FINDERS: dict[str, tuple[Callable[[Program], Iterator[Suspect]], ...]] = {
-    "EC201": (generators,),
+    "EC201": (generators, clocks),
     "EC202": (orders, generators),
     "EC203": (orders,),
     "EC204": (generators,),
@@ -50,6 +50,7 @@ _LAST: dict[str, tuple[Callable[[Program], Iterator[Suspect]], ...]] = {
     "EC202": (partial(turns, kinds=("objects",)),),
     "EC203": (partial(turns, kinds=("strings", "members of an enumeration")),),
     "EC204": (seeded_draws,),
+    "EC205": (readings,),
 }
 #: The parts of the results of ``step``, in order.
 PARTS = ("observation", "reward", "terminated", "truncated", "info")

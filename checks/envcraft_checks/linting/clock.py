@@ -22,21 +22,29 @@ _OF_PYGAME = frozenset({"get_fps", "get_rawtime", "get_time", "tick", "tick_busy
 
 def clocks(program: Program) -> Iterator[Suspect]:
     """Find readings of the clock that reach a decision, a picture or a result of play."""
-
-    def reads(node: ast.AST, function: Function) -> bool:
-        if not isinstance(node, ast.Call):
-            return False
-        if isinstance(node.func, ast.Attribute) and node.func.attr in _OF_PYGAME:
-            return _is_clock(program, node.func.value, function)
-        return program.path(node.func, function) in _CLOCKS
-
-    found = (node for function in program.play for node in function.nodes if reads(node, function))
-    for read in itertools.islice(found, _READINGS):
+    for read in itertools.islice(_readings(program), _READINGS):
         if (used := next(Flow(program, program.play, read).uses(), None)) is not None:
             words = (
                 f"reads the clock, {ast.unparse(read)[:40]}, and line {line(used)} uses it: {ast.unparse(used)[:60]}"
             )
             yield Suspect(line(read), words)
+
+
+def readings(program: Program) -> Iterator[Suspect]:
+    """Find all readings of the clock during play, of which play has shown that some matter."""
+    for read in _readings(program):
+        yield Suspect(line(read), f"reads the clock, {ast.unparse(read)[:40]}")
+
+
+def _readings(program: Program) -> Iterator[ast.Call]:
+    for function in program.play:
+        for node in function.nodes:
+            match node:
+                case ast.Call(func=ast.Attribute(value=owner, attr=attr)) if attr in _OF_PYGAME:
+                    if _is_clock(program, owner, function):
+                        yield node
+                case ast.Call(func=called) if program.path(called, function) in _CLOCKS:
+                    yield node
 
 
 def waits(program: Program, method: str) -> Iterator[Suspect]:
