@@ -502,7 +502,10 @@ def _only_return(text: str, env_class: str | None, method: str, part: int | None
     except RecursionError:
         return None
     line = None
-    for _, results in _makers(program, method, part):
+    for number, (_, results) in enumerate(_makers(program, method, part)):
+        if number and part is None and not all(isinstance(value, ast.Tuple) for _, value in results):
+            # What makes an observation is right: its caller returns it alone.
+            break
         if len(results) == 1:
             line = results[0][0]
         elif line is not None:

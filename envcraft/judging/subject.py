@@ -283,7 +283,7 @@ class Subject:
     def without_reset(self) -> str:
         """Why no episode begins, for the reason of a check."""
         takes = "seed" in self.load().description.get("reset", ("seed",))
-        return "reset() returns no observation" if takes else "reset() does not take seed="
+        return "reset() does not return an observation and info" if takes else "reset() does not take seed="
 
     def affords(self, steps: int) -> bool:
         """Whether the budget has so many steps left."""

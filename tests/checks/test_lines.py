@@ -89,6 +89,7 @@ _MORE = "1.0, self.at == 8, False, {}"
 _LAST = f"return self.at, {_MORE}"
 _LOOK = "\n\n    def _look(self):\n"
 _TEXT = f"{_LOOK}        return str(self.at)\n"
+_SEEN, _FEW = (_TEXT.replace("str(self.at)", value) for value in ("self.at", "self.at, 1.0, {}"))
 _EITHER = f"{_LOOK}        if self.at:\n            return 'one'\n        return 'none'\n"
 
 
@@ -121,6 +122,15 @@ _EITHER = f"{_LOOK}        if self.at:\n            return 'one'\n        return
         ),
         (_LAST, _LAST.replace("{}", "self._look()") + _TEXT, "EC114", "return str(self.at)"),
         ("self.at == 8, False, {}", "self.at == 8, {}", "EC106", "self.at == 8, {}"),
+        # The method that makes the observation is right.
+        (
+            "return self.at, {}",
+            f"return self._look(){_SEEN}",
+            "EC105",
+            "self._look()",
+        ),
+        (_LAST, f"return self._look(){_SEEN}", "EC106", "self._look()"),
+        (_LAST, f"return self._look(){_FEW}", "EC106", "self.at, 1.0, {}"),
         (
             "return self.at, 1.0",
             "if self.at == 3:\n            return 3\n        return self.at, 1.0",

@@ -165,7 +165,7 @@ def test_the_machines_load_does_not_count(monkeypatch: pytest.MonkeyPatch) -> No
 
 def test_without_a_reset_nothing_is_measured() -> None:
     (own,) = [check for check in judged(game(reset="raise ValueError")).checks if check.check == "speed"]
-    assert (own.undecided, own.reason) == (True, "reset() returns no observation")
+    assert (own.undecided, own.reason) == (True, "reset() does not return an observation and info")
 
 
 def test_pace_leaves_the_most_expensive_steps_out() -> None:
