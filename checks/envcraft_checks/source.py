@@ -152,7 +152,7 @@ class Source(Check):
             "EC011",
             "ignore-comment",
             "A comment that ignores findings is malformed, or names no rule or no reason.",
-            "Write `# envcraft: ignore[EC203] the reason`.",
+            "Write `# envcraft: ignore[CODE] the reason`.",
             Severity.WARNING,
         ),
         Rule(
