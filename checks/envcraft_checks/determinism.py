@@ -81,7 +81,7 @@ class Determinism(Check):
             "EC201",
             "run-again",
             "The same seed gives another trace when it is run again.",
-            "Draw from self.np_random only.",
+            "Draw from self.np_random only, seeded by super().reset(seed=seed).",
         ),
         Rule(
             "EC202",

@@ -349,6 +349,14 @@ def test_a_list_in_the_order_of_a_set_of_objects(root: Path) -> None:
     assert (finding.evidence["state"]["path"], finding.line) in [("LEFT", 21), ("RIGHT", 22), ("LOW", 23)]
 
 
+def test_a_seed_that_is_not_passed_on_is_named() -> None:
+    source = _game().replace("super().reset(seed=seed)", "super().reset()  # here")
+    finding = _found(source)["EC201"]
+    line = 1 + next(number for number, text in enumerate(source.splitlines()) if text.endswith("# here"))
+    assert finding.line == line, finding.message
+    assert f"line {line} does not pass the seed on" in finding.message
+
+
 def test_a_clock_that_leaves_no_field_is_named() -> None:
     shown = "bob = pygame.time.get_ticks() % 40  # here\nframe[bob : bob + 4, :3] = 200"
     source = _game(top="import pygame\n", made="pygame.init()", shown=shown)

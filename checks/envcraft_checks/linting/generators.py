@@ -229,7 +229,11 @@ def _ignored_seed(program: Program) -> Iterator[Suspect]:
     fixed = any(isinstance(node, ast.keyword) and node.arg == "seed" for node in reset.nodes)
     drawn = any(function.field(node) == "np_random" for function in program.play for node in function.nodes)
     if drawn and not read and not fixed:
-        yield Suspect(line(reset.node), "takes a seed that nothing reads, and play draws from self.np_random")
+        calls = (node for node in reset.nodes if isinstance(node, ast.Call))
+        if (call := next((node for node in calls if ast.unparse(node.func) == "super().reset"), None)) is not None:
+            yield Suspect(line(call), "does not pass the seed on, and play draws from self.np_random")
+        else:
+            yield Suspect(line(reset.node), "takes a seed that nothing reads, and play draws from self.np_random")
 
 
 def _constant_seed(program: Program) -> Iterator[Suspect]:
