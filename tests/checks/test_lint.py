@@ -42,6 +42,10 @@ GUST = "def more(self): self.x = self.np_random.random()"
         ("EC052", {"step": "self.x = list({'a', 'b'})[0]"}),
         ("EC052", {"step": "self.x = hash('a') % 7"}),
         ("EC052", {"step": "self.x = {name: self.np_random.random() for name in {'a', 'b'}}"}),
+        (
+            "EC052",
+            {"step": "self.x = []\n        for row, name in enumerate({'a', 'b'}):\n            self.x.append(name)"},
+        ),
         ("EC053", {"step": "self.shared.append(1)"}),
         ("EC053", {"step": "type(self).seen = 1", "ended": "self.seen > 9", "more": "seen = 0"}),
         (
@@ -111,6 +115,11 @@ def test_each_rule_reads_what_play_may_never_reach(code: str, parts: dict[str, s
         {"step": "start = time.time(); print(time.time() - start)"},
         {"step": "self.x = sorted({'a', 'b'})[0] if 'a' in {'a', 'b'} else ''"},
         {"step": "self.x = [cell for cell in {(1, 2), (3, 4)}]"},
+        # Only the number of its items matters.
+        {"step": "self.x = []\n        for row, _ in enumerate({'a', 'b'}):\n            self.x.append(row)"},
+        {"step": "self.x = [(row, self.np_random.random()) for row, _ in enumerate({'a', 'b'})]"},
+        {"step": "self.x = [self.np_random.random() for _ in {'a', 'b'}]"},
+        {"step": "self.x = 0\n        for _ in {'a', 'b'}:\n            self.x += int(self.np_random.integers(9))"},
         {"reset": "self.shared = []", "step": "self.shared.append(1)"},
         {"reset": "self.count = 0", "step": "self.count += 1", "ended": "self.count > 9"},
         {"step": "self.note()", "more": "def note(self, seen=None): seen = seen or []; seen.append(1)"},

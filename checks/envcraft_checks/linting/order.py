@@ -245,6 +245,8 @@ def _ordered(program: Program, function: Function | None, node: ast.AST) -> bool
             return _order_of_turns(parent)
         case ast.comprehension(iter=iterated) if iterated is node:
             whole = program.parents[parent]
+            if not _uses_items(parent, [whole]):
+                return False
             if any(map(_draws, ast.walk(whole))):
                 return True
             return isinstance(whole, ast.ListComp | ast.GeneratorExp) and _matters(program, function, whole)
@@ -270,7 +272,8 @@ def _matters(program: Program, function: Function | None, node: ast.AST) -> bool
         case ast.Compare():
             return False
         case ast.comprehension():
-            return _matters(program, function, program.parents[parent])
+            whole = program.parents[parent]
+            return _uses_items(parent, [whole]) and _matters(program, function, whole)
         case ast.Assign(targets=[ast.Name(id=name)]):
             nodes = function.nodes if function else program.module_nodes
             return not any(
@@ -280,12 +283,27 @@ def _matters(program: Program, function: Function | None, node: ast.AST) -> bool
 
 
 def _order_of_turns(loop: ast.For) -> bool:
+    if not _uses_items(loop, loop.body):
+        return False
     for node in (inner for statement in loop.body for inner in ast.walk(statement)):
         if isinstance(node, ast.Break | ast.Return | ast.Yield):
             return True
         if _draws(node) or (isinstance(node, ast.Call) and name_of(node) in _ORDERED):
             return True
     return False
+
+
+def _uses_items(loop: ast.For | ast.comprehension, body: Iterable[ast.AST]) -> bool:
+    """Whether the body of a loop uses the items, and not only their number."""
+    target = loop.target
+    if isinstance(loop.iter, ast.Call) and name_of(loop.iter) == "enumerate" and isinstance(target, ast.Tuple):
+        target = target.elts[-1]
+    names = {one.id for one in ast.walk(target) if isinstance(one, ast.Name) and isinstance(one.ctx, ast.Store)}
+    read = (
+        one for part in body for one in ast.walk(part) if isinstance(one, ast.Name) and isinstance(one.ctx, ast.Load)
+    )
+    # What is no plain name, such as self.x, may be read anywhere.
+    return not isinstance(target, ast.Name | ast.Tuple) or any(one.id in names for one in read)
 
 
 def _draws(node: ast.AST) -> bool:
