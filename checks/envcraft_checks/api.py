@@ -331,7 +331,8 @@ class Api(Check):
         return self._rare(subject, longest, subject.searches.sweep(longest.actions, longest.rollout.seed, left))
 
     def _rare(self, subject: Subject, path: Trace, outcome: SearchOutcome) -> Trace | None:
-        trace = subject.rollout(Rollout(path.rollout.seed, list(outcome.get("crash") or []), player="a rare action"))
+        actions = list(outcome.get("crash") or [])
+        trace = subject.rollout(Rollout(path.rollout.seed, actions, player="a search for rare actions"))
         return trace if trace.fault is not None else None
 
     def find(self, subject: Subject, trace: Trace) -> Iterator[Finding]:

@@ -268,7 +268,7 @@ class Difficulty(Check):
         if won or any(trace.positive for trace in subject.searches.explored()):
             return ""
         if any(outcome.get("crash") for outcome in subject.searches.explorations):
-            return "exploration ends in a crash, so the reachable states are not known"
+            return "the exploration ends early at a defect of step(), so the reachable states are not known"
         why = "" if subject.searches.exhaustible else "more remain"
         for number in [] if why else subject.searches.proven:
             outcome = subject.searches.exhaust(number)
