@@ -30,8 +30,9 @@ different ones a step later, although rewards or ends differ at once. Then an ag
 after it is paid for it. A player with momentum may be seen late, too, but is also paid late.
 
 State is hidden (a warning) if three quarters of all rewards and terminations follow a picture and an action that also
-had another result, and the picture does not make the event more likely. The game must not draw random numbers during
-play. Memory games hide state on purpose.
+had another result, and the picture does not make the event more likely. So is what loses if the last action before a
+loss does not lose a few steps later, although no picture changes. The game must not draw random numbers during play.
+Memory games hide state on purpose.
 
 Left and right should differ. They are alike (a warning) if three things hold: holding either gives the same pictures
 and rewards, doing nothing gives others, and varied episodes stay the same when one move replaces the other. All four
@@ -66,7 +67,7 @@ from envcraft.plugins import hookimpl
 
 from .pictures.contrast import find_faint
 from .pictures.frozen import find_frozen
-from .pictures.hidden import find_hidden
+from .pictures.hidden import find_hidden, find_unseen
 from .pictures.invisible import find_invisible
 from .pictures.late import find_late
 from .pictures.noise import find_noise
@@ -198,7 +199,7 @@ def _defects(subject: Subject, traces: list[Trace]) -> Iterator[tuple[str, Defec
     yield "EC401", find_frozen(subject, traces)
     yield "EC409", find_late(subject)
     yield "EC408", find_twins(subject)
-    yield "EC406", find_hidden(subject, traces)
+    yield "EC406", find_hidden(subject, traces) or find_unseen(subject, traces)
 
 
 def _is_bandit(traces: list[Trace]) -> bool:

@@ -1,9 +1,11 @@
-"""State that no picture shows and that decides about rewards."""
+"""State that no picture shows and that decides about rewards and losses."""
 
 from __future__ import annotations
 
 from collections import Counter, defaultdict
 from typing import TYPE_CHECKING
+
+from envcraft.model.rollout import Rollout
 
 from .traces import Defect, shows_pictures
 
@@ -13,6 +15,10 @@ if TYPE_CHECKING:
 
 #: The fewest events that follow from hidden state, their share of all, and how much likelier a picture may make one.
 _HIDDEN, _MOST, _TOLD = 10, 0.75, 2
+#: The losses that are examined, those that must depend on hidden state, and the latest step of one.
+_LOSSES, _UNSEEN, _SOON = 8, 3, 100
+#: The steps of doing nothing before the last action.
+_WAITS = 6
 
 
 def find_hidden(subject: Subject, traces: list[Trace]) -> Defect | None:
@@ -46,3 +52,61 @@ def find_hidden(subject: Subject, traces: list[Trace]) -> Defect | None:
         traces[0].rollout.cut(traces[0].steps),
         {"hidden": hidden, "events": events},
     )
+
+
+def find_unseen(subject: Subject, traces: list[Trace]) -> Defect | None:
+    """Find losses by what no picture shows: after doing nothing, which changes no picture, the same action does not
+    lose.
+    """
+    noop, outcomes = subject.contract.noop, subject.searches.explorations
+    pictured = shows_pictures(subject.observation_space)
+    if noop is None or not pictured or any(outcome.get("stochastic", True) for outcome in outcomes):
+        return None
+    lost = [trace for trace in traces if _is_lost(trace) and 1 < trace.steps <= _SOON]
+    unseen: list[tuple[Trace, int]] = []
+    seen = 0
+    for loss in sorted(lost, key=lambda trace: trace.steps)[:_LOSSES]:
+        if not subject.affords((_WAITS + 1) * (loss.steps + _WAITS)):
+            break
+        changes, waited = _survived(subject, loss, noop)
+        seen += changes
+        unseen += [(loss, waited)] if waited else []
+        if seen >= _UNSEEN and not unseen:
+            return None
+    if len(unseen) < _UNSEEN or len({loss.rollout.seed for loss, _ in unseen}) < 2:
+        return None
+    loss, waited = unseen[0]
+    return Defect(
+        f"no picture shows what loses: in {len(unseen)} episodes the last action does not lose if it comes some steps "
+        f"later, though no picture changes before it, for example {waited} later than step {loss.steps}, and the game "
+        "draws no random numbers during play",
+        loss.rollout.cut(loss.steps),
+        {"losses": len(unseen), "step": loss.steps, "waited": waited},
+    )
+
+
+def _is_lost(trace: Trace) -> bool:
+    """Whether an episode ends without success, and its last step pays less than most steps."""
+    if not (trace.usable and trace.ended and trace.terminated[-1]) or trace.opaque or trace.reported_success:
+        return False
+    return trace.rewards[-1] < Counter(trace.rewards).most_common(1)[0][0]
+
+
+def _survived(subject: Subject, loss: Trace, noop: object) -> tuple[bool, int]:
+    """Do nothing for some steps before the last action of an episode that is lost.
+
+    Returns:
+        Whether this changes a picture, and the number of steps after which the action does not lose, 0 if it always
+        does.
+    """
+    before, last = loss.actions[: loss.steps - 1], loss.actions[loss.steps - 1]
+    for waits in range(1, _WAITS + 1):
+        actions = [*before, *[noop] * waits, last]
+        trace = subject.rollout(Rollout(loss.rollout.seed, actions, player="the same action later"))
+        if any(shown != loss.observations[-2] for shown in trace.observations[len(before) : len(actions)]):
+            return True, 0
+        if not trace.usable or trace.steps < len(actions):
+            break
+        if not trace.terminated[-1]:
+            return False, waits
+    return False, 0
