@@ -224,6 +224,10 @@ class Determinism(Check):
         fixed = list(seeds.ignored(self, subject))
         yield from fixed
         yield from (each for each in seeds.unseeded(self, subject, bool(fixed)) if each.code not in reported)
+        stopped = next((trace.fault for trace in subject.traces if interrupted(trace)), None)
+        if stopped is not None and not reported:
+            why = stopped.type or stopped.malformed
+            raise Undecided(f"a call under another condition fails ({why}), so not all traces could be compared")
 
     def confirm(self, subject: Subject, finding: Finding) -> Finding | None:
         if finding.code == "EC209":

@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 from envcraft_checks.determinism import Determinism
 
+import envcraft
 from envcraft.judging.budget import BUDGETS
 from envcraft.model.rollout import ClockShift, Conditions, Episode, Rollout
 from envcraft.model.target import Kind, Target
@@ -88,3 +89,32 @@ def test_a_difference_has_only_the_conditions_that_it_takes(
 ) -> None:
     [finding] = compared(subject)
     assert (finding.code, set(finding.repro.conditions)) == (code, conditions)
+
+
+#: The list of the module grows with each reset, and the steps of the next episode raise.
+CROWDED = """
+import gymnasium as gym
+OWLS = []
+class Crowded(gym.Env):
+    observation_space = gym.spaces.Discrete(1000)
+    action_space = gym.spaces.Discrete(2)
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        self.owls = OWLS
+        self.owls += [int(self.np_random.integers(5)) for _ in range(3)]
+        self.time, self.flights = 0, [1, 1, 1]
+        return sum(self.owls), {}
+    def step(self, action):
+        self.time += 1
+        for number in range(len(self.owls)):
+            self.flights[number] *= -1
+        return sum(self.owls) + int(action), float(action), False, self.time >= 20, {}
+"""
+
+
+def test_traces_that_could_not_be_compared_are_undecided() -> None:
+    options: Any = {"contract": "gymnasium", "sandbox": "process", "budget": "quick"}
+    report = envcraft.validate(CROWDED, checks="determinism", **options)
+    [check] = [check for check in report.reports[0].checks if check.check == "determinism"]
+    assert check.undecided, check
+    assert "IndexError" in check.reason
