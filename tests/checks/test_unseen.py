@@ -74,6 +74,7 @@ def test_an_owl_that_is_not_drawn() -> None:
     ("flies", "drawn"),
     [
         (FLIES, DRAWN),
+        ("if self.steps % 8 == 0: owl[0] = (owl[0] + 1) % 12", DRAWN),
         # Owls that sit are lost on at any time, and one that flies by chance cannot be foreseen in any picture.
         ("pass", "pass"),
         ("owl[0] = int(self.np_random.integers(12))", "pass"),

@@ -17,8 +17,9 @@ if TYPE_CHECKING:
 _HIDDEN, _MOST, _TOLD = 10, 0.75, 2
 #: The losses that are examined, those that must depend on hidden state, and the latest step of one.
 _LOSSES, _UNSEEN, _SOON = 8, 3, 100
-#: The steps of doing nothing before the last action.
-_WAITS = 6
+#: The most steps of doing nothing before the last action, and those that must not change a picture: what is drawn may
+#: move only every few steps.
+_WAITS, _STILL = 6, 16
 
 
 def find_hidden(subject: Subject, traces: list[Trace]) -> Defect | None:
@@ -66,7 +67,7 @@ def find_unseen(subject: Subject, traces: list[Trace]) -> Defect | None:
     unseen: list[tuple[Trace, int]] = []
     seen = 0
     for loss in sorted(lost, key=lambda trace: trace.steps)[:_LOSSES]:
-        if not subject.affords((_WAITS + 1) * (loss.steps + _WAITS)):
+        if not subject.affords((_WAITS + 1) * (loss.steps + _WAITS) + _STILL):
             break
         changes, waited = _survived(subject, loss, noop)
         seen += changes
@@ -100,12 +101,17 @@ def _survived(subject: Subject, loss: Trace, noop: object) -> tuple[bool, int]:
         does.
     """
     before, last = loss.actions[: loss.steps - 1], loss.actions[loss.steps - 1]
-    for waits in range(1, _WAITS + 1):
+
+    def later(waits: int) -> Trace:
         actions = [*before, *[noop] * waits, last]
-        trace = subject.rollout(Rollout(loss.rollout.seed, actions, player="the same action later"))
-        if any(shown != loss.observations[-2] for shown in trace.observations[len(before) : len(actions)]):
-            return True, 0
-        if not trace.usable or trace.steps < len(actions):
+        return subject.rollout(Rollout(loss.rollout.seed, actions, player="the same action later"))
+
+    still = later(_STILL)
+    if any(shown != loss.observations[-2] for shown in still.observations[len(before) : len(before) + _STILL + 1]):
+        return True, 0
+    for waits in range(1, _WAITS + 1):
+        trace = later(waits)
+        if not trace.usable or trace.steps < len(before) + waits + 1:
             break
         if not trace.terminated[-1]:
             return False, waits
