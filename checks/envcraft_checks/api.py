@@ -156,7 +156,12 @@ class Api(Check):
             "close() raises: before a reset, after an episode, or at the second call.",
             "In close(), free only resources that this instance has opened, and allow a second call.",
         ),
-        Rule("EC114", "info", "info is not a dict with str keys.", "Return a dict; it may be empty."),
+        Rule(
+            "EC114",
+            "info",
+            "info is not a dict with str keys, or its success is no bool.",
+            "Return a dict; it may be empty.",
+        ),
         Rule(
             "EC115",
             "space-changes",
@@ -378,6 +383,14 @@ class Api(Check):
             what = f"is {with_article(note['type'])}" if "type" in note else f"has a key of type {note.get('key')}"
             line = _line_of_result(subject, "step" if step else "reset", -1)
             yield self.finding("EC114", f"info {what} ({_at(step)}, under {who})", line=line, step=step)
+        key = trace.rule.key
+        for step in (0, trace.steps) if len(trace.infos) == trace.steps + 1 else ():
+            value = trace.info(step).get(key)
+            if isinstance(value, str | list | dict):
+                line = _line_of_result(subject, "step" if step else "reset", -1)
+                words = f"info[{key!r}] is {with_article(type(value).__name__)}, not a bool ({_at(step)}, under {who})"
+                yield self.finding("EC114", words, line=line, step=step)
+                break
 
     def _judge_fault(self, subject: Subject, trace: Trace, fault: Fault) -> Finding | None:
         ask_for_dependency(subject, fault)

@@ -326,8 +326,9 @@ class Trace:
 
     @property
     def reported_success(self) -> Any:
-        """The value of the contract's success key in the last info, or None."""
-        return self.info().get(self.rule.key) if self.infos else None
+        """The value of the contract's success key in the last info; None without one, or if it is no bool or number."""
+        value = self.info().get(self.rule.key) if self.infos else None
+        return value if isinstance(value, bool | int | float) else None
 
     @property
     def positive(self) -> bool:

@@ -269,3 +269,9 @@ def test_a_finding_about_metadata_has_its_line(metadata: str, named: str, words:
     assert words in found.message
     assert text.splitlines()[(found.line or 0) - 1].strip().startswith(named)
     assert "rgb_array" not in Api().rule("EC116").fix
+
+
+@pytest.mark.parametrize("value", ["'no'", "str(False)", "[]"])
+def test_success_that_is_no_bool_is_named(value: str) -> None:
+    text = GAME.replace("self.at == 8, False, {}", f"self.at == 8, False, {{'is_success': {value}}}")
+    assert "False, {'is_success'" in text.splitlines()[(lines(text)["EC114"] or 0) - 1]

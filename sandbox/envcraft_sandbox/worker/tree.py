@@ -166,6 +166,9 @@ class Tree:
     def _judge(self, node: Node, info: Any) -> None:
         contract = self.subject.contract
         success = info.get(contract.get("success", "is_success")) if isinstance(info, dict) else None
+        if isinstance(success, str | list | tuple | dict):
+            # Not an answer: "no" would be true.
+            success = None
         self.reports |= success is not None
         won = bool(success) if success is not None else contract.get("sign", True) and node.ended and node.total > 0
         if won and (self.out.win is None or node.path.length < len(self.out.win)):
