@@ -16,7 +16,9 @@ if TYPE_CHECKING:
 #: The fewest events that follow from hidden state, their share of all, and how much likelier a picture may make one.
 _HIDDEN, _MOST, _TOLD = 10, 0.75, 2
 #: The losses that are examined, those that must depend on hidden state, and the latest step of one.
-_LOSSES, _UNSEEN, _SOON = 8, 3, 100
+_LOSSES, _UNSEEN, _SOON = 8, 3, 60
+#: The share of the budget that these may take.
+_SHARE = 0.08
 #: The most steps of doing nothing before the last action, and those that must not change a picture: what is drawn may
 #: move only every few steps.
 _WAITS, _STILL = 6, 16
@@ -65,9 +67,10 @@ def find_unseen(subject: Subject, traces: list[Trace]) -> Defect | None:
         return None
     lost = [trace for trace in traces if _is_lost(trace) and 1 < trace.steps <= _SOON]
     unseen: list[tuple[Trace, int]] = []
-    seen = 0
+    seen, left = 0, int(subject.budget.steps * _SHARE)
     for loss in sorted(lost, key=lambda trace: trace.steps)[:_LOSSES]:
-        if not subject.affords((_WAITS + 1) * (loss.steps + _WAITS) + _STILL):
+        left -= (_WAITS + 1) * (loss.steps + _WAITS) + _STILL
+        if left < 0 or not subject.affords(left):
             break
         changes, waited = _survived(subject, loss, noop)
         seen += changes
