@@ -9,7 +9,7 @@ import pytest
 import envcraft
 from envcraft.model.verdict import Severity
 
-#: The player loses where the owl is. It flies to and fro, whatever the player does.
+#: The player loses where the owl is. It flies to and fro by itself.
 GAME = """
 import gymnasium as gym
 import numpy as np
