@@ -69,8 +69,9 @@ def find_unseen(subject: Subject, traces: list[Trace]) -> Defect | None:
     unseen: list[tuple[Trace, int]] = []
     seen, left = 0, int(subject.budget.steps * _SHARE)
     for loss in sorted(lost, key=lambda trace: trace.steps)[:_LOSSES]:
-        left -= (_WAITS + 1) * (loss.steps + _WAITS) + _STILL
-        if left < 0 or not subject.affords(left):
+        cost = (_WAITS + 1) * (loss.steps + _WAITS) + _STILL
+        left -= cost
+        if left < 0 or not subject.affords(cost):
             break
         changes, waited = _survived(subject, loss, noop)
         seen += changes
