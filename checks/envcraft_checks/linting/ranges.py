@@ -5,7 +5,7 @@ from __future__ import annotations
 import ast
 import math
 import operator
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import cached_property
 
 from .program import Function, Program, name_of
@@ -244,6 +244,47 @@ class Ranges:
                 if len(values) == 1 and not self.changes(node, method):
                     return self.constant(*values[0])
         return None
+
+    def numbers(self, node: ast.AST | None, method: Function | None, depth: int = 3) -> set[float]:
+        """The numbers that an expression may be; none if they are not known."""
+        if (number := self.constant(node, method)) is not None:
+            return {number}
+        parts: list[tuple[ast.AST | None, Function | None]] = []
+        match node:
+            case ast.IfExp(body=body, orelse=orelse):
+                parts = [(body, method), (orelse, method)]
+            case ast.Name(id=name) if method is not None and name in method.local:
+                if not any(isinstance(target, ast.Name) and target.id == name for target, _ in method.writes):
+                    parts = [(value, method) for value, _ in self.program.values(node, method)]
+            case ast.Attribute(attr=attr) if method is not None and not method.field(node):
+                # The attribute of another object, such as of an enemy.
+                parts = [*self._elsewhere(attr)]
+            case ast.Attribute() if method is not None and not self.changes(node, method):
+                parts = [(value, method) for value, _ in self.program.values(node, method)]
+            case ast.Subscript(value=ast.Tuple(elts=elts), slice=index) if not isinstance(index, ast.Slice):
+                parts = [(one, method) for one in elts]
+            case ast.Subscript(value=ast.Name() | ast.Attribute() as table, slice=index):
+                tables = [value for value, _ in self.program.values(table, method)]
+                known = len(tables) == 1 and not self.changes(table, method)
+                if known and isinstance(tables[0], ast.Tuple) and not isinstance(index, ast.Slice):
+                    parts = [(one, method) for one in tables[0].elts]
+        found = [self.numbers(one, owner, depth - 1) if depth else set() for one, owner in parts]
+        return set().union(*found) if all(found) else set()
+
+    def _elsewhere(self, name: str) -> Iterator[tuple[ast.AST | None, Function | None]]:
+        """What any code of the file gives an attribute of this name; None for an unknown value."""
+        for function in self.program.all:
+            for target, value, _ in function.bindings:
+                if isinstance(target, ast.Attribute) and target.attr == name:
+                    yield value, function
+            if any(isinstance(target, ast.Attribute) and target.attr == name for target, _ in function.writes):
+                yield None, None
+        for node in self.program.nodes:
+            if isinstance(node, ast.keyword) and node.arg == name:
+                yield node.value, None
+            elif isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name) and node.target.id == name:
+                # Arguments without a name may set the field of a dataclass.
+                yield None, None
 
     def changes(self, node: ast.AST, method: Function | None) -> bool:
         name = name_of(node)

@@ -69,43 +69,15 @@ class _Count:
         if method is not None and isinstance(value, ast.BinOp) and method.field(value.left) == field:
             self._add(value.op, value.right, node, method)
             return
-        numbers = self._numbers(value, method)
+        numbers = self._ranges.numbers(value, method)
         self._known &= bool(numbers)
         self._set |= numbers
 
     def _add(self, op: ast.operator, value: ast.expr, node: ast.AST, method: Function) -> None:
-        numbers = self._numbers(value, method) if isinstance(op, ast.Add | ast.Sub) else set()
+        numbers = self._ranges.numbers(value, method) if isinstance(op, ast.Add | ast.Sub) else set()
         self._known &= bool(numbers)
         for number in numbers - {0.0}:
             self._added.setdefault(-number if isinstance(op, ast.Sub) else number, line(node))
-
-    def _numbers(self, node: ast.AST | None, method: Function | None, depth: int = 3) -> set[float]:
-        """The whole numbers that an expression may be; none if they are not known."""
-        if (number := self._ranges.constant(node, method)) is not None:
-            return {number} if number == int(number) else set()
-        parts: list[tuple[ast.AST | None, Function | None]] = []
-        match node:
-            case ast.IfExp(body=body, orelse=orelse):
-                parts = [(body, method), (orelse, method)]
-            case ast.Name(id=name) if method is not None and name in method.local:
-                if not any(isinstance(target, ast.Name) and target.id == name for target, _ in method.writes):
-                    parts = [*self._program.values(node, method)]
-            case ast.Attribute() if method is not None and not method.field(node):
-                # The attribute of another object, such as of an enemy.
-                parts = [*self._values_elsewhere(node.attr)]
-        found = [self._numbers(one, owner, depth - 1) if depth else set() for one, owner in parts]
-        return set().union(*found) if found and all(found) else set()
-
-    def _values_elsewhere(self, name: str) -> Iterator[tuple[ast.AST | None, Function | None]]:
-        for function in self._program.all:
-            for target, value, _ in function.bindings:
-                if isinstance(target, ast.Attribute) and target.attr == name:
-                    yield value, function
-            if any(isinstance(target, ast.Attribute) and target.attr == name for target, _ in function.writes):
-                yield None, None
-        for node in self._program.nodes:
-            if isinstance(node, ast.keyword) and node.arg == name:
-                yield node.value, None
 
     def skip(self, target: float) -> tuple[float, float, int] | None:
         """A value before the number, the value behind it that play may go on to, and the line that does it.
@@ -113,7 +85,8 @@ class _Count:
         Returns:
             None if the count meets the number, or its values are not known.
         """
-        if not self._known or not self._set or target in self._set:
+        whole = all(number == int(number) for number in (*self._set, *self._added))
+        if not self._known or not self._set or not whole or target in self._set:
             return None
         waiting = sorted(self._set)
         seen = set(waiting)
@@ -122,16 +95,8 @@ class _Count:
                 after = before + number
                 if (before - target) * (after - target) < 0:
                     return before, after, at
-                if (
-                    after not in seen
-                    and after != target
-                    and len(seen) < _VALUES
-                    and self._is_nearer(before, after, target)
-                ):
+                nearer = abs(after - target) < abs(before - target)
+                if nearer and after not in seen and after != target and len(seen) < _VALUES:
                     seen.add(after)
                     waiting.append(after)
         return None
-
-    @staticmethod
-    def _is_nearer(before: float, after: float, target: float) -> bool:
-        return abs(after - target) < abs(before - target)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import ast
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from fractions import Fraction
 
@@ -99,12 +99,12 @@ class _Sums:
         if function is not None and isinstance(value, ast.BinOp) and name_of(value.left) == self._name:
             self._add(value.op, value.right, function)
             return
-        numbers = self._numbers(value, function)
+        numbers = self._ranges.numbers(value, function)
         self.known &= bool(numbers)
         into.update(numbers)
 
     def _add(self, op: ast.operator, value: ast.expr, function: Function) -> None:
-        numbers = self._numbers(value, function)
+        numbers = self._ranges.numbers(value, function)
         self._steps.append((value, function))
         self.known &= bool(numbers) and isinstance(op, ast.Add | ast.Sub)
         self.added.update(-one if isinstance(op, ast.Sub) else one for one in numbers)
@@ -121,33 +121,6 @@ class _Sums:
         for given in self._program.nodes:
             if isinstance(given, ast.keyword) and given.arg == self._name:
                 self._set(given.value, None, self.first)
-
-    def _numbers(self, node: ast.expr | None, function: Function | None, depth: int = 3) -> set[float]:
-        """The numbers that an expression may be; none if they are not known."""
-        if (number := self._ranges.constant(node, function)) is not None:
-            return {number}
-        parts: Iterable[ast.expr | None]
-        match node:
-            case ast.IfExp(body=body, orelse=orelse):
-                parts = body, orelse
-            case ast.Name(id=name) if function is not None and name in function.local:
-                if any(isinstance(target, ast.Name) and target.id == name for target, _ in function.writes):
-                    return set()
-                parts = [value for value, _ in self._program.values(node, function)]
-            case ast.Attribute() if function is not None and not self._ranges.changes(node, function):
-                parts = [value for value, _ in self._program.values(node, function)]
-            case ast.Subscript(value=ast.Tuple(elts=elts), slice=index) if not isinstance(index, ast.Slice):
-                parts = elts
-            case ast.Subscript(value=ast.Name() | ast.Attribute() as table, slice=index):
-                tables = [value for value, _ in self._program.values(table, function)]
-                known = len(tables) == 1 and not self._ranges.changes(table, function)
-                if not known or not isinstance(tables[0], ast.Tuple) or isinstance(index, ast.Slice):
-                    return set()
-                parts = tables[0].elts
-            case _:
-                return set()
-        found = [self._numbers(one, function, depth - 1) if depth else set() for one in parts]
-        return set().union(*found) if all(found) else set()
 
     def missing(self, target: float) -> _Miss | None:
         """A sum that equals a number by exact arithmetic only; None if there is none, or the values are not known."""
