@@ -30,6 +30,9 @@ Different seeds must give different traces. One fixed level for every seed is a 
 Training passes a seed only to the first reset. The episodes after it must be the same when the program runs again. They
 must not all have the same level if different seeds give different levels, because an agent would train on one level.
 
+`gymnasium.make` passes no render mode unless the caller names one. If the constructor has the default
+`render_mode=None`, the first steps must be the same without a render mode as with `rgb_array`.
+
 An info value that depends only on the clock, or counts the episodes, is telemetry and only a warning. The check then
 compares again without info, so that telemetry does not hide other differences.
 
@@ -58,7 +61,7 @@ from envcraft.model.rollout import Conditions, Rollout
 from envcraft.model.verdict import Finding, Severity
 from envcraft.plugins import hookimpl
 from envcraft.text import plural
-from envcraft_checks.comparing import causes, conditions, places, seeds
+from envcraft_checks.comparing import causes, conditions, modes, places, seeds
 from envcraft_checks.comparing.causes import REPEATS, TELEMETRY, Cause
 from envcraft_checks.comparing.states import first_field, in_words
 from envcraft_checks.comparing.traces import diverge, interrupted
@@ -180,6 +183,12 @@ class Determinism(Check):
             "Convert first: `action = np.asarray(action)`.",
             Severity.WARNING,
         ),
+        Rule(
+            "EC219",
+            "render-mode",
+            "The trace depends on whether the environment has a render mode.",
+            "Draw observations in a method of its own, which step() and render() call.",
+        ),
     )
 
     def judge(self, subject: Subject) -> Iterator[Finding]:
@@ -210,6 +219,7 @@ class Determinism(Check):
             raise Undecided(subject.without_reset)
         if not any(play.usable and play.steps for play in plays):
             raise Undecided("each episode raises an error or has no step")
+        yield from modes.unrendered(self, subject)
         for rollout, cause in seeds.after_many(subject):
             if cause.code not in reported:
                 yield self._found(subject, rollout, cause)
@@ -233,6 +243,8 @@ class Determinism(Check):
         if finding.code == "EC209":
             return next(seeds.ignored(self, subject), None)
         under = Conditions.from_json(finding.repro.conditions)
+        if finding.code == "EC219":
+            return next(modes.unrendered(self, subject), None)
         if finding.code in ("EC212", "EC213") or under.unseeded:
             findings = seeds.unseeded(self, subject, fixed=False)
             return next((again for again in findings if again.code == finding.code), None)

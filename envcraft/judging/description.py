@@ -50,12 +50,13 @@ class Effects(TypedDict, total=False):
 
 
 class Rendering(TypedDict):
-    """What the constructor did with the render mode: whether it takes one, which it was `given` and which the instance
-    has; whether the metadata has the `rate` of the frames, with the rate as `fps` if it is a number in reason; and the
-    keys that it has from old versions of Gym.
+    """What the constructor did with the render mode: whether it takes one, whether it is `optional` with None as its
+    default, which it was `given` and which the instance has; whether the metadata has the `rate` of the frames, with
+    the rate as `fps` if it is a number in reason; and the keys that it has from old versions of Gym.
     """
 
     takes: bool
+    optional: bool
     given: _Name | None
     kept: _Name | None
     rate: bool

@@ -60,6 +60,7 @@ class Conditions(msgspec.Struct, frozen=True, omit_defaults=True):
         int32: passes integers of actions as int32 if the action space contains that.
         python: passes integers of actions as Python's ints and lists if the action space contains that. With `int32`
             both take turns.
+        unrendered: constructs the instance without a render mode, as ``gymnasium.make(id)`` does.
         recorded: records the episodes of `before`, too, and measures the process after each. After some seconds no
             further one starts.
     """
@@ -82,6 +83,7 @@ class Conditions(msgspec.Struct, frozen=True, omit_defaults=True):
     reuse: bool = False
     int32: bool = False
     python: bool = False
+    unrendered: bool = False
     recorded: bool = False
 
     @property

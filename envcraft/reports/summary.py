@@ -37,6 +37,7 @@ _CONDITIONS = {
     "recorded": "all of them recorded",
     "render": "with render() in between",
     "reuse": "one action array for all steps",
+    "unrendered": "without a render mode",
     "unseeded": "reset without a seed",
 }
 

@@ -130,6 +130,7 @@ class Conditions(TypedDict, total=False):
     reuse: bool
     int32: bool
     python: bool
+    unrendered: bool
     recorded: bool
 
 

@@ -159,6 +159,11 @@ def test_a_success_that_ends_no_episode(step: str, success: str) -> None:
     ("step", "success"),
     [
         (WON + END.format("self.won or self.oil <= 0", "self._info()"), "self.won"),
+        # An action that ends the episode, won or not.
+        (
+            "dived = bool(action)\nself.won = dived and self.at == 9" + END.format("dived", "self._info()"),
+            "self.won",
+        ),
         # A return before the flags.
         (
             WON + "if self.won:\n    return self._end()" + END.format("self.oil <= 0", "self._info()"),

@@ -139,7 +139,7 @@ def test_a_nested_space_has_a_bottom() -> None:
         {"reset": [[], {}]},
         {"render_modes": {"rgb_array": 1}},
         {"rendering": {"takes": True}},
-        {"rendering": {"takes": 1, "given": None, "kept": None, "rate": True}},
+        {"rendering": {"takes": 1, "optional": True, "given": None, "kept": None, "rate": True}},
         {"module": 5},
         {"sha256": "0" * 63},
         {"sha256": "0" * 64 + "\n"},

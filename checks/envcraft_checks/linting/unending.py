@@ -222,7 +222,7 @@ class _Play(Dependence):
         """Whether the first change may bring about the second, because it answers all tests of the second."""
         if any(_exclude(test, other) for test in one.tests for other in two.tests):
             return False
-        if one.made_of & two.made_of:
+        if one.made_of & two.made_of or (two.tests and _stated(two.tests) <= _stated(one.tests)):
             return True
         if any(self._beside(first, second) for first in one.places for second in two.places):
             return True
@@ -262,6 +262,10 @@ class _Play(Dependence):
             for call, caller in calls
             for way in self._ways(call, caller)
         )
+
+
+def _stated(tests: _Tests) -> set[tuple[str, bool]]:
+    return {(test.text, test.holds) for test in tests}
 
 
 def _product(some: list[_Tests], others: list[_Tests]) -> list[_Tests]:

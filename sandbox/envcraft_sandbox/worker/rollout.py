@@ -109,7 +109,7 @@ def _episode(subject: Subject, job: Job, conditions: Conditions, resources: Reso
         other = subject.construct(announce=False)
         channel.phase("early close")
         subject.call("early close", other.close)
-    env = subject.construct()
+    env = subject.construct(rendered=not conditions.get("unrendered"))
     companion = None
     if "companion" in conditions or "before" in conditions:
         state = _global_state()

@@ -95,14 +95,14 @@ class Subject:
             self._name_file(self._creator)
         return self._creator
 
-    def construct(self, announce: bool = True, resize: bool = False) -> Any:
-        """Create an instance, adapted to the contract, with ``render_mode="rgb_array"`` if the constructor accepts
-        it. Without `resize`, the channel resizes the frames that are looked at.
+    def construct(self, announce: bool = True, resize: bool = False, rendered: bool = True) -> Any:
+        """Create an instance, adapted to the contract, if it is `rendered` with ``render_mode="rgb_array"`` where the
+        constructor accepts that. Without `resize`, the channel resizes the frames that are looked at.
         """
         creator = self.creator()
         if announce:
             self.channel.phase("construct")
-        env = self.call("construct", self.target.make, creator)
+        env = self.call("construct", self.target.make, creator, rendered)
         if isinstance(env, gymnasium.Env):
             self.call("construct", lambda: self._name_file(type(env.unwrapped)))
         adapter = self.contract.get("adapter") or {}
@@ -315,6 +315,7 @@ def _rendering(env: Any, creator: Any, given: dict[str, Any]) -> dict[str, Any]:
     return {
         "takes": any(each.name == "render_mode" or each.kind is each.VAR_KEYWORD for each in parameters),
         "given": rendering(creator, given).get("render_mode"),
+        "optional": all(each.default is None for each in parameters if each.name == "render_mode"),
         "kept": kept[:100] if isinstance(kept, str) else None if kept is None else type_name(kept),
         "rate": rate is not None,
         "fps": float(rate) if isinstance(rate, int | float) and 0 < rate <= _FASTEST else None,

@@ -63,9 +63,10 @@ class Target(ABC):
     def creator(self) -> Any:
         """The class or function that creates an instance."""
 
-    def make(self, creator: Any) -> Any:
-        """An instance with the target's own wrappers."""
-        env = creator(**self.kwargs | rendering(creator, self.kwargs))
+    def make(self, creator: Any, rendered: bool = True) -> Any:
+        """An instance with the target's own wrappers, if it is `rendered` in the mode of :func:`rendering`."""
+        shown = rendering(creator, self.kwargs) if rendered else {}
+        env = creator(**self.kwargs | shown)
         return self.wrap(env)
 
     def column(self, line: int | None, column: int | None) -> int | None:
@@ -207,8 +208,8 @@ class Registered(_OfPackage):
         entry: Any = self.spec.entry_point
         return attribute(entry) if isinstance(entry, str) else entry
 
-    def make(self, creator: Any) -> Any:
-        shown = rendering(creator, {**self.spec.kwargs, **self.kwargs})
+    def make(self, creator: Any, rendered: bool = True) -> Any:
+        shown = rendering(creator, {**self.spec.kwargs, **self.kwargs}) if rendered else {}
         env = gymnasium.make(self.spec, disable_env_checker=True, **self.kwargs | shown)
         return self.wrap(env)
 
