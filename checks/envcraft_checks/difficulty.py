@@ -111,6 +111,8 @@ class Difficulty(Check):
             "No episode and no search has a positive outcome.",
             "Check that the goal can be reached; a privileged policy that wins settles it.",
             Severity.WARNING,
+            # The search repeats episodes, which gives others there.
+            confirmed_by=("EC201", "EC202", "EC205"),
         ),
         Rule(
             "EC809",

@@ -252,16 +252,16 @@ class Source(Check):
         unknown = {
             name for name in names if name in missing or not (allowed is None or name in allowed or is_standard(name))
         }
+        if unknown and _is_script(subject):
+            # What its imports would do does not matter: nothing here can be an environment.
+            yield self._wrong_count([], {}, subject)
+            return
         python = tuple(int(part) for part in re.findall(r"\d+", str(subject.about.get("python", "")))[:3])
         installable = (well_known() if allowed is None else {*allowed}) - own
         for file, tree in trees.items():
             wanted = required_imports(tree, unknown, python)
             for name, line in sorted(wanted.items(), key=lambda item: item[1]):
                 if name in missing and (name in installable or (allowed is None and is_on_host(name))):
-                    if _is_script(subject):
-                        # What the import would do does not matter: nothing here can be an environment.
-                        yield self._wrong_count([], {}, subject)
-                        return
                     raise WorkerLost(f"{name} is not installed where the worker runs{installation_hint(subject)}")
                 if name in unknown:
                     shown = in_package(tree, name, line)

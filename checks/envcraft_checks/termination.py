@@ -58,6 +58,8 @@ from envcraft.plugins import hookimpl
 from envcraft.text import plural
 
 from .endings import after, loss, success, time_limit
+from .endings.flags import flag_line
+from .linting.program import program_of
 
 if TYPE_CHECKING:
     from envcraft.judging.subject import Subject
@@ -148,10 +150,11 @@ class Termination(Check):
         for step, kinds in enumerate(trace.flag_types, 1):
             for name, kind in zip(("terminated", "truncated"), kinds, strict=True):
                 if kind not in _FLAGS:
+                    program = program_of(subject)
                     yield self.finding(
                         "EC504",
                         f"{name} is {kind} at step {step}, not a bool (under {trace.rollout.player})",
-                        line=subject.line_of("step"),
+                        line=(program and flag_line(program, name)) or subject.line_of("step"),
                         repro=repro(trace.rollout.cut(step)),
                         step=step,
                     )

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import ast
 from pathlib import Path
 
 import pytest
 from envcraft_checks.api import Api
+from envcraft_checks.endings.flags import flag_line
+from envcraft_checks.linting.generators import fixing_line
+from envcraft_checks.linting.program import Program
 
 from envcraft.contracts.builtin import ARCADE, GYMNASIUM
 from envcraft.judging.budget import BUDGETS
@@ -275,3 +279,43 @@ def test_a_finding_about_metadata_has_its_line(metadata: str, named: str, words:
 def test_success_that_is_no_bool_is_named(value: str) -> None:
     text = GAME.replace("self.at == 8, False, {}", f"self.at == 8, False, {{'is_success': {value}}}")
     assert "False, {'is_success'" in text.splitlines()[(lines(text)["EC114"] or 0) - 1]
+
+
+@pytest.mark.parametrize(
+    ("body", "flag", "named"),
+    [
+        ("done = int(self.at == 8)\nreturn self.at, 1.0, done, False, {}", "terminated", "done = int(self.at == 8)"),
+        ("return self.at, 1.0, self.at == 8, 0, {}", "truncated", "return self.at, 1.0, self.at == 8, 0, {}"),
+        (
+            "done = False\nif self.at == 8:\n    done = 1\nreturn self.at, 1.0, done, False, {}",
+            "terminated",
+            "done = 1",
+        ),
+        ("return self.at, 1.0, not self.at or self.at == 8, False, {}", "terminated", None),
+        ("done = 1\nif self.at:\n    done = 0\nreturn self.at, 1.0, done, False, {}", "terminated", None),
+    ],
+)
+def test_the_line_that_makes_a_flag(body: str, flag: str, named: str | None) -> None:
+    old = "self.at += int(action)\n        return self.at, 1.0, self.at == 8, False, {}"
+    source = GAME.replace(old, body.replace("\n", "\n        "))
+    line = flag_line(Program(ast.parse(source)), flag)
+    assert (source.splitlines()[line - 1].strip() if line else None) == named
+
+
+@pytest.mark.parametrize(
+    ("call", "named"),
+    [
+        ("super().reset(seed=42)", "super().reset(seed=42)"),
+        ("super().reset(seed=seed or 7)", "super().reset(seed=seed or 7)"),
+        ("super().reset(seed=SEED)", "super().reset(seed=SEED)"),
+        ("if seed is None:\n    seed = 3\nsuper().reset(seed=seed)", "seed = 3"),
+        ("super().reset(seed=seed)\nself._np_random = np.random.default_rng(0)", "self._np_random = np.random.def"),
+        ("super().reset(seed=seed)\nself.clock.reset(0)\nnp.random.seed(1)", None),
+        ("super().reset(seed=seed)", None),
+    ],
+)
+def test_the_line_that_fixes_the_seed(call: str, named: str | None) -> None:
+    source = GAME.replace("super().reset(seed=seed)", call.replace("\n", "\n        "))
+    line = fixing_line(Program(ast.parse(source)))
+    assert (source.splitlines()[line - 1].strip() if line else "").startswith(named or "")
+    assert bool(line) == bool(named)

@@ -12,11 +12,13 @@ from envcraft.model.rollout import Conditions, Episode, Rollout
 from envcraft_checks.comparing.causes import TELEMETRY, Cause, fewer_episodes
 from envcraft_checks.comparing.conditions import OTHER_STATE, SHIFTED
 from envcraft_checks.comparing.traces import diverge
+from envcraft_checks.linting.generators import fixing_line
+from envcraft_checks.linting.program import program_of
 
 if TYPE_CHECKING:
     from envcraft.judging.check import Check
     from envcraft.judging.subject import Subject
-    from envcraft.model.verdict import Finding
+    from envcraft.model.verdict import Finding, Line
 
 #: Seeds that are played once more under other conditions.
 _MORE_SEEDS = 8
@@ -87,10 +89,15 @@ def ignored(check: Check, subject: Subject) -> Iterator[Finding]:
         yield check.finding(
             "EC209",
             f"the seeds {seeds} give the same frames, rewards and flags, which is fine for one fixed level",
-            line=subject.line_of("reset"),
+            line=_fixing_line(subject),
             repro=repro(same[0].cut(20)),
             seeds=seeds,
         )
+
+
+def _fixing_line(subject: Subject) -> int | Line | None:
+    program = program_of(subject)
+    return (program and fixing_line(program)) or subject.line_of("reset")
 
 
 def _rendered(check: Check, subject: Subject, rollout: Rollout) -> Iterator[Finding]:
@@ -144,4 +151,4 @@ def unseeded(check: Check, subject: Subject, fixed: bool) -> Iterator[Finding]:
     if 2 * different > _UNSEEDED:
         words = f"after reset(seed={plain.seed}) all {_UNSEEDED + 1} resets without a seed give the same episode, "
         words += f"while {_UNSEEDED} seeds give {different + 1} different ones"
-        yield check.finding("EC212", words, line=subject.line_of("reset"), repro=repro(after(1)))
+        yield check.finding("EC212", words, line=_fixing_line(subject), repro=repro(after(1)))

@@ -68,6 +68,36 @@ def seeded_draws(program: Program) -> Iterator[Suspect]:
             return
 
 
+def fixing_line(program: Program) -> int | None:
+    """The line of reset() that seeds a generator with a constant, or chooses one where it receives no seed; None if
+    there is none or several.
+    """
+    lines = set()
+    for function in program.reached("reset"):
+        for node in function.nodes:
+            match node:
+                case ast.Call(func=func, args=args, keywords=keywords):
+                    seeds = [*args[:1], *(keyword.value for keyword in keywords if keyword.arg == "seed")]
+                    seeding = name_of(func) in ("reset", "seed") or program.path(func, function) in _MAKERS
+                    fixed = seeding and any(map(_is_number, seeds))
+                case ast.Assign(targets=[ast.Name(id="seed")], value=value):
+                    fixed = any(map(_is_number, ast.walk(value)))
+                case ast.BoolOp(op=ast.Or(), values=[ast.Name(id="seed"), value]):
+                    fixed = _is_number(value)
+                case _:
+                    continue
+            if fixed:
+                lines.add(line(node))
+    return lines.pop() if len(lines) == 1 else None
+
+
+def _is_number(node: ast.AST) -> bool:
+    """Whether an expression is a number, in digits or by the name of a constant."""
+    return (isinstance(node, ast.Constant) and isinstance(node.value, int)) or (
+        isinstance(node, ast.Name | ast.Attribute) and name_of(node).isupper()
+    )
+
+
 def _aliases(program: Program) -> dict[str, str]:
     """The attributes that are the modules of the global generators."""
     return {

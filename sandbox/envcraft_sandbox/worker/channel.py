@@ -226,8 +226,8 @@ class Channel:
         text: bytes,
     ) -> None:
         reward_type, number = (_FLOAT, reward) if type(reward) is float else _number(reward)
-        ended_type, ended = (_BOOL, terminated) if type(terminated) is bool else _flag(terminated)
-        cut_type, cut = (_BOOL, truncated) if type(truncated) is bool else _flag(truncated)
+        ended_type, ended = (_BOOL, terminated) if type(terminated) is bool else flag(terminated)
+        cut_type, cut = (_BOOL, truncated) if type(truncated) is bool else flag(truncated)
         micros = min(int(seconds * 1e6), 0xFFFFFFFF)
         flags |= ended | cut << 1
         length = len(data) + len(text)
@@ -501,8 +501,11 @@ def _number(value: Any) -> tuple[Type, float]:
     return kind, 0.0
 
 
-def _flag(value: Any) -> tuple[Type, int]:
+def flag(value: Any) -> tuple[Type, int]:
+    """The type of a flag, and whether it holds, which an array says by its only item."""
     kind = _type(value)
+    if kind == Type.ARRAY:
+        return kind, int(value.size == 1 and value.dtype.kind in "biuf" and bool(value.item()))
     return kind, int(bool(value)) if kind <= Type.STR else 0
 
 

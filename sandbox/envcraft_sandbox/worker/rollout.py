@@ -15,7 +15,7 @@ from envcraft_protocol.jobs import Episode as EpisodePlan
 from envcraft_protocol.wire import Kind
 
 from .caller import Caller
-from .channel import jsonable
+from .channel import flag, jsonable
 from .fields import Fields
 from .policy import Policy
 from .resources import Lines, Resources
@@ -44,7 +44,6 @@ _FEWEST = 3
 _STRINGS = {str}
 #: The conditions that change how actions are passed.
 _HABITS = {"reuse", "int32", "python"}
-_TRUTHS = (bool, np.bool_, int, np.integer)
 
 
 class Perturb:
@@ -349,5 +348,5 @@ def _shape_of(result: Any) -> str:
     return "None" if result is None else f"a value of type {type_name(result)}"
 
 
-def _true(flag: Any) -> bool:
-    return isinstance(flag, _TRUTHS) and bool(flag)
+def _true(value: Any) -> bool:
+    return value if type(value) is bool else bool(flag(value)[1])

@@ -1,0 +1,46 @@
+"""Where step() makes a flag that is no bool."""
+
+from __future__ import annotations
+
+import ast
+
+from envcraft_checks.linting.program import Program, line
+
+_FLAGS = {"terminated": 2, "truncated": 3}
+_RESULTS = 5
+
+
+def flag_line(program: Program, flag: str) -> int | None:
+    """Return the line of step() that gives a flag a value which need not be a bool.
+
+    Args:
+        program: the source.
+        flag: ``terminated`` or ``truncated``.
+
+    Returns:
+        The line; None if there is none or several.
+    """
+    step = program.method(program.env, "step")
+    if step is None:
+        return None
+    lines = set()
+    for node in step.nodes:
+        if isinstance(node, ast.Return) and isinstance(node.value, ast.Tuple) and len(node.value.elts) == _RESULTS:
+            returned = node.value.elts[_FLAGS[flag]]
+            values = [value for target, value, _ in step.bindings if ast.unparse(target) == ast.unparse(returned)]
+            lines |= {line(value) for value in values or [returned] if value is not None and not _is_bool(value)}
+    return lines.pop() if len(lines) == 1 else None
+
+
+def _is_bool(node: ast.expr) -> bool:
+    """Whether the text shows that a value is a bool."""
+    match node:
+        case (
+            ast.Constant(value=bool()) | ast.UnaryOp(op=ast.Not()) | ast.Compare() | ast.Call(func=ast.Name(id="bool"))
+        ):
+            return True
+        case ast.BoolOp(values=values):
+            return all(map(_is_bool, values))
+        case ast.IfExp(body=body, orelse=orelse):
+            return _is_bool(body) and _is_bool(orelse)
+    return False
