@@ -77,9 +77,9 @@ def fixing_line(program: Program) -> int | None:
         for node in function.nodes:
             match node:
                 case ast.Call(func=func, args=args, keywords=keywords):
-                    seeds = [*args[:1], *(keyword.value for keyword in keywords if keyword.arg == "seed")]
-                    seeding = name_of(func) in ("reset", "seed") or program.path(func, function) in _MAKERS
-                    fixed = seeding and any(map(_is_number, seeds))
+                    seeding = name_of(func) == "seed" or program.path(func, function) in _MAKERS
+                    seeds = [*(args[:1] if seeding else []), *(each.value for each in keywords if each.arg == "seed")]
+                    fixed = any(map(_is_number, seeds))
                 case ast.Assign(targets=[ast.Name(id="seed")], value=value):
                     fixed = any(map(_is_number, ast.walk(value)))
                 case ast.BoolOp(op=ast.Or(), values=[ast.Name(id="seed"), value]):
