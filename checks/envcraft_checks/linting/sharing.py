@@ -5,7 +5,7 @@ from __future__ import annotations
 import ast
 from collections.abc import Iterator
 
-from .program import Function, Program, Suspect, line, name_of, root
+from .program import Function, Program, Suspect, arguments, line, name_of, root
 from .usage import Usage
 
 _CONTAINERS = frozenset({
@@ -13,6 +13,8 @@ _CONTAINERS = frozenset({
     "set", "zeros",
 })  # fmt: skip
 _CACHES = frozenset({"cache", "cached_property", "lru_cache"})
+#: Methods that run once, on a new object.
+_CONSTRUCTORS = frozenset({"__init__", "__post_init__"})
 _VIEWS = frozenset({"asarray", "ravel", "reshape", "squeeze", "swapaxes", "transpose", "view"})
 
 
@@ -204,23 +206,56 @@ def _module_level(program: Program, function: Function, usage: Usage) -> Iterato
 
 
 def _caches(program: Program) -> Iterator[Suspect]:
-    """Find methods whose cached result depends on attributes that play changes."""
-    changed = {
-        (program.bound_to(function), function.field(target))
-        for function in program.play
-        for target in [*(one for one, _, _ in function.bindings), *(one for one, _ in function.writes)]
-        if function.field(target)
-    }
+    """Find methods whose cached result depends on attributes that play changes while the result is kept."""
+    resetting, stepping = program.reached("reset"), program.reached("step")
+    parts = (resetting, [one for one in program.play if one in stepping or one not in resetting])
     for function in program.play:
         if not function.me or not any(name_of(one) in _CACHES for one in function.node.decorator_list):
             continue
-        owner = program.bound_to(function)
-        read = [field for node in function.nodes if (field := function.field(node)) and (owner, field) in changed]
+        kept = [part for part in parts if not any(_forgets(one, function.name) for one in part)]
+        changed = {field for part in kept for one in part for field in _changed(program, one, function)}
+        read = [field for node in function.nodes if (field := function.field(node)) in changed]
         if read:
             yield Suspect(
                 line(function.node),
                 f"caches {function.name}(), whose result depends on self.{read[0]}, which play changes",
             )
+
+
+def _changed(program: Program, function: Function, cached: Function) -> set[str]:
+    """The attributes of the object with the cached result that a function changes; a new object has no result yet."""
+    owner = program.bound_to(function)
+    if owner != program.bound_to(cached) or (owner != program.env and function.name in _CONSTRUCTORS):
+        return set()
+    targets = [*(one for one, _, _ in function.bindings), *(one for one, _ in function.writes)]
+    return {function.field(target) for target in targets} - {""}
+
+
+def _forgets(function: Function, name: str) -> bool:
+    """Whether a function drops the cached result of a method."""
+    for node in function.nodes:
+        match node:
+            case ast.Delete(targets=targets) if any(function.field(root(one)) == name for one in targets):
+                return True
+            case ast.Subscript(ctx=ast.Del(), slice=ast.Constant(value=key)) if key == name:
+                return True
+            case ast.Call(func=ast.Name(id="delattr"), args=[_, ast.Constant(value=key)]) if key == name:
+                return True
+            case ast.Call(func=ast.Attribute(attr="pop"), args=[ast.Constant(value=key), *_]) if key == name:
+                return True
+            case ast.Call(func=ast.Attribute(attr="clear", value=table)) if _is_attributes(table):
+                return True
+            case ast.Call(func=ast.Attribute(attr="cache_clear", value=ast.Attribute(attr=attr))) if attr == name:
+                return True
+    return False
+
+
+def _is_attributes(node: ast.expr) -> bool:
+    """Whether an expression is the table of an object's attributes."""
+    match node:
+        case ast.Attribute(attr="__dict__") | ast.Call(func=ast.Name(id="vars")):
+            return True
+    return False
 
 
 def aliases(program: Program) -> Iterator[Suspect]:
@@ -274,6 +309,45 @@ def kept_actions(program: Program) -> Iterator[Suspect]:
     for node, given in kept:
         if _is_same(given, action) and line(node) <= min(others, default=line(node)):
             yield Suspect(line(node), f"keeps the caller's action without a copy: {ast.unparse(node)[:60]}")
+
+
+def action_writes(program: Program, step: Function) -> list[int]:
+    """Return the lines that write into the action, once play has shown that step() does, in order.
+
+    Args:
+        program: the file.
+        step: its method step().
+    """
+    parameters = [one.arg for one in [*step.node.args.posonlyargs, *step.node.args.args]][bool(step.me) :]
+    return sorted(_writes_into(program, step, parameters[0], set())) if parameters else []
+
+
+def _writes_into(program: Program, function: Function, name: str, seen: set[tuple[Function, str]]) -> set[int]:
+    """The lines that write into the object that a parameter names, here and in the functions that it is given to."""
+    if (function, name) in seen:
+        return set()
+    seen.add((function, name))
+    # A name that stands for another object is no longer the caller's.
+    taken = [
+        line(node)
+        for target, value, node in function.bindings
+        if isinstance(target, ast.Name) and target.id == name and not _is_same(value, name)
+    ]
+    before = min(taken, default=None)
+    found = set()
+    for target, node in function.writes:
+        if isinstance(target, ast.Name) and target.id == name and (before is None or line(node) < before):
+            found.add(line(node))
+    for node in function.nodes:
+        if not isinstance(node, ast.Call) or (before is not None and line(node) >= before):
+            continue
+        if any(each.arg == "out" and _is_same(each.value, name) for each in node.keywords):
+            found.add(line(node))
+        elif (called := program.called(node, function)) is not None:
+            for parameter, value in arguments(node, called):
+                if _is_same(value, name):
+                    found |= _writes_into(program, called, parameter, seen)
+    return found
 
 
 def _is_same(node: ast.AST | None, name: str) -> bool:
