@@ -55,7 +55,7 @@ from envcraft.text import with_article
 from .libraries import ask_for_dependency
 from .linting.program import Function, Program, program_of
 from .linting.program import line as line_at
-from .linting.sharing import same_objects
+from .linting.sharing import action_writes, same_objects
 from .rewards.syntax import returns
 
 if TYPE_CHECKING:
@@ -365,7 +365,7 @@ class Api(Check):
         if trace.acted:
             step, now = trace.acted[0]
             words = f"step {step} changed its action to {str(now)[:200]}"
-            yield self.finding("EC111", words, line=subject.line_of("step"), step=step)
+            yield self.finding("EC111", words, line=_acting_line(subject), step=step)
         for change in trace.spaces[:1]:
             words = f"{change.name} is {change.now} at {_at(change.step)}, but was {change.before} before the reset"
             if change.now == change.before:
@@ -497,6 +497,17 @@ def _first_write(text: str, env_class: str | None, method: str) -> int | None:
         if lines := [line_at(node) for node in writes]:
             return min(lines)
     return None
+
+
+def _acting_line(subject: Subject) -> int | Line:
+    """The first line of step(), or of the functions that it gives its action, that writes into the action; else the
+    line of step().
+    """
+    source = subject.target.kind is Kind.SOURCE and not subject.target.wrappers
+    program = program_of(subject) if source else None
+    step = program.method(program.env, "step") if program is not None else None
+    lines = action_writes(program, step) if program is not None and step is not None else []
+    return lines[0] if lines else subject.line_of("step")
 
 
 def _line_of_result(subject: Subject, method: str, part: int | None = None) -> int | Line:

@@ -346,7 +346,7 @@ class Source(Check):
                 raise UsageError(_wrapper(subject, wrapper))
             return self.finding("EC005", _wrapper(subject, wrapper), line=subject.line_of())
         words = f"{name}() needs {', '.join(required)}"
-        return self.finding("EC007", words, line=subject.line_of(), required=required)
+        return self.finding("EC007", words, line=subject.line_of("__init__"), required=required)
 
     def _broken(self, subject: Subject, loaded: Loaded) -> Finding:
         end = loaded.end

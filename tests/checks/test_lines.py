@@ -143,11 +143,47 @@ _EITHER = f"{_LOOK}        if self.at:\n            return 'one'\n        return
         ),
         ("self.at = 0", "import os; os._exit(3)", "EC008", "class Game"),
         ("", "\n\nclass Other(Game):\n    pass\n", "EC006", "class Other"),
+        ("__init__(self)", "__init__(self, size)", "EC007", "def __init__"),
     ],
 )
 def test_the_line_of_a_finding(old: str, new: str, code: str, named: str) -> None:
     text = GAME.replace(old, new, 1) if old else GAME + new
     assert named in text.splitlines()[(lines(text)[code] or 0) - 1]
+
+
+_PAIR = GAME.replace("Discrete(2)", "MultiDiscrete([3, 3])").replace("int(action)", "int(action[0])")
+_WRITES = "_clip(self, given):\n        given[1] = 0\n\n    def step"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "named"),
+    [
+        ("self.at += int(", "action[1] = 0\n        self.at += int(", "action[1] = 0"),
+        ("self.at += int(", "action *= 0\n        self.at += int(", "action *= 0"),
+        ("self.at += int(", "np.clip(action, 0, 0, out=action)\n        self.at += int(", "np.clip("),
+        (
+            "step(self, action):",
+            f"{_WRITES}(self, action):\n        self._clip(action)",
+            "given[1] = 0",
+        ),
+        # What writes into the copy is right.
+        (
+            "step(self, action):",
+            f"{_WRITES}(self, action):\n        self._clip(action)\n"
+            "        action = action.copy()\n        action[0] = 0",
+            "given[1] = 0",
+        ),
+        (
+            "step(self, action):",
+            "step(self, action):\n        (lambda one: one.fill(0))(action)\n        action = action.copy()\n"
+            "        action[0] = 0",
+            "def step",
+        ),
+    ],
+)
+def test_the_line_that_writes_into_the_action(old: str, new: str, named: str) -> None:
+    text = _PAIR.replace(old, new, 1)
+    assert named in text.splitlines()[(lines(text)["EC111"] or 0) - 1]
 
 
 _SWALLOWED = "        try:\n            self.at += int(action)\n        except Exception:\n            pass\n"
