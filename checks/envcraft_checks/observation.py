@@ -2,8 +2,9 @@
 
 ## What it does
 Checks that the observation carries information. It must change in some episode, unless the contract prescribes no
-picture and the environment is a contextual bandit: seeds have different observations, and on each seed an action always
-earns the same. It must not be independent noise. The same seed under different actions must lead to different
+picture and the environment is a contextual bandit: seeds have different observations, rewards vary, and actions do not
+end an episode. If an action does not always earn the same on a seed, this is a warning: the observation may hide what
+changes. It must not be independent noise. The same seed under different actions must lead to different
 observations. `render()` must return the observation if the contract requires it, or if it is optional and the class
 defines it. A picture may change rarely, or only when the agent acts.
 
@@ -141,15 +142,18 @@ class Observation(Check):
             raise Skip("every episode is one step long, and no agent acts on its last observation")
         seen = [trace for trace in traces if not trace.opaque]
         if len(seen) == len(traces) and all(len(set(trace.observations)) == 1 for trace in traces):
-            if subject.contract.observation is None and _is_bandit(traces):
+            bandit = subject.contract.observation is None and _may_be_bandit(traces)
+            if bandit and _always_pays_alike(traces):
                 return
-            yield self.finding(
+            found = self.finding(
                 "EC401",
                 f"the observation does not change in any of {len(traces)} episodes, "
-                f"{sum(trace.steps for trace in traces)} steps in total",
+                f"{sum(trace.steps for trace in traces)} steps in total"
+                f"{', which is right only for a contextual bandit' if bandit else ''}",
                 line=subject.line_of("step"),
                 repro=repro(longest.rollout.cut(20)),
             )
+            yield found.as_warning() if bandit else found
         else:
             yield from self._find_first(subject, seen)
         yield from self._find_unlike_render(subject)
@@ -202,18 +206,25 @@ def _defects(subject: Subject, traces: list[Trace]) -> Iterator[tuple[str, Defec
     yield "EC406", find_hidden(subject, traces) or find_unseen(subject, traces)
 
 
-def _is_bandit(traces: list[Trace]) -> bool:
-    """Whether the observation differs between seeds, and on each seed an action always earns the same: a contextual
-    bandit, whose context stays for an episode.
+def _may_be_bandit(traces: list[Trace]) -> bool:
+    """Whether play may be that of a contextual bandit, whose context stays for an episode: the observation differs
+    between seeds, steps of one episode pay differently, and no action ends an episode sooner.
     """
-    rewards: dict[tuple[int, str], set[float]] = {}
-    for trace in traces:
-        for action, reward in zip(trace.actions, trace.rewards, strict=False):
-            rewards.setdefault((trace.rollout.seed, repr(action)), set()).add(reward)
-    paid = {(seed, reward) for (seed, _), earned in rewards.items() for reward in earned}
     contexts = {trace.observations[0] for trace in traces}
-    depends = len(paid) > len({seed for seed, _ in paid})
-    return len(contexts) > 1 and depends and all(len(earned) == 1 for earned in rewards.values())
+    ends = {trace.steps for trace in traces if trace.ended}
+    longest = max(trace.steps for trace in traces)
+    paid = {(trace.rollout.seed, reward) for trace in traces for reward in trace.rewards}
+    return len(contexts) > 1 and ends <= {longest} and len(paid) > len({seed for seed, _ in paid})
+
+
+def _always_pays_alike(traces: list[Trace]) -> bool:
+    """Whether on each seed an action always earns the same, so that nothing is hidden."""
+    earned: dict[tuple[int, str], float] = {}
+    return all(
+        earned.setdefault((trace.rollout.seed, repr(action)), reward) == reward
+        for trace in traces
+        for action, reward in zip(trace.actions, trace.rewards, strict=False)
+    )
 
 
 def _only_value(space: SpaceSpec) -> bool:

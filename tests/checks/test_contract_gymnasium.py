@@ -12,7 +12,7 @@ from envcraft.judging.engine import Plan, validate
 from envcraft.judging.selection import default_checks, driver_named
 from envcraft.model.events import Finished
 from envcraft.model.target import Target
-from envcraft.model.verdict import SubjectReport, Verdict
+from envcraft.model.verdict import Severity, SubjectReport, Verdict
 from evaluation.judge import failing
 
 _TEMPLATE = """
@@ -255,7 +255,7 @@ BAD = {
         "observation_space =", "total = 0.0\n    observation_space =")),
     "EC301 NaN": ("EC301", COSTS.replace("-1e6", "-1e6 if self.total < 9 else np.float64('nan')")),
     "EC302 array": ("EC302", COSTS.replace("-1e6", "np.ones(1)")),
-    "EC401 old context": ("EC401", OLD),
+    "EC401 never drawn again": ("EC401", COSTS.replace(_STATE, "np.array([0.0, self.card, 1.0])")),
     "EC401 constant": ("EC401", COSTS.replace(_STATE, "np.zeros(3)")),
     "EC401 constant graph": ("EC401", COSTS.replace(_FLOATS, "spaces.Graph(spaces.Box(-1, 1, (2,)), None)").replace(
         _STATE, "spaces.GraphInstance(np.zeros((3, 2), np.float32), None, None)")),
@@ -270,13 +270,19 @@ BAD = {
 }  # fmt: skip
 
 
+#: A context that stays for an episode and says how often each arm pays.
+CHANCES = source(
+    "reward, truncated = float(self.np_random.random() < self.chances[action]), self.steps == 20",
+    observe="self.chances.copy()",
+    reset="self.chances = self.np_random.random(3)",
+)
 UNKNOWN_ACTIONS = OWN.replace("action_space = spaces.Discrete(3)", "action_space = Mood()")
 
 
 @pytest.fixture(scope="module")
 def reports() -> dict[str, SubjectReport]:
     """The report on each source."""
-    texts = [*GOOD.values(), *(text for _, text in BAD.values()), UNKNOWN_ACTIONS]
+    texts = [*GOOD.values(), *(text for _, text in BAD.values()), UNKNOWN_ACTIONS, CHANCES, OLD]
     targets = [Target("game.py", text.encode()) for text in texts]
     *_, last = validate(Plan(targets, GYMNASIUM, driver_named("process"), default_checks(), BUDGETS["quick"]))
     assert isinstance(last, Finished)
@@ -299,6 +305,15 @@ def test_good_environments_have_no_finding_but_that_some_pay_nothing(
 def test_defects_are_found(name: str, reports: dict[str, SubjectReport]) -> None:
     code, text = BAD[name]
     assert failing(reports[text]) == set(code.split())
+
+
+@pytest.mark.parametrize("text", [CHANCES, OLD], ids=["chances", "old context"])
+def test_a_context_that_stays_while_rewards_vary_is_a_warning(text: str, reports: dict[str, SubjectReport]) -> None:
+    report = reports[text]
+    (found,) = (found for check in report.checks for found in check.findings if found.code == "EC401")
+    assert found.severity is Severity.WARNING
+    assert "right only for a contextual bandit" in found.message
+    assert report.verdict is Verdict.PASS
 
 
 def test_actions_of_an_unknown_space_are_not_drawn(reports: dict[str, SubjectReport]) -> None:
