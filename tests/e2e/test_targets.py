@@ -269,7 +269,8 @@ def test_no_render_mode_is_as_good_as_none_named(target: str, tmp_path: Path) ->
         ("Xyzzy-v7", 3, "no installed package registers Xyzzy-v7; write MODULE:ID"),
         ("corridors.corider:Corridor", 2, "No module named 'corridors.corider'"),
         ("CartPol-v1", 2, "no installed package registers CartPol-v1; did you mean CartPole-v1?"),
-        ("gymnasium:Foo-v0", 2, "the package gymnasium registers no Foo-v0"),
+        ("gymnasium:Foo-v0", 2, "the package gymnasium registers no Foo-v0; it registers CartPole-v1, MountainCar-v0"),
+        ("gymnasium:CartPol-v1", 2, "gymnasium registers no CartPol-v1; did you mean CartPole-v1?"),
         ("nowhere:CartPole-v1", 3, "no installed package is named nowhere; install the package beside EnvCraft"),
     ],
 )

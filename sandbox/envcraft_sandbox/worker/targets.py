@@ -180,8 +180,7 @@ class Installed(_OfPackage):
             if is_environment(value) and not issubclass(value, gymnasium.Wrapper)
         ]
         # An id without its version looks like a class.
-        starts = tuple(f"{self._module.partition('.')[0]}{sign}" for sign in ".:")
-        ids = list(_newest(key for key, spec in gymnasium.registry.items() if str(spec.entry_point).startswith(starts)))
+        ids = _ids_of(self._module)
         there = "; it has no environment"
         if names:
             there = f"; its environments are {', '.join(names[:_MOST_NAMED])}"
@@ -316,7 +315,8 @@ def find_spec(wanted: str) -> Any:
         return found
     near = _suggest(name, list(gymnasium.registry))
     if module:
-        raise NoSuchEnvironment(f"the package {module} registers no {name}{near}")
+        own = ", ".join(_ids_of(packages[0])[:_MOST_NAMED])
+        raise NoSuchEnvironment(f"the package {module} registers no {name}{near or (own and f'; it registers {own}')}")
     hint = near or "; write MODULE:ID to say which module registers it"
     raise NoSuchEnvironment(f"no installed package registers {name}{hint}")
 
@@ -395,6 +395,12 @@ def _suggest(name: str, known: Iterable[str], before: str = "", cutoff: float = 
     names = {_unversioned(other): other for other in _newest(known)}
     near = difflib.get_close_matches(_unversioned(name), names, n=1, cutoff=cutoff)
     return f"; did you mean {before}{names[near[0]]}?" if near else ""
+
+
+def _ids_of(module: str) -> list[str]:
+    """The newest version of each id that the package of a module registers."""
+    starts = tuple(f"{module.partition('.')[0]}{sign}" for sign in ".:")
+    return list(_newest(key for key, spec in gymnasium.registry.items() if str(spec.entry_point).startswith(starts)))
 
 
 def _newest(ids: Iterable[str]) -> Iterable[str]:
