@@ -12,6 +12,7 @@ slow machine reports the results that it has. The later tests are skipped, and t
 from __future__ import annotations
 
 import contextlib
+import gc
 import os
 import signal
 import time
@@ -30,6 +31,8 @@ from envcraft.judging.installed import Installed
 
 # Several tests run at a time, and threads that wait for each other actively would take their processors.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
+# As in the command `envcraft`: the modules and tests of a process are many objects, and little of them is garbage.
+gc.set_threshold(50_000, 20, 20)
 ROOT = Path(__file__).resolve().parent.parent
 # Other tests may take the processor for seconds while Hypothesis draws one example.
 hypothesis.settings.register_profile("envcraft", deadline=None, suppress_health_check=[hypothesis.HealthCheck.too_slow])
@@ -104,6 +107,12 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     if hasattr(config, "workerinput"):
         order = {ROOT / "tests" / name: number for number, name in enumerate(_FIRST)}
         items.sort(key=lambda item: order.get(item.path, len(order)))
+
+
+def pytest_collection_finish() -> None:
+    # The tests stay to the end, so that no search for garbage needs to visit them.
+    gc.collect()
+    gc.freeze()
 
 
 @pytest.hookimpl(optionalhook=True)

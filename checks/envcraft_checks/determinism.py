@@ -90,7 +90,7 @@ class Determinism(Check):
             "EC202",
             "fresh-process",
             "The trace depends on the process.",
-            "Do not depend on id(), the process id, or the order of a set of objects.",
+            "Do not depend on id(), the process id, the order of a set of objects, or the memory of np.empty().",
         ),
         Rule(
             "EC203",

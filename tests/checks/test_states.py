@@ -69,9 +69,9 @@ def _game(top: str = "", owned: str = "", made: str = "", reset: str = "", step:
     return _GAME.format(top=textwrap.dedent(top), owned=textwrap.indent(textwrap.dedent(owned), " " * 4), **inside)
 
 
-def _found(source: str, workers: int = 1) -> dict[str, Finding]:
+def _found(source: str, workers: int = 1, **more: Any) -> dict[str, Finding]:
     options: Any = {"sandbox": "process", "budget": "quick", "checks": "determinism", "workers": workers}
-    report = envcraft.validate(source, **options)
+    report = envcraft.validate(source, **options, **more)
     return {finding.code: finding for check in report.reports[0].checks for finding in check.findings}
 
 
@@ -329,6 +329,83 @@ CAUSES = {
         },
     ),
 }
+
+
+_OWLS = "for owl in self.owls:\n    frame[20:24, int(np.sum(owl)) % 80] = (200, 40, 0)"
+#: A game, and its line that creates once what play changes, or that changes it.
+ONCE = {
+    "a list of the module under another name": (
+        "EC206",
+        {
+            "top": "START = [3, 9]\n",
+            "reset": "self.owls = START",
+            "step": "self.owls[0] += 1  # here",
+            "shown": _OWLS,
+        },
+    ),
+    "a list in a list of the module": (
+        "EC206",
+        {
+            "top": "START = [[3, 1], [9, 2]]\n",
+            "reset": "self.owls = list(START)",
+            "step": "self.owls[0][0] += 1  # here",
+            "shown": _OWLS,
+        },
+    ),
+    "a variable of a function around another": (
+        "EC207",
+        {
+            "top": "def counter():\n    count = 0\n    def tick():\n        nonlocal count\n"
+            "        count += 1  # here\n        return count\n    return tick\n\ntick = counter()\n",
+            "reset": "self.owls = [3]",
+            "step": "if tick() % 2:\n    self.owls[0] += 1",
+            "shown": _OWLS,
+        },
+    ),
+    "a generator that reset() does not create again": (
+        "EC206",
+        {
+            "owned": "def _gusts(self):\n    while True:\n        yield from (0, 0, 0, 1, 1)\n",
+            "made": "self.gusts = self._gusts()  # here",
+            "reset": "self.owls = [3]",
+            "step": "if next(self.gusts):\n    self.owls[0] += 1",
+            "shown": _OWLS,
+        },
+    ),
+}
+
+
+@pytest.mark.parametrize("name", ONCE)
+def test_what_is_created_once_is_named(name: str) -> None:
+    code, parts = ONCE[name]
+    source = _game(**parts)
+    finding = _found(source)[code]
+    line = 1 + next(number for number, text in enumerate(source.splitlines()) if text.endswith("# here"))
+    assert finding.line == line, finding.message
+    assert "writes it" not in finding.message
+
+
+def test_a_line_that_did_not_run_is_not_named_where_another_file_may_write(tmp_path: Path) -> None:
+    (tmp_path / "lanes.py").write_text(
+        "POOL = []\n\n\nclass Placed:\n    def place(self):\n        POOL.append(1)\n"
+        "        self.rock = len(POOL) % 9\n"
+    )
+    source = _game(
+        "from lanes import Placed", reset="self.place()", step="self.rock += 0", shown=_BAR.format("self.rock")
+    )
+    game = tmp_path / "game.py"
+    game.write_text(source.replace("class Lane(", "class Lane(Placed, "))
+    finding = _found(str(game), contract="gymnasium")["EC206"]
+    assert "writes it" not in finding.message
+    assert "def reset" in game.read_text().splitlines()[(finding.line or 0) - 1]
+
+
+def test_uninitialised_memory_is_named() -> None:
+    source = _game(shown="frame = np.empty((84, 84, 3), np.uint8)  # here\nframe[:70] = 0")
+    [finding] = _found(source).values()
+    line = 1 + next(number for number, text in enumerate(source.splitlines()) if text.endswith("# here"))
+    assert (finding.code in ("EC201", "EC202"), finding.line) == (True, line), finding.message
+    assert "uninitialised memory" in finding.message
 
 
 @pytest.mark.parametrize("name", CAUSES)

@@ -8,6 +8,7 @@ import random
 import sys
 import time
 from collections import Counter, OrderedDict, defaultdict, deque
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
@@ -259,19 +260,32 @@ def ring() -> Any:
     return made
 
 
-@pytest.mark.parametrize(
-    "value",
-    [
-        deep(), wide(), ring(), "x" * 10**7, list(range(10**6)), [[number] for number in range(10**5)],
-        {number: [number] for number in range(10**5)}, set(range(10**5)), 10**100_000, np.zeros((5_000, 5_000)),
-        [Ball(marks=[Ball() for _ in range(40)]) for _ in range(400)], {"k" * 10**6: 1}, b"x" * 10**6,
-        SimpleNamespace(**{f"field_{number}": number for number in range(5_000)}),
-        SimpleNamespace(**{"x" * 10**5: 1}), {"\ud800": "\ud800"}, "\u202e\x1b[31m", {"\x1b[31m": 2},
-    ],
-    ids=kind,
-)  # fmt: skip
-def test_huge_and_odd_values_cost_little(value: Any) -> None:
-    reading, channel = fields(Env(it=value, after=1), ModuleType("empty"))
+#: Made by the test: each process of pytest-xdist collects all tests, and would keep the values to its end.
+HUGE_AND_ODD: list[Callable[[], Any]] = [
+    deep,
+    wide,
+    ring,
+    lambda: "x" * 10**7,
+    lambda: list(range(10**6)),
+    lambda: [[number] for number in range(10**5)],
+    lambda: {number: [number] for number in range(10**5)},
+    lambda: set(range(10**5)),
+    lambda: 10**100_000,
+    lambda: np.zeros((5_000, 5_000)),
+    lambda: [Ball(marks=[Ball() for _ in range(40)]) for _ in range(400)],
+    lambda: {"k" * 10**6: 1},
+    lambda: b"x" * 10**6,
+    lambda: SimpleNamespace(**{f"field_{number}": number for number in range(5_000)}),
+    lambda: SimpleNamespace(**{"x" * 10**5: 1}),
+    lambda: {"\ud800": "\ud800"},
+    lambda: "\u202e\x1b[31m",
+    lambda: {"\x1b[31m": 2},
+]
+
+
+@pytest.mark.parametrize("make", HUGE_AND_ODD)
+def test_huge_and_odd_values_cost_little(make: Callable[[], Any]) -> None:
+    reading, channel = fields(Env(it=make(), after=1), ModuleType("empty"))
     started = time.process_time()
     for _ in range(3):
         reading.send()

@@ -13,7 +13,7 @@ from envcraft.text import one_line
 from envcraft_checks.comparing.causes import TELEMETRY, Cause
 from envcraft_checks.comparing.conditions import LOGICAL
 from envcraft_checks.comparing.traces import diverge, interrupted
-from envcraft_checks.comparing.writers import Writers
+from envcraft_checks.comparing.writers import SHARED, Writers
 from envcraft_checks.linting import program
 
 if TYPE_CHECKING:
@@ -26,8 +26,6 @@ _SHARE = 0.2
 _CHANCES = 3
 #: The global generators, which differ because a condition sets them.
 _GLOBAL = frozenset({"random", "numpy.random"})
-#: Codes whose suspect lines write the field, and do not only give a value that another line writes.
-_SHARED = frozenset({"EC206", "EC207"})
 #: Characters of a value in a message.
 _SHOWN = 40
 _ABSENT = "(absent)"
@@ -142,7 +140,7 @@ def _first(writers: Writers, cause: Cause, runs: list[Trace], last: int) -> Fiel
     for orders in (False, True):
         for step, paths in enumerate(steps):
             named = [path for path in paths if path.startswith("iter(") == orders and path not in ignored]
-            if writers.suspects and writers.code not in _SHARED:
+            if writers.suspects and writers.code not in SHARED:
                 # A line that uses a clock, an order or a draw at once leaves no other field.
                 named = [path for path in named if not writers.is_idle(path)]
             if orders:
@@ -164,7 +162,7 @@ def in_words(writers: Writers, field: FieldDifference | None) -> tuple[str, int 
     """
     suspects, words = writers.suspects, ""
     line = None
-    if writers.code in _SHARED:
+    if writers.code in SHARED:
         # What a reset may leave as it is, such as a cache, matters only if it differs.
         written = writers.places(field.path) if field is not None else frozenset()
         suspects = [suspect for suspect in suspects if suspect.certain or suspect.line in written]
@@ -173,7 +171,10 @@ def in_words(writers: Writers, field: FieldDifference | None) -> tuple[str, int 
         known = writers.places(field.path), writers.around(field.path), field.lines
         ranks = {suspect: tuple(suspect.line not in lines for lines in known) for suspect in suspects}
         suspects = sorted(suspects, key=ranks.__getitem__)
-        if suspects and not (ranks[suspects[0]][0] if writers.code in _SHARED else all(ranks[suspects[0]])):
+        if suspects and writers.code in SHARED and field.path.startswith("self."):
+            # An attribute that the reset leaves equal, or that another instance changes, follows from something else.
+            line = None if writers.code == "EC207" or field.step else line
+        if suspects and not (ranks[suspects[0]][0] if writers.code in SHARED else all(ranks[suspects[0]])):
             line = suspects[0].line
         elif line is not None:
             words += f", and line {line} writes it"

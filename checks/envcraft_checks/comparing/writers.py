@@ -16,6 +16,7 @@ from envcraft.text import relative
 from envcraft_checks.linting.clock import clocks, readings
 from envcraft_checks.linting.generators import generators, seeded_draws
 from envcraft_checks.linting.leftovers import kept, leftovers, used_fields
+from envcraft_checks.linting.once import closures, constants, iterators, uninitialised
 from envcraft_checks.linting.order import orders, turns
 from envcraft_checks.linting.program import (
     Function,
@@ -34,6 +35,10 @@ if TYPE_CHECKING:
     from envcraft.judging.subject import Subject
     from envcraft.model.target import Project
 
+#: Codes of state that outlives an episode or that instances share.
+SHARED = frozenset({"EC206", "EC207"})
+#: What finds the lines that change what is created once.
+_ONCE = (constants, closures, iterators)
 #: What finds the lines that may cause a difference, by its code.
 FINDERS: dict[str, tuple[Callable[[Program], Iterator[Suspect]], ...]] = {
     "EC201": (generators, clocks),
@@ -41,13 +46,17 @@ FINDERS: dict[str, tuple[Callable[[Program], Iterator[Suspect]], ...]] = {
     "EC203": (orders,),
     "EC204": (generators,),
     "EC205": (clocks,),
-    "EC206": (kept, leftovers, shared),
-    "EC207": (shared,),
+    "EC206": (kept, leftovers, shared, *_ONCE),
+    "EC207": (shared, *_ONCE),
     "EC215": (kept_actions,),
 }
 #: What finds the lines where those above find none.
 _LAST: dict[str, tuple[Callable[[Program], Iterator[Suspect]], ...]] = {
-    "EC202": (partial(turns, kinds=("objects",)),),
+    "EC201": (uninitialised,),
+    "EC202": (
+        uninitialised,
+        partial(turns, kinds=("objects",)),
+    ),
     "EC203": (partial(turns, kinds=("strings", "members of an enumeration")),),
     "EC204": (seeded_draws,),
     "EC205": (readings,),
@@ -73,6 +82,7 @@ class Writers:
     def __init__(self, subject: Subject, code: str) -> None:
         self.code = code
         self._program: Program | None = None
+        self._in_project = subject.target.project is not None
         self.suspects: list[Suspect] = []
         self.elsewhere: tuple[str, list[Suspect]] | None = None
         try:
@@ -86,7 +96,7 @@ class Writers:
             for finders in (FINDERS.get(code, ()), _LAST.get(code, ())):
                 if not self.suspects and self.elsewhere is None:
                     self.suspects = list(dict.fromkeys(one for find in finders for one in find(program)))
-                    if not self.suspects and code not in ("EC206", "EC207") and subject.target.project is not None:
+                    if not self.suspects and code not in SHARED and subject.target.project is not None:
                         self.elsewhere = _elsewhere(program, subject.target.project, finders)
         except (RecursionError, SyntaxError, ValueError):
             self._program = None
@@ -131,8 +141,20 @@ class Writers:
             own = _lines(node)
             return node not in self._drawing, lines.isdisjoint(own), suspected.isdisjoint(own), default, line(node)
 
-        found = min(self._writes(path), key=rank, default=None)
+        writes = self._writes(path)
+        if self.code in SHARED:
+            # What creates an object once runs in no episode.
+            writes = [write for write in writes if write[0] not in self._created]
+            # The method of another file may be the one that ran.
+            if self._in_project and path.startswith("self."):
+                writes = [write for write in writes if not lines.isdisjoint(_lines(write[0]))]
+        found = min(writes, key=rank, default=None)
         return line(found[0]) if found is not None else None
+
+    @cached_property
+    def _created(self) -> frozenset[ast.AST]:
+        """The nodes that bind names of the module and of classes."""
+        return frozenset(node for _, _, node in bindings(self._outside))
 
     @cached_property
     def _drawing(self) -> frozenset[ast.AST]:

@@ -11,10 +11,8 @@ from pathlib import Path
 
 import msgspec
 import pytest
-import torch
 from click.testing import CliRunner
 from envcraft_dqn import learnability
-from envcraft_dqn.network import Network, one_thread, seeded_weights
 
 from envcraft.cli.group import cli
 from envcraft.judging.budget import BUDGETS
@@ -166,6 +164,9 @@ def test_time_limit_skips_the_check(tmp_path: Path, subject_of: Opened) -> None:
 
 
 def test_training_uses_one_thread() -> None:
+    import torch
+    from envcraft_dqn.network import one_thread
+
     before = torch.get_num_threads()
     torch.set_num_threads(2)
     try:
@@ -177,6 +178,9 @@ def test_training_uses_one_thread() -> None:
 
 
 def test_concurrent_networks_have_the_weights_of_their_seeds() -> None:
+    import torch
+    from envcraft_dqn.network import Network, seeded_weights
+
     def weights(seed: int) -> list[float]:
         with seeded_weights(seed):
             network = Network((84, 84, 3), (5, 2, 2), "tiny")

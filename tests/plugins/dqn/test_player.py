@@ -6,10 +6,7 @@ from contextlib import closing
 from pathlib import Path
 
 import pytest
-import torch
-from envcraft_dqn.checkpoint import save_agent
 from envcraft_dqn.env_spec import EnvSpec
-from envcraft_dqn.network import Network
 
 from envcraft.contracts.lookup import contract_named
 from envcraft.demonstrations.player import loaded_player
@@ -27,6 +24,10 @@ RIGHT = 16
 
 def agent(folder: Path, shape: tuple[int, ...]) -> str:
     """Write an agent that always goes right, and return its name as a player."""
+    import torch
+    from envcraft_dqn.checkpoint import save_agent
+    from envcraft_dqn.network import Network
+
     network = Network(shape, (5, 2, 2), "tiny")
     with torch.no_grad():
         network.advantage.weight.zero_()

@@ -11,7 +11,6 @@ from envcraft_dqn.replay import Replay, decisiveness
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
-from scipy import stats
 
 SHAPE = (1, 2, 3)
 GAMMA = 0.9
@@ -228,6 +227,8 @@ def filled(count: int, kept: int = 0) -> Replay:
 
 
 def test_errors_decide_how_often_and_weights_make_up_for_it() -> None:
+    from scipy import stats
+
     replay = filled(200)
     rng = np.random.default_rng(0)
     errors = rng.exponential(size=200).astype(np.float32)
@@ -343,6 +344,8 @@ def test_decisiveness_is_between_no_matter_and_one_good_action() -> None:
 
 
 def test_states_with_decisive_advice_are_sampled_more_often_and_errors_change_nothing() -> None:
+    from scipy import stats
+
     rng = np.random.default_rng(0)
     replay = Replay(RawFrames(40, SHAPE), 40, 1, GAMMA, alpha=1.0, advised=3)
     replay.reset(0)

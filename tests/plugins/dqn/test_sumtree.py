@@ -7,7 +7,6 @@ import pytest
 from envcraft_dqn.sumtree import SumTree
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy import stats
 
 PRIORITIES = st.one_of(st.just(0.0), st.floats(1e-9, 1e9))
 
@@ -53,6 +52,8 @@ def test_a_tree_that_is_built_anew_is_the_same_bit_by_bit() -> None:
 
 
 def test_leaves_are_drawn_as_often_as_their_priorities_say() -> None:
+    from scipy import stats
+
     rng = np.random.default_rng(1)
     tree = SumTree(300)
     priorities = np.where(rng.random(300) < 0.3, 0.0, rng.random(300) + 0.05)
