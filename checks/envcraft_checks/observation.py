@@ -67,6 +67,7 @@ from envcraft.model.verdict import Finding, Severity
 from envcraft.plugins import hookimpl
 
 from .pictures.contrast import find_faint
+from .pictures.drawing import frame_line
 from .pictures.frozen import find_frozen
 from .pictures.hidden import find_hidden, find_unseen
 from .pictures.invisible import find_invisible
@@ -95,7 +96,12 @@ class Observation(Check):
             "EC402", "noise", "The observation is independent noise.", "Draw the state of the game, not random pixels."
         ),
         Rule("EC403", "unresponsive", "The observation does not react to actions.", "Draw what the agent controls."),
-        Rule("EC404", "unlike-render", "The observation differs from render().", "Draw both with one method."),
+        Rule(
+            "EC404",
+            "unlike-render",
+            "The observation differs from render().",
+            "Draw both with one method, after all changes of state.",
+        ),
         Rule(
             "EC405",
             "low-contrast",
@@ -167,7 +173,7 @@ class Observation(Check):
                 finding = self.finding(
                     code,
                     defect.message,
-                    line=subject.line_of("step"),
+                    line=(frame_line(subject) if code == "EC409" else None) or subject.line_of("step"),
                     repro=repro(defect.rollout),
                     **defect.evidence,
                 )
@@ -188,7 +194,7 @@ class Observation(Check):
             yield self.finding(
                 "EC404",
                 f"after {at} render() returns another picture than the observation",
-                line=subject.line_of("render"),
+                line=(frame_line(subject) if step else None) or subject.line_of("render"),
                 repro=repro(trace.rollout.cut(step)),
                 step=step,
             )
