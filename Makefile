@@ -25,8 +25,6 @@ demo: .venv/core.stamp
 test: lint types pytest
 
 pytest: .venv/dev.stamp
-	# Otherwise each process compiles all tests for itself.
-	@env -u PYTHONDONTWRITEBYTECODE $(BIN)/pytest --collect-only -qq -p no:cacheprovider >/dev/null || true
 	$(BIN)/pytest -n auto --dist loadfile --no-loadscope-reorder $(PYTEST_FLAGS)
 
 lint: .venv/dev.stamp

@@ -12,8 +12,13 @@ number, EC056 is an error; if only the order of the additions decides, it is a w
 that a count may skip, such as hearts that an enemy takes in twos.
 
 EC059 also reports a step limit in digits that is not the one which the code declares and uses elsewhere, a reward that
-step() decides after it has paid the reward of its last step, and `all(a == b for a, b in zip(...))` of a list that may
-be empty.
+step() decides after it has paid the reward of its last step, `all(a == b for a, b in zip(...))` of a list that may
+be empty, a use of an action under a test that is never true, and a test of an area that starts at -1, where a slice has
+no cells.
+
+EC061 is about what step() returns: flags in each other's place, an info that is no dict, and one without the key for
+success that the info of another end has. EC062 is about each branch that brings success nearer: its rewards are
+negative numbers.
 
 The check runs after the others. If play has shown a defect of the same kind, for example EC204 for a draw from a
 global generator, that finding has the reproduction, and this check does not repeat it. A rule that is off by default
@@ -59,6 +64,7 @@ from .linting.early import early_successes
 from .linting.effects import effects, swallowed
 from .linting.equal import equal_values
 from .linting.generators import generators
+from .linting.lasting import lasting_parts
 from .linting.leftovers import leftovers
 from .linting.limits import other_limits
 from .linting.logic import contradictions, divisions
@@ -68,12 +74,14 @@ from .linting.pairs import short_comparisons
 from .linting.parts import parts_read_twice
 from .linting.powers import powers
 from .linting.program import Program, Suspect, in_words
+from .linting.punished import punished_successes
+from .linting.results import wrong_results
 from .linting.sharing import aliases, shared
 from .linting.skipped import skipped_numbers
 from .linting.success import unreachable_successes
 from .linting.sums import floats
 from .linting.unending import ongoing_successes
-from .linting.wrapping import unsigned, wrapped_indices
+from .linting.wrapping import empty_slices, unsigned, wrapped_indices
 
 if TYPE_CHECKING:
     from envcraft.judging.subject import Subject
@@ -93,6 +101,7 @@ _FINDERS: tuple[tuple[str, Callable[[Program], Iterator[Suspect]]], ...] = (
     ("EC055", effects),
     ("EC056", floats),
     ("EC056", skipped_numbers),
+    ("EC056", lasting_parts),
     ("EC057", divisions),
     ("EC057", powers),
     ("EC058", swallowed),
@@ -110,6 +119,9 @@ _FINDERS: tuple[tuple[str, Callable[[Program], Iterator[Suspect]]], ...] = (
     ("EC059", owed_rewards),
     ("EC059", short_comparisons),
     ("EC059", parts_read_twice),
+    ("EC059", empty_slices),
+    ("EC061", wrong_results),
+    ("EC062", punished_successes),
 )
 
 
@@ -192,6 +204,20 @@ class Lint(Check):
             "Set terminated on success, or report success only at the end.",
             Severity.WARNING,
             confirmed_by=("EC506",),
+        ),
+        Rule(
+            "EC061",
+            "wrong-result",
+            "step() returns its flags in each other's place, or an info that is no dict or lacks success.",
+            "Return observation, reward, terminated, truncated and a dict, in this order.",
+            confirmed_by=("EC106", "EC114", "EC501", "EC502", "EC506", "EC507", "EC509", "EC510"),
+        ),
+        Rule(
+            "EC062",
+            "success-punished",
+            "What brings success nearer has a negative reward.",
+            "Pay for progress; do not change the sign of the reward.",
+            confirmed_by=("EC308",),
         ),
     )
 

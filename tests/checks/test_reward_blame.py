@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import ast
 import textwrap
 from pathlib import Path
 from typing import Any
 
 import pytest
+from envcraft_checks.linting.program import Program
 from envcraft_checks.reward import Reward, _kind
 from envcraft_checks.rewards.blame import Blame, Call, blamed_line
 from envcraft_checks.rewards.lines import RewardLines
@@ -587,7 +589,8 @@ def test_calls_whose_lines_end_too_early_tell_nothing() -> None:
     source = CASES["one of several branches"][2]
     end = next(number for number, text in enumerate(source.splitlines(), 1) if text.endswith("# here"))
     finding = Finding("EC303", Severity.ERROR, "", None, {"reward": -1000.0}, Repro(0, [_STAY]))
-    blame = Blame(RewardLines(source, "Lane"), finding, (-100.0, 100.0), [Call(frozenset({end}), -1000.0)])
+    lines = RewardLines(Program(ast.parse(source), "Lane"))
+    blame = Blame(lines, finding, (-100.0, 100.0), [Call(frozenset({end}), -1000.0)])
     assert blame.line() is None
 
 

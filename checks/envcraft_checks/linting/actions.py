@@ -122,6 +122,11 @@ class Actions:
         """The number of parts of an action; 0 if it has none, or if the code does not show the space."""
         return len(self._space) if isinstance(self._space, list) else 0
 
+    def is_chosen(self, node: ast.expr, function: Function) -> bool:
+        """Whether an expression is a part of an action, or compares one with a number."""
+        span = self.of(node.left if isinstance(node, ast.Compare) else node, function)
+        return isinstance(span, _Span) and span.chosen
+
     def is_whole(self, node: ast.expr, function: Function) -> bool:
         """Whether an expression is an action with all of its parts."""
         spans = self.of(node, function)

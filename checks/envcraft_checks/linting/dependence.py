@@ -261,21 +261,7 @@ class Dependence:
             node = self.program.parents[node]
 
     def _guards(self, node: ast.AST, function: Function) -> Iterator[tuple[ast.expr, bool]]:
-        """The tests around a node, and whether they hold there."""
-        while node is not function.node:
-            parent = self.program.parents[node]
-            match parent:
-                case ast.If(test=test, orelse=orelse) if test is not node:
-                    yield test, node not in orelse
-                case ast.While(test=test) if test is not node:
-                    yield test, True
-                case ast.IfExp(test=test, orelse=orelse) if test is not node:
-                    yield test, node is not orelse
-                case ast.Match(subject=subject) if subject is not node:
-                    yield subject, True
-                case ast.match_case(guard=ast.expr() as test) if test is not node:
-                    yield test, True
-            node = parent
+        return guards(self.program, node, function)
 
     def _spread_changes(self) -> None:
         """A change in place reaches each name of the object."""
@@ -312,6 +298,24 @@ class Dependence:
             found |= new
             waiting += [each for each in new if not isinstance(each, str)]
         return {each for each in found if isinstance(each, str) and (fixed or each in self._needs)}
+
+
+def guards(program: Program, node: ast.AST, function: Function) -> Iterator[tuple[ast.expr, bool]]:
+    """The tests around a node, and whether they hold there."""
+    while node is not function.node:
+        parent = program.parents[node]
+        match parent:
+            case ast.If(test=test, orelse=orelse) if test is not node:
+                yield test, node not in orelse
+            case ast.While(test=test) if test is not node:
+                yield test, True
+            case ast.IfExp(test=test, orelse=orelse) if test is not node:
+                yield test, node is not orelse
+            case ast.Match(subject=subject) if subject is not node:
+                yield subject, True
+            case ast.match_case(guard=ast.expr() as test) if test is not node:
+                yield test, True
+        node = parent
 
 
 def is_local(node: Node) -> bool:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 from collections.abc import Iterator
 
+from .actions import Actions
 from .program import Function, Program, Suspect, line, name_of
 from .ranges import Ranges, decides
 
@@ -15,15 +16,19 @@ _ROOTS = frozenset({"dist", "hypot", "norm", "sqrt"})
 
 
 def contradictions(program: Program) -> Iterator[Suspect]:
-    """Find tests of the end that can never be true."""
-    ranges = Ranges(program)
+    """Find tests of the end, and of what an action does, that can never be true."""
+    ranges, actions = Ranges(program), Actions(program)
     for function in program.play:
         if program.bound_to(function) != program.env:
             continue
         for node in function.nodes:
             if isinstance(node, ast.BoolOp) and _holds_false(node) and decides(program, node):
                 yield Suspect(line(node), f"tests {ast.unparse(node)[:60]}, which is never true")
-            if isinstance(node, ast.Compare) and len(node.ops) == 1 and decides(program, node):
+            if not isinstance(node, ast.Compare) or len(node.ops) != 1:
+                continue
+            if decides(program, node) and ast.unparse(node).startswith("len(") and _is_below_zero(node):
+                yield Suspect(line(node), f"tests {ast.unparse(node)[:60]}, but no length is below zero")
+            if decides(program, node) or _lets_act(program, actions, node, function):
                 for field_side, other, kind in (
                     (node.left, node.comparators[0], type(node.ops[0])),
                     (node.comparators[0], node.left, _MIRRORED.get(type(node.ops[0]))),
@@ -36,6 +41,26 @@ def contradictions(program: Program) -> Iterator[Suspect]:
                             bound = f"is never above {high:g}" if below else f"is never below {low:g}"
                             yield Suspect(line(node), f"tests {ast.unparse(node)}, but self.{field} {bound}")
     yield from _never_set(program)
+
+
+def _is_below_zero(node: ast.Compare) -> bool:
+    match node.ops[0], node.comparators[0]:
+        case (ast.Lt(), ast.Constant(value=0)) | (
+            ast.LtE() | ast.Lt() | ast.Eq(),
+            ast.UnaryOp(op=ast.USub(), operand=ast.Constant()),
+        ):
+            return True
+    return False
+
+
+def _lets_act(program: Program, actions: Actions, node: ast.Compare, function: Function) -> bool:
+    """Whether a part of an action has an effect only if a comparison holds, as `fire and self.shots > 0` does."""
+    parent = program.parents[node]
+    if not isinstance(parent, ast.BoolOp) or not isinstance(parent.op, ast.And):
+        return False
+    branch = program.parents[parent]
+    chosen = any(actions.is_chosen(each, function) for each in parent.values if each is not node)
+    return chosen and isinstance(branch, ast.If) and branch.test is parent
 
 
 def _holds_false(node: ast.BoolOp) -> bool:

@@ -51,6 +51,28 @@ def reported(program: Program, step: Function) -> list[Reported] | None:
     return [each for each in found if each.key == "is_success" or "is_success" not in keys]
 
 
+def reported_at(program: Program, step: Function, end: ast.Return) -> list[str] | None:
+    """The keys for success that the info of one return statement has, None if the text does not show all keys.
+
+    A name counts if the block of the statement binds it and does nothing else to it.
+    """
+    info = end.value.elts[-1] if isinstance(end.value, ast.Tuple) and len(end.value.elts) == _FLAGS else None
+    if isinstance(info, ast.Name):
+        name = info.id
+        parent = program.parents[end]
+        blocks = (getattr(parent, part, None) for part in ("body", "orelse"))
+        block = next((each for each in blocks if isinstance(each, list) and end in each), [end])
+        before = [one for one in block[: block.index(end)] if any(_is_name(node, name) for node in ast.walk(one))]
+        bound = before[-1] if before else None
+        info = bound.value if isinstance(bound, ast.Assign) and _is_name(bound.targets[0], name) else None
+    values = _values(program, info, step, _DEPTH) if info is not None else None
+    return None if values is None else [key for key, _, _ in values]
+
+
+def _is_name(node: ast.AST, name: str) -> bool:
+    return isinstance(node, ast.Name) and node.id == name
+
+
 _Values = list[tuple[str, ast.expr, Function]]
 
 

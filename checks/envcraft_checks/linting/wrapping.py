@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import math
 import re
 from collections.abc import Iterator
 
@@ -77,6 +78,69 @@ def _goes_down(program: Program, node: ast.expr | None, function: Function | Non
 
 def _subtracts(node: ast.AST) -> bool:
     return isinstance(node, ast.AugAssign) and isinstance(node.op, ast.Sub)
+
+
+def empty_slices(program: Program) -> Iterator[Suspect]:
+    """Find areas that a test reads from an index which may be -1, where the slice has no cells."""
+    ranges = Ranges(program)
+    for function in program.reached("step"):
+        for node in function.nodes:
+            if not isinstance(node, ast.Subscript) or not _is_summed(program, node, function):
+                continue
+            for part in node.slice.elts if isinstance(node.slice, ast.Tuple) else [node.slice]:
+                if not isinstance(part, ast.Slice) or part.lower is None or part.upper is None:
+                    continue
+                field, low = _start(program, ranges, part.lower, function)
+                if field and -math.inf < low < 0 and not _compared(function, field):
+                    words = f"reads {ast.unparse(node)[:50]}, which has no cells where it starts at {low:g}"
+                    yield Suspect(line(node), words)
+
+
+def _is_summed(program: Program, node: ast.expr, function: Function) -> bool:
+    """Whether the code asks whether some cell of an area is set, which may have a name first."""
+    match program.parents[node]:
+        case ast.Assign(targets=[ast.Name(id=name)]):
+            read = [each for each in function.nodes if isinstance(each, ast.Name) and each.id == name]
+            return any(isinstance(each.ctx, ast.Load) and _is_asked(program, each) for each in read)
+    return _is_asked(program, node)
+
+
+def _is_asked(program: Program, node: ast.expr) -> bool:
+    parent = program.parents[node]
+    match parent, program.parents[parent]:
+        case (ast.Attribute(attr="any" | "sum" | "max"), ast.Call()):
+            return True
+        case (ast.Call(), _):
+            return name_of(parent) in ("any", "count_nonzero")
+    return False
+
+
+def _start(program: Program, ranges: Ranges, node: ast.expr, function: Function) -> tuple[str, float]:
+    """The attribute from which a number is subtracted, and the lowest result."""
+    if isinstance(node, ast.Name):
+        values = program.values(node, function)
+        if len(values) != 1 or values[0][0] is None or values[0][1] is not function:
+            return "", 0.0
+        node = values[0][0]
+    match node:
+        case ast.BinOp(op=ast.Sub(), left=left, right=right) if field := function.field(left):
+            amount = ranges.constant(right, function)
+            # A border that play may reach: the least value to which a statement limits it.
+            limited = [
+                ranges.range(value, one)[0]
+                for value, one in program.field_values(program.env).get(field, ())
+                if value is not None and name_of(value) in ("min", "max", "clip")
+            ]
+            border = min((low for low in limited if low > -math.inf), default=math.inf)
+            return (field, border - amount) if amount is not None else ("", 0.0)
+    return "", 0.0
+
+
+def _compared(function: Function, field: str) -> bool:
+    return any(
+        isinstance(node, ast.Compare) and any(function.field(part) == field for part in ast.walk(node))
+        for node in function.nodes
+    )
 
 
 def unsigned(program: Program) -> Iterator[Suspect]:

@@ -13,8 +13,8 @@ import msgspec
 
 from envcraft.errors import Skip
 from envcraft.model.rollout import Conditions, Rollout
-from envcraft.model.target import Kind
-from envcraft_checks.linting.program import line, name_of
+from envcraft.model.target import Kind, parse
+from envcraft_checks.linting.program import Program, line, name_of
 from envcraft_checks.rewards.lines import RewardLines, Unknown, Walk, Write
 from envcraft_checks.rewards.syntax import Scope, constant, returns
 
@@ -90,9 +90,11 @@ def reward_line(text: str, env_class: str | None) -> int | None:
 
 @lru_cache(maxsize=4)
 def _read(text: str, env_class: str | None) -> RewardLines | None:
+    if not env_class:
+        return None
     try:
-        return RewardLines(text, env_class)
-    except Unknown:
+        return RewardLines(Program(parse(text), env_class))
+    except (Unknown, SyntaxError, ValueError, RecursionError, MemoryError):
         return None
 
 

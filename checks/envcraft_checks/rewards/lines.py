@@ -5,7 +5,6 @@ from __future__ import annotations
 import ast
 from typing import NamedTuple
 
-from envcraft.model.target import parse
 from envcraft_checks.linting.program import Function, Program, line, name_of, root
 from envcraft_checks.rewards.syntax import (
     SCOPES,
@@ -68,19 +67,15 @@ class RewardLines:
     """The places in a file that write the reward.
 
     Args:
-        text: the source.
-        env_class: the name of the class.
+        program: the file.
 
     Raises:
-        Unknown: the file has no such class, the class has no ``step`` in it, or it cannot be parsed.
+        Unknown: the file has no environment, or its class has no ``step`` in the file.
     """
 
-    def __init__(self, text: str, env_class: str | None) -> None:
-        try:
-            self.program = program = Program(parse(text), env_class)
-        except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
-            raise Unknown from error
-        step = program.method(env_class, "step") if env_class in program.classes and env_class else None
+    def __init__(self, program: Program) -> None:
+        self.program = program
+        step = program.method(program.env, "step") if program.env in program.classes else None
         if step is None:
             raise Unknown
         self.step = step
@@ -460,14 +455,15 @@ class Walk:
         if isinstance(value, ast.Name) and value.id in scope.function.local:
             try:
                 bound = self._all_bindings(value.id, scope)
-                several = len(bound) > 1 or any(self.called(one.value, scope) is not None for one in bound)
+                parts = [part for one in bound for part in _choices(one.value)]
+                several = len(bound) > 1 or any(self.called(part, scope) is not None for part in parts)
                 return alone and self._deep and several
             except Unknown:
                 return False
         if isinstance(value, ast.IfExp):
             return any(self._is_followed(part, scope, alone=True) for part in (value.body, value.orelse))
         terms = list(summands(value))
-        return len(terms) > 1 and any(self._is_followed(term, scope, alone=True) for term, _ in terms)
+        return terms[0][0] is not value and any(self._is_followed(term, scope, alone=True) for term, _ in terms)
 
     def _all_bindings(self, name: str, scope: Scope) -> list[Binding]:
         ran, self._ran = self._ran, None
@@ -516,3 +512,7 @@ class Walk:
         given = dict(zip(names, call.args, strict=False))
         given |= {one.arg: one.value for one in call.keywords if one.arg}
         return {name: (value, at, scope) for name, value in given.items()}
+
+
+def _choices(value: ast.expr) -> list[ast.expr]:
+    return [value.body, value.orelse] if isinstance(value, ast.IfExp) else [value]

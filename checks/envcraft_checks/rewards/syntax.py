@@ -164,6 +164,8 @@ def summands(value: ast.expr, sign: int = 1) -> Iterator[tuple[ast.expr, int]]:
     if isinstance(value, ast.BinOp) and type(value.op) in _SIGNS:
         yield from summands(value.left, sign)
         yield from summands(value.right, sign * _SIGNS[type(value.op)])
+    elif isinstance(value, ast.UnaryOp) and isinstance(value.op, ast.USub):
+        yield from summands(value.operand, -sign)
     else:
         yield value, sign
 

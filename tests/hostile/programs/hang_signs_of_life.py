@@ -44,7 +44,7 @@ class Catch(gym.Env):
         if self.t == 20:
             threading.Thread(target=pretend, daemon=True).start()
             while True:
-                pass
+                time.sleep(60)
         self.t += 1
         self.x = min(max(self.x + int(action[0] == 4) - int(action[0] == 3), 0), 11)
         reward = 0.0

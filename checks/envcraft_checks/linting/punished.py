@@ -1,0 +1,106 @@
+"""Rewards of the wrong sign: what brings success about costs."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator
+
+from envcraft_checks.rewards.lines import RewardLines, Unknown, Write
+
+from .logic import is_false
+from .program import MUTATORS, Function, Program, Suspect
+from .reported import reported
+
+_DEPTH = 4
+_UP, _DOWN = (ast.GtE, ast.Gt, ast.Eq), (ast.LtE, ast.Lt, ast.Eq)
+_ADDERS = frozenset({"add", "append", "appendleft", "extend", "insert", "update"})
+#: How an attribute comes nearer to success: it becomes true, greater or smaller, it gets a part, or it loses one.
+_Way = tuple[str, str]
+
+
+def punished_successes(program: Program) -> Iterator[Suspect]:
+    """Find a branch that brings success nearer, and whose rewards are negative numbers."""
+    step = program.method(program.env, "step")
+    values = reported(program, step) if step is not None else None
+    if step is None or not values:
+        return
+    ways = {way for each in values for way in _ways(program, each.value, each.function, _DEPTH)}
+    try:
+        writes = RewardLines(program).writes() if ways else []
+    except Unknown:
+        return
+    blocks: dict[tuple[_Way, int], list[Write]] = {}
+    for function in program.reached("step"):
+        for node in function.nodes:
+            way = next((one for one in _changes(node, function) if one in ways), None)
+            # What each step changes is time.
+            if isinstance(node, ast.stmt) and way and (block := _block(program, node)) is not step.node.body:
+                blocks[way, id(block)] = [write for write in writes if write.statement in block]
+    for way in ways:
+        paid = [found for (one, _), found in blocks.items() if one == way]
+        sums = [sum(write.amount or 0.0 for write in found) for found in paid]
+        known = all(found and all(write.amount is not None for write in found) for found in paid)
+        if paid and known and max(sums) < 0:
+            first = paid[0][0]
+            yield Suspect(first.line, f"pays {sums[0]:g} where self.{way[0]} brings success nearer")
+
+
+def _ways(program: Program, node: ast.expr, function: Function, depth: int) -> Iterator[_Way]:
+    """The changes of attributes that bring an expression nearer to being true."""
+    match node:
+        case ast.Call(func=ast.Name(id="bool" | "int"), args=[inner]):
+            yield from _ways(program, inner, function, depth)
+        case ast.BoolOp(op=ast.And(), values=values):
+            for value in values:
+                yield from _ways(program, value, function, depth)
+        case ast.UnaryOp(op=ast.Not(), operand=operand) if field := function.field(operand):
+            yield field, "-part"
+        case ast.Call(func=ast.Name(id="all"), args=[inner]) if field := function.field(inner):
+            yield field, "item"
+        case ast.Compare(left=left, ops=[op], comparators=[right]):
+            yield from _compared(left, op, right, function)
+        case ast.Name() | ast.Attribute() if depth:
+            field = function.field(node)
+            if field:
+                yield field, "true"
+            for bound, owner in program.values(node, function):
+                if bound is not None and owner is not None and not is_false(bound):
+                    yield from _ways(program, bound, owner, depth - 1)
+
+
+def _compared(left: ast.expr, op: ast.cmpop, right: ast.expr, function: Function) -> Iterator[_Way]:
+    match left:
+        case ast.Call(func=ast.Name(id="len"), args=[inner]) if field := function.field(inner):
+            empty = isinstance(right, ast.Constant) and right.value == 0
+            yield field, "-part" if empty else "+part" if isinstance(op, _UP) else ""
+        case ast.Call(func=ast.Name(id="sum"), args=[inner]) if field := function.field(inner):
+            yield field, "item"
+        case ast.Attribute() if field := function.field(left):
+            if isinstance(right, ast.Constant) and right.value == 0 and isinstance(op, _DOWN):
+                yield field, "-"
+            elif isinstance(op, _UP):
+                yield field, "+"
+
+
+def _block(program: Program, statement: ast.stmt) -> list[ast.stmt]:
+    """The statements among which one stands."""
+    parent = program.parents[statement]
+    blocks = (getattr(parent, name, None) for name in ("body", "orelse", "finalbody"))
+    return next((block for block in blocks if isinstance(block, list) and statement in block), [])
+
+
+def _changes(statement: ast.AST, function: Function) -> Iterator[_Way]:
+    """The changes of attributes that a statement itself makes."""
+    match statement:
+        case ast.AugAssign(target=target, op=ast.Add(), value=ast.Constant()) if field := function.field(target):
+            yield field, "+"
+        case ast.AugAssign(target=target, op=ast.Sub(), value=ast.Constant()) if field := function.field(target):
+            yield field, "-"
+        case ast.Assign(targets=[target], value=ast.Constant(value=True)):
+            if field := function.field(target):
+                yield field, "true"
+            elif isinstance(target, ast.Subscript) and (field := function.field(target.value)):
+                yield field, "item"
+        case ast.Expr(value=ast.Call(func=ast.Attribute(value=held, attr=attr))) if field := function.field(held):
+            if attr in MUTATORS:
+                yield field, "+part" if attr in _ADDERS else "-part"

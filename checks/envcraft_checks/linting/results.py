@@ -1,0 +1,70 @@
+"""Results of step() in the wrong place, or of the wrong type, as the text shows it."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator
+
+from .program import Function, Program, Suspect, line, name_of
+from .reported import reported_at
+
+_TERMINATED, _TRUNCATED, _INFO, _RESULTS = 2, 3, 4, 5
+_DEPTH = 4
+_NO_DICTS = {"list": "a list", "tuple": "a tuple", "str": "a str", "sorted": "a list", "set": "a set"}
+
+
+def wrong_results(program: Program) -> Iterator[Suspect]:
+    """Find flags that step() returns in each other's place, an info that is no dict, and one that lacks success."""
+    step = program.method(program.env, "step")
+    yield from _unreported(program, step) if step is not None else ()
+    for node in step.nodes if step is not None else ():
+        if step is None or not isinstance(node, ast.Return) or not isinstance(node.value, ast.Tuple):
+            continue
+        results = node.value.elts
+        if len(results) != _RESULTS:
+            continue
+        if (name_of(results[_TERMINATED]), name_of(results[_TRUNCATED])) == ("truncated", "terminated"):
+            yield Suspect(
+                line(node), "returns truncated in the place of terminated, and terminated in that of truncated"
+            )
+        for part, words in _no_dicts(program, results[_INFO], step, _DEPTH):
+            yield Suspect(line(part), f"returns {words} as info")
+
+
+def _unreported(program: Program, step: Function) -> Iterator[Suspect]:
+    """The ends whose info has no key for success, where others have one."""
+    shown = {end: reported_at(program, step, end) for end in step.nodes if isinstance(end, ast.Return)}
+    key, there = next(((keys[0], end) for end, keys in shown.items() if keys), ("", None))
+    for end, keys in shown.items():
+        if there is not None and keys == [] and not _pays_nothing(end):
+            yield Suspect(line(end), f"returns info without {key!r}, which the info of line {line(there)} has")
+
+
+def _pays_nothing(end: ast.Return) -> bool:
+    """Whether a return statement is like one for calls after the end, which no agent makes."""
+    match end.value:
+        case ast.Tuple(elts=[_, ast.Constant(value=reward), *_]):
+            return not reward
+    return False
+
+
+def _no_dicts(program: Program, node: ast.expr, function: Function, depth: int) -> Iterator[tuple[ast.expr, str]]:
+    """What an expression may be that is no dict, as far as the text shows it."""
+    match node:
+        case ast.List() | ast.ListComp():
+            yield node, "a list"
+        case ast.Tuple():
+            yield node, "a tuple"
+        case ast.Set() | ast.SetComp():
+            yield node, "a set"
+        case ast.Constant():
+            yield node, repr(node.value)
+        case ast.Call(func=ast.Name(id=name)) if name in _NO_DICTS and name not in program.functions:
+            yield node, _NO_DICTS[name]
+        case ast.IfExp(body=body, orelse=orelse):
+            for part in (body, orelse):
+                yield from _no_dicts(program, part, function, depth)
+        case ast.Call() if depth and (called := program.called(node, function)) is not None:
+            for end in called.nodes:
+                if isinstance(end, ast.Return) and end.value is not None:
+                    yield from _no_dicts(program, end.value, called, depth - 1)

@@ -1,0 +1,153 @@
+"""Results of step() and rewards that the check lint reports as being the wrong ones."""
+
+from __future__ import annotations
+
+import textwrap
+
+import pytest
+
+from tests.checks.lint_games import found
+
+GAME = """
+import gymnasium as gym
+import numpy as np
+class Game(gym.Env):
+    action_space = gym.spaces.MultiDiscrete([5, 2, 2])
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        self.at, self.picked, self.hearts, self.pills, self.steps, self.won = 0, 0, 3, 1, 0, False
+        self.crates, self.lamps, self.sparks = [3, 5], [False] * 3, []
+        self.y = 2 * int(self.np_random.integers(9))
+        self.rock = np.zeros((84, 84), bool)
+        return self.at, {}
+    def step(self, action):
+        self.steps += 1
+        self.at += int(action[0])
+        self.y = min(max(self.y - int(action[1]), 0), 80)
+        terminated = truncated = False
+        reward = 0.0
+STEP
+    def _info(self):
+        return {"is_success": self.won}
+    def _listed(self):
+        return list(self._info())
+"""
+
+
+def codes(step: str) -> set[str]:
+    """The codes that lint reports on a game with these statements in step(), the last of which gives the results."""
+    if "self.won = True" not in step and ("self.won" in step or "_info" in step):
+        step = f"if self.at > 70:\n    self.won = terminated = True\n{step}"
+    return found(GAME.replace("STEP", textwrap.indent(step, " " * 8)))
+
+
+@pytest.mark.parametrize(
+    "step",
+    [
+        "return self.at, reward, truncated, terminated, self._info()",
+        "return self.at, reward, terminated, truncated, list(self._info())",
+        "return self.at, reward, terminated, truncated, self._listed() if self.at else self._info()",
+        "return self.at, reward, terminated, truncated, None",
+        "if self.hearts < 1:\n    return self.at, -1.0, True, False, {'hearts': 0}\n"
+        "return self.at, reward, terminated, truncated, self._info()",
+        "if self.hearts < 1:\n    info = {'hearts': 0}\n    return self.at, reward - 1, True, False, info\n"
+        "info = {'is_success': self.won}\nreturn self.at, reward, terminated, truncated, info",
+    ],
+)
+def test_a_wrong_result(step: str) -> None:
+    assert codes(step) == {"EC061"}
+
+
+@pytest.mark.parametrize(
+    "step",
+    [
+        "return self.at, reward, terminated, truncated, self._info()",
+        "return self.at, reward, terminated, truncated, dict(self._info())",
+        # After the end.
+        "if self.won:\n    return self.at, 0.0, True, False, {}\n"
+        "return self.at, reward, terminated, truncated, self._info()",
+        "info = {'at': self.at}\nif self.steps > 3:\n    info['is_success'] = self.won\n"
+        "return self.at, reward, terminated, truncated, info",
+        "info = self._info()\nif self.hearts < 1:\n    info['hearts'] = 0\n"
+        "    return self.at, reward - 1, True, False, info\nreturn self.at, reward, terminated, truncated, info",
+    ],
+)
+def test_a_right_result(step: str) -> None:
+    assert not codes(step)
+
+
+END = "\nreturn self.at, {}, {}, self.steps >= 99, {{'is_success': {}}}"
+PICKED = "if self.at in self.crates:\n    self.picked += 1\n    reward = {}\n"
+
+
+@pytest.mark.parametrize(
+    "step",
+    [
+        PICKED.format("-1.0") + END.format("reward", "self.picked >= 3", "self.picked >= 3"),
+        PICKED.format("1.0") + END.format("-reward", "self.picked >= 3", "self.picked >= 3"),
+        "if self.at == 9:\n    self.won = True\n    reward -= 5.0" + END.format("reward", "self.won", "self.won"),
+        "if self.at in self.crates:\n    self.crates.remove(self.at)\n    reward -= 1.0\nwon = not self.crates"
+        + END.format("reward", "won", "won"),
+        "if self.at < 3:\n    self.lamps[self.at] = True\n    reward = -0.5\nwon = all(self.lamps)"
+        + END.format("reward", "won", "won"),
+    ],
+)
+def test_progress_that_costs(step: str) -> None:
+    assert codes(step) == {"EC062"}
+
+
+@pytest.mark.parametrize(
+    "step",
+    [
+        PICKED.format("1.0") + END.format("reward", "self.picked >= 3", "self.picked >= 3"),
+        PICKED.format("float(self.hearts)") + END.format("-reward", "self.picked >= 3", "self.picked >= 3"),
+        # Each step costs, and time is what brings success.
+        "reward -= 0.01" + END.format("reward", "self.steps >= 50", "self.steps >= 50"),
+        # What gets away costs, what is caught pays.
+        "if self.at in self.crates:\n    self.crates.remove(self.at)\n    reward += 1.0\n"
+        "elif self.crates and self.crates[0] < 0:\n    self.crates.pop()\n    reward -= 0.5\nwon = not self.crates"
+        + END.format("reward", "won", "won"),
+        "if self.at == 9:\n    self.hearts -= 1\n    reward = -1.0"
+        + END.format("reward", "self.hearts < 1", "self.won"),
+    ],
+)
+def test_progress_that_pays(step: str) -> None:
+    assert "EC062" not in codes(step)
+
+
+LAST = "\nreturn self.at, reward, terminated, truncated, self._info()"
+
+
+@pytest.mark.parametrize(
+    ("step", "code"),
+    [
+        ("if action[1] and self.pills > 1:\n    self.pills -= 1\n    reward = 1.0", "EC059"),
+        ("terminated = self.at > 9 and len(self.crates) < 0", "EC059"),
+        ("terminated = bool(self.rock[self.y - 1 : self.y + 3, 9:12].any())", "EC059"),
+        ("top = self.y - 2\nhit = self.rock[top : self.y + 3]\nterminated = bool(np.any(hit))", "EC059"),
+        (
+            "for s in self.sparks:\n    s[1] -= 0.7\nself.sparks = [s for s in self.sparks if s[1]]\n"
+            "reward = float(len(self.sparks))",
+            "EC056",
+        ),
+    ],
+)
+def test_what_never_holds(step: str, code: str) -> None:
+    assert codes(step + LAST) == {code}
+
+
+@pytest.mark.parametrize(
+    "step",
+    [
+        "if action[1] and self.pills > 0:\n    self.pills -= 1\n    reward = 1.0",
+        "terminated = self.at > 9 and len(self.crates) < 1",
+        "terminated = bool(self.rock[max(self.y - 1, 0) : self.y + 3, 9:12].any())",
+        "terminated = self.y > 0 and bool(self.rock[self.y - 1 : self.y + 3, 9:12].any())",
+        "for s in self.sparks:\n    s[1] -= 0.7\nself.sparks = [s for s in self.sparks if s[1] > 0]\n"
+        "reward = float(len(self.sparks))",
+        "for s in self.sparks:\n    s[1] -= 1\nself.sparks = [s for s in self.sparks if s[1]]\n"
+        "reward = float(len(self.sparks))",
+    ],
+)
+def test_what_may_hold(step: str) -> None:
+    assert not codes(step + LAST)
