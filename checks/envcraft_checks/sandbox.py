@@ -34,7 +34,7 @@ from envcraft.model.rollout import Conditions, Rollout
 from envcraft.model.verdict import Finding, Severity
 from envcraft.plugins import hookimpl
 
-from .linting.loading import exiting_line, method_code, printing_line, waiting_line, writing_line
+from .linting.loading import exiting_line, method_code, printing_line, starting_line, waiting_line, writing_line
 from .linting.program import program_of
 
 if TYPE_CHECKING:
@@ -55,6 +55,17 @@ _ENDS = {
 }
 #: The methods that a phase may call, where it is not named after one.
 _METHODS = {"construct": ("__init__",), **dict.fromkeys(("search", "before", "after"), ("reset", "step"))}
+#: How messages name phases, where the name of a phase is not that of a method.
+PHASES = {
+    "before": "an earlier episode",
+    "earlier reset": "the reset of an earlier episode",
+    "plain reset": "reset(seed=None, options=None)",
+    "early close": "close() before reset()",
+    "companion": "the episode of another instance",
+    "construct": "the constructor",
+    "search": "a search",
+    "after": "an episode after the end",
+}
 #: Events that cost no time: their episodes are shrunk. Others reach a deadline or a limit in each attempt.
 _QUICK = ("EC905", "EC906")
 #: A warning of NumPy as Python prints it.
@@ -157,19 +168,20 @@ class SandboxEvents(Check):
         end, fault = trace.end, trace.fault
         limit = fault.limit if fault is not None else None
         raised = subject.raised(fault) if fault is not None else ""
+        during = PHASES.get(fault.phase, fault.phase) if fault is not None else ""
         if fault is not None and limit is ExitReason.MEMORY:
-            return self._found(subject, trace, "EC902", f"{fault.phase} ran out of memory: {raised}")
+            return self._found(subject, trace, "EC902", f"{during} ran out of memory: {raised}")
         if fault is not None and limit is ExitReason.PROCESSES:
-            words = f"{fault.phase} started a process, or too many threads: {raised}"
+            words = f"{during} started a process, or too many threads: {raised}"
             return self._found(subject, trace, "EC903", words)
         if fault is not None and limit is ExitReason.DISK:
-            return self._found(subject, trace, "EC904", f"{fault.phase} wrote more than the limit: {raised}")
+            return self._found(subject, trace, "EC904", f"{during} wrote more than the limit: {raised}")
         if fault is not None and (fault.errno in _NO_NETWORK or fault.type.rpartition(".")[2] in _NETWORK):
-            return self._found(subject, trace, "EC905", f"{fault.phase} used the network: {raised}")
+            return self._found(subject, trace, "EC905", f"{during} used the network: {raised}")
         if end is None or end.reason in (ExitReason.DONE, ExitReason.STOPPED) or trace.choosing:
             return None
         code = _ENDS[end.reason]
-        where = f"step {trace.steps + 1}" if end.phase == "step" else end.phase
+        where = f"step {trace.steps + 1}" if end.phase == "step" else PHASES.get(end.phase, end.phase)
         words = {
             ExitReason.TIMEOUT: f"{where} did not end: {end.detail}",
             ExitReason.DIED: f"the process died in {where} ({end.detail})",
@@ -203,6 +215,8 @@ class SandboxEvents(Check):
             # Of a wrapper's calls the file has no line.
             found = writing_line(program, end.stack)
             return found or (None if subject.target.wrappers else printing_line(program, run, end.output))
+        if code == "EC903" and not end.stack and not subject.target.wrappers:
+            return starting_line(program, run)
         if code != "EC906" or end.stack or subject.target.wrappers:
             return next(iter(end.stack), None)
         return exiting_line(program, run)

@@ -6,7 +6,7 @@ import ast
 from collections.abc import Iterable, Iterator, Sequence
 
 from .generators import draws
-from .program import Function, Program, line, outside
+from .program import Function, Program, line, name_of, outside
 
 #: What may wait, or go on, for ever, and methods that do.
 _ENDLESS = frozenset({
@@ -79,6 +79,22 @@ def exiting_line(program: Program, code: Iterable[_Place]) -> int | None:
     """The line of the only call that ends the process; None where there is none, or are several."""
     return _only(
         node for node, function in code if isinstance(node, ast.Call) and program.path(node.func, function) in _EXITS
+    )
+
+
+#: What makes a thread or a process, by the last part of its name.
+_STARTS = frozenset({"Thread", "Timer", "ThreadPoolExecutor", "start_new_thread", "Popen", "run", "Process", "Pool"})
+
+
+def starting_line(program: Program, code: Iterable[_Place]) -> int | None:
+    """The line of the only call that makes a thread or a process; None where there is none, or are several."""
+    modules = ("threading", "_thread", "subprocess", "multiprocessing", "concurrent")
+    return _only(
+        node
+        for node, function in code
+        if isinstance(node, ast.Call)
+        and program.path(node.func, function).partition(".")[0] in modules
+        and name_of(node) in _STARTS
     )
 
 
