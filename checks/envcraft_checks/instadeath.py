@@ -52,8 +52,10 @@ _TRIED = 3
 #: The shares of degenerate seeds that are surely exceeded where that is a warning and an error, and the least estimate
 #: of an error.
 _SOME, _FEW, _MANY = 0.02, 0.05, 0.1
-#: Steps within which a degenerate seed's episode is over, and the action sequences that are tried besides the first.
+#: Steps within which a degenerate seed's episode is over, and one more than the random plays that are tried, too.
 _AT_ONCE, _OTHERS = 3, 3
+#: Steps in which each action is held on the suspects, and the fewest actions that are.
+_STEPS, _FEWEST = 1_500, 6
 #: Steps that an episode on other seeds lasts at least.
 _PLAYED = 12
 #: Degenerate seeds that are played once more, each in a process of its own.
@@ -176,19 +178,21 @@ def _over_at_once(subject: Subject, suspects: list[Trace]) -> list[Trace]:
     """Those of some short episodes that end at once on the same seed under other actions, too."""
     from envcraft.judging import actions
 
-    space = subject.action_space
-    first = subject.joint_actions[0]
+    space, joint = subject.action_space, subject.joint_actions
+    count = max(_STEPS // (_AT_ONCE * len(suspects)), _FEWEST)
+    held = [[action] * _AT_ONCE for action in joint[:: max(len(joint) // count, 1)]]
     episodes = []
     for trace in suspects:
         seed = trace.rollout.seed
         drawn = [actions.random_actions(space, seed + 1_009 * number, _AT_ONCE) for number in range(1, _OTHERS)]
-        episodes += [Episode(seed, tried) for tried in ([first] * _AT_ONCE, *drawn)]
+        episodes += [Episode(seed, tried) for tried in (*held, *drawn)]
     tried = subject.rollout(Rollout(suspects[0].rollout.seed, [], Conditions(before=episodes, recorded=True))).before
-    alike = [tried[at : at + _OTHERS] for at in range(0, len(tried), _OTHERS)]
+    each = len(episodes) // len(suspects)
+    alike = [tried[at : at + each] for at in range(0, len(tried), each)]
     return [
         trace
         for trace, others in zip(suspects, alike, strict=False)
-        if len(others) == _OTHERS and all(other.ended for other in others)
+        if len(others) == each and all(other.ended for other in others)
     ]
 
 
