@@ -140,6 +140,7 @@ class SandboxEvents(Check):
                     shown[line] = trace
         for line, trace in sorted(shown.items(), key=lambda each: each[0]):
             words = next(text for (file, at), text in _warnings(trace).items() if at == line and Path(file).name == own)
+            trace = self._alone(subject, trace, line)
             step = self._first(subject, trace, line)
             yield self.finding(
                 "EC914",
@@ -149,6 +150,19 @@ class SandboxEvents(Check):
                 step=step,
                 warning=words,
             )
+
+    def _alone(self, subject: Subject, trace: Trace, line: int) -> Trace:
+        """The first of the episodes before a trace that warns about a line on its own; else the trace."""
+        left = subject.budget.steps // _PART
+        for episode in trace.rollout.conditions.before:
+            left -= len(episode.actions)
+            if left < 0 or not subject.affords(len(episode.actions)):
+                break
+            if episode.seed is not None:
+                alone = subject.rollout(Rollout(episode.seed, episode.actions, player=trace.rollout.player))
+                if any(at == line for _, at in _warnings(alone)):
+                    return alone
+        return trace
 
     def _first(self, subject: Subject, trace: Trace, line: int) -> int:
         """The step at which a line warns first, or one after it if the budget does not allow to find out."""

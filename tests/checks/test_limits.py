@@ -56,6 +56,7 @@ def program(
         {"first": "if action == 2: return 0, 0.0, False, False, {}"},
         {"first": "paused = action == 2\n        if paused: return 0, 0.0, False, False, {}"},
         {"truncated": "self.steps == MAX_STEPS", "event": "if action == 3: self.steps += 500"},
+        {"truncated": "self.steps == MAX_STEPS", "count": "self.steps += 1 + int(action)"},
     ],
 )
 def test_a_limit_that_play_can_evade(parts: dict[str, str]) -> None:
@@ -66,6 +67,8 @@ def test_a_limit_that_play_can_evade(parts: dict[str, str]) -> None:
     "parts",
     [
         {},
+        {"count": "self.steps += 1 + int(action)"},
+        {"truncated": "self.steps == MAX_STEPS", "count": "self.steps += 2"},
         # Two levels fit into the limit.
         {"event": "if action == 3: self.steps = 0", "truncated": "self.steps >= 500"},
         # Another count, which nothing sets back, limits the episode, too.

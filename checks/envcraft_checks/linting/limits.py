@@ -39,7 +39,11 @@ def unlimited(program: Program, limit: int) -> Iterator[Suspect]:
         return
     tests = list(_tests(program, step, _TRUNCATED))
     bounds = [found for test, function in tests if (found := _bound(program, test, function)) is not None]
-    counted = [(name, most, kind) for name, most, kind in bounds if _adds(play, name)]
+    counted = [
+        (name, most, kind)
+        for name, most, kind in bounds
+        if _adds(play, name) or (kind is ast.Eq and _chosen(program, step, play, name))
+    ]
     if len(counted) != 1 or len(bounds) != 1:
         return
     name, most, kind = counted[0]
@@ -245,6 +249,13 @@ def _adds(play: list[Function], name: str) -> list[tuple[ast.AugAssign, Function
         and isinstance(node.value, ast.Constant)
         and node.value.value == 1
     ]
+
+
+def _chosen(program: Program, step: Function, play: list[Function], name: str) -> bool:
+    """Whether the action decides how much a step adds to an attribute of this name, which nothing else changes."""
+    sums = [node for node in step.nodes if isinstance(node, ast.AugAssign) and name_of(node.target) == name]
+    decided = _decided(program, step, play)
+    return len(sums) == 1 and bool(_names(sums[0].value) & decided) and _always(program, step, play, name)
 
 
 def _always(program: Program, step: Function, play: list[Function], name: str) -> bool:
