@@ -63,6 +63,9 @@ def test_a_wrong_result(step: str) -> None:
     [
         "return self.at, reward, terminated, truncated, self._info()",
         "return self.at, reward, terminated, truncated, dict(self._info())",
+        # Success is reported at the end only.
+        "if self.won:\n    return self.at, 5.0, True, False, {'is_success': True}\n"
+        "return self.at, reward - 0.01, False, truncated, {}",
         # After the end.
         "if self.won:\n    return self.at, 0.0, True, False, {}\n"
         "return self.at, reward, terminated, truncated, self._info()",

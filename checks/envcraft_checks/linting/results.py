@@ -36,15 +36,21 @@ def _unreported(program: Program, step: Function) -> Iterator[Suspect]:
     shown = {end: reported_at(program, step, end) for end in step.nodes if isinstance(end, ast.Return)}
     key, there = next(((keys[0], end) for end, keys in shown.items() if keys), ("", None))
     for end, keys in shown.items():
-        if there is not None and keys == [] and not _pays_nothing(end):
+        if there is not None and keys == [] and _ends(end):
             yield Suspect(line(end), f"returns info without {key!r}, which the info of line {line(there)} has")
 
 
-def _pays_nothing(end: ast.Return) -> bool:
-    """Whether a return statement is like one for calls after the end, which no agent makes."""
+def _ends(end: ast.Return) -> bool:
+    """Whether a return statement ends the episode, and is not like one for calls after the end, which pays nothing.
+
+    Only the end of an episode needs to report success.
+    """
     match end.value:
-        case ast.Tuple(elts=[_, ast.Constant(value=reward), *_]):
-            return not reward
+        case ast.Tuple(elts=[_, ast.Constant(value=reward), *_]) if not reward:
+            return False
+        case ast.Tuple(elts=[*_, terminated, truncated, _]):
+            flags = (terminated, truncated)
+            return any(isinstance(each, ast.Constant) and each.value is True for each in flags)
     return False
 
 
