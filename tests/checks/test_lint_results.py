@@ -5,8 +5,11 @@ from __future__ import annotations
 import textwrap
 
 import pytest
+from envcraft_checks.lint import Lint
 
-from tests.checks.lint_games import found
+from envcraft.model.target import Target
+from envcraft.model.verdict import Severity
+from tests.checks.lint_games import found, subject_of
 
 GAME = """
 import gymnasium as gym
@@ -116,6 +119,15 @@ def test_progress_that_costs(step: str) -> None:
 )
 def test_progress_that_pays(step: str) -> None:
     assert "EC062" not in codes(step)
+
+
+def test_a_price_is_a_warning() -> None:
+    prize = "won = self.picked >= 3\nif won:\n    reward += 5.0"
+    step = PICKED.format("-0.1") + prize + END.format("reward", "won", "won")
+    source = GAME.replace("STEP", textwrap.indent(step, " " * 8))
+    with subject_of(Target("game.py", source.encode())) as subject:
+        [finding] = Lint().judge(subject)
+    assert (finding.code, finding.severity) == ("EC062", Severity.WARNING)
 
 
 LAST = "\nreturn self.at, reward, terminated, truncated, self._info()"

@@ -7,9 +7,10 @@ from collections.abc import Iterator
 
 from envcraft_checks.rewards.lines import RewardLines, Unknown, Write
 
-from .logic import is_false
-from .program import MUTATORS, Function, Program, Suspect
-from .reported import reported
+from .dependence import guards
+from .logic import is_false, names_success
+from .program import MUTATORS, Function, Program, Suspect, name_of
+from .reported import Reported, reported
 
 _DEPTH = 4
 _UP, _DOWN = (ast.GtE, ast.Gt, ast.Eq), (ast.LtE, ast.Lt, ast.Eq)
@@ -42,7 +43,22 @@ def punished_successes(program: Program) -> Iterator[Suspect]:
         known = all(found and all(write.amount is not None for write in found) for found in paid)
         if paid and known and max(sums) < 0:
             first = paid[0][0]
-            yield Suspect(first.line, f"pays {sums[0]:g} where self.{way[0]} brings success nearer")
+            # Where success itself pays, this may be its price.
+            certain = not any(_is_prize(program, write, values) for write in writes)
+            yield Suspect(first.line, f"pays {sums[0]:g} where self.{way[0]} brings success nearer", certain)
+
+
+def _is_prize(program: Program, write: Write, values: list[Reported]) -> bool:
+    """Whether success decides about a part of the reward that is not known to be negative."""
+    tests = [test for test, _ in guards(program, write.statement, write.scope.function)]
+    texts = {ast.unparse(each.value) for each in values}
+    named = any(
+        ast.unparse(node) in texts or (isinstance(node, ast.Name | ast.Attribute) and names_success(name_of(node)))
+        for part in [write.value, *tests]
+        for node in ast.walk(part)
+        if isinstance(node, ast.expr)
+    )
+    return named and not (write.amount is not None and write.amount < 0)
 
 
 def _ways(program: Program, node: ast.expr, function: Function, depth: int) -> Iterator[_Way]:
