@@ -204,7 +204,7 @@ def test_a_finding_names_the_wrapper_that_causes_it(
     ("source", "code"),
     [
         (b"\xff", "EC001"),
-        (b"import nunpy\n", "EC002"),
+        (f"import nunpy\n{ENVIRONMENT}".encode(), "EC002"),
         (b"raise ValueError\n", "EC003"),
         (b"import gymnasium as gym\nclass Room(gym.Env):\n    pass\n", "EC005"),
     ],
