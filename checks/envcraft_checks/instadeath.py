@@ -52,8 +52,8 @@ _TRIED = 3
 #: The shares of degenerate seeds that are surely exceeded where that is a warning and an error, and the least estimate
 #: of an error.
 _SOME, _FEW, _MANY = 0.02, 0.05, 0.1
-#: Steps within which a degenerate seed's episode is over, and one more than the random plays that are tried, too.
-_AT_ONCE, _OTHERS = 3, 3
+#: Steps within which a degenerate seed's episode is over, and the random plays that are tried besides the first.
+_AT_ONCE, _DRAWN = 3, 2
 #: Steps in which each action is held on the suspects, and the fewest actions that are.
 _STEPS, _FEWEST = 1_500, 6
 #: Steps that an episode on other seeds lasts at least.
@@ -184,7 +184,7 @@ def _over_at_once(subject: Subject, suspects: list[Trace]) -> list[Trace]:
     episodes = []
     for trace in suspects:
         seed = trace.rollout.seed
-        drawn = [actions.random_actions(space, seed + 1_009 * number, _AT_ONCE) for number in range(1, _OTHERS)]
+        drawn = [actions.random_actions(space, seed + 1_009 * number, _AT_ONCE) for number in range(1, _DRAWN + 1)]
         episodes += [Episode(seed, tried) for tried in (*held, *drawn)]
     tried = subject.rollout(Rollout(suspects[0].rollout.seed, [], Conditions(before=episodes, recorded=True))).before
     each = len(episodes) // len(suspects)

@@ -156,6 +156,7 @@ def test_what_never_holds(step: str, code: str) -> None:
     [
         "if action[1] and self.pills > 0:\n    self.pills -= 1\n    reward = 1.0",
         "terminated = self.at > 9 and len(self.crates) < 1",
+        "terminated = self.at > 9 and len(self.crates) - self.picked < 0",
         "terminated = bool(self.rock[max(self.y - 1, 0) : self.y + 3, 9:12].any())",
         "terminated = self.y > 0 and bool(self.rock[self.y - 1 : self.y + 3, 9:12].any())",
         "for s in self.sparks:\n    s[1] -= 0.7\nself.sparks = [s for s in self.sparks if s[1] > 0]\n"

@@ -26,7 +26,7 @@ def contradictions(program: Program) -> Iterator[Suspect]:
                 yield Suspect(line(node), f"tests {ast.unparse(node)[:60]}, which is never true")
             if not isinstance(node, ast.Compare) or len(node.ops) != 1:
                 continue
-            if decides(program, node) and ast.unparse(node).startswith("len(") and _is_below_zero(node):
+            if decides(program, node) and _needs_negative_length(node):
                 yield Suspect(line(node), f"tests {ast.unparse(node)[:60]}, but no length is below zero")
             if decides(program, node) or _lets_act(program, actions, node, function):
                 for field_side, other, kind in (
@@ -43,11 +43,15 @@ def contradictions(program: Program) -> Iterator[Suspect]:
     yield from _never_set(program)
 
 
-def _is_below_zero(node: ast.Compare) -> bool:
-    match node.ops[0], node.comparators[0]:
-        case (ast.Lt(), ast.Constant(value=0)) | (
-            ast.LtE() | ast.Lt() | ast.Eq(),
-            ast.UnaryOp(op=ast.USub(), operand=ast.Constant()),
+def _needs_negative_length(node: ast.Compare) -> bool:
+    match node:
+        case (
+            ast.Compare(left=ast.Call(func=ast.Name(id="len")), ops=[ast.Lt()], comparators=[ast.Constant(value=0)])
+            | ast.Compare(
+                left=ast.Call(func=ast.Name(id="len")),
+                ops=[ast.LtE() | ast.Lt() | ast.Eq()],
+                comparators=[ast.UnaryOp(op=ast.USub(), operand=ast.Constant())],
+            )
         ):
             return True
     return False
