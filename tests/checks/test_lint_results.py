@@ -161,6 +161,10 @@ def test_what_never_holds(step: str, code: str) -> None:
         "terminated = self.y > 0 and bool(self.rock[self.y - 1 : self.y + 3, 9:12].any())",
         "for s in self.sparks:\n    s[1] -= 0.7\nself.sparks = [s for s in self.sparks if s[1] > 0]\n"
         "reward = float(len(self.sparks))",
+        "for s in self.sparks:\n    s.height -= 0.3\nself.sparks = [s for s in self.sparks if s.glows]\n"
+        "reward = float(len(self.sparks))",
+        "for s in self.sparks:\n    s.life -= 0.1\n    if s.life < 0:\n        s.life = 0\n"
+        "self.sparks = [s for s in self.sparks if s.life]\nreward = float(len(self.sparks))",
         "for s in self.sparks:\n    s[1] -= 1\nself.sparks = [s for s in self.sparks if s[1]]\n"
         "reward = float(len(self.sparks))",
     ],

@@ -5,7 +5,7 @@ from __future__ import annotations
 import ast
 from collections.abc import Iterator
 
-from .program import Program, Suspect, line
+from .program import Function, Program, Suspect, line
 from .ranges import Ranges
 
 
@@ -19,25 +19,51 @@ def lasting_parts(program: Program) -> Iterator[Suspect]:
                     elt=ast.Name(id=kept),
                     generators=[ast.comprehension(target=ast.Name(id=part), iter=held, ifs=[test])],
                 ) if kept == part and (field := function.field(held)) and function.field(target) == field:
-                    read = _nonzero(test)
-                    for loop in function.nodes:
-                        if read and isinstance(loop, ast.For) and function.field(loop.iter) == field:
-                            for change in ast.walk(loop):
-                                match change:
-                                    case ast.AugAssign(op=ast.Sub(), value=amount) if (
-                                        ast.unparse(change.target).partition("[")[2] == read.partition("[")[2]
-                                        and (step := ranges.constant(amount, function)) is not None
-                                        and 64 * step % 1
-                                    ):
-                                        words = f"keeps a part of self.{field} until {read} is exactly 0"
-                                        yield Suspect(line(node), f"{words}, which subtracting {step:g} passes")
+                    if (read := _tested(test)) is not None and (
+                        step := _subtracted(program, ranges, function, field, read)
+                    ):
+                        words = f"keeps a part of self.{field} until {ast.unparse(read)} is exactly 0"
+                        yield Suspect(line(node), f"{words}, which subtracting {step:g} passes")
 
 
-def _nonzero(test: ast.expr) -> str:
-    """What a test compares with zero, as text."""
+def _tested(test: ast.expr) -> ast.expr | None:
+    """What a test compares with zero."""
     match test:
         case ast.Subscript() | ast.Attribute():
-            return ast.unparse(test)
-        case ast.Compare(left=left, ops=[ast.NotEq()], comparators=[ast.Constant(value=0)]):
-            return ast.unparse(left)
-    return ""
+            return test
+        case ast.Compare(left=ast.Subscript() | ast.Attribute() as left, ops=[ast.NotEq()]) if _is_zero(test):
+            return left
+    return None
+
+
+def _is_zero(test: ast.Compare) -> bool:
+    return isinstance(test.comparators[0], ast.Constant) and test.comparators[0].value == 0
+
+
+def _subtracted(program: Program, ranges: Ranges, function: Function, field: str, read: ast.expr) -> float | None:
+    """What a loop over a list subtracts from a place in each part, if no float counts down to zero in such steps and
+    nothing else in play assigns that place.
+    """
+    for loop in function.nodes:
+        if isinstance(loop, ast.For) and function.field(loop.iter) == field:
+            for change in ast.walk(loop):
+                if (
+                    isinstance(change, ast.AugAssign)
+                    and isinstance(change.op, ast.Sub)
+                    and _is_same(change.target, read)
+                ):
+                    step = ranges.constant(change.value, function)
+                    others = (target for one in program.play for target, _, _ in one.bindings)
+                    if step is not None and 64 * step % 1 and not any(_is_same(other, read) for other in others):
+                        return step
+    return None
+
+
+def _is_same(node: ast.expr, read: ast.expr) -> bool:
+    """Whether two expressions name the same attribute, or the same item, of a part."""
+    match node, read:
+        case ast.Attribute(attr=one), ast.Attribute(attr=other):
+            return one == other
+        case ast.Subscript(slice=one), ast.Subscript(slice=other):
+            return ast.unparse(one) == ast.unparse(other)
+    return False
