@@ -32,6 +32,8 @@ class Game(gym.Env):
 STEP
     def _info(self):
         return {"is_success": self.won}
+    def _is_outside(self):
+        return self.y <= 0
     def _listed(self):
         return list(self._info())
 """
@@ -159,6 +161,7 @@ def test_what_never_holds(step: str, code: str) -> None:
         "terminated = self.at > 9 and len(self.crates) - self.picked < 0",
         "terminated = bool(self.rock[max(self.y - 1, 0) : self.y + 3, 9:12].any())",
         "terminated = self.y > 0 and bool(self.rock[self.y - 1 : self.y + 3, 9:12].any())",
+        "terminated = self._is_outside() or bool(self.rock[self.y - 1 : self.y + 3, 9:12].any())",
         "for s in self.sparks:\n    s[1] -= 0.7\nself.sparks = [s for s in self.sparks if s[1] > 0]\n"
         "reward = float(len(self.sparks))",
         "for s in self.sparks:\n    s.height -= 0.3\nself.sparks = [s for s in self.sparks if s.glows]\n"

@@ -91,7 +91,7 @@ def empty_slices(program: Program) -> Iterator[Suspect]:
                 if not isinstance(part, ast.Slice) or part.lower is None or part.upper is None:
                     continue
                 field, low = _start(program, ranges, part.lower, function)
-                if field and -math.inf < low < 0 and not _compared(function, field):
+                if field and -math.inf < low < 0 and not _is_tested(program, field):
                     words = f"reads {ast.unparse(node)[:50]}, which has no cells where it starts at {low:g}"
                     yield Suspect(line(node), words)
 
@@ -136,9 +136,11 @@ def _start(program: Program, ranges: Ranges, node: ast.expr, function: Function)
     return "", 0.0
 
 
-def _compared(function: Function, field: str) -> bool:
+def _is_tested(program: Program, field: str) -> bool:
+    """Whether a step compares an attribute with anything, such as with the border, before or after the area is read."""
     return any(
         isinstance(node, ast.Compare) and any(function.field(part) == field for part in ast.walk(node))
+        for function in program.reached("step")
         for node in function.nodes
     )
 
