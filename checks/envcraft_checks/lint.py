@@ -18,7 +18,7 @@ no cells.
 
 EC061 is about what step() returns: flags in each other's place, an info that is no dict, and one without the key for
 success that the info of another end has. EC062 is about each branch that brings success nearer: its rewards are
-negative numbers.
+negative numbers. EC063 is about an attribute that render() counts on, and that step() reads.
 
 The check runs after the others. If play has shown a defect of the same kind, for example EC204 for a draw from a
 global generator, that finding has the reproduction, and this check does not repeat it. A rule that is off by default
@@ -75,6 +75,7 @@ from .linting.parts import parts_read_twice
 from .linting.powers import powers
 from .linting.program import Program, Suspect, in_words
 from .linting.punished import punished_successes
+from .linting.rendering import drawn_changes
 from .linting.results import wrong_results
 from .linting.sharing import aliases, shared
 from .linting.skipped import skipped_numbers
@@ -122,6 +123,7 @@ _FINDERS: tuple[tuple[str, Callable[[Program], Iterator[Suspect]]], ...] = (
     ("EC059", empty_slices),
     ("EC061", wrong_results),
     ("EC062", punished_successes),
+    ("EC063", drawn_changes),
 )
 
 
@@ -218,6 +220,13 @@ class Lint(Check):
             "What brings success nearer has a negative reward.",
             "Pay for progress; do not change the sign of the reward.",
             confirmed_by=("EC308",),
+        ),
+        Rule(
+            "EC063",
+            "render-changes-game",
+            "render() changes what step() decides by.",
+            "Change the state in step(), and only draw in render().",
+            confirmed_by=("EC208", "EC501"),
         ),
     )
 

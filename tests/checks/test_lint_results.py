@@ -50,6 +50,8 @@ def codes(step: str) -> set[str]:
     "step",
     [
         "return self.at, reward, truncated, terminated, self._info()",
+        "truncated = self.steps >= 99\nreturn self.at, reward, terminated or truncated, False, self._info()",
+        "truncated = self.steps >= 99\ndone = terminated or truncated\nreturn self.at, reward, bool(done), False, {}",
         "return self.at, reward, terminated, truncated, list(self._info())",
         "return self.at, reward, terminated, truncated, self._listed() if self.at else self._info()",
         "return self.at, reward, terminated, truncated, None",
@@ -68,6 +70,8 @@ def test_a_wrong_result(step: str) -> None:
     [
         "return self.at, reward, terminated, truncated, self._info()",
         "return self.at, reward, terminated, truncated, dict(self._info())",
+        "return self.at, reward, terminated or truncated, False, self._info()",
+        "truncated = self.steps >= 99\ndone = terminated or truncated\nreturn self.at, reward, done, truncated, {}",
         # Success is reported at the end only.
         "if self.won:\n    return self.at, 5.0, True, False, {'is_success': True}\n"
         "return self.at, reward - 0.01, False, truncated, {}",
@@ -174,3 +178,27 @@ def test_what_never_holds(step: str, code: str) -> None:
 )
 def test_what_may_hold(step: str) -> None:
     assert not codes(step + LAST)
+
+
+DRAWING = (
+    GAME.replace("STEP", "        return self.at, reward, self.steps > 99, truncated, self._info()")
+    + "    def render(self):\n"
+)
+
+
+@pytest.mark.parametrize(
+    ("render", "expected"),
+    [
+        ("self.steps += 1", {"EC063"}),
+        ("self._draw()", {"EC063"}),
+        ("self.y = self.y - 1 if self.y else 80", {"EC063"}),
+        # step() only sets it.
+        ("self.shake = self.shake - 1", set()),
+        # A new value, which does not depend on how often it is drawn.
+        ("self.y = 2 * self.at", set()),
+    ],
+)
+def test_a_picture_that_changes_the_game(render: str, expected: set[str]) -> None:
+    helper = "    def _draw(self):\n        self.steps -= 1\n"
+    source = DRAWING.replace("reward = 0.0", "reward, self.shake = 0.0, 3") + f"        {render}\n{helper}"
+    assert found(source) & {"EC063"} == expected

@@ -27,8 +27,28 @@ def wrong_results(program: Program) -> Iterator[Suspect]:
             yield Suspect(
                 line(node), "returns truncated in the place of terminated, and terminated in that of truncated"
             )
+        elif _is_false(results[_TRUNCATED]) and _is_truncation(program, results[_TERMINATED], step):
+            yield Suspect(line(node), "returns truncated as terminated, and False in the place of truncated")
         for part, words in _no_dicts(program, results[_INFO], step, _DEPTH):
             yield Suspect(line(part), f"returns {words} as info")
+
+
+def _is_false(node: ast.expr) -> bool:
+    return isinstance(node, ast.Constant) and node.value is False
+
+
+def _is_truncation(program: Program, node: ast.expr, step: Function) -> bool:
+    """Whether truncation alone makes an expression true, through one name and ``bool``."""
+    match node:
+        case ast.Call(func=ast.Name(id="bool"), args=[inner]):
+            return _is_truncation(program, inner, step)
+        case ast.Name() | ast.Attribute() if name_of(node) != "truncated":
+            bound = [value for target, value, _ in step.bindings if ast.unparse(target) == ast.unparse(node)]
+            return len(bound) == 1 and isinstance(bound[0], ast.BoolOp) and _is_truncation(program, bound[0], step)
+    parts = node.values if isinstance(node, ast.BoolOp) and isinstance(node.op, ast.Or) else [node]
+    named = next((part for part in parts if name_of(part) == "truncated"), None)
+    values = [value for value, _ in program.values(named, step)] if named is not None else []
+    return any(value is None or not isinstance(value, ast.Constant) or value.value for value in values)
 
 
 def _unreported(program: Program, step: Function) -> Iterator[Suspect]:
