@@ -32,12 +32,10 @@ def step(self, action):
 
 from __future__ import annotations
 
-import ast
 import contextlib
 import itertools
 import re
 from collections.abc import Iterator
-from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 import msgspec
@@ -45,40 +43,27 @@ import msgspec
 from envcraft.errors import Skip
 from envcraft.judging.check import Check, Rule
 from envcraft.judging.shrink import shrunk
+from envcraft.model import phases
 from envcraft.model.contract import OPTIONAL
 from envcraft.model.rollout import Conditions, Episode, Rollout
-from envcraft.model.target import Kind, parse
 from envcraft.model.verdict import Finding, Severity
 from envcraft.plugins import hookimpl
 from envcraft.text import with_article
 
+from .interface.lines import acting_line, declared, line_of_result, line_of_space, overwriting_line
 from .libraries import ask_for_dependency
-from .linting.program import Function, Program, program_of
-from .linting.program import line as line_at
-from .linting.sharing import action_writes, same_objects
-from .rewards.syntax import returns
 
 if TYPE_CHECKING:
     from envcraft.judging.description import Rendering
     from envcraft.judging.subject import Subject
     from envcraft.model.job import SearchOutcome
     from envcraft.model.trace import Fault, Trace
-    from envcraft.model.verdict import Line
 
 _RENDER = Conditions(render=True)
 _CALLS = {
     "reset": "EC104", "earlier reset": "EC104", "plain reset": "EC104", "step": "EC107", "before": "EC107",
     "render": "EC112", "close": "EC113", "early close": "EC113", "spaces": "EC115",
 }  # fmt: skip
-#: How messages name phases that are not simply the name of a method.
-_NAMES = {
-    "earlier reset": "reset()",
-    "plain reset": "reset(seed=None, options=None)",
-    "early close": "close() before reset()",
-    "before": "step() in an earlier episode on the same instance",
-    "spaces": "reading the spaces",
-}
-
 #: What Gymnasium calls keys of metadata that Gym had.
 _NEW_KEYS = {"render.modes": "render_modes", "video.frames_per_second": "render_fps"}
 #: Messages of graphics libraries on a machine without a screen. They say nothing about the environment.
@@ -233,14 +218,14 @@ class Api(Check):
                 yield self.finding(code, words, line=subject.line_of("__init__"))
             elif promised is None and isinstance(space, Unknown) and not space.custom:
                 yield self.finding(
-                    code, f"{name} is {space}, which is not a Gymnasium space", line=_line_of_space(subject, name)
+                    code, f"{name} is {space}, which is not a Gymnasium space", line=line_of_space(subject, name)
                 )
             elif promised is not None and space != (expected := read_space(promised)):
                 fits = fitting_contract(description, subject.contract)
                 hint = f"; the environment fits another contract: --contract {fits}" if fits else ""
                 place, *texts = difference(space, expected)
                 words = f"{name}{place} is {texts[0]}, not {texts[1]}{hint}"
-                yield self.finding(code, words, line=_line_of_space(subject, name), given=given, fits=fits)
+                yield self.finding(code, words, line=line_of_space(subject, name), given=given, fits=fits)
 
     def _judge_conventions(self, subject: Subject) -> Iterator[Finding]:
         """Judge the parameters of reset() and what wrappers that render expect."""
@@ -275,8 +260,8 @@ class Api(Check):
             words = 'metadata has no "render_fps", which Gymnasium expects beside "render_modes"'
             lacking.append(_renamed(rendering, "video.frames_per_second") or words)
         if wrong or lacking:
-            declared = _declared(subject, "metadata")[:1] if lacking else [line]
-            place = declared[0] if declared else subject.line_of()
+            lines = declared(subject, "metadata")[:1] if lacking else [line]
+            place = lines[0] if lines else subject.line_of()
             yield self.finding("EC116", "; ".join([*wrong, *lacking]), line=place)
 
     def _traces(self, subject: Subject) -> Iterator[Trace]:
@@ -351,7 +336,7 @@ class Api(Check):
             problem = next((problem for problem in trace.problems if problem.kind == kind), None)
             if problem is None:
                 continue
-            line = _line_of_result(subject, "step" if problem.step else "reset", 0)
+            line = line_of_result(subject, "step" if problem.step else "reset", 0)
             yield self.finding(
                 code, f"{problem.words} ({_at(problem.step)}, under {who})", line=line, step=problem.step
             )
@@ -360,12 +345,12 @@ class Api(Check):
             later = "the next reset" if by is None else f"step {by}" if by > at else "it was returned"
             words = f"the observation of {_at(at)} changed after {later}"
             # A change that is noticed later may show at once in an episode that ends here.
-            line = _overwriting_line(subject, "reset" if by is None else "step")
+            line = overwriting_line(subject, "reset" if by is None else "step")
             yield self.finding("EC110", words, line=line, step=at + 1, by=trace.steps if by is None else by)
         if trace.acted:
             step, now = trace.acted[0]
             words = f"step {step} changed its action to {str(now)[:200]}"
-            yield self.finding("EC111", words, line=_acting_line(subject), step=step)
+            yield self.finding("EC111", words, line=acting_line(subject), step=step)
         for change in trace.spaces[:1]:
             words = f"{change.name} is {change.now} at {_at(change.step)}, but was {change.before} before the reset"
             if change.now == change.before:
@@ -374,20 +359,20 @@ class Api(Check):
             yield self.finding("EC115", f"{words} (under {who})", line=line, step=change.step)
         for problem in trace.render_problems:
             if problem.kind in ("type", "format"):
-                line = _line_of_result(subject, "render")
+                line = line_of_result(subject, "render")
                 found = self.finding("EC112", problem.words, line=line, step=problem.step)
                 # Gymnasium's own checker only warns of another kind of picture.
                 yield found if problem.kind == "type" else found.as_warning()
                 break
         for step, note in trace.info_notes[:1]:
             what = f"is {with_article(note['type'])}" if "type" in note else f"has a key of type {note.get('key')}"
-            line = _line_of_result(subject, "step" if step else "reset", -1)
+            line = line_of_result(subject, "step" if step else "reset", -1)
             yield self.finding("EC114", f"info {what} ({_at(step)}, under {who})", line=line, step=step)
         key = trace.rule.key
         for step in (0, trace.steps) if len(trace.infos) == trace.steps + 1 else ():
             value = trace.info(step).get(key)
             if isinstance(value, str | list | dict):
-                line = _line_of_result(subject, "step" if step else "reset", -1)
+                line = line_of_result(subject, "step" if step else "reset", -1)
                 words = f"info[{key!r}] is {with_article(type(value).__name__)}, not a bool ({_at(step)}, under {who})"
                 yield self.finding("EC114", words, line=line, step=step)
                 break
@@ -399,7 +384,7 @@ class Api(Check):
         closed = ", after another instance was closed" if after else ""
         if fault.malformed:
             method = {"earlier reset": "reset", "before": "step"}.get(fault.phase, fault.phase)
-            line = _line_of_result(subject, method)
+            line = line_of_result(subject, method)
             code = "EC105" if method == "reset" else "EC106"
             words = f"{method}() returned {fault.malformed} ({_at(fault.step)})"
             return self.finding(code, words, line=line, step=fault.step)
@@ -410,8 +395,8 @@ class Api(Check):
         if fault.phase == "render" and _NO_SCREEN.search(f"{fault.type} {fault.message}"):
             return None
         code = _CALLS[fault.phase]
-        where = f"step {fault.step}" if fault.phase == "step" else _NAMES.get(fault.phase, f"{fault.phase}()")
-        words = f"{where} raises {subject.raised(fault)} (under {trace.rollout.player}{closed})"
+        call = phases.in_words(fault.phase, fault.step)
+        words = f"{call} raises {subject.raised(fault)} (under {trace.rollout.player}{closed})"
         raised: dict[str, Any] = {"type": fault.type, "traceback": fault.traceback, **trace.printed}
         return self.finding(code, words, line=line, step=fault.step, **raised)
 
@@ -447,125 +432,9 @@ class Api(Check):
             yield subject.rollout(Rollout(each.seed or 0, each.actions, player="an earlier episode"))
 
 
-def _line_of_space(subject: Subject, space: str) -> int | Line:
-    """The line that assigns a space; that of the constructor where the file does not show one."""
-    lines = _declared(subject, space) if not subject.target.wrappers else []
-    return lines[0] if len(lines) == 1 else subject.line_of("__init__")
-
-
-def _declared(subject: Subject, attribute: str) -> list[int]:
-    """The lines of the file that assign an attribute of the environment."""
-    program = program_of(subject)
-    if program is None and (source := subject.installed_source) and subject.env_class is not None:
-        with contextlib.suppress(SyntaxError, ValueError, RecursionError, MemoryError):
-            program = Program(parse(source), subject.env_class)
-    return program.declared_at(attribute) if program is not None else []
-
-
 def _renamed(rendering: Rendering, key: str) -> str:
     """What is wrong with a key of metadata that has another name in Gymnasium; "" if the metadata does not have it."""
     return f'metadata has "{key}", which Gymnasium calls "{_NEW_KEYS[key]}"' if key in rendering["old"] else ""
-
-
-def _overwriting_line(subject: Subject, method: str) -> int | Line:
-    """The first line of a method, or of one that it calls, that writes into what it returns as observation; else the
-    line of its result.
-    """
-    source = subject.target.kind is Kind.SOURCE
-    number = _first_write(subject.text, subject.class_statement, method) if source else None
-    return number or _line_of_result(subject, method, 0)
-
-
-@lru_cache(8)
-def _first_write(text: str, env_class: str | None, method: str) -> int | None:
-    try:
-        program = Program(parse(text), env_class)
-    except RecursionError:
-        return None
-    returned: set[str] = set()
-    for one, results in _makers(program, method, 0):
-        values = [value for _, value in results if value is not None]
-        returned.update(field for value in values for field in same_objects(program, one, value))
-        # An attribute may keep what a function returns under a name of its own.
-        names = {value.id for value in values if isinstance(value, ast.Name)}
-        kept = ((target, value) for target, value, _ in one.bindings if isinstance(value, ast.Name))
-        returned.update(field for target, value in kept if value.id in names and (field := one.field(target)))
-    for one in program.reached(method):
-        if program.bound_to(one) != program.env:
-            continue
-        writes = (node for target, node in one.writes if returned & same_objects(program, one, target))
-        if lines := [line_at(node) for node in writes]:
-            return min(lines)
-    return None
-
-
-def _acting_line(subject: Subject) -> int | Line:
-    """The first line of step(), or of the functions that it gives its action, that writes into the action; else the
-    line of step().
-    """
-    source = subject.target.kind is Kind.SOURCE and not subject.target.wrappers
-    program = program_of(subject) if source else None
-    step = program.method(program.env, "step") if program is not None else None
-    lines = action_writes(program, step) if program is not None and step is not None else []
-    return lines[0] if lines else subject.line_of("step")
-
-
-def _line_of_result(subject: Subject, method: str, part: int | None = None) -> int | Line:
-    """The line at which a method, or the only function of the file that it calls for this, returns a part of its
-    result; that of the method where it may at several, or where it is not in this file.
-    """
-    source = subject.target.kind is Kind.SOURCE and not subject.target.wrappers
-    line = _only_return(subject.text, subject.class_statement, method, part) if source else None
-    return line or subject.line_of(method)
-
-
-@lru_cache(8)
-def _only_return(text: str, env_class: str | None, method: str, part: int | None) -> int | None:
-    # Many traces of one environment may show the same defect.
-    try:
-        program = Program(parse(text), env_class)
-    except RecursionError:
-        return None
-    line = None
-    for number, (_, results) in enumerate(_makers(program, method, part)):
-        if number and part is None and not all(isinstance(value, ast.Tuple) for _, value in results):
-            # What makes an observation is right: its caller returns it alone.
-            break
-        if len(results) == 1:
-            line = results[0][0]
-        elif line is not None:
-            break
-    return line
-
-
-def _makers(
-    program: Program, method: str, part: int | None
-) -> Iterator[tuple[Function, list[tuple[int, ast.expr | None]]]]:
-    """A method, then the function of the file that it calls wherever it returns a part of its result, and so on, each
-    with the lines and the values that it returns.
-    """
-    function, seen = program.method(program.env, method), set[Function]()
-    while function is not None and function not in seen:
-        seen.add(function)
-        results = [(line_at(each), _part(each.value, part)) for each in returns(function) if each.value is not None]
-        yield function, results
-        calls = {_called(program, function, value) for _, value in results}
-        function, part = calls.pop() if len(calls) == 1 else None, None
-
-
-def _part(value: ast.expr | None, part: int | None) -> ast.expr | None:
-    """One part of a returned tuple; the value itself for None."""
-    if part is None:
-        return value
-    return value.elts[part] if isinstance(value, ast.Tuple) and value.elts else None
-
-
-def _called(program: Program, function: Function, value: ast.expr | None) -> Function | None:
-    """The function of the file whose result a value is, directly or by one name."""
-    if isinstance(value, ast.Name):
-        bound = program.values(value, function) if value.id in function.local else []
-        value = bound[0][0] if len(bound) == 1 else None
-    return program.called(value, function) if isinstance(value, ast.Call) else None
 
 
 def _at(step: int) -> str:

@@ -29,6 +29,7 @@ from typing import TYPE_CHECKING
 
 from envcraft.judging.check import Check, Rule
 from envcraft.judging.shrink import repro, shrunk
+from envcraft.model import phases
 from envcraft.model.job import ExitReason
 from envcraft.model.rollout import Conditions, Rollout
 from envcraft.model.verdict import Finding, Severity
@@ -55,17 +56,6 @@ _ENDS = {
 }
 #: The methods that a phase may call, where it is not named after one.
 _METHODS = {"construct": ("__init__",), **dict.fromkeys(("search", "before", "after"), ("reset", "step"))}
-#: How messages name phases, where the name of a phase is not that of a method.
-PHASES = {
-    "before": "an earlier episode",
-    "earlier reset": "the reset of an earlier episode",
-    "plain reset": "reset(seed=None, options=None)",
-    "early close": "close() before reset()",
-    "companion": "the episode of another instance",
-    "construct": "the constructor",
-    "search": "a search",
-    "after": "an episode after the end",
-}
 #: Events that cost no time: their episodes are shrunk. Others reach a deadline or a limit in each attempt.
 _QUICK = ("EC905", "EC906")
 #: A warning of NumPy as Python prints it.
@@ -182,7 +172,7 @@ class SandboxEvents(Check):
         end, fault = trace.end, trace.fault
         limit = fault.limit if fault is not None else None
         raised = subject.raised(fault) if fault is not None else ""
-        during = PHASES.get(fault.phase, fault.phase) if fault is not None else ""
+        during = phases.in_words(fault.phase, fault.step) if fault is not None else ""
         if fault is not None and limit is ExitReason.MEMORY:
             return self._found(subject, trace, "EC902", f"{during} ran out of memory: {raised}")
         if fault is not None and limit is ExitReason.PROCESSES:
@@ -195,7 +185,7 @@ class SandboxEvents(Check):
         if end is None or end.reason in (ExitReason.DONE, ExitReason.STOPPED) or trace.choosing:
             return None
         code = _ENDS[end.reason]
-        where = f"step {trace.steps + 1}" if end.phase == "step" else PHASES.get(end.phase, end.phase)
+        where = phases.in_words(end.phase, trace.steps + 1)
         words = {
             ExitReason.TIMEOUT: f"{where} did not end: {end.detail}",
             ExitReason.DIED: f"the process died in {where} ({end.detail})",

@@ -20,6 +20,7 @@ from envcraft.judging.interactive import InteractiveEpisode
 from envcraft.judging.subject import Subject
 from envcraft.judging.trace_builder import TraceBuilder
 from envcraft.judging.worker_pool import WorkerPool
+from envcraft.model import phases
 from envcraft.model.contract import Contract
 from envcraft.model.job import ExitReason
 from envcraft.model.rollout import Conditions
@@ -228,10 +229,12 @@ class SubjectEnv(gymnasium.Env[Any, Any]):
         end, trace = episode.end(), episode.shown.trace
         self.failed, trace.end = trace, end
         if trace.fault is not None:
-            at = f"{trace.fault.phase} at step {trace.fault.step}" if trace.fault.step else trace.fault.phase
+            at = phases.in_words(trace.fault.phase, trace.fault.step)
             return EnvironmentFailed(f"{self._name} failed in {at}: {trace.fault}")
         words = end.detail or end.reason.value
-        return EnvironmentFailed(f"{self._name} ended in the sandbox during {end.phase} ({end.reason.value}: {words})")
+        return EnvironmentFailed(
+            f"{self._name} ended in the sandbox in {phases.in_words(end.phase)} ({end.reason.value}: {words})"
+        )
 
 
 class SandboxedEnv(SubjectEnv):

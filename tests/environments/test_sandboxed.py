@@ -109,7 +109,7 @@ class TestFailures:
     @pytest.mark.parametrize(
         ("body", "words"),
         [
-            ("raise ZeroDivisionError('by none')", "step at step 2: ZeroDivisionError: by none"),
+            ("raise ZeroDivisionError('by none')", "failed in step 2: ZeroDivisionError: by none"),
             ("import os; os._exit(3)", "died"),
             ("return self.render()[:80], 0.0, False, False, {}", r"shape \(80, 84, 3\), not"),
             ("return 1, 2", "returned a tuple of 2"),

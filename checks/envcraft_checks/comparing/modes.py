@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from envcraft.judging.shrink import repro
+from envcraft.model import phases
 from envcraft.model.rollout import Conditions
 from envcraft_checks.comparing.places import located
 from envcraft_checks.comparing.traces import diverge
@@ -15,7 +16,6 @@ from envcraft_checks.linting.program import program_of
 if TYPE_CHECKING:
     from envcraft.judging.check import Check
     from envcraft.judging.subject import Subject
-    from envcraft.model.trace import Fault
     from envcraft.model.verdict import Finding
 
 #: Steps that are compared.
@@ -36,7 +36,8 @@ def unrendered(check: Check, subject: Subject) -> Iterator[Finding]:
         return
     fault = trace.fault
     if fault is not None and found.field == "length":
-        words = f"{_call(fault)} {f'raises {subject.raised(fault)}' if fault.type else f'returns {fault.malformed}'}"
+        happens = f"raises {subject.raised(fault)}" if fault.type else f"returns {fault.malformed}"
+        words = f"{phases.in_words(fault.phase, fault.step)} {happens}"
     else:
         found = located(subject, rollout, _UNRENDERED, found)
         words = f"the {found}"
@@ -50,12 +51,6 @@ def unrendered(check: Check, subject: Subject) -> Iterator[Finding]:
         first=found.first,
         second=found.second,
         traceback=fault.traceback if fault is not None else None,
-    )
-
-
-def _call(fault: Fault) -> str:
-    return {"construct": "the constructor", "reset": "reset()", "step": f"step {fault.step}"}.get(
-        fault.phase, fault.phase
     )
 
 

@@ -1,0 +1,1 @@
+"""What the check ``api`` reads from the code: the lines of spaces, results and writes."""
