@@ -115,7 +115,7 @@ def test_info_that_is_made_before_the_success(step: str, success: str) -> None:
         ),
         # Both are decided at once, and the game changes later.
         (
-            "won = self.picked == 2\nself._pick()\nlost = not won and self.picked > 5"
+            "won = self.picked == 2\nself._pick()\nlost = not won and self.picked > 1"
             + END.format("won or lost", "{'is_success': won}"),
             "",
         ),

@@ -26,35 +26,20 @@ def contradictions(program: Program) -> Iterator[Suspect]:
                 yield Suspect(line(node), f"tests {ast.unparse(node)[:60]}, which is never true")
             if not isinstance(node, ast.Compare) or len(node.ops) != 1:
                 continue
-            if decides(program, node) and _needs_negative_length(node):
-                yield Suspect(line(node), f"tests {ast.unparse(node)[:60]}, but no length is below zero")
             if decides(program, node) or _lets_act(program, actions, node, function):
                 for field_side, other, kind in (
                     (node.left, node.comparators[0], type(node.ops[0])),
                     (node.comparators[0], node.left, _MIRRORED.get(type(node.ops[0]))),
                 ):
                     field, limit = function.field(field_side), ranges.constant(other, function)
-                    if field and limit is not None and kind is not None:
-                        low, high = ranges.of(field)
+                    if (field or isinstance(field_side, ast.Call)) and limit is not None and kind is not None:
+                        low, high = ranges.of(field) if field else ranges.range(field_side, function)
                         if _never(kind, low, high, limit):
                             below = kind in (ast.Gt, ast.GtE) or high < limit
                             bound = f"is never above {high:g}" if below else f"is never below {low:g}"
-                            yield Suspect(line(node), f"tests {ast.unparse(node)}, but self.{field} {bound}")
+                            words = f"tests {ast.unparse(node)}, but {ast.unparse(field_side)} {bound}"
+                            yield Suspect(line(node), words)
     yield from _never_set(program)
-
-
-def _needs_negative_length(node: ast.Compare) -> bool:
-    match node:
-        case (
-            ast.Compare(left=ast.Call(func=ast.Name(id="len")), ops=[ast.Lt()], comparators=[ast.Constant(value=0)])
-            | ast.Compare(
-                left=ast.Call(func=ast.Name(id="len")),
-                ops=[ast.LtE() | ast.Lt() | ast.Eq()],
-                comparators=[ast.UnaryOp(op=ast.USub(), operand=ast.Constant())],
-            )
-        ):
-            return True
-    return False
 
 
 def _lets_act(program: Program, actions: Actions, node: ast.Compare, function: Function) -> bool:

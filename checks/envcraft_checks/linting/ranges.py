@@ -8,6 +8,7 @@ import operator
 from collections.abc import Callable, Iterator
 from functools import cached_property
 
+from .lengths import Lengths
 from .program import Function, Program, name_of
 
 _OPERATORS: dict[type[ast.operator], Callable[[float, float], float]] = {
@@ -59,6 +60,7 @@ class Ranges:
     def __init__(self, program: Program) -> None:
         self.program = program
         self.methods = program.methods(program.env)
+        self.lengths = Lengths(program, self.constant)
         self._known: dict[str, tuple[float, float]] = {}
         foreign = (
             node
@@ -99,7 +101,7 @@ class Ranges:
         low = min((low for low, _ in ranges), default=math.inf)
         high = max((high for _, high in ranges), default=-math.inf)
         if high == math.inf:
-            high = self._gained(field)
+            high = min(self._gained(field), self.lengths.counted(field))
         return (low, high) if low <= high else (-math.inf, math.inf)
 
     def _gained(self, field: str) -> float:
@@ -213,6 +215,12 @@ class Ranges:
                 return self.range(low, method)[0], self.range(high, method)[1]
             case ast.Call(func=ast.Name(id="int" | "float" | "round"), args=[one]):
                 return self.range(one, method)
+            case ast.Call(func=ast.Name(id="len"), args=[items]) if method is not None:
+                return 0, self.lengths.of(items, method)
+            case ast.Call(func=ast.Name(id="sum"), args=[ast.GeneratorExp() | ast.ListComp() as items]) if method:
+                return (0, self.lengths.of(items, method)) if _is_bool(items.elt) else everything
+            case ast.Call() if method is not None and (called := self.program.called(node, method)) is not None:
+                return self._returned(called)
             case ast.BinOp(op=ast.Mod(), right=right):
                 modulus = self.constant(right, method)
                 return (0, modulus) if modulus is not None and modulus > 0 else everything
@@ -224,6 +232,14 @@ class Ranges:
                 first, second = self.range(body, method), self.range(orelse, method)
                 return min(first[0], second[0]), max(first[1], second[1])
         return everything
+
+    def _returned(self, function: Function) -> tuple[float, float]:
+        """The range of the result of a method that only returns one."""
+        match function.node.body[-1:]:
+            case [ast.Return(value=ast.Call() as value)] if name_of(value.func) in ("int", "len", "sum"):
+                others = [node for node in function.nodes if isinstance(node, ast.Return)]
+                return self.range(value, function) if len(others) == 1 else (-math.inf, math.inf)
+        return -math.inf, math.inf
 
     def constant(self, node: ast.AST | None, method: Function | None) -> float | None:
         """The value of an expression of numbers, and of names that are bound once."""
@@ -294,3 +310,10 @@ class Ranges:
             )
         # A name of the module is constant if it is written like one.
         return not name.isupper()
+
+
+def _is_bool(node: ast.expr) -> bool:
+    """Whether an expression is True or False, or the number 1."""
+    if isinstance(node, ast.Constant):
+        return node.value == 1
+    return isinstance(node, ast.Compare) or (isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.Not))

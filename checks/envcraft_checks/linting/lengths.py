@@ -1,0 +1,231 @@
+"""The most items that a list of the environment holds, and the most that play can count of them."""
+
+from __future__ import annotations
+
+import ast
+import math
+from collections.abc import Callable, Iterator
+
+from .program import MUTATORS, Function, Program
+
+#: What gives a number: the constant value of an expression, None if it is not known.
+_Constant = Callable[[ast.AST | None, Function | None], float | None]
+_TAKERS = frozenset({"discard", "pop", "popleft", "remove"})
+_ENDERS = _TAKERS - {"discard"}
+_ADDERS = frozenset({"add", "append", "appendleft"})
+#: Functions of Python that keep no reference to their argument, and those that copy its items.
+_READERS = frozenset({"all", "any", "bool", "enumerate", "len", "max", "min", "reversed", "str", "sum", "zip"})
+_COPIES = frozenset({"array", "asarray", "deque", "enumerate", "list", "reversed", "set", "sorted", "tuple"})
+_DRAWN = frozenset({"choice", "integers", "normal", "permutation", "random", "uniform"})
+_FILLED = frozenset({"empty", "full", "ones", "zeros"})
+_DEPTH = 4
+
+
+class Lengths:
+    """How many items the attributes of the environment hold, as far as the code of a reset says.
+
+    Args:
+        program: the file.
+        constant: gives the value of an expression.
+    """
+
+    def __init__(self, program: Program, constant: _Constant) -> None:
+        self._program = program
+        self._constant = constant
+        self._play = [each for each in program.reached("step") if program.bound_to(each) == program.env]
+        self._methods = program.methods(program.env)
+
+    def most(self, field: str, depth: int = _DEPTH) -> float:
+        """The most items of an attribute to which play adds none; infinity if it is not known."""
+        if not depth or not self._is_private(field):
+            return math.inf
+        lengths = []
+        for method in self._methods:
+            for target, value, _ in method.bindings:
+                if method.field(target) == field and not _shrinks(value, field, method):
+                    lengths.append(math.inf if method in self._play else self.of(value, method, depth - 1))
+        return max(lengths, default=math.inf) + sum(self._added(field))
+
+    def counted(self, counter: str) -> float:
+        """The most that an attribute counts if each time it takes an item for good; infinity if it is not known."""
+        lists: set[str] = set()
+        for method in self._methods:
+            for target, value, _ in method.bindings:
+                if method.field(target) == counter and self._constant(value, method) != 0:
+                    return math.inf
+            for target, node in method.writes:
+                if method.field(target) == counter:
+                    taken = self._taken(node, method)
+                    if not taken:
+                        return math.inf
+                    lists.add(taken)
+        return self.most(lists.pop()) if len(lists) == 1 else math.inf
+
+    def of(self, node: ast.AST | None, method: Function, depth: int = _DEPTH) -> float:
+        """The most items of an expression; infinity if it is not known."""
+        match node:
+            case ast.List(elts=elts) | ast.Tuple(elts=elts) | ast.Set(elts=elts):
+                return math.inf if any(isinstance(each, ast.Starred) for each in elts) else len(elts)
+            case ast.ListComp(generators=parts) | ast.SetComp(generators=parts) | ast.GeneratorExp(generators=parts):
+                return math.prod(self.of(part.iter, method, depth) for part in parts)
+            case ast.BinOp(left=ast.List() as items, op=ast.Mult(), right=times):
+                return self._times(self.of(items, method, depth), times, method)
+            case ast.Call(func=ast.Name(id="range"), args=[end]):
+                return self._times(1, end, method)
+            case ast.Call(func=ast.Name(id=name) | ast.Attribute(attr=name), args=[inner, *_]) if name in _COPIES:
+                return self.of(inner, method, depth)
+            case ast.Call(func=ast.Attribute(attr=name), args=[first, *more], keywords=keywords) if name in _DRAWN:
+                size = next((each.value for each in keywords if each.arg == "size"), None)
+                place = {"permutation": 0, "choice": 1, "integers": 2}.get(name, math.inf)
+                size = size or next((each for at, each in enumerate([first, *more]) if at == place), None)
+                return self._times(1, size, method)
+            case ast.Call(func=ast.Attribute(attr=name), args=[size, *_]) if name in _FILLED:
+                return self._times(1, size, method)
+            case ast.Subscript(slice=ast.Slice(lower=lower, upper=ast.expr() as upper, step=None)):
+                low, high = self._constant(lower, method) if lower else 0, self._constant(upper, method)
+                return high - low if low is not None and high is not None and 0 <= low <= high else math.inf
+            case ast.Name(id=name) if name in method.local and depth:
+                changed = any(isinstance(target, ast.Name) and target.id == name for target, _ in method.writes)
+                values = [] if changed else self._program.values(node, method)
+                return max((self.of(value, method, depth - 1) for value, _ in values), default=math.inf)
+            case ast.Attribute() if depth and (field := method.field(node)):
+                return self.most(field, depth - 1)
+        return math.inf
+
+    def _times(self, items: float, times: ast.AST | None, method: Function) -> float:
+        number = self._constant(times, method)
+        return items * number if number is not None and number >= 0 else math.inf
+
+    def _added(self, field: str) -> Iterator[float]:
+        """How many items each place adds that writes into an attribute; infinity if it is not known."""
+        for method in self._methods:
+            for target, node in method.writes:
+                if method.field(target) != field or isinstance(node, ast.Subscript):
+                    continue
+                name = node.func.attr if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute) else ""
+                if name in _ADDERS:
+                    yield math.inf if method in self._play else self._repeated(node, method)
+                elif name not in _TAKERS | {"clear", "reverse", "rotate", "sort"}:
+                    yield math.inf
+
+    def _repeated(self, node: ast.AST, method: Function) -> float:
+        """How often one call of a method runs a statement."""
+        times = 1.0
+        while node is not method.node:
+            node = self._program.parents[node]
+            if isinstance(node, ast.For):
+                times *= self.of(node.iter, method)
+            elif isinstance(node, ast.While | ast.comprehension | ast.Lambda):
+                return math.inf
+        # Another method may call this one several times.
+        return times if method.name == "reset" else math.inf
+
+    def _is_private(self, field: str) -> bool:
+        """Whether only methods of the environment use the object of an attribute, under no other name."""
+        mine = {node for method in self._methods for node in method.nodes if method.field(node) == field}
+        for node in self._program.nodes:
+            if not isinstance(node, ast.Attribute) or node.attr != field:
+                continue
+            if node not in mine or not _is_read(node, self._program.parents[node]):
+                return False
+        return True
+
+    def _taken(self, node: ast.AST, method: Function) -> str:
+        """The attribute from which the statements beside one that counts take an item for good, "" if none does."""
+        counts = isinstance(node, ast.AugAssign) and isinstance(node.op, ast.Add)
+        if not counts or not isinstance(node, ast.AugAssign) or self._constant(node.value, method) != 1:
+            return ""
+        parent = self._program.parents[node]
+        blocks = (getattr(parent, name, None) for name in ("body", "orelse", "finalbody"))
+        block = next((each for each in blocks if isinstance(each, list) and node in each), [])
+        for each in block:
+            match each:
+                case ast.Expr(value=ast.Call(func=ast.Attribute(value=held, attr=attr))) if attr in _ENDERS:
+                    field = method.field(held)
+                case ast.Assign(
+                    targets=[ast.Subscript() | ast.Attribute() as place], value=ast.Constant(value=bool() as value)
+                ) if self._is_first(place, value, parent, method):
+                    field = self._holder(place, each, method)
+                case _:
+                    continue
+            if field:
+                return field
+        return ""
+
+    def _holder(self, place: ast.Subscript | ast.Attribute, node: ast.AST, method: Function) -> str:
+        """The attribute of which a place is an item, or a part of an item over which a loop goes."""
+        if field := method.field(place.value):
+            return field
+        while node is not method.node:
+            node = self._program.parents[node]
+            if isinstance(node, ast.For):
+                items, iterated = node.target, node.iter
+                if isinstance(iterated, ast.Call) and getattr(iterated.func, "id", "") == "enumerate":
+                    items, iterated = getattr(items, "elts", [items])[-1], iterated.args[0]
+                if isinstance(items, ast.Name) and isinstance(place.value, ast.Name) and items.id == place.value.id:
+                    return method.field(iterated)
+        return ""
+
+    def _is_first(self, place: ast.Subscript | ast.Attribute, value: bool, parent: ast.AST, method: Function) -> bool:
+        """Whether a test says that a place does not have its new value yet, and play never gives it the old one."""
+        text = ast.unparse(place)
+        before = text if not value else f"not {text}"
+        tests: list[ast.expr] = []
+        while parent is not method.node:
+            if isinstance(parent, ast.If):
+                is_or = isinstance(parent.test, ast.BoolOp) and isinstance(parent.test.op, ast.Or)
+                tests += parent.test.values if isinstance(parent.test, ast.BoolOp) and not is_or else [parent.test]
+            parent = self._program.parents[parent]
+        return any(ast.unparse(test) == before for test in tests) and all(
+            _stored(self._program.parents[node]) is value
+            for each in self._play
+            for node in each.nodes
+            if _is_alike(node, place, each, method)
+        )
+
+
+def _is_alike(node: ast.AST, place: ast.Subscript | ast.Attribute, function: Function, method: Function) -> bool:
+    """Whether a statement may write a place of this kind: the same key or attribute, or an item of the same list."""
+    if type(node) is not type(place) or not isinstance(getattr(node, "ctx", None), ast.Store):
+        return False
+    match node, place:
+        case ast.Attribute(attr=one), ast.Attribute(attr=other):
+            return one == other
+        case ast.Subscript(value=one, slice=key), ast.Subscript(value=other, slice=own):
+            if field := method.field(other):
+                return function.field(one) == field
+            return ast.unparse(key) == ast.unparse(own)
+    return False
+
+
+def _is_read(node: ast.Attribute, parent: ast.AST) -> bool:
+    """Whether the object of an attribute has no other name after an expression, or whether the attribute is bound."""
+    match parent:
+        case ast.Attribute(attr=attr):
+            return attr in MUTATORS | {"copy", "count", "index"}
+        case ast.Call(func=ast.Name(id=name)):
+            return name in _READERS | _COPIES
+        case ast.Assign(targets=targets):
+            return node in targets
+        case ast.Tuple():
+            return isinstance(node.ctx, ast.Store)
+        case ast.IfExp(test=test):
+            return test is node
+    return not isinstance(parent, ast.Call | ast.keyword | ast.Return | ast.Dict | ast.NamedExpr | ast.List)
+
+
+def _stored(statement: ast.AST) -> object:
+    value = statement.value if isinstance(statement, ast.Assign) else None
+    return value.value if isinstance(value, ast.Constant) else None
+
+
+def _shrinks(value: ast.expr | None, field: str, method: Function) -> bool:
+    """Whether an expression has an item at most for each item of the attribute itself."""
+    match value:
+        case ast.Call(func=ast.Name(id="list" | "set" | "sorted" | "tuple"), args=[inner]):
+            return _shrinks(inner, field, method)
+        case ast.ListComp(generators=[part]) | ast.SetComp(generators=[part]) | ast.GeneratorExp(generators=[part]):
+            return method.field(part.iter) == field
+        case ast.Subscript(slice=ast.Slice()):
+            return method.field(value.value) == field
+    return method.field(value) == field
