@@ -136,6 +136,24 @@ def test_a_price_is_a_warning() -> None:
     assert (finding.code, finding.severity) == ("EC062", Severity.WARNING)
 
 
+LOSS = "if self.hearts < 1:\n    self.lost = True\n    reward {}= 1.0\n"
+GAIN = "reward += 0.1 * max(self.at - self.y, 0)\nif self.at > 70:\n    self.won = True\n    reward {}= 5.0\n"
+
+
+@pytest.mark.parametrize(
+    ("gain", "loss", "sign", "expected"),
+    [
+        ("+", "-", "-", {"EC062"}),
+        ("-", "+", "", {"EC062"}),
+        ("+", "-", "", set()),
+        ("-", "-", "-", set()),
+    ],
+)
+def test_a_calculated_reward(gain: str, loss: str, sign: str, expected: set[str]) -> None:
+    end = END.format(f"{sign}reward", "self.won or self.lost", "self.won")
+    assert codes(GAIN.format(gain) + LOSS.format(loss) + end.lstrip()) & {"EC062"} == expected
+
+
 LAST = "\nreturn self.at, reward, terminated, truncated, self._info()"
 
 

@@ -6,6 +6,7 @@ import ast
 from collections.abc import Iterator
 
 from envcraft_checks.rewards.lines import RewardLines, Unknown, Write
+from envcraft_checks.rewards.syntax import constant, summands
 
 from .dependence import guards
 from .logic import is_false, names_success
@@ -13,6 +14,8 @@ from .program import MUTATORS, Function, Program, Suspect, name_of
 from .reported import Reported, reported
 
 _DEPTH = 4
+#: Words in names of what is true when an episode is lost.
+_LOSSES = frozenset({"crashed", "dead", "died", "failed", "lose", "loss", "lost"})
 _UP, _DOWN = (ast.GtE, ast.Gt, ast.Eq), (ast.LtE, ast.Lt, ast.Eq)
 _ADDERS = frozenset({"add", "append", "appendleft", "extend", "insert", "update"})
 #: How an attribute comes nearer to success: it becomes true, greater or smaller, it gets a part, or it loses one.
@@ -39,13 +42,38 @@ def punished_successes(program: Program) -> Iterator[Suspect]:
                 blocks[way, id(block)] = [write for write in writes if write.statement in block]
     for way in ways:
         paid = [found for (one, _), found in blocks.items() if one == way]
-        sums = [sum(write.amount or 0.0 for write in found) for found in paid]
+        sums = [sum(_constant_part(write, program) for write in found) for found in paid]
         known = all(found and all(write.amount is not None for write in found) for found in paid)
+        # Where the rest is calculated, a loss that pays shows that the sign is wrong.
+        known = known or (way[1] == "true" and all(paid) and _pays_losing(program, writes))
         if paid and known and max(sums) < 0:
             first = paid[0][0]
             # Where success itself pays, this may be its price.
             certain = not any(_is_prize(program, write, values) for write in writes)
             yield Suspect(first.line, f"pays {sums[0]:g} where self.{way[0]} brings success nearer", certain)
+
+
+def _constant_part(write: Write, program: Program) -> float:
+    """What a place adds to the reward, without the terms that are no numbers."""
+    if write.amount is not None:
+        return write.amount
+    amounts = ((constant(term, write.scope, program), way) for term, way in summands(write.value))
+    return write.sign * sum(amount * way for amount, way in amounts if amount is not None)
+
+
+def _pays_losing(program: Program, writes: list[Write]) -> bool:
+    """Whether a reward is raised where an attribute that stands for losing becomes true."""
+    return any(
+        _constant_part(write, program) > 0 and any(_is_loss(each) for each in _block(program, write.statement))
+        for write in writes
+    )
+
+
+def _is_loss(statement: ast.stmt) -> bool:
+    match statement:
+        case ast.Assign(targets=[ast.Name() | ast.Attribute() as target], value=ast.Constant(value=True)):
+            return not _LOSSES.isdisjoint(name_of(target).lower().split("_"))
+    return False
 
 
 def _is_prize(program: Program, write: Write, values: list[Reported]) -> bool:

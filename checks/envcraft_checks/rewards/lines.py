@@ -48,6 +48,7 @@ class Write(NamedTuple):
         amount: what it adds to the reward, if the file says so.
         limit: the largest size of what it adds, if the file says so.
         once: whether the reward is the sum of this and of what the other places write, each once.
+        sign: 1 if the reward grows with the value, else -1.
     """
 
     line: int
@@ -57,6 +58,7 @@ class Write(NamedTuple):
     amount: float | None
     limit: float | None
     once: bool
+    sign: int
 
     @property
     def is_zero(self) -> bool:
@@ -227,7 +229,7 @@ class Walk:
         amount = sign * known if known is not None else None
         once = once and not scope.repeated and not is_looped(at, scope, self._program)
         limit = largest(value, scope, self._program)
-        self.found.append(Write(number, value, at, scope, amount, limit, once and self.is_sure(at)))
+        self.found.append(Write(number, value, at, scope, amount, limit, once and self.is_sure(at), sign))
 
     def is_sure(self, statement: ast.stmt) -> bool:
         """Whether a statement has run if its line has: it does not share it with a condition."""
