@@ -285,10 +285,9 @@ class Api(Check):
         yield subject.rollout(base.cut(5).under(Conditions(before=before)))
         yield subject.session.trace
         if found is not None and (found.positive or subject.budget.rotations):
-            later = found.rollout.cut(found.steps)
-            yield subject.rollout(subject.inspected(later))
-            if subject.renders:
-                yield subject.rollout(later.under(_RENDER))
+            yield subject.rollout(subject.inspected(found.rollout.cut(found.steps)))
+            if subject.renders and (trace := subject.rendered_best()) is not None:
+                yield trace
         # A policy that goes wrong is not a reason to skip this check.
         with contextlib.suppress(Skip):
             yield from subject.privileged()

@@ -183,21 +183,21 @@ class Observation(Check):
     def _find_unlike_render(self, subject: Subject) -> Iterator[Finding]:
         if not (subject.contract.render and subject.renders):
             return
-        trace = subject.rendered()
-        differing = [problem for problem in trace.render_problems if problem.kind == "differs"]
-        # The check api reports an observation of the wrong type.
-        bad = {problem.step for problem in trace.problems}
-        differing = [problem for problem in differing if problem.step not in bad]
-        if differing:
-            step = differing[0].step
-            at = "the reset" if step == 0 else f"step {step}"
-            yield self.finding(
-                "EC404",
-                f"after {at} render() returns another picture than the observation",
-                line=(frame_line(subject) if step else None) or subject.line_of("render"),
-                repro=repro(trace.rollout.cut(step)),
-                step=step,
-            )
+        for trace in filter(None, (subject.rendered(), subject.rendered_best())):
+            # The check api reports an observation of the wrong type.
+            bad = {problem.step for problem in trace.problems}
+            differing = (problem.step for problem in trace.render_problems if problem.kind == "differs")
+            step = next((step for step in differing if step not in bad), None)
+            if step is not None:
+                at = f"step {step}" if step else "the reset"
+                yield self.finding(
+                    "EC404",
+                    f"after {at} render() returns another picture than the observation",
+                    line=(frame_line(subject) if step else None) or subject.line_of("render"),
+                    repro=repro(trace.rollout.cut(step)),
+                    step=step,
+                )
+                return
 
 
 def _defects(subject: Subject, traces: list[Trace]) -> Iterator[tuple[str, Defect | None]]:

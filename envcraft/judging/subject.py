@@ -330,6 +330,13 @@ class Subject:
         """Play a short random episode and call render() after each step."""
         return self.rollout(self.probes.random(0).cut(self.budget.inspected // 2).under(Conditions(render=True)))
 
+    def rendered_best(self) -> Trace | None:
+        """Play the best episode of a search and call render() after each step; None if there is none worth it."""
+        found = self.searches.best()
+        if found is None or not (found.positive or self.budget.rotations):
+            return None
+        return self.rollout(found.rollout.cut(found.steps).under(Conditions(render=True)))
+
     def inspected(self, rollout: Rollout) -> Rollout:
         """The same episode under conditions that inspect every value and call."""
         options = "options" in self.load().description.get("reset", ("options",))
