@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import contextlib
 import itertools
 import os
 import re
@@ -56,7 +57,7 @@ def why_unknown(name: str, subject: Subject, known: list[str], shown: str = "", 
     if beside is not None and name in beside.modules:
         return "a file of its project, which only `envcraft validate` and the audit of its folder judge with it"
     if name.startswith("."):
-        return f"which is not a file of its package{_near_file(shown, Path(subject.target.path))}"
+        return f"which is not a file of its package{near_module(shown, Path(subject.target.path))}"
     if name == "envcraft":
         return (
             "which is not available where environments run; leave it out, or move it and the code that needs "
@@ -70,6 +71,8 @@ def why_unknown(name: str, subject: Subject, known: list[str], shown: str = "", 
         return place
     if (installed or name in well_known()) and name not in _OLD_NAMES:
         return f"which the contract {contract.name} does not allow; it allows {', '.join(contract.libraries or ())}"
+    if name not in _OLD_NAMES and (own := near_module(name, Path(subject.target.path))):
+        return f"which is not a known library{own}"
     if near or contract.libraries is not None:
         return f"which is not a known library{f'; did you mean {near}?' if near else ''}"
     return "which is neither installed nor known to EnvCraft; correct the name, or install it if it exists"
@@ -83,19 +86,30 @@ def in_package(tree: ast.Module, name: str, line: int) -> str:
     return name + next((node.names[0].name for node in imports if not node.module), "")
 
 
-def _near_file(name: str, file: Path) -> str:
-    """Suggest the file of a package that a relative import may mean."""
+def near_module(name: str, file: Path) -> str:
+    """The module of its project that an import in a file may mean, in words to append; "" if none has such a name.
+
+    Args:
+        name: the module that was not found, with its package or dots.
+        file: the file with the import statement.
+    """
     import difflib
 
-    module = name.lstrip(".")
-    level = len(name) - len(module)
-    folder = Path(*[".."] * (level - 1))
-    try:
-        names = [each.stem for each in (file.parent / folder).iterdir() if each.suffix == ".py" and each != file]
-    except OSError:
+    if not all(map(str.isidentifier, name.lstrip(".").split("."))):
+        # The worker may name anything, a folder outside the project too.
         return ""
-    close = difflib.get_close_matches(module, names, n=1)
-    return f"; did you mean {'.' * level}{close[0]}?" if close else ""
+    package, dot, module = name.rpartition(".")
+    level = len(name) - len(name.lstrip("."))
+    starts = [file.parent.joinpath(*[".."] * (level - 1))] if level else [file.parent, *Place.of(file).roots]
+    names: list[str] = []
+    for start in starts:
+        with contextlib.suppress(OSError):
+            inside = start.joinpath(*package[level:].split(".")) if package[level:] else start
+            names += [
+                each.stem for each in inside.iterdir() if each.suffix == ".py" or (each / "__init__.py").is_file()
+            ]
+    close = difflib.get_close_matches(module, {*names} - {module, file.stem}, n=1, cutoff=0.7)
+    return f"; did you mean {package}{dot}{close[0]}?" if close else ""
 
 
 def _elsewhere(name: str, subject: Subject) -> str:

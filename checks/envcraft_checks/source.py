@@ -67,6 +67,7 @@ from .libraries import (
     installation_hint,
     is_on_host,
     is_standard,
+    near_module,
     well_known,
     why_unknown,
 )
@@ -276,7 +277,8 @@ class Source(Check):
             return
         if fault is not None and fault.phase == "import":
             words = f"importing raises {subject.raised(fault)}"
-            hint = "; the file defines no class that could be an environment" if _is_script(subject) else ""
+            hint = near_module(fault.module, Path(subject.target.path)) if fault.type == "ModuleNotFoundError" else ""
+            hint += "; the file defines no class that could be an environment" if _is_script(subject) else ""
             yield self.finding("EC003", f"{words}{hint}", line=fault.line, traceback=fault.traceback)
             return
         yield from self._judge_effects(subject, description.get("effects", {}), end.output)

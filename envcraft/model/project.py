@@ -338,7 +338,10 @@ def _imports(tree: ast.Module) -> Iterator[tuple[str, str, int]]:
                 yield from ((parts[0], ".".join(parts[:end]), 0) for end in range(1, len(parts) + 1))
         elif isinstance(node, ast.ImportFrom):
             base = node.module or ""
-            name = "." * node.level + base if node.level else base.partition(".")[0]
+            parts = base.split(".")
+            name = "." * node.level + base if node.level else parts[0]
+            # The package around a module that does not exist is the project's all the same.
+            yield from ((name, ".".join(parts[:end]), 0) for end in range(1, 0 if node.level else len(parts)))
             if base or node.level:
                 yield name, base, node.level
             for alias in node.names:

@@ -218,6 +218,25 @@ def test_a_relative_import_of_no_file_suggests_the_nearest(invoke: Invoke, good:
     assert "line 1 imports .helper, which is not a file of its package; did you mean .helpers?" in result.stdout
 
 
+@pytest.mark.parametrize("statement", ["from pkg.wrld import World", "import pkg.wrld"])
+def test_an_import_of_no_module_of_the_package_suggests_the_nearest(invoke: Invoke, good: Path, statement: str) -> None:
+    package = good.parent / "pkg"
+    package.mkdir()
+    (package / "__init__.py").touch()
+    (package / "world.py").write_text("World = 3\n")
+    (package / "game.py").write_text(f"{statement}\n{ENVIRONMENT}")
+    options = ("--sandbox", "process", "--contract", "gymnasium", "--format", "concise")
+    result = invoke("validate", package / "game.py", *options)
+    assert "No module named 'pkg.wrld'; did you mean pkg.world?" in result.stdout
+
+
+def test_an_import_of_no_file_suggests_the_one_beside(invoke: Invoke, good: Path) -> None:
+    (good.parent / "helper.py").write_text("SIZE = 3\n")
+    good.write_text(f"from helpr import SIZE\n{ENVIRONMENT}")
+    result = invoke("validate", good, "--sandbox", "process", "--contract", "gymnasium", "--format", "concise")
+    assert "line 1 imports helpr, which is not a known library; did you mean helper?" in result.stdout
+
+
 @pytest.mark.parametrize(
     ("file", "folder", "words"),
     [
