@@ -6,11 +6,13 @@ repetition runs in another process. The second changes all conditions at the sam
 PYTHONHASHSEED, global random generators in another state, a shifted and faster clock, empty options, earlier episodes
 on the same instance, a second instance that is stepped alongside, `render()` between the steps, and actions as other
 callers pass them: in one array that they overwrite for each step, as int32, and as Python's ints and lists where the
-action space contains these. If this trace differs, the check tries each condition alone. If none of them shows the
-difference, it tries a very fast clock, and then leaves out each condition that the difference does not need. The
-finding names the condition, the first step and the field, with the part of an observation or the key of info that
-differs. It also names the lines that depend on the condition: lines that draw from global generators, read the clock,
-use the order of a set, or write state that episodes or instances share.
+action space contains these. If this trace differs and the code reads the clock, the check first holds the clock: the
+clock is the cause if moving it changes the trace, and nothing else about the process does while it is held. Otherwise
+the check tries each condition alone. If none of them shows the difference, it tries a very fast clock, and then leaves
+out each condition that the difference does not need. The finding names the condition, the first step and the field,
+with the part of an observation or the key of info that differs. It also names the lines that depend on the condition:
+lines that draw from global generators, read the clock, use the order of a set, or write state that episodes or
+instances share.
 
 Then the check plays both runs once more and compares their states after each step: the attributes of the environment
 and of its objects, class attributes, globals of the module, default arguments and random generators. The finding names
@@ -33,8 +35,9 @@ must not all have the same level if different seeds give different levels, becau
 `gymnasium.make` passes no render mode unless the caller names one. If the constructor has the default
 `render_mode=None`, the first steps must be the same without a render mode as with `rgb_array`.
 
-An info value that depends only on the clock, or counts the episodes, is telemetry and only a warning. The check then
-compares again without info, so that telemetry does not hide other differences.
+An info value that depends only on the clock, or counts the episodes, is telemetry and only a warning, unless it is the
+contract's key for success. The check then compares again without info, so that telemetry does not hide other
+differences.
 
 ## Why is this bad?
 An experiment that cannot be repeated cannot be debugged, compared or replayed from a seed. Such an environment also
@@ -65,7 +68,7 @@ from envcraft_checks.comparing import causes, conditions, modes, places, seeds
 from envcraft_checks.comparing.causes import REPEATS, TELEMETRY, Cause
 from envcraft_checks.comparing.states import first_field, in_words
 from envcraft_checks.comparing.traces import diverge, interrupted
-from envcraft_checks.comparing.writers import Writers
+from envcraft_checks.comparing.writers import SHARED, Writers
 
 if TYPE_CHECKING:
     from envcraft.judging.subject import Subject
@@ -223,7 +226,7 @@ class Determinism(Check):
         for rollout, cause in seeds.after_many(subject):
             if cause.code not in reported:
                 yield self._found(subject, rollout, cause)
-            if cause.code == "EC206":
+            if cause.code not in _WARNINGS:
                 return
         info = not reported & set(TELEMETRY.values())
         if (differing := seeds.differing(subject, info)) is not None:
@@ -306,6 +309,9 @@ class Determinism(Check):
             if raised:
                 return
         if found is not None:
+            if (clock := causes.by_reading(subject, rollout.cut(found.step), info)) is not None:
+                yield self._found(subject, rollout, clock)
+                return
             again = causes.redraw(subject, rollout.cut(found.step), REPEATS, info)
             if again is not None:
                 yield self._found(subject, rollout, causes.of_repetitions(subject, rollout, again, info))
@@ -335,8 +341,7 @@ class Determinism(Check):
                     chance = Cause("EC201", Conditions(again=True), again)
                     yield self._found(subject, rollout, causes.by_clock(subject, rollout, info) or chance)
                     return
-                if again.field == "info":
-                    code = TELEMETRY.get(code, code)
+                code = causes.code_of(subject, code, again)
                 if under.before:
                     under, again = causes.fewer_episodes(subject, rollout, base, under, again, info)
                 yield self._found(subject, rollout, Cause(code, under, again))
@@ -386,7 +391,9 @@ class Determinism(Check):
         if writers.elsewhere is not None:
             file, suspects = writers.elsewhere
             evidence["lines"] = [f"{file}:{suspect.line}" for suspect in suspects]
-        line = places.writing_line(subject, divergence) or line
+        written = places.writing_line(subject, divergence)
+        # The line that puts success into info is right; the state that it reads is not.
+        line = line or written if code in SHARED else written or line
         return self.finding(
             code,
             f"seed {rollout.seed} gives another trace {how}: {divergence}{where}",

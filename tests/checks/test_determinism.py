@@ -62,6 +62,21 @@ class Both(Played):
         return bool(conditions.before and conditions.render)
 
 
+class Daytime(Played):
+    """One that reads the time of day, which differs in each run but the plain one, unless the clock is held."""
+
+    target = Target("day.py", b"", Kind.SOURCE)
+    class_statement = None
+    text = (
+        "import time\nimport gymnasium as gym\nclass Day(gym.Env):\n    def step(self, action):\n"
+        "        return time.time() % 2 < 1, 0.0, False, False, {}\n"
+    )
+
+    def _differs(self, conditions: Conditions) -> bool:
+        held = conditions.clock is not None and conditions.clock.rate == 0
+        return not held and conditions != Conditions()
+
+
 @pytest.fixture
 def compared(monkeypatch: pytest.MonkeyPatch) -> Callable[[Any], list[Finding]]:
     """The findings of one episode of a subject."""
@@ -90,6 +105,38 @@ def test_a_difference_has_only_the_conditions_that_it_takes(
     [finding] = compared(subject)
     assert (finding.code, set(finding.repro.conditions)) == (code, conditions)
 
+
+def test_the_time_of_day_is_not_taken_for_the_process(compared: Callable[[Any], list[Finding]]) -> None:
+    [finding] = compared(Daytime())
+    assert (finding.code, finding.line) == ("EC205", 5), finding.message
+
+
+def test_success_that_is_kept_is_no_telemetry() -> None:
+    options: Any = {"contract": "gymnasium", "sandbox": "process", "budget": "quick"}
+    report = envcraft.validate(WON, checks="determinism", **options)
+    [finding] = [finding for check in report.reports[0].checks for finding in check.findings]
+    assert (finding.code, finding.line) == ("EC206", 16), finding.message
+
+
+#: Success of one episode is success of all that follow.
+WON = """
+import gymnasium as gym
+class Race(gym.Env):
+    observation_space = gym.spaces.Discrete(200)
+    action_space = gym.spaces.Discrete(2)
+    won = False
+    def _info(self):
+        return {"is_success": self.won}
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        self.at, self.time = int(self.np_random.integers(5)), 0
+        return self.at, self._info()
+    def step(self, action):
+        self.at, self.time = self.at + int(action), self.time + 1
+        done = self.at >= 12 or self.time >= 20
+        self.won = self.won or self.at >= 12
+        return self.at, float(action), done, False, self._info()
+"""
 
 #: The list of the module grows with each reset, and the steps of the next episode raise.
 CROWDED = """

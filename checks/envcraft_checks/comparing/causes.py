@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, NamedTuple
 import msgspec
 
 from envcraft.model.rollout import Conditions, Episode, Rollout
-from envcraft_checks.comparing.conditions import FAST, LOGICAL, OTHER_STATE, SHIFTED
+from envcraft_checks.comparing.conditions import FAST, LOGICAL, OTHER_HASHES, OTHER_STATE, SHIFTED
 from envcraft_checks.comparing.traces import diverge
+from envcraft_checks.comparing.writers import Writers
 
 if TYPE_CHECKING:
     from envcraft.judging.subject import Subject
@@ -33,6 +34,12 @@ class Cause(NamedTuple):
     code: str
     conditions: Conditions
     divergence: Divergence
+
+
+def code_of(subject: Subject, code: str, found: Divergence) -> str:
+    """The code of a difference: a warning's if only info differs, in something else than success."""
+    success = isinstance(found.first, dict) and subject.contract.success.key in found.first
+    return code if found.field != "info" or success else TELEMETRY.get(code, code)
 
 
 def redraw(subject: Subject, rollout: Rollout, times: int, info: bool) -> Divergence | None:
@@ -62,7 +69,7 @@ def of_repetitions(subject: Subject, rollout: Rollout, found: Divergence, info: 
     """
     short = rollout.cut(found.step)
     process = Cause("EC202", Conditions(fresh=True, heap=1), found)
-    clock = Cause(TELEMETRY["EC205"] if found.field == "info" else "EC205", Conditions(clock=SHIFTED), found)
+    clock = Cause(code_of(subject, "EC205", found), Conditions(clock=SHIFTED), found)
     reseeded = [
         Conditions(global_seed=state, perturb=state) for state in range(OTHER_STATE, OTHER_STATE + _CHANGES + 1)
     ]
@@ -107,7 +114,29 @@ def by_clock(subject: Subject, rollout: Rollout, info: bool) -> Cause | None:
     found = differing[0]
     if found is None or None in differing:
         return None
-    return Cause(TELEMETRY["EC205"] if found.field == "info" else "EC205", fast, found)
+    return Cause(code_of(subject, "EC205", found), fast, found)
+
+
+def by_reading(subject: Subject, rollout: Rollout, info: bool) -> Cause | None:
+    """Name the clock as the cause if the code reads it and moving it changes the episode, but nothing else about the
+    process does while it is held.
+
+    Any other condition may show what depends on the time of day: each run has another.
+    """
+    reads = Writers(subject, "EC205")
+    if not reads.suspects and reads.elsewhere is None:
+        return None
+    held, moved = Conditions(clock=LOGICAL), Conditions(clock=SHIFTED)
+    other = msgspec.structs.replace(
+        held, fresh=True, hash_seed=OTHER_HASHES, global_seed=OTHER_STATE, perturb=OTHER_STATE
+    )
+    first = subject.rerun(rollout.under(held))
+    others = (msgspec.structs.replace(other, heap=heap) for heap in range(1, _CHANGES + 1))
+    if any(diverge(first, subject.rerun(rollout.under(each)), info) is not None for each in others):
+        return None
+    pairs = (diverge(subject.rerun(rollout), subject.rerun(rollout.under(moved)), info) for _ in range(_CHANGES))
+    found = next((found for found in pairs if found is not None), None)
+    return Cause(code_of(subject, "EC205", found), moved, found) if found is not None else None
 
 
 def of_several(

@@ -9,7 +9,7 @@ import msgspec
 
 from envcraft.judging.shrink import repro
 from envcraft.model.rollout import Conditions, Episode, Rollout
-from envcraft_checks.comparing.causes import TELEMETRY, Cause, fewer_episodes
+from envcraft_checks.comparing.causes import TELEMETRY, Cause, by_reading, code_of, fewer_episodes
 from envcraft_checks.comparing.conditions import OTHER_STATE, SHIFTED
 from envcraft_checks.comparing.traces import diverge
 from envcraft_checks.linting.generators import fixing_line
@@ -50,10 +50,12 @@ def after_many(subject: Subject) -> Iterator[tuple[Rollout, Cause]]:
         found = diverge(base, subject.rollout(short.under(under), alone=True), info)
         if found is None:
             return
-        code = TELEMETRY["EC206"] if found.field == "info" else "EC206"
-        under, found = fewer_episodes(subject, short, base, under, found, info)
-        yield short, Cause(code, under, found)
-        if code == "EC206":
+        cause = by_reading(subject, short.cut(found.step), info)
+        if cause is None:
+            code = code_of(subject, "EC206", found)
+            cause = Cause(code, *fewer_episodes(subject, short, base, under, found, info))
+        yield short, cause
+        if cause.code not in TELEMETRY.values():
             return
 
 
