@@ -15,9 +15,10 @@ for some actions, or increase it past a number that it must equal.
 A success must end the episode as `terminated`. If only `truncated` is set, the check looks for a longer episode on the
 same seed, which shows that the end is not a time limit.
 
-The same holds for a loss. It is reported if no episode is terminated without success, and many are truncated at
-different steps of one seed, in the first half of the longest episode. It is an error if the last step of each of
-them costs more than every step before it, else a warning: Gymnasium also truncates what leaves the bounds of its model.
+Under a contract with a limit, the same holds for a loss. It is reported if no episode is terminated without success,
+and many are truncated at different steps of one seed, in the first half of the longest episode. It is an error if the
+last step of each of them costs more than every step before it, else a warning: Gymnasium also truncates what leaves the
+bounds of its model.
 A clock that starts again at each reward, such as hunger, is a time limit.
 
 If info reports no success, an end at the limit that pays more than any step before it is a goal, such as survival, and
@@ -143,6 +144,8 @@ class Termination(Check):
                 yield from time_limit.find_evaded(self, subject, limit)
             yield from success.find_ongoing(self, subject)
             yield from loss.find_ongoing(self, subject, usable, limit)
+        else:
+            yield from success.find_truncated(self, subject, usable)
         yield from self._judge_short(subject, usable)
         yield from after.find_events(self, subject, usable)
 

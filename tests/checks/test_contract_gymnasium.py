@@ -265,6 +265,8 @@ BAD = {
     "EC503 over at once, and lost": ("EC503", TIGHTROPE.replace("fell or won", "self.steps == 2").replace(
         "float(not fell)", "-1.0").replace('"is_success": won', '"is_success": won, "at": self.total')),
     "EC504 flag": ("EC504", COSTS.replace("self.total > 30", "int(self.total > 30)")),
+    "EC507 a win that is truncated": ("EC507", BONUS.replace(">= 25", ">= 5").replace(
+        "1.0 + won, won, self.steps >= 60 and not won", "float(won), False, won or self.steps >= 60")),
     "EC601 random wins": ("EC601 EC802", COSTS.replace("{}\n", '{"is_success": True}\n')),
     "EC602 paid": ("EC602", COSTS.replace("-1e6, self.total > 30", "1.0, self.steps == 30")),
 }  # fmt: skip

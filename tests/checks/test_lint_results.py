@@ -52,6 +52,7 @@ def codes(step: str) -> set[str]:
         "return self.at, reward, truncated, terminated, self._info()",
         "truncated = self.steps >= 99\nreturn self.at, reward, terminated or truncated, False, self._info()",
         "truncated = self.steps >= 99\ndone = terminated or truncated\nreturn self.at, reward, bool(done), False, {}",
+        "terminated = self.won or self.at < 0\nreturn self.at, reward, False, terminated or truncated, self._info()",
         "return self.at, reward, terminated, truncated, list(self._info())",
         "return self.at, reward, terminated, truncated, self._listed() if self.at else self._info()",
         "return self.at, reward, terminated, truncated, None",

@@ -1,10 +1,17 @@
-"""Where step() makes a flag that is no bool."""
+"""Where step() makes a flag that is no bool, and where it returns the wrong one."""
 
 from __future__ import annotations
 
 import ast
+from typing import TYPE_CHECKING
 
-from envcraft_checks.linting.program import Program, line
+from envcraft_checks.interface.lines import line_of_result
+from envcraft_checks.linting.program import Program, line, program_of
+from envcraft_checks.linting.results import misplaced_flags
+
+if TYPE_CHECKING:
+    from envcraft.judging.subject import Subject
+    from envcraft.model.verdict import Line
 
 _FLAGS = {"terminated": 2, "truncated": 3}
 _RESULTS = 5
@@ -30,6 +37,22 @@ def flag_line(program: Program, flag: str) -> int | None:
             values = [value for target, value, _ in step.bindings if ast.unparse(target) == ast.unparse(returned)]
             lines |= {line(value) for value in values or [returned] if value is not None and not _is_bool(value)}
     return lines.pop() if len(lines) == 1 else None
+
+
+def returned_flags(subject: Subject) -> tuple[int | Line, str]:
+    """Where step() returns its flags, and how they are misplaced, as far as their names say.
+
+    Args:
+        subject: the environment.
+
+    Returns:
+        The line, and words to end a message with, such as ``; line 53 returns ...``; "" if the names do not say.
+    """
+    program = program_of(subject)
+    found = next(misplaced_flags(program), None) if program is not None else None
+    if found is None:
+        return line_of_result(subject, "step", _FLAGS["terminated"]), ""
+    return found.line, f"; line {found.line} {found.words}"
 
 
 def _is_bool(node: ast.expr) -> bool:

@@ -10,6 +10,8 @@ from envcraft.judging.shrink import repro
 from envcraft.model.rollout import Rollout
 from envcraft_checks.linting.program import line, program_of
 
+from .flags import returned_flags
+
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
@@ -63,13 +65,14 @@ def find_truncated(check: Check, subject: Subject, traces: list[Trace]) -> Itera
         return
     costly = all(trace.rewards[-1] < min(0.0, *trace.rewards[:-1]) for trace in cut)
     shortest = min(cut, key=lambda trace: trace.steps)
+    place, misplaced = returned_flags(subject)
     finding = check.finding(
         "EC510",
         f"{len(cut)} episodes are truncated, and none is terminated without success, but this is not a time limit: "
         f"they end after {shortest.steps} to {max(trace.steps for trace in cut)} steps, depending on the actions, "
         f"{'and their last steps cost most, ' if costly else ''}while {longest.rollout.player} goes on "
-        f"to step {longest.steps}",
-        line=_truncating_line(subject) or subject.line_of("step"),
+        f"to step {longest.steps}{misplaced}",
+        line=place if misplaced else _truncating_line(subject) or place,
         repro=repro(shortest.rollout.cut(shortest.steps)),
         episodes=len(cut),
         shortest=shortest.steps,

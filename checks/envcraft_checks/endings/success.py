@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING
 
 from envcraft.judging.shrink import repro
 
+from .flags import returned_flags
+
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
@@ -51,11 +53,12 @@ def find_truncated(check: Check, subject: Subject, traces: list[Trace]) -> Itera
             continue
         longer = [other for other in known if other.rollout.seed == trace.rollout.seed and other.steps > trace.steps]
         if longer:
+            line, words = returned_flags(subject)
             yield check.finding(
                 "EC507",
                 f"the success at step {trace.steps} is truncated, not terminated, but this is not a time limit: "
-                f"{longer[0].rollout.player} plays longer on the same seed",
-                line=subject.line_of("step"),
+                f"{longer[0].rollout.player} plays longer on the same seed{words}",
+                line=line,
                 repro=repro(trace.rollout.cut(trace.steps)),
                 step=trace.steps,
             )

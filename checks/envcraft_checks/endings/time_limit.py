@@ -10,6 +10,8 @@ from envcraft.judging.shrink import repro
 from envcraft_checks.linting.limits import terminates_at, unlimited
 from envcraft_checks.linting.program import in_words, program_of
 
+from .flags import returned_flags
+
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
@@ -86,10 +88,11 @@ def _terminating(check: Check, subject: Subject, traces: list[Trace], limit: int
         last += [trace for trace in _others(subject, last[0]) if trace.ended and trace.steps == limit]
     if len(last) >= 2 and all(_is_mistaken(trace, both=True) for trace in last):
         wrong = "and truncated" if all(trace.truncated[-1] for trace in last) else "not truncated"
+        line, words = returned_flags(subject)
         yield check.finding(
             "EC502",
-            f"all {len(last)} episodes that reach step {limit} are terminated there, {wrong}",
-            line=subject.line_of("step"),
+            f"all {len(last)} episodes that reach step {limit} are terminated there, {wrong}{words}",
+            line=line,
             repro=repro(last[0].rollout),
             episodes=len(last),
         )
@@ -109,11 +112,12 @@ def _swapped(check: Check, subject: Subject, traces: list[Trace], limit: int) ->
     if len({trace.rollout.seed for trace in last}) < 2:
         last += [trace for trace in _others(subject, last[0]) if trace.steps == longest]
     if len({trace.rollout.seed for trace in last}) >= 2 and all(map(_is_mistaken, last)):
+        line, words = returned_flags(subject)
         yield check.finding(
             "EC502",
             f"all {len(last)} episodes that reach step {longest} are terminated there, and all {len(short)} that "
-            "end sooner are truncated",
-            line=subject.line_of("step"),
+            f"end sooner are truncated{words}",
+            line=line,
             repro=repro(last[0].rollout.cut(longest)),
             episodes=len(last),
             sooner=len(short),

@@ -16,37 +16,53 @@ _NO_DICTS = {"list": "a list", "tuple": "a tuple", "str": "a str", "sorted": "a 
 def wrong_results(program: Program) -> Iterator[Suspect]:
     """Find flags that step() returns in each other's place, an info that is no dict, and one that lacks success."""
     step = program.method(program.env, "step")
-    yield from _unreported(program, step) if step is not None else ()
-    for node in step.nodes if step is not None else ():
-        if step is None or not isinstance(node, ast.Return) or not isinstance(node.value, ast.Tuple):
-            continue
-        results = node.value.elts
-        if len(results) != _RESULTS:
-            continue
-        if (name_of(results[_TERMINATED]), name_of(results[_TRUNCATED])) == ("truncated", "terminated"):
+    if step is None:
+        return
+    yield from _unreported(program, step)
+    yield from misplaced_flags(program)
+    for _, results in _results(step):
+        for part, words in _no_dicts(program, results[_INFO], step, _DEPTH):
+            yield Suspect(line(part), f"returns {words} as info")
+
+
+def misplaced_flags(program: Program) -> Iterator[Suspect]:
+    """Find flags that step() returns in each other's place, by their names."""
+    step = program.method(program.env, "step")
+    if step is None:
+        return
+    for node, results in _results(step):
+        terminated, truncated = results[_TERMINATED], results[_TRUNCATED]
+        if (name_of(terminated), name_of(truncated)) == ("truncated", "terminated"):
             yield Suspect(
                 line(node), "returns truncated in the place of terminated, and terminated in that of truncated"
             )
-        elif _is_false(results[_TRUNCATED]) and _is_truncation(program, results[_TERMINATED], step):
+        elif _is_false(truncated) and _includes(program, terminated, step, "truncated"):
             yield Suspect(line(node), "returns truncated as terminated, and False in the place of truncated")
-        for part, words in _no_dicts(program, results[_INFO], step, _DEPTH):
-            yield Suspect(line(part), f"returns {words} as info")
+        elif _is_false(terminated) and _includes(program, truncated, step, "terminated"):
+            yield Suspect(line(node), "returns terminated as truncated, and False in the place of terminated")
+
+
+def _results(step: Function) -> Iterator[tuple[ast.Return, list[ast.expr]]]:
+    """The statements that return five results, and these."""
+    for node in step.nodes:
+        if isinstance(node, ast.Return) and isinstance(node.value, ast.Tuple) and len(node.value.elts) == _RESULTS:
+            yield node, node.value.elts
 
 
 def _is_false(node: ast.expr) -> bool:
     return isinstance(node, ast.Constant) and node.value is False
 
 
-def _is_truncation(program: Program, node: ast.expr, step: Function) -> bool:
-    """Whether truncation alone makes an expression true, through one name and ``bool``."""
+def _includes(program: Program, node: ast.expr, step: Function, flag: str) -> bool:
+    """Whether a flag of this name alone makes an expression true, through one name and ``bool``."""
     match node:
         case ast.Call(func=ast.Name(id="bool"), args=[inner]):
-            return _is_truncation(program, inner, step)
-        case ast.Name() | ast.Attribute() if name_of(node) != "truncated":
+            return _includes(program, inner, step, flag)
+        case ast.Name() | ast.Attribute() if name_of(node) != flag:
             bound = [value for target, value, _ in step.bindings if ast.unparse(target) == ast.unparse(node)]
-            return len(bound) == 1 and isinstance(bound[0], ast.BoolOp) and _is_truncation(program, bound[0], step)
+            return len(bound) == 1 and isinstance(bound[0], ast.BoolOp) and _includes(program, bound[0], step, flag)
     parts = node.values if isinstance(node, ast.BoolOp) and isinstance(node.op, ast.Or) else [node]
-    named = next((part for part in parts if name_of(part) == "truncated"), None)
+    named = next((part for part in parts if name_of(part) == flag), None)
     values = [value for value, _ in program.values(named, step)] if named is not None else []
     return any(value is None or not isinstance(value, ast.Constant) or value.value for value in values)
 
