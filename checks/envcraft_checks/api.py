@@ -118,7 +118,7 @@ class Api(Check):
             "EC108",
             "observation-type",
             "An observation has the wrong type, dtype or shape.",
-            "Convert before returning it.",
+            "Return what the space declares: its keys, and the type, dtype and shape of each value.",
         ),
         Rule("EC109", "observation-range", "An observation is outside its space.", "Clip it, or widen the space."),
         Rule(
@@ -132,7 +132,7 @@ class Api(Check):
             "EC112",
             "render",
             "render() raises or returns no frame.",
-            "Return the frame for render_mode rgb_array.",
+            "Fix the line that raises, or return the frame for render_mode rgb_array.",
             waiver='render = "optional"',
         ),
         Rule(
@@ -157,7 +157,8 @@ class Api(Check):
             "EC116",
             "render-conventions",
             "The environment lacks metadata or arguments that Gymnasium needs to render it.",
-            'Take render_mode, and declare metadata = {"render_modes": [the modes of render()], "render_fps": 30}.',
+            "Take render_mode and store it, and declare metadata = "
+            '{"render_modes": [the modes of render()], "render_fps": 30}.',
             Severity.WARNING,
         ),
         Rule(
@@ -173,7 +174,22 @@ class Api(Check):
         yield from spaces
         if spaces:
             return
-        yield from self._judge_conventions(subject)
+        lost = _lost_mode(subject)
+        held: list[Finding] = []
+        for finding in self._judge_conventions(subject):
+            if finding.code == "EC116" and finding.message == lost:
+                held.append(finding)
+            else:
+                yield finding
+        for finding in self._judge_play(subject):
+            yield finding
+            if lost and finding.message.endswith(lost):
+                # The lost mode has done more harm than a warning says.
+                held.clear()
+        yield from held
+
+    def _judge_play(self, subject: Subject) -> Iterator[Finding]:
+        """Judge the traces of every kind of play, one finding a code."""
         if "seed" not in subject.load().description.get("reset", ("seed",)):
             return
         seen: set[str] = set()
@@ -246,8 +262,7 @@ class Api(Check):
         lacking: list[str] = []
         if not rendering["takes"] and (required or modes):
             wrong.append("the constructor does not take render_mode")
-        elif given is not None and given != kept:
-            words = f"the constructor receives render_mode={given!r}, but then render_mode is {kept!r}"
+        elif words := _lost_mode(subject):
             if required:
                 yield self.finding("EC117", words, line=line, given=given, kept=kept)
             else:
@@ -358,8 +373,11 @@ class Api(Check):
             yield self.finding("EC115", f"{words} (under {who})", line=line, step=change.step)
         for problem in trace.render_problems:
             if problem.kind in ("type", "format"):
-                line = line_of_result(subject, "render")
-                found = self.finding("EC112", problem.words, line=line, step=problem.step)
+                own = "NoneType" in problem.words and not subject.line_of("render").note
+                lost = _lost_mode(subject) if own else ""
+                line = subject.line_of("__init__") if lost else line_of_result(subject, "render")
+                words = f"{problem.words}: {lost}" if lost else problem.words
+                found = self.finding("EC112", words, line=line, step=problem.step)
                 # Gymnasium's own checker only warns of another kind of picture.
                 yield found if problem.kind == "type" else found.as_warning()
                 break
@@ -429,6 +447,16 @@ class Api(Check):
             before = trace.rollout.conditions.before[failing : failing + 1]
         for each in before[:_ALONE]:
             yield subject.rollout(Rollout(each.seed or 0, each.actions, player="an earlier episode"))
+
+
+def _lost_mode(subject: Subject) -> str:
+    """Which render_mode the environment has in place of the one that its constructor takes, in words; "" if it has
+    that one.
+    """
+    rendering = subject.load().description.get("rendering")
+    if rendering is None or not rendering["takes"] or rendering["given"] in (None, rendering["kept"]):
+        return ""
+    return f"the constructor receives render_mode={rendering['given']!r}, but then render_mode is {rendering['kept']!r}"
 
 
 def _renamed(rendering: Rendering, key: str) -> str:

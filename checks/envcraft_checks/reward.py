@@ -95,7 +95,12 @@ class Reward(Check):
         Rule(
             "EC301", "not-finite", "A reward is NaN or infinite.", "Guard the division or logarithm that produces it."
         ),
-        Rule("EC302", "not-a-number", "A reward is not a real number.", "Return `float(reward)`."),
+        Rule(
+            "EC302",
+            "not-a-number",
+            "A reward is not a real number.",
+            "Give the reward an int or a float on every path; `float(reward)` converts an array of one number.",
+        ),
         Rule(
             "EC303",
             "out-of-range",

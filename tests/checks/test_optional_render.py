@@ -75,6 +75,21 @@ def test_a_frame_is_what_gymnasium_expects(frame: str, shown: str, severity: Sev
     assert [finding.severity for finding in found] == ([severity] if severity else [])
 
 
+@pytest.mark.parametrize(
+    ("render", "code", "named"),
+    [
+        ("return self._frame() if self.render_mode else None", "EC112", "not a frame: "),
+        ("return self._frame()", "EC116", ""),
+    ],
+)
+def test_a_lost_mode_is_named_once(render: str, code: str, named: str) -> None:
+    source = GAME.replace("SIDE", "84").replace("self.render_mode = render_mode", "pass")
+    [found] = _findings(GYMNASIUM, f"{source}    def render(self):\n        {render}\n", "api")
+    words = f"{named}the constructor receives render_mode='rgb_array', but then render_mode is None"
+    assert (found.code, words in found.message) == (code, True)
+    assert source.splitlines()[(found.line or 0) - 1].strip().startswith("def __init__")
+
+
 def codes_of(contract: Contract, source: str) -> set[str]:
     return {finding.code for finding in _findings(contract, source, "api,observation")}
 
