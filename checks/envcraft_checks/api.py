@@ -16,6 +16,9 @@ The check searches for exceptions: it plays random actions, holds single actions
 continues after a success, a reward or a loss, and explores from states in which few actions were tried. It also tries
 rare actions on copies of the states of the longest episode and of the last states before a win.
 
+An observation that is outside its space only after earlier episodes follows from what these leave behind. The check
+reports it only if the check determinism does not report that.
+
 ## Why is this bad?
 Agents batch, store and replay the values that an environment returns. One frame of another shape at the end of an
 episode, or a buffer that is overwritten later, corrupts a replay memory without any error. One rare exception ends a
@@ -35,7 +38,7 @@ from __future__ import annotations
 import contextlib
 import itertools
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 import msgspec
@@ -58,6 +61,7 @@ if TYPE_CHECKING:
     from envcraft.judging.subject import Subject
     from envcraft.model.job import SearchOutcome
     from envcraft.model.trace import Fault, Trace
+    from envcraft.model.verdict import CheckReport
 
 _RENDER = Conditions(render=True)
 _CALLS = {
@@ -195,7 +199,7 @@ class Api(Check):
         seen: set[str] = set()
         for trace in self._traces(subject):
             for finding in self.find(subject, trace):
-                if finding.code not in seen:
+                if finding.code not in seen and not self._outlives(subject, trace, finding):
                     seen.add(finding.code)
                     yield self._smallest(subject, trace, finding)
             if seen & {"EC104", "EC105"}:
@@ -205,6 +209,25 @@ class Api(Check):
             for finding in itertools.islice(self.find(subject, crash), 1):
                 if finding.code not in seen:
                     yield self._smallest(subject, crash, finding)
+
+    def _outlives(self, subject: Subject, trace: Trace, finding: Finding) -> bool:
+        """Whether an observation leaves its space only after earlier episodes, so that what they leave behind is the
+        defect.
+        """
+        if finding.code != "EC109" or not trace.rollout.conditions.before:
+            return False
+        alone = subject.rollout(trace.rollout.cut(finding.evidence["step"]).under(Conditions()))
+        return all(again.code != finding.code for again in self.find(subject, alone))
+
+    def conclude(self, subject: Subject, reports: Sequence[CheckReport]) -> Iterator[Finding]:
+        shown = {finding.code for report in reports for finding in [*report.findings, *report.known]}
+        if not shown.isdisjoint({"EC109", "EC115", "EC206", "EC207"}):
+            return
+        for trace in subject.traces:
+            if any(problem.kind == "range" for problem in trace.problems):
+                found = (finding for finding in self.find(subject, trace) if finding.code == "EC109")
+                yield from (self._smallest(subject, trace, finding) for finding in found)
+                return
 
     def confirm(self, subject: Subject, finding: Finding) -> Finding | None:
         if finding.code in ("EC101", "EC102"):

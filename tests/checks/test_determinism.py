@@ -159,6 +159,31 @@ class Crowded(gym.Env):
 """
 
 
+#: The fuel of one episode is what the episodes before it have left.
+TANK = """
+import gymnasium as gym
+class Courier(gym.Env):
+    observation_space = gym.spaces.Discrete(90)
+    action_space = gym.spaces.Discrete(2)
+    def __init__(self):
+        self.fuel = 60
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        self.at, self.time = int(self.np_random.integers(30)), 0
+        return self.at + self.fuel, {}
+    def step(self, action):
+        self.fuel, self.time = self.fuel - 1, self.time + 1
+        return self.at + self.fuel, float(action), self.time >= 50, False, {}
+"""
+
+
+@pytest.mark.parametrize(("checks", "code"), [("api,determinism", "EC206"), ("api", "EC109")])
+def test_an_observation_outside_its_space_after_earlier_episodes_follows_from_these(checks: str, code: str) -> None:
+    options: Any = {"contract": "gymnasium", "sandbox": "process", "budget": "quick"}
+    report = envcraft.validate(TANK, checks=checks, **options)
+    assert [finding.code for check in report.reports[0].checks for finding in check.findings] == [code]
+
+
 def test_traces_that_could_not_be_compared_are_undecided() -> None:
     options: Any = {"contract": "gymnasium", "sandbox": "process", "budget": "quick"}
     report = envcraft.validate(CROWDED, checks="determinism", **options)
