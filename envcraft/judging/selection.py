@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 import click
 
@@ -26,6 +26,23 @@ def default_checks() -> list[Check]:
 def rules_of(checks: Iterable[Check]) -> dict[str, Rule]:
     """All rules by code."""
     return {rule.code: rule for check in checks for rule in check.rules}
+
+
+def like_a_rule(name: str, checks: Sequence[Check], others: Iterable[str] = ()) -> str:
+    """Describe an unknown code, with the one that it may mean. It may be the name that reports show beside a code.
+
+    Args:
+        name: what the user wrote.
+        checks: whose rules there are.
+        others: what else may stand in its place.
+    """
+    # Slow to import, and needed only for an error.
+    import difflib
+
+    codes = {rule.name: code for code, rule in rules_of(checks).items()}
+    if near := difflib.get_close_matches(name.lower(), codes, n=1, cutoff=0.85):
+        return f"{name.lower()!r}; did you mean {codes[near[0]]}?"
+    return did_you_mean(name, [*codes.values(), *others])
 
 
 def select_checks(
@@ -58,7 +75,7 @@ def select_checks(
     for code in [*select, *ignore]:
         if not any(known.startswith(code) for known in codes):
             setting = "select" if code in select else "ignore"
-            raise UsageError(f"there is no rule {did_you_mean(code, codes)}", setting=setting)
+            raise UsageError(f"there is no rule {like_a_rule(code, checks)}", setting=setting)
     for code in ignore:
         if not any(check.waivable(rule.code) for check in checks for rule in check.rules if rule.code.startswith(code)):
             raise UsageError(f"{code} cannot be ignored, because other verdicts depend on it", setting="ignore")

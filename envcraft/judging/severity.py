@@ -13,9 +13,8 @@ import msgspec
 from envcraft.config import settings
 from envcraft.errors import UsageError
 from envcraft.judging.check import Check
-from envcraft.judging.selection import all_checks
+from envcraft.judging.selection import all_checks, like_a_rule
 from envcraft.model.verdict import Finding, Severity
-from envcraft.registry import did_you_mean
 
 #: The value of a setting that leaves findings out.
 OFF = "off"
@@ -95,7 +94,7 @@ def severity_table(folder: Path) -> dict[str, str]:
     owners = {rule.code: check for check in families.values() for rule in check.rules}
     for name, value in table.items():
         if name not in owners and name not in families:
-            raise UsageError(f"{place}: there is no rule or check {did_you_mean(name, [*owners, *families])}")
+            raise UsageError(f"{place}: there is no rule or check {like_a_rule(name, [*families.values()], families)}")
         if value not in _VALUES:
             raise UsageError(f"{place}: {name} is {value!r}; it must be {', '.join(_VALUES[:-1])} or {OFF}")
         owner = owners.get(name)

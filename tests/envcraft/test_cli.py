@@ -222,6 +222,8 @@ def test_a_pipe_is_refused_rather_than_waited_for(invoke: Any, tmp_path: Path) -
         (("--skip", "source"), "--skip source is not possible"),
         (("--ignore", "EC"), "--ignore 'EC' leaves no check to run"),
         (("--select", "XX1"), "there is no rule 'XX1'; there are 1"),
+        (("--ignore", "observation-range"), "there is no rule 'observation-range'; did you mean EC109?"),
+        (("--select", "Step-raise"), "there is no rule 'step-raise'; did you mean EC107?"),
     ],
 )
 def test_a_usage_error_is_one_sentence(invoke: Any, good: Path, arguments: tuple[str, ...], words: str) -> None:

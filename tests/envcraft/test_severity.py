@@ -164,6 +164,7 @@ def test_the_table_is_read(tmp_path: Path) -> None:
         ('severity = "error"', "must be a table"),
         ('severity.EC2003 = "off"', "there is no rule or check 'EC2003'; did you mean EC203?"),
         ('severity.determinsm = "off"', "did you mean determinism?"),
+        ('severity.observation-range = "off"', "there is no rule or check 'observation-range'; did you mean EC109?"),
         ('severity.EC203 = "warn"', "EC203 is 'warn'; it must be error, warning or off"),
         ("severity.EC203 = 1", "EC203 is 1; it must be"),
         ('severity.EC907 = "warning"', "EC907 must stay an error"),
