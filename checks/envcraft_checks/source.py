@@ -11,8 +11,8 @@ missing or not allowed. Under `if sys.version_info ...`, only the branch that ru
 function is required as well, unless no code calls the function, or only a `__main__` block does.
 
 Abstract bases, wrappers, private classes (`_Base`) and helper classes do not count as environments. `--class` selects
-one of several classes. In a folder, a class without `reset` or `step` is skipped if an environment of another file
-derives from it.
+one of several classes. In a folder, a class is skipped if an environment of another file derives from it, and it has no
+`reset` or no `step`, or one of them calls a method that only raises NotImplementedError.
 
 For a class of an installed package, or a registered id, the check judges only what prevents construction: an import
 that raises, a class that is missing or does not derive from `gymnasium.Env`, a constructor that raises or needs

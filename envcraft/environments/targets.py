@@ -145,7 +145,8 @@ def _newest(name: str) -> str | None:
 def environments_below(folder: str, env_class: str | None = None, unreadable: Unreadable = refuse) -> Iterator[Target]:
     """Yield the environments in a folder by path; report on stderr at the end how many files are skipped.
 
-    A class without ``reset`` or ``step`` that another of these environments derives from is no environment.
+    A class without ``reset`` or ``step``, or with a method for these that only raises NotImplementedError, is no
+    environment if another of these environments derives from it.
 
     Args:
         folder: the folder.
@@ -192,7 +193,7 @@ def environments_below(folder: str, env_class: str | None = None, unreadable: Un
 
 
 def _is_base(target: Target) -> bool:
-    """Whether each environment of a file lacks ``reset`` or ``step``, and a file beside or below it derives from it."""
+    """Whether each environment of a file is unfinished, and a file beside or below it derives from it."""
     file = Path(target.path)
     _, unfinished = derivation(target.source, file)
     bases: set[Class] = set()

@@ -143,7 +143,8 @@ def derivation(source: bytes, path: Path) -> tuple[set[Class], set[Class]]:
 
     Returns:
         The classes of other files that they derive from; and they themselves if all of them lack ``reset`` or ``step``,
-        as their source and that of all their bases shows, else nothing.
+        as their source and that of all their bases shows, or have these call a method that only raises
+        NotImplementedError; else nothing.
     """
     bases = _Bases()
     try:
@@ -151,7 +152,7 @@ def derivation(source: bytes, path: Path) -> tuple[set[Class], set[Class]]:
         names = [name for name in module.classes if bases.environment(module, name) is not None]
         derived = {each for name in names for each in bases.derived_from(module, name)}
         made = any(bases.make(module, name, value) for name, values in module.assigned.items() for value in values)
-        lacking = not made and all(bases.lacks_methods(module, name) for name in names)
+        lacking = not made and all(bases.lacks_methods(module, name) or bases.refuses(module, name) for name in names)
     except UNREADABLE:
         return set(), set()
     own = {(path.resolve(), name) for name in names} if lacking else set()
@@ -249,9 +250,13 @@ def _is_abstract(method: ast.FunctionDef) -> bool:
     """Whether a method is declared abstract, or is one that Gymnasium requires and only raises."""
     if any("abstract" in ast.dump(decorator) for decorator in method.decorator_list):
         return True
+    return method.name in ("reset", "step") and _refuses(method)
+
+
+def _refuses(method: ast.FunctionDef) -> bool:
+    """Whether a method only raises NotImplementedError."""
     body = [node for node in method.body if not (isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant))]
-    refuses = [isinstance(node, ast.Raise) and "NotImplementedError" in ast.dump(node) for node in body]
-    return method.name in ("reset", "step") and bool(body) and all(refuses)
+    return bool(body) and all(isinstance(node, ast.Raise) and "NotImplementedError" in ast.dump(node) for node in body)
 
 
 class _Bases:
@@ -304,6 +309,34 @@ class _Bases:
             if len(known) < len(found) or (not known and (node is None or node.bases)):
                 return False
             pending += known
+        return False
+
+    def refuses(self, module: _Module, name: str) -> bool:
+        """Whether ``reset`` or ``step`` of a class calls one of its methods that only raises NotImplementedError."""
+        methods: dict[str, ast.FunctionDef | None] = {}
+        pending = [(module, name)]
+        for _ in range(_MOST_NAMES):
+            if not pending:
+                break
+            here, words = pending.pop(0)
+            node = here.classes.get(words)
+            own = {each.name: each for each in node.body if isinstance(each, ast.FunctionDef)} if node else {}
+            bound = set(_bound(node.body)) if node else set()
+            methods = {**{each: own.get(each) for each in bound}, **methods}
+            pending += [each for each in self._next(here, words) if each is not None]
+        called, reached = ["reset", "step"], set[str]()
+        while called:
+            method = methods.get(each := called.pop())
+            if method is None or each in reached:
+                continue
+            if _refuses(method):
+                return True
+            reached.add(each)
+            called += [
+                node.func.attr
+                for node in ast.walk(method)
+                if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute) and _is_self(method, node.func)
+            ]
         return False
 
     def _typed(self, module: _Module, name: str, value: ast.expr) -> bool:
@@ -397,6 +430,12 @@ class _Bases:
             except (OSError, *UNREADABLE):
                 self._modules[file] = None
         return self._modules.get(file)
+
+
+def _is_self(method: ast.FunctionDef, attribute: ast.Attribute) -> bool:
+    """Whether an attribute is one of the object that a method is called on."""
+    value, first = attribute.value, method.args.args[:1]
+    return isinstance(value, ast.Name) and [value.id] == [each.arg for each in first]
 
 
 def _names(value: ast.expr) -> Iterator[str]:

@@ -123,6 +123,12 @@ def test_files_without_an_environment_are_passed_over_and_counted(command: str, 
 
 _BASE = "import gymnasium as gym\nfrom typing import Generic, TypeVar\nT = TypeVar('T')\n\n"
 _METHODS = "    def reset(self, **kwargs): ...\n    def step(self, action): ...\n"
+_SEES = """class Base(gym.Env):
+    def reset(self, **kwargs): ...
+    def step(self, action): return self._look()
+    def _look(self): return self._see()
+    def _see(self): raise NotImplementedError
+"""
 
 
 @pytest.mark.parametrize(
@@ -135,6 +141,10 @@ _METHODS = "    def reset(self, **kwargs): ...\n    def step(self, action): ...\
         (f"class Base(gym.Env): ...\nclass Whole(Base):\n{_METHODS}", ["base", "walk"]),
         (f"class Base(gym.Env):\n{_METHODS}", ["base", "walk"]),
         ("class Base(gym.Env):\n    reset = step = print", ["base", "walk"]),
+        (_SEES, ["walk"]),
+        (_SEES.replace("self._see()", "Sight()"), ["base", "walk"]),
+        (_SEES.replace("raise NotImplementedError", "return 0"), ["base", "walk"]),
+        (f"{_SEES}class Whole(Base):\n    def _see(self): return 0", ["base", "walk"]),
         ("from minigrid.envs import EmptyEnv\nclass Base(EmptyEnv): ...", ["base", "walk"]),
         ("from mixins import Mixin\nclass Base(Mixin, gym.Env): ...", ["base", "walk"]),
         ("def made(kind): return kind\nclass Base(made(gym.Env)): ...", ["base", "walk"]),
