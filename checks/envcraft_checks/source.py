@@ -195,7 +195,7 @@ class Source(Check):
                 yield self.finding("EC012", words, line=comment.line)
 
     def _judge_comments(self, subject: Subject) -> Iterator[Finding]:
-        from envcraft.registry import did_you_mean
+        from envcraft.judging.selection import like_a_rule
 
         if subject.ignore_comments is None or not subject.ignore_comments.comments:
             return
@@ -204,7 +204,7 @@ class Source(Check):
             wrong = [
                 f"it needs whole codes, such as {next(each for each in owners if each.startswith(code))}, not {code}"
                 if any(each.startswith(code) for each in owners)
-                else f"there is no rule {did_you_mean(code, owners)}"
+                else f"there is no rule {like_a_rule(code, [*owners.values()])}"
                 for code in comment.codes
                 if code not in owners
             ]

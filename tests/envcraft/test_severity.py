@@ -303,6 +303,8 @@ def test_comments_in_a_file_that_is_validated(invoke: Any, tmp_path: Path) -> No
     assert all(word in message for word, (_, _, message) in zip(words, found, strict=True))
     (tmp_path / "part.py").write_text(BROKEN.replace("EC2O3", "EC2"))
     assert "invalid: it needs whole codes, such as EC201, not EC2" in invoke("validate", "part.py", *options).stdout
+    (tmp_path / "named.py").write_text(BROKEN.replace("EC2O3", "hash-seed"))
+    assert "there is no rule 'hash-seed'; did you mean EC203?" in invoke("validate", "named.py", *options).stdout
     assert invoke("validate", "line.py", *options, "--budget", "quick").stdout.count('"EC012"') == 0
     strict = invoke("validate", "line.py", *options[:-2], "--strict")
     assert strict.exit_code == 1
