@@ -53,7 +53,7 @@ from envcraft.model.verdict import Finding, Severity
 from envcraft.plugins import hookimpl
 from envcraft.text import with_article
 
-from .interface.lines import acting_line, declared, line_of_result, line_of_space, overwriting_line
+from .interface.lines import acting_line, declared, line_of_result, line_of_space, misspelt_space, overwriting_line
 from .libraries import ask_for_dependency
 
 if TYPE_CHECKING:
@@ -253,8 +253,12 @@ class Api(Check):
                 continue
             space = read_space(given)
             if isinstance(space, Unknown) and space.name == "NoneType":
-                words = f"{subject.env_class or subject.target.path} has no {name}; set it in __init__"
-                yield self.finding(code, words, line=subject.line_of("__init__"))
+                words = f"{subject.env_class or subject.target.path} has no {name}"
+                if (misspelt := misspelt_space(subject, name)) is not None:
+                    other, number = misspelt
+                    yield self.finding(code, f"{words}, but {other}; correct this name", line=number)
+                else:
+                    yield self.finding(code, f"{words}; set it in __init__", line=subject.line_of("__init__"))
             elif promised is None and isinstance(space, Unknown) and not space.custom:
                 yield self.finding(
                     code, f"{name} is {space}, which is not a Gymnasium space", line=line_of_space(subject, name)

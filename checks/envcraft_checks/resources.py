@@ -41,9 +41,13 @@ from envcraft.model.verdict import Finding
 from envcraft.plugins import hookimpl
 from envcraft.text import plural
 
+from .linting.growth import growing_line
+from .linting.program import program_of
+
 if TYPE_CHECKING:
     from envcraft.judging.subject import Subject
     from envcraft.model.trace import Resources, Trace
+    from envcraft.model.verdict import Line
 
 #: Bytes of memory per episode that are too many, and episodes of a training.
 _TOO_MANY, _TRAINING = 64 * 1024, 10_000
@@ -134,7 +138,10 @@ class ResourceUse(Check):
         if found is None:
             return None
         words, line, evidence = found
-        return self.finding(code, words, line=subject.line_of(line), repro=repro(trace.rollout), **evidence)
+        place: int | Line = subject.line_of(line)
+        if code == "EC910" and not subject.target.wrappers and (program := program_of(subject)) is not None:
+            place = growing_line(program, line) or place
+        return self.finding(code, words, line=place, repro=repro(trace.rollout), **evidence)
 
     def _memory(self, played: Played) -> _Found | None:
         growth = played.memory

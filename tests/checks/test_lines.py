@@ -311,6 +311,21 @@ def test_a_finding_about_metadata_has_its_line(metadata: str, named: str, words:
     assert "rgb_array" not in Api().rule("EC116").fix
 
 
+def test_a_misspelt_space_is_named() -> None:
+    text = GAME.replace("observation_space", "obervation_space")
+    plan = Plan(
+        [Target("game.py", text.encode())],
+        GYMNASIUM,
+        driver_named("process"),
+        select_checks("source,api", None),
+        BUDGETS["quick"],
+    )
+    [[_, report]] = judge_plans([plan])
+    [found] = [finding for check in report.checks for finding in check.findings if finding.code == "EC101"]
+    assert found.message == "Game has no observation_space, but obervation_space; correct this name"
+    assert "obervation_space =" in text.splitlines()[(found.line or 0) - 1]
+
+
 @pytest.mark.parametrize("value", ["'no'", "str(False)", "[]"])
 def test_success_that_is_no_bool_is_named(value: str) -> None:
     text = GAME.replace("self.at == 8, False, {}", f"self.at == 8, False, {{'is_success': {value}}}")

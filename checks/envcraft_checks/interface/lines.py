@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from envcraft.judging.subject import Subject
     from envcraft.model.verdict import Line
 
+_SPACES = {"observation_space", "action_space"}
+
 
 def line_of_space(subject: Subject, space: str) -> int | Line:
     """The line that assigns a space; that of the constructor where the file does not show one."""
@@ -31,6 +33,21 @@ def declared(subject: Subject, attribute: str) -> list[int]:
         with contextlib.suppress(SyntaxError, ValueError, RecursionError, MemoryError):
             program = Program(parse(source), subject.env_class)
     return program.declared_at(attribute) if program is not None else []
+
+
+def misspelt_space(subject: Subject, space: str) -> tuple[str, int] | None:
+    """The attribute of the environment whose name is nearly that of a space, and the line that assigns it; None if the
+    file assigns none.
+    """
+    program = program_of(subject) if not subject.target.wrappers else None
+    if program is None:
+        return None
+    # Slow to import, and needed only for an error.
+    import difflib
+
+    names = {*program.field_values(program.env), *program.class_values(program.env)} - _SPACES
+    near = difflib.get_close_matches(space, names, n=1, cutoff=0.85)
+    return (near[0], program.declared_at(near[0])[0]) if near else None
 
 
 def overwriting_line(subject: Subject, method: str) -> int | Line:
