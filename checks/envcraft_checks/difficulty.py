@@ -24,6 +24,9 @@ check judges the five that win fastest. If the budget settles neither question, 
 If the game can be won and has few states, the search also looks for a success on further seeds. A seed cannot be won if
 none of its reachable states is a success. Two such seeds are an error, and one is a warning.
 
+If the code reads the clock and uses the time in the game, the speed of the machine decides how often play wins. The
+check is then skipped instead of a finding about wins.
+
 If no proof is possible, but the exploration met no new state in its second half, a game without a positive outcome gets
 a warning. Another warning names lines of `step()` that pay, win or end the episode, and that no play and no search
 reached; the worker reports which lines ran. The check gives this warning if the exploration met no new state in its
@@ -62,6 +65,7 @@ from envcraft.plugins import hookimpl
 from envcraft.text import plural
 
 from .instawin import BY_SIGN, counts_survival
+from .linting.clock import timed
 from .linting.logic import names_success
 from .linting.program import line, program_of
 
@@ -71,6 +75,8 @@ if TYPE_CHECKING:
     from envcraft.model.trace import Trace
     from envcraft.model.verdict import Line
 
+#: Codes that depend on how often play wins.
+_BY_WINS = frozenset({"EC801", "EC802", "EC803", "EC807", "EC808"})
 _GREEDY_MOVES = 5
 #: How many times as long as the greedy moves an episode is at least in which they mean that the game is easy.
 _FEW = 4
@@ -134,7 +140,10 @@ class Difficulty(Check):
         yield from self._judge_key(subject)
         skipped: Skip | None = None
         try:
-            yield from self._judge_play(subject)
+            for finding in self._judge_play(subject):
+                if finding.code in _BY_WINS:
+                    timed(subject)
+                yield finding
         except Skip as skip:
             skipped = skip
         if subject.out_of_time or not all(trace.usable and trace.steps for trace in subject.episodes.whole):

@@ -16,6 +16,9 @@ only if it earns clearly more, which shows that play matters.
 
 With `--policy FILE` the check also plays the actions of the privileged policy.
 
+If the code reads the clock and uses the time in the game, the speed of the machine decides how often play wins. The
+check is then skipped instead of a finding, unless every episode reports success at every step.
+
 ## Why is this bad?
 If random play wins, an agent has nothing to learn, and its score says nothing about it.
 
@@ -39,6 +42,8 @@ from envcraft.judging.statistics import settle
 from envcraft.model.verdict import Finding
 from envcraft.plugins import hookimpl
 from envcraft.text import plural
+
+from .linting.clock import timed
 
 if TYPE_CHECKING:
     from envcraft.judging.subject import Subject
@@ -77,11 +82,16 @@ class InstaWin(Check):
             raise Undecided("each episode raises an error or has no step")
         if not any(trace.ended for trace in subject.played()):
             raise Skip("no episode ends by itself")
+        found: list[Finding] = []
         unsettled = ""
         if wins_known(subject):
             found, unsettled = self._judge_random(subject)
-            yield from found or self._judge_told(subject)
-        yield from self._judge_paid(subject)
+            if not found:
+                yield from self._judge_told(subject)
+        found += self._judge_paid(subject)
+        if found:
+            timed(subject)
+        yield from found
         if unsettled:
             raise Undecided(unsettled)
 

@@ -5,9 +5,15 @@ from __future__ import annotations
 import ast
 import itertools
 from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+from envcraft.errors import Undecided
 
 from .flow import Flow
-from .program import Function, Program, Suspect, line
+from .program import Function, Program, Suspect, in_words, line, program_of
+
+if TYPE_CHECKING:
+    from envcraft.judging.subject import Subject
 
 _CLOCKS = frozenset({
     "datetime.date.today", "datetime.datetime.now", "datetime.datetime.today", "datetime.datetime.utcnow",
@@ -28,6 +34,17 @@ def clocks(program: Program) -> Iterator[Suspect]:
                 f"reads the clock, {ast.unparse(read)[:40]}, and line {line(used)} uses it: {ast.unparse(used)[:60]}"
             )
             yield Suspect(line(read), words)
+
+
+def timed(subject: Subject) -> None:
+    """Leave undecided how easy a game is that reads the clock.
+
+    Raises:
+        Undecided: what play comes to depends on the speed of the machine.
+    """
+    program = program_of(subject)
+    if program is not None and (found := next(clocks(program), None)) is not None:
+        raise Undecided(f"how often play wins depends on the speed of the machine: {in_words([found])[0]}")
 
 
 def readings(program: Program) -> Iterator[Suspect]:

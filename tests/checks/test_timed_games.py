@@ -1,0 +1,42 @@
+"""How easy a game is stays open if the time of day decides it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+import envcraft
+
+#: Rocks fall only at moments that play hardly meets here.
+ROCKS = """
+import time
+import gymnasium as gym
+class Dodge(gym.Env):
+    observation_space = gym.spaces.Discrete(200)
+    action_space = gym.spaces.Discrete(2)
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        self.at, self.time = int(self.np_random.integers(100)), 0
+        return self.at, {"is_success": False}
+    def step(self, action):
+        self.time += 1
+        hit = MOMENT
+        won = self.time >= 20 and not hit
+        return self.at + self.time, float(won), hit or won, False, {"is_success": won}
+"""
+
+
+@pytest.mark.parametrize("check", ["instawin", "difficulty"])
+def test_a_game_that_reads_the_clock_is_not_called_easy(check: str) -> None:
+    options: Any = {"contract": "gymnasium", "sandbox": "process", "budget": "quick", "checks": check}
+
+    def judged(moment: str) -> Any:
+        report = envcraft.validate(ROCKS.replace("MOMENT", moment), **options)
+        return next(each for each in report.reports[0].checks if each.check == check)
+
+    assert judged("self.time < 0").findings
+    timed = judged("time.time() < 100")
+    assert not timed.findings
+    assert timed.undecided
+    assert "line 13 reads the clock" in timed.reason
